@@ -33,7 +33,7 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
-	@echo 'make test-browser  each interaction of a report in Chromium (PLAYWRIGHT=folder with playwright-core)'
+	@echo 'make test-browser  each interaction of a report, and marking by clicking, in Chromium (PLAYWRIGHT=folder with playwright-core)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
@@ -75,6 +75,7 @@ PLAYWRIGHT ?= $(CURDIR)
 LOOK ?= target/browser
 test-browser: demo
 	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
+	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/mark.mjs target/release/wingd $(LOOK)
 
 # mdBook, built once.
 MDBOOK := target/mdbook/bin/mdbook

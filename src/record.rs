@@ -154,6 +154,9 @@ pub struct MarkerRecord {
     pub sigma_v_px: Option<f64>,
     /// Took part in the adjustment.
     pub used: bool,
+    /// Its place is a person's, not the detector's.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub by_hand: bool,
     /// Why it did not, one sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,

@@ -4,7 +4,7 @@
 //! - The stages of detection: each uses only those below it.
 //! - In every folder, at every depth, no imports of its files run in a circle. A folder in it counts as one file, with the
 //!   file of its own name. What a folder's own file lends out by `use` counts as the file that it comes from.
-//! - No file is longer than 400 lines, no function longer than 70.
+//! - No file is longer than 400 lines, no function longer than 70; in `tests` and `benches` too.
 //!
 //! Each check is shown a breach, which it must see. Tests in the sources may name what they like.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -13,6 +13,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use syn::visit::Visit;
+
+#[path = "layers/named.rs"]
+mod named;
+
+use named::{Named, Place, place};
 
 /// Module -> layer; the table of `src/lib.rs`.
 const LAYERS: [(&str, usize); 14] = [
@@ -68,95 +73,6 @@ const STAGES: [&str; 16] = [
 /// Lines of a file, and of a function from its first to its last, at most.
 const LONGEST_FILE: usize = 400;
 const LONGEST_FUNCTION: usize = 70;
-
-/// A path of modules from the crate's root.
-type Place = Vec<String>;
-
-fn place(path: &str) -> Place {
-    path.split("::").filter(|name| !name.is_empty()).map(str::to_owned).collect()
-}
-
-/// What a file names, `use` trees flattened and inline paths too, as written and from the root.
-struct Named<'a> {
-    own: Place,
-    modules: &'a BTreeSet<Place>,
-    written: Vec<String>,
-    places: Vec<Place>,
-    /// Names that the file takes in, and may lend out.
-    taken: BTreeMap<String, Place>,
-    /// Modules that are of its tests.
-    tests: Vec<Place>,
-}
-
-impl Named<'_> {
-    fn add(&mut self, path: &str) -> Option<Place> {
-        self.written.push(path.to_owned());
-        let names = place(path);
-        let up = names.iter().take_while(|name| *name == "super").count();
-        let found = match names.first()?.as_str() {
-            "crate" => names[1..].to_vec(),
-            "self" => [&self.own[..], &names[1..]].concat(),
-            "super" => [self.own.get(..self.own.len().checked_sub(up)?)?, &names[up..]].concat(),
-            first => {
-                let child = [&self.own[..], &[first.to_owned()]].concat();
-                self.modules.contains(&child).then(|| [&self.own[..], &names[..]].concat())?
-            }
-        };
-        self.places.push(found.clone());
-        Some(found)
-    }
-
-    fn take_in(&mut self, tree: &syn::UseTree, prefix: &str) {
-        let join = |name: &syn::Ident| format!("{prefix}{name}");
-        let (path, name) = match tree {
-            syn::UseTree::Path(p) => return self.take_in(&p.tree, &format!("{}::", join(&p.ident))),
-            syn::UseTree::Group(g) => return g.items.iter().for_each(|tree| self.take_in(tree, prefix)),
-            syn::UseTree::Glob(_) => (prefix.trim_end_matches("::").to_owned(), None),
-            syn::UseTree::Name(n) if n.ident == "self" => {
-                let path = prefix.trim_end_matches("::");
-                (path.to_owned(), path.rsplit("::").next().map(str::to_owned))
-            }
-            syn::UseTree::Name(n) => (join(&n.ident), Some(n.ident.to_string())),
-            syn::UseTree::Rename(r) => (join(&r.ident), Some(r.rename.to_string())),
-        };
-        let found = self.add(&path);
-        self.taken.extend(name.zip(found));
-    }
-}
-
-impl<'a> Visit<'a> for Named<'_> {
-    fn visit_item_mod(&mut self, module: &'a syn::ItemMod) {
-        let for_tests = module.attrs.iter().any(|a| {
-            a.path().is_ident("cfg") && a.parse_args::<syn::Ident>().is_ok_and(|word| word == "test")
-        });
-        self.own.push(module.ident.to_string());
-        if for_tests {
-            self.tests.push(self.own.clone());
-        } else {
-            syn::visit::visit_item_mod(self, module);
-        }
-        self.own.pop();
-    }
-
-    fn visit_visibility(&mut self, _: &'a syn::Visibility) {}
-
-    fn visit_item_use(&mut self, item: &'a syn::ItemUse) {
-        self.take_in(&item.tree, "");
-    }
-
-    fn visit_path(&mut self, path: &'a syn::Path) {
-        let names: Vec<String> = path.segments.iter().map(|s| s.ident.to_string()).collect();
-        self.add(&names.join("::"));
-        syn::visit::visit_path(self, path);
-    }
-
-    fn visit_macro(&mut self, call: &'a syn::Macro) {
-        let text = call.tokens.to_string().replace(" :: ", "::");
-        let words = text.split(|c: char| !c.is_alphanumeric() && !"_:".contains(c));
-        words.filter(|word| word.contains("::")).for_each(|path| drop(self.add(path)));
-        syn::visit::visit_macro(self, call);
-    }
-}
 
 /// Modules and what each names.
 struct Sources(BTreeMap<Place, Read>);
@@ -267,8 +183,8 @@ impl Sources {
     }
 }
 
-/// The files of `src` by their place in it.
-fn files() -> Vec<(String, String)> {
+/// The files of a folder by their place in it.
+fn files(folder: &str) -> Vec<(String, String)> {
     fn collect(root: &Path, directory: &Path, into: &mut Vec<(String, String)>) {
         for entry in std::fs::read_dir(directory).unwrap() {
             let path = entry.unwrap().path();
@@ -280,10 +196,9 @@ fn files() -> Vec<(String, String)> {
             }
         }
     }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut files = vec![];
     collect(&root, &root, &mut files);
-    assert!(files.len() > 300, "only {} sources found", files.len());
     files
 }
 
@@ -301,7 +216,9 @@ fn sources() -> Sources {
         (own, text)
     };
     let program = |(path, _): &(String, String)| path == "main.rs";
-    Sources::of(&files().into_iter().filter(|file| !program(file)).map(module).collect::<Vec<_>>())
+    let files = files("src");
+    assert!(files.len() > 300, "only {} sources found", files.len());
+    Sources::of(&files.into_iter().filter(|file| !program(file)).map(module).collect::<Vec<_>>())
 }
 
 /// Files and functions that are too long, by file. The sources are formatted: a function ends at the first brace that
@@ -353,9 +270,15 @@ fn no_imports_of_a_folder_run_in_a_circle() {
 
 #[test]
 fn no_file_and_no_function_is_too_long() {
-    let found = too_long(&files());
-    let words = found.iter().map(|(file, what)| format!("src/{file}: {}", what.join("; ")));
-    assert!(found.is_empty(), "{}", words.collect::<Vec<_>>().join("\n"));
+    let of = |folder: &&str| {
+        let found = too_long(&files(folder));
+        found
+            .into_iter()
+            .map(|(file, what)| format!("{folder}/{file}: {}", what.join("; ")))
+            .collect::<Vec<_>>()
+    };
+    let found = ["src", "tests", "benches"].iter().flat_map(of).collect::<Vec<_>>();
+    assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
 /// Modules by their paths, with their texts.

@@ -146,12 +146,8 @@ def test_live_results_have_tables(wingd, tmp_path):
     assert row["n"] == len(exported) - 1 > 3 and row["lifts"] > 3
     # Rows of stations and markers agree with the columns that the export has for each.
     header = exported[0].split(",")
-    column = next(
-        name
-        for name in header
-        if name.startswith("lift_") and name.count("_") == 2 and name[5].isdigit() and not name.startswith("lift_0.0_")
-    )
-    label = column.split("_")[1]
+    column, arc = "lift_s05_m", "arc_length_s05_m"
+    label = next(value for line in exported[1:] if (value := line.split(",")[header.index(arc)]))
     values = [
         float(line.split(",")[header.index(column)]) for line in exported[1:] if line.split(",")[header.index(column)]
     ]
@@ -170,6 +166,44 @@ def test_live_results_have_tables(wingd, tmp_path):
     assert desk.rows(asked) == [{"p": 1, "i": True}]
     report.write(desk, tmp_path / "fleet.html", "onboard")
     assert "Live results" in (tmp_path / "fleet.html").read_text()
+
+
+def test_live_exports_of_old_and_new_programs_make_the_same_rows():
+    """Stations by their arc length in a name, and by round names with the arc length in a column."""
+    once = {
+        "recorder_id": ["r", "r"],
+        "flight": ["f0001"] * 2,
+        "boot_id": ["b"] * 2,
+        "number": [1, 2],
+        "solved": [1, 0],
+    }
+    marker = {"u_M01_px": [10.0, None], "lift_M01_m": [0.5, None], "markers_x": [1, 1]}
+    span = {"0.0": [0.0, 0.0], "31.00564147942904": [2.5, None]}
+    old = pa.table({**once, **marker, "twist_tip_deg": [1.5, None], **{f"lift_{arc}_m": v for arc, v in span.items()},
+                    **{f"span_{arc}_m": v for arc, v in span.items()}})  # fmt: skip
+    new = {
+        **once,
+        "result_id": ["b/1", "b/2"],
+        "status": ["ok", "failed"],
+        **marker,
+        "torsion_tip_twist_deg": [1.5, None],
+    }
+    for k, (arc, values) in enumerate(span.items(), 1):
+        new |= {f"lift_s{k:02}_m": values, f"span_s{k:02}_m": values, f"arc_length_s{k:02}_m": [float(arc)] * 2}
+    # A third station, of another installation.
+    new |= {f"{name}_s03_m": pa.nulls(2, pa.float64()) for name in ("lift", "span", "arc_length")}
+    old_rows, new_rows = parquet.live_rows(old), parquet.live_rows(pa.table(new))
+    for table in ("live_span", "live_markers"):
+        columns = old_rows[table].column_names
+        assert new_rows[table].select(columns).to_pylist() == old_rows[table].to_pylist(), table
+    assert old_rows["live_span"]["arc_length_m"].to_pylist() == [0.0, 31.00564147942904] * 2
+    assert old_rows["live"]["status"].to_pylist() == new_rows["live"]["status"].to_pylist() == ["ok", "failed"]
+    assert (
+        new_rows["live"]["twist_tip_deg"].to_pylist() == [1.5, None]
+        and "lift_s01_m" not in new_rows["live"].column_names
+    )
+    whole = [parquet.completed(rows["live"], "live", "kept") for rows in (old_rows, new_rows)]
+    assert [one["result_id"].to_pylist() for one in whole] == [[None, None], ["b/1", "b/2"]]
 
 
 def test_the_report_answers_and_says_what_is_absent(solved, tmp_path):

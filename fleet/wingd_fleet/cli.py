@@ -34,7 +34,22 @@ def _parser() -> argparse.ArgumentParser:
     _solve(command)
     _correct(command)
     _keep(command)
+    _modes(subs)
     return parser
+
+
+def _modes(subs) -> None:
+    what = "Frequency, damping and shape of a wing's modes from exports of live results, as a table; no lake"
+    sub = subs.add_parser("modes", help=what, description=what)
+    sub.set_defaults(run=commands.modes)
+    sub.add_argument(
+        "exports", nargs="+", type=Path, metavar="EXPORT", help="of wingd export --table live: .parquet, .csv, .jsonl"
+    )
+    sub.add_argument("--seconds", type=float, default=300, help="of a window, which has modes of its own [300]")
+    sub.add_argument("--lowest-hz", type=float, default=1.0, help="slower swings are the load's, not the wing's [1]")
+    sub.add_argument("--count", type=int, default=3, help="modes of a window at most, the slowest first [3]")
+    sub.add_argument("--of", choices=("stations", "markers"), default="stations", help="whose lifts [stations]")
+    sub.add_argument("--output", type=Path, metavar="FILE", help=".csv or .parquet [default: CSV, to standard output]")
 
 
 def _worker(sub) -> None:

@@ -223,3 +223,9 @@ def engines(args) -> int:
     from . import engines as readers
 
     return 0 if readers.compare(Lake(args.lake), args.solve, _cache(args)) else 1
+
+
+def modes(args) -> int:
+    from . import modes as of_wings
+
+    return of_wings.run(args.exports, args.seconds, args.lowest_hz, args.count, args.of, args.output, sys.stdout)

@@ -38,7 +38,24 @@ def catalogue(lake: Lake, uri: str):
     }.items():
         if os.environ.get(variable):
             properties[name] = os.environ[variable]
-    return load_catalog("fleet", type=kind, **properties)
+    try:
+        return _beside_others(lambda: load_catalog("fleet", type=kind, **properties))
+    except ModuleNotFoundError as error:
+        what = "wingd-fleet[iceberg-rest]" if kind == "rest" else "wingd-fleet[iceberg]"
+        raise FleetError(f"{uri}: {error.name} is not installed; pip install '{what}'") from None
+
+
+def _beside_others(call):
+    """A call that makes something in the catalogue's database where it is missing; another process may make it at the same
+    instant, and then it is there the second time."""
+    try:
+        from sqlalchemy.exc import IntegrityError, OperationalError
+    except ImportError:
+        return call()
+    try:
+        return call()
+    except (IntegrityError, OperationalError):
+        return call()
 
 
 def update(lake: Lake, catalog) -> dict[str, int]:
@@ -52,7 +69,7 @@ def update(lake: Lake, catalog) -> dict[str, int]:
             f"{lake.url}: there is no snapshot of what is published now; make one with `wingd-fleet compact`"
         )
     try:
-        catalog.create_namespace(NAMESPACE)
+        _beside_others(lambda: catalog.create_namespace(NAMESPACE))
     except NamespaceAlreadyExistsError:
         pass
     return {table: _tried(lake, catalog, table, now) for table in parquet.TABLES if table in now.files}

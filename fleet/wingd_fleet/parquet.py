@@ -103,7 +103,11 @@ def live(export: Path, solve: str) -> dict[str, Path]:
 
 
 def live_rows(content: pa.Table) -> dict[str, pa.Table]:
-    """The three tables of so many results."""
+    """The three tables of so many results. Stations have round names and their arc length beside them (`lift_s01_m`,
+    `arc_length_s01_m`), in exports of programs before schema_version 2 their arc length as a name (`lift_31.5_m`)."""
+    # Torsion pairs are named as fleets have them since v2 began.
+    pair = re.compile(r"torsion_(.+)_((?:sigma_)?(?:angle|twist))_deg")
+    content = content.rename_columns([pair.sub(r"\2_\1_deg", name) for name in content.column_names])
     names = content.column_names
     found = {}
     for table, label in (("live_markers", r"u_(.+)_px"), ("live_span", r"span_(.+)_m")):
@@ -136,12 +140,16 @@ def _rows(content: pa.Table, labels: list[str], table: str) -> pa.Table:
             one = one.append_column("marker", pa.array([label] * len(one), pa.string()))
             if "used" in one.column_names:
                 one = one.set_column(one.column_names.index("used"), "used", one["used"].cast(pa.bool_()))
+        elif "arc_length_m" in one.column_names:
+            # Rows of an installation with fewer stations have none here.
+            one = one.filter(pc.is_valid(one["arc_length_m"]))
         else:
             one = one.append_column("arc_length_m", pa.array([float(label)] * len(one), pa.float64()))
         parts.append(one)
     if not parts:
         return content.select(once).slice(0, 0)
-    order = [("utc", "ascending"), ("number", "ascending"), (parts[0].column_names[-1], "ascending")]
+    label = "marker" if table == "live_markers" else "arc_length_m"
+    order = [("utc", "ascending"), ("number", "ascending"), (label, "ascending")]
     return pa.concat_tables(parts, promote_options="default").sort_by(
         [key for key in order if key[0] in parts[0].column_names]
     )

@@ -146,6 +146,8 @@ def _series(content: pa.Table, frame: np.ndarray, k: int, story: dict, shift: fl
     place = np.minimum(frame + k * (frame.max(initial=0) + 1), story["frames"] - 1)
     name = [f"s{int(text[1:]) + 100 * k:06d}" for text in content["series"].to_pylist()]
     content = _put(content, "series", pa.array(name, pa.string()))
+    key = [f"{series}/{shot}" for series, shot in zip(name, content["shot"].to_pylist())]
+    content = _put(content, "result_id", pa.array(key, pa.string()))
     hours = pa.scalar(int((story["days"] * 24 + k * 1.5) * 3.6e9), pa.duration("us"))
     content = _put(content, "utc", pc.add(content["utc"], hours).cast(content["utc"].type))
     # Half of the template's own lift, so that its course shows and the load leads.

@@ -111,13 +111,19 @@ fn open_points(setup: &Setup) -> Vec<Found> {
         let how = "no [thermal]: the wing's length in flight is known to 1.6 mm per metre only";
         all.push(("temperature", how.to_owned()));
     }
+    if setup.markers.iter().all(|m| !m.fixed) {
+        let how = "none: how the camera turned and moved since the ground frame is told by the wing alone; `wingd plan` says what \
+                   marks rigid to the cabin bring";
+        all.push(("fixed marks", how.to_owned()));
+    }
     let span = setup.span_direction.try_normalize(0.0);
     let normal = setup.window.as_ref().and_then(|w| w.normal);
     if let (Some(span), Some(normal)) = (span, normal) {
         let turn_deg = normal.xy().dot(&span).clamp(-1.0, 1.0).acos().to_degrees();
         if turn_deg > ACROSS_DEG {
             let how = format!(
-                "[window] normal lies at {turn_deg:.0} degrees to the span: it points outwards, as the wing does"
+                "[window] normal lies at {turn_deg:.0} degrees to the span, and should point outwards as the wing does: is it in the \
+                 survey's frame, and along the view?"
             );
             all.push(("window", how));
         }
@@ -166,6 +172,10 @@ impl Findings {
                 self.said.push(("installation", how));
                 self.said.extend(open_points(&installation.setup));
                 super::say_doubts(&installation);
+                let learnt = installation.learnt.as_ref();
+                self.said.extend(
+                    learnt.map(|learnt| ("learnt", format!("with what {} taught", learnt.counted()))),
+                );
                 match installation.require_orientation() {
                     Ok(_) => self.said.push(("orientation", "there".into())),
                     Err(fault) if flies => self.faults.push(fault),

@@ -147,9 +147,10 @@ fn jsonl(args: &Args) -> Result<ReportData, Failure> {
 
 /// Who recorded.
 fn recorder_notes(store_id: Option<&str>) -> Notes {
-    let units = "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md";
+    let units = "m, deg, px, s by the ending of a column's name; columns: docs/tables.md";
     vec![
         ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        ("schema_version".to_owned(), export::SCHEMA_VERSION.to_string()),
         ("recorder_id".to_owned(), store_id.unwrap_or_default().to_owned()),
         ("units".to_owned(), units.to_owned()),
     ]

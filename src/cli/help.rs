@@ -19,7 +19,10 @@ const GROUPS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
-    ("Evaluate", &["import", "detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    (
+        "Evaluate",
+        &["import", "detect", "mark", "solve", "compare", "report", "export", "aircraft-data", "stress"],
+    ),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Try and learn", &["demo", "simulate", "completions", "man"]),
 ];
@@ -58,6 +61,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd solve store --sigma prior",
         ],
     ),
+    ("mark", &["wingd mark store", "wingd mark --installation installation frames/flight-1.jpg"]),
     ("compare", &["wingd compare store"]),
     ("report", &["wingd report store --output report.html"]),
     (
@@ -144,5 +148,18 @@ mod tests {
         let text = listing(&command);
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
+    }
+
+    #[test]
+    fn every_help_fits_a_terminal_of_80_columns() {
+        let mut all = dress(super::super::Arguments::command()).term_width(80);
+        all.build();
+        let mut texts = vec![all.render_long_help().to_string()];
+        for command in all.get_subcommands_mut() {
+            let mut command = command.clone().term_width(80);
+            texts.extend([command.render_help().to_string(), command.render_long_help().to_string()]);
+        }
+        let wide = texts.iter().flat_map(|text| text.lines()).find(|line| line.chars().count() > 80);
+        assert_eq!(wide, None);
     }
 }

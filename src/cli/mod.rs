@@ -1,6 +1,7 @@
 //! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
+mod by_hand;
 #[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
@@ -18,7 +19,9 @@ mod frames;
 pub mod help;
 mod import;
 mod init;
+mod learn;
 mod logging;
+mod mark;
 mod mount_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
 mod not_built;
@@ -35,6 +38,7 @@ mod service;
 mod simulate;
 mod solve;
 mod status;
+mod stored;
 mod stores;
 mod stress;
 mod time_check;
@@ -100,8 +104,12 @@ enum Command {
     Plan(plan::Args),
     /// Pictures of a camera's card into a store
     Import(import::Args),
+    /// Markers that a person sees, in a page: kept with who and why
+    Mark(mark::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
+    /// What flights tell together of all that lasts: learnt.json
+    Learn(learn::Args),
     /// A flight's figures and tables as one HTML file
     Report(report::Args),
     /// Every checksum and every invariant of a store
@@ -209,7 +217,9 @@ pub fn main() -> ExitCode {
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Import(args) => import::run(&args),
+        Command::Mark(args) => mark::run(&args),
         Command::Solve(args) => solve::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -304,6 +314,13 @@ const RIGHTS: &str = "check rights and space";
 fn say_doubts(installation: &Installation) {
     for doubt in installation::doubts(installation) {
         eprintln!("wingd: to be looked at: {doubt}");
+    }
+}
+
+/// Says on standard error with what earlier flights taught.
+fn say_learnt(installation: &Installation) {
+    if let Some(learnt) = &installation.learnt {
+        eprintln!("wingd: with what {} taught ({})", learnt.counted(), installation::LEARNT_FILE);
     }
 }
 

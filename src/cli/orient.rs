@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
+use super::by_hand::ByHand;
 use super::{Done, Failure, RIGHTS, frames, print, unwritable};
 use crate::installation::{self, Installation};
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
@@ -21,6 +22,10 @@ pub struct Args {
     /// Frames taken on ground with the mounting of the survey
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
+    /// Markers marked by hand in the frames, as `wingd mark --ground` keeps them (id,u_px,v_px,sigma_px, of several frames
+    /// also image): they stand for what is detected of them
+    #[arg(long, value_name = "FILE.csv")]
+    observations: Option<PathBuf>,
     /// The fit as one JSON object
     #[arg(long)]
     json: bool,
@@ -50,6 +55,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
     let (setup, names) = (&installation.setup, names(&frames));
+    if let Some(file) = &args.observations {
+        let by_hand = ByHand::read(file, &files, setup)?;
+        frames
+            .iter_mut()
+            .zip(&names)
+            .for_each(|(frame, name)| frame.hear(by_hand.of(name).cloned().collect()));
+    }
     let fit = orienting::orient(setup, &mut frames)
         .map_err(|e| Failure::Undone(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;
     let images: Vec<(String, String)> =

@@ -23,7 +23,7 @@ pub struct Args {
     /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// The installation, for the ground shape and the lines of sight
+    /// The installation, for the ground shape and the lines of sight [default: the one that the store keeps]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// How many frames' pictures it shows, those to be looked at first; each is some 200 kB of the page

@@ -33,7 +33,7 @@ pub struct Args {
     /// Its private key (PEM)
     #[arg(long, value_name = "FILE", requires = "certificate")]
     key: Option<PathBuf>,
-    /// The installation, for the report's ground shape and lines of sight
+    /// The installation, for the report's ground shape and lines of sight [default: the one that the store keeps]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Where a recorder in live mode gives out its results, [live] socket of its configuration: for the page /live

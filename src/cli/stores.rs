@@ -50,8 +50,23 @@ pub(super) fn kept(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, S
     Ok(last.map(|digest| installations::folder(root, &digest)))
 }
 
+/// The installation that a flight is solved with where none is named: the last one kept that its results came from, or the
+/// only one kept.
+pub(super) fn installation_of(root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
+    let of_results = kept(root, flight)?;
+    of_results.map_or_else(|| only_kept(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {
+        let (root, flight) = (root.display(), &flight.id);
+        Failure::Undone(format!("{root}: no installation is kept for {flight}; name one with --installation"))
+    })
+}
+
+/// A frame's name among those of its flight, in results and marks.
+pub(super) fn name_of(frame: &FrameRef) -> String {
+    format!("{}/{}", frame.series.id, frame.entry.file)
+}
+
 /// The one installation that a store keeps, where it keeps one alone: nothing of a flight that was imported has been solved.
-pub(super) fn only_kept(root: &Path) -> Result<Option<PathBuf>, StoreError> {
+fn only_kept(root: &Path) -> Result<Option<PathBuf>, StoreError> {
     let disk: &dyn Disk = &RealDisk;
     let all = disk.entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
     match all.as_slice() {

@@ -42,7 +42,9 @@ pub fn in_flight(site: &Site, flight: &str, file: &str) -> Result<Content, Refus
     let kind = match file {
         layout::FLIGHT_FILE => "application/json",
         layout::CHAIN_FILE | layout::SUMS_FILE => "text/plain; charset=utf-8",
-        _ if layout::aircraft_number(file).is_some() => "text/plain; charset=utf-8",
+        _ if layout::aircraft_number(file).or(layout::marks_number(file)).is_some() => {
+            "text/plain; charset=utf-8"
+        }
         _ if layout::live_number(file).is_some() => "application/octet-stream",
         _ => return Err(Refusal::NotFound),
     };

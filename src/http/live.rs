@@ -38,7 +38,7 @@ const SCRIPT: &str = include_str!("pages/live.js");
 const PLOTS: &str = include_str!("pages/live-plot.js");
 /// Its own script, and pictures that it has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
-     img-src 'self' blob:; frame-ancestors 'none'";
+     img-src 'self' data: blob:; frame-ancestors 'none'";
 
 pub(super) async fn page(State(shared): Context) -> Response {
     let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];

@@ -17,7 +17,8 @@
 //! | `/live/frame.jpg` | a small picture of the newest frame |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
 //!
-//! Nothing comes from outside, nothing can be changed, and no name leads out of the store.
+//! Nothing comes from outside, nothing can be changed, and no name leads out of the store. [`mark`] is a server of its own,
+//! in whose pages a person marks what the detector did not find.
 
 pub mod access;
 mod archive;
@@ -26,6 +27,7 @@ pub mod fetch;
 mod files;
 mod frames;
 mod live;
+pub mod mark;
 mod pages;
 mod policy;
 pub mod section;
@@ -153,8 +155,7 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         pictures_live: Semaphore::new(live::PICTURES),
         closing,
     });
-    let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
-    Router::new()
+    let router = Router::new()
         .route("/", get(index))
         .route("/flights/{flight}", get(flight))
         .route("/flights/{flight}/{series}", get(frames::series))
@@ -179,7 +180,14 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         .route("/live/events", get(live::events))
         .route("/live/frame.jpg", get(live::frame))
         .route("/status.json", get(status))
-        .fallback(async || Refusal::NotFound)
+        .fallback(async || Refusal::NotFound);
+    dressed(router, access).with_state(shared)
+}
+
+/// With the rules of who gets in, and the heads that every answer has.
+fn dressed<S: Clone + Send + Sync + 'static>(router: Router<S>, access: Arc<Access>) -> Router<S> {
+    let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
+    router
         .layer(axum::middleware::from_fn_with_state(access, access::check))
         .layer(SetResponseHeaderLayer::if_not_present(
             header::CACHE_CONTROL,
@@ -191,7 +199,6 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         ))
         .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(header(header::REFERRER_POLICY, "no-referrer"))
-        .with_state(shared)
 }
 
 /// Files are read on a thread of their own, so that a slow disk stops no other answer.

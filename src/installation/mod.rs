@@ -32,6 +32,7 @@ mod exchange;
 mod fault;
 mod in_flight;
 mod keyed;
+mod learnt;
 mod mountings;
 mod observations;
 mod orientation;
@@ -55,8 +56,9 @@ pub use doubtful::doubts;
 pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
 pub use fault::{Fault, KeyFault};
 pub use keyed::Trouble;
+pub use learnt::{LEARNT_FILE, Learnt, Source, write_learnt};
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{HandObservation, read_observations};
+pub use observations::{HandObservation, HandPlace, observations_text, read_observations};
 pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
@@ -86,6 +88,8 @@ pub struct Installation {
     pub digests: Vec<(String, String)>,
     /// Names of the files with camera and survey, which an orientation is bound to.
     pub sources: [String; 2],
+    /// What flights taught (`wingd learn`); holds for the orientation.
+    pub learnt: Option<Learnt>,
     /// Why a refused calibration of the camera was taken all the same (`wingd calibrate --accept`).
     pub accepted: Option<String>,
 }
@@ -182,6 +186,12 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
         None
     };
     let (orientation, not_on_ground) = orientation.unzip();
+    let learnt = match &parts {
+        Some(parts) if orientation.is_some() && reader.faults.is_empty() => {
+            learnt::read(&mut reader, &parts.setup, &parts.sources)
+        }
+        _ => None,
+    };
     let cad = parts.as_ref().and_then(|parts| ties::transform(&mut reader, &parts.setup));
     match parts {
         Some(parts) if reader.faults.is_empty() => Ok(Installation {
@@ -194,6 +204,7 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
             structure: parts.structure,
             digests: reader.digests,
             sources: parts.sources,
+            learnt,
             accepted: parts.accepted,
         }),
         _ => Err(folded(reader.faults)),

@@ -2,38 +2,80 @@
 
 use std::path::Path;
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::{Fault, Reader, rows};
 use crate::measure::setup::Setup;
 
-const COLUMNS: [&str; 5] = ["id", "u_px", "v_px", "sigma_px", IMAGE];
-/// Need not be there.
-const IMAGE: &str = "image";
+const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
+/// Need not be there: all but the first four.
+const OPTIONAL: &[&str] = &["image", "sigma_v_px", "who", "when", "why"];
+/// Standard deviations that a hand may have, px.
+const SIGMAS_PX: std::ops::RangeInclusive<f64> = 1e-4..=1e3;
 
-/// One marker as a person marked it.
+/// What a person says of one marker in one picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandObservation {
     /// The picture it is of, by the name that results give it; `None` where the file does not say.
     pub image: Option<String>,
     /// Index in [`Setup::markers`].
     pub marker: usize,
+    /// Where its centre is; `None` where the person says that what is detected of it is not to be used.
+    pub place: Option<HandPlace>,
+    /// Who, when and why, as written; empty where nobody says.
+    pub note: [String; 3],
+}
+
+/// Where a marker's centre is, as a person marked it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandPlace {
     /// Image of the marker's centre, px.
     pub pixel: Vector2<f64>,
-    /// Standard deviation of each coordinate, px.
-    pub sigma_px: f64,
+    /// Its covariance, px^2.
+    pub covariance_px2: Matrix2<f64>,
 }
 
 /// Reads a file of hand measurements against the survey.
+///
+/// # Errors
+/// Every fault of the file, with its line and the mend.
 pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservation>, Vec<Fault>> {
     let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name, setup);
     found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
 }
 
+/// The text of such a file, which [`read_observations`] reads back: of covariances the diagonal alone.
+///
+/// # Errors
+/// Where a line cannot be written as a record of a table.
+pub fn observations_text(observations: &[HandObservation], setup: &Setup) -> std::io::Result<Vec<u8>> {
+    let mut csv = csv::Writer::from_writer(vec![]);
+    csv.write_record(COLUMNS)?;
+    for o in observations {
+        let number = |value: &dyn Fn(&HandPlace) -> f64| {
+            o.place.as_ref().map_or(String::new(), |p| value(p).to_string())
+        };
+        let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
+        let [who, when, why] = &o.note;
+        csv.write_record([
+            id,
+            &number(&|p| p.pixel.x),
+            &number(&|p| p.pixel.y),
+            &number(&|p| p.covariance_px2[(0, 0)].sqrt()),
+            o.image.as_deref().unwrap_or_default(),
+            &number(&|p| p.covariance_px2[(1, 1)].sqrt()),
+            who,
+            when,
+            why,
+        ])?;
+    }
+    csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))
+}
+
 fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, &[IMAGE])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, OPTIONAL)?;
     let mut found: Vec<HandObservation> = vec![];
     for (line, cells) in lines {
         let place = format!("line {line}, column id");
@@ -54,27 +96,46 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
             }
             Some(_) => {}
         }
-        let v: Vec<Option<f64>> =
-            (1..4).map(|k| rows::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
-        let ([Some(u), Some(v), Some(sigma_px)], Some(marker)) = (&v[..], marker) else { continue };
-        if !(1e-4..=1e3).contains(sigma_px) {
-            let place = format!("line {line}, column sigma_px");
-            reader.fault(
-                &file,
-                &place,
-                format!("is {sigma_px:?} px"),
-                "give a number from 0.0001 to 1000 px",
-            );
-        }
-        let lens = &setup.lens;
-        if !lens.contains(&Vector2::new(*u, *v)) {
-            let problem = format!(
-                "\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px",
-                cells[0], lens.width, lens.height
-            );
-            reader.fault(&file, &format!("line {line}"), problem, "measure it again, or leave the line out");
-        }
-        found.push(HandObservation { image, marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
+        // A line without a place takes the marker out.
+        let place = if cells[1..4].iter().all(String::is_empty) {
+            None
+        } else {
+            let Some(place) = read_place(reader, &file, line, &cells, setup) else { continue };
+            Some(place)
+        };
+        let [.., who, when, why] = cells;
+        found.extend(marker.map(|marker| HandObservation { image, marker, place, note: [who, when, why] }));
     }
     Some(found)
+}
+
+fn read_place(
+    reader: &mut Reader,
+    file: &Path,
+    line: u64,
+    cells: &[String; 9],
+    setup: &Setup,
+) -> Option<HandPlace> {
+    let v: Vec<Option<f64>> =
+        (1..4).map(|k| rows::number(reader, file, line, COLUMNS[k], &cells[k])).collect();
+    let [Some(u), Some(v), Some(sigma_u)] = v[..] else { return None };
+    let sigma_v =
+        if cells[5].is_empty() { sigma_u } else { rows::number(reader, file, line, COLUMNS[5], &cells[5])? };
+    for (column, sigma) in [(COLUMNS[3], sigma_u), (COLUMNS[5], sigma_v)] {
+        if !SIGMAS_PX.contains(&sigma) {
+            let place = format!("line {line}, column {column}");
+            reader.fault(file, &place, format!("is {sigma:?} px"), "give a number from 0.0001 to 1000 px");
+            break;
+        }
+    }
+    let (lens, pixel) = (&setup.lens, Vector2::new(u, v));
+    if !lens.contains(&pixel) {
+        let problem = format!(
+            "\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px",
+            cells[0], lens.width, lens.height
+        );
+        reader.fault(file, &format!("line {line}"), problem, "measure it again, or leave the line out");
+    }
+    let covariance_px2 = Matrix2::new(sigma_u * sigma_u, 0.0, 0.0, sigma_v * sigma_v);
+    Some(HandPlace { pixel, covariance_px2 })
 }

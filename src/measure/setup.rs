@@ -90,7 +90,18 @@ impl Thermal {
     pub fn scale(&self) -> f64 {
         1.0 + self.expansion_per_k * (self.flight_temperature_c - self.ground_temperature_c)
     }
+
+    /// Its standard deviation.
+    pub fn scale_sigma(&self) -> f64 {
+        let difference = self.flight_temperature_c - self.ground_temperature_c;
+        let coefficient = self.expansion_sigma_per_k.unwrap_or(0.0) * difference;
+        let temperature = self.flight_temperature_sigma_k.unwrap_or(0.0) * self.expansion_per_k;
+        coefficient.hypot(temperature)
+    }
 }
+
+/// Standard deviation of the length in flight over that on ground where nothing is stated: all of what 70 K do to aluminium.
+pub const UNSTATED_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
 
 /// Two markers whose lifts give the change of the angle of attack (paper, section 4.3).
 #[derive(Clone, Debug, PartialEq)]
@@ -352,4 +363,23 @@ pub struct GroundSight {
     pub pixel: Vector2<f64>,
     /// Its covariance, px^2.
     pub covariance_px2: nalgebra::Matrix2<f64>,
+}
+
+impl GroundSight {
+    /// One per marker that was seen, of those below `markers`: the mean of its sights, weighted by their covariances.
+    pub fn means(markers: usize, sights: impl IntoIterator<Item = Self>) -> Vec<Self> {
+        let mut sums = vec![(nalgebra::Matrix2::zeros(), Vector2::zeros()); markers];
+        for sight in sights {
+            let weight = sight.covariance_px2.try_inverse();
+            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(sight.marker)) {
+                sum.0 += weight;
+                sum.1 += weight * sight.pixel;
+            }
+        }
+        let mean = |(marker, (weight, sum)): (usize, (nalgebra::Matrix2<f64>, Vector2<f64>))| {
+            let covariance_px2 = weight.try_inverse()?;
+            Some(Self { marker, pixel: covariance_px2 * sum, covariance_px2 })
+        };
+        sums.into_iter().enumerate().filter_map(mean).collect()
+    }
 }

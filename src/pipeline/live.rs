@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::stages::{self, Search, Sighting, Stage, Work};
-use super::{Job, corrected, recording};
+use super::guided::{self, Search};
+use super::stages::{self, Sighting, Stage, Work};
+use super::{Job, corrected, recording, taught};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
@@ -123,15 +124,18 @@ impl Tracker {
         orientation: Orientation,
         job: Job,
     ) -> Result<Self, AdjustError> {
-        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone())?;
+        let (options, _) = taught::options(job.options.clone(), &installation, &[]);
+        let live = Live::begin(installation.setup.clone(), orientation.clone(), options)?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
     pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Tracked {
         let tracked = guarded(|| {
-            let predictions = self.predicted(at_s);
-            self.solve(name, bytes, format, at_s, &predictions)
+            let seen = self.seen.take();
+            let predictions = seen.as_ref().map_or(vec![], |seen| self.predicted(seen, at_s));
+            let known = seen.map(|seen| seen.identities);
+            self.solve(name, bytes, format, at_s, (&predictions, known.as_ref()))
         });
         tracked.unwrap_or_else(|| {
             self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
@@ -139,8 +143,7 @@ impl Tracker {
     }
 
     /// Where this frame shows the markers: the longer ago the last one, the wider.
-    fn predicted(&mut self, at_s: f64) -> Vec<Prediction> {
-        let Some(seen) = self.seen.take() else { return vec![] };
+    fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<Prediction> {
         let elapsed_s = at_s - seen.at_s;
         if !(0.0..=LONGEST_S).contains(&elapsed_s) {
             return vec![];
@@ -162,10 +165,13 @@ impl Tracker {
         bytes: &[u8],
         format: Option<&Format>,
         at_s: f64,
-        predictions: &[Prediction],
+        (predictions, known): (&[Prediction], Option<&Identities>),
     ) -> Tracked {
         let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
-        let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions);
+        let (setup, orientation) = (&self.installation.setup, &self.orientation);
+        // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
+        let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
+        let (raster, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
         if let Some(raster) = &raster {
             sighting.failure = stages::size_fault(raster, &self.installation);
         }

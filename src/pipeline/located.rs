@@ -15,6 +15,13 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
+/// Whether what is needed of each row is among what was read.
+pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
+    let holds =
+        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
+    needed.iter().zip(read).all(holds)
+}
+
 /// A picture of which of each row some columns were decoded.
 pub(super) struct Part {
     pub raster: Raster,
@@ -32,9 +39,7 @@ impl Part {
     /// Whether all was decoded that is looked at where markers are predicted.
     fn holds(&self, predictions: &[Prediction]) -> bool {
         let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
-        let holds =
-            |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-        needed.iter().zip(&self.read).all(holds)
+        holds(&self.read, &needed)
     }
 
     /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is

@@ -6,20 +6,25 @@
 //! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | orient | ground frames | orientation | [`orienting`] |
+//! | mark | one picture and what a person says of it | the same, with that | [`marking`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
 //!
 //! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
+pub mod by_hand;
 pub mod decode;
 pub mod guard;
+pub mod guided;
 pub mod live;
 mod located;
+pub mod marking;
 pub mod orienting;
 mod places;
 pub mod recording;
 pub mod shrink;
 pub mod stages;
+mod taught;
 
 use std::borrow::Cow;
 use std::time::Instant;
@@ -35,7 +40,10 @@ use crate::measure::setup::Orientation;
 use crate::record::{ImageRecord, Parameters, Provenance, Reason};
 use guard::{BROKE_OFF, guarded};
 
+use taught::Together;
+
 pub use stages::{Sighting, Stage, Work};
+pub use taught::learn_flight;
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,10 +96,11 @@ pub fn solve_sighting(
     let corrected = corrected(sighting, installation, orientation);
     let mountings = sighting.mounting.map(|m| vec![m]);
     let options = Options { mountings, ..job.options.clone() };
+    let (options, remarks) = taught::options(options, installation, std::slice::from_ref(sighting));
     let job = &Job { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
-        solution.map(|s| (s, report)).map_err(Reason::of)
+        solution.map(|s| (with_remarks(s, &remarks), report)).map_err(Reason::of)
     });
     let mut record = recording::record(sighting, installation, job, outcome);
     record.timing_ms.solve = Some(recording::milliseconds(Stage::ended(Work::Solve, started).ms));
@@ -133,12 +142,16 @@ fn mean_temperature(sightings: &[Sighting]) -> Conditions {
     Conditions { wing_temperature_c, ..Conditions::default() }
 }
 
+/// Observations without the window's refraction, and what that was; or why there are none.
+type Corrected = Result<(Vec<Observation>, Option<RefractionReport>), Reason>;
+
+fn with_remarks(mut solution: adjust::Solution, remarks: &[String]) -> adjust::Solution {
+    solution.remarks.extend_from_slice(remarks);
+    solution
+}
+
 /// A sighting's observations without the window's refraction; the failure of a sighting that has none.
-fn corrected(
-    sighting: &Sighting,
-    installation: &Installation,
-    orientation: &Orientation,
-) -> Result<(Vec<Observation>, Option<RefractionReport>), Reason> {
+fn corrected(sighting: &Sighting, installation: &Installation, orientation: &Orientation) -> Corrected {
     if let Some(reason) = &sighting.failure {
         return Err(reason.clone());
     }
@@ -171,14 +184,8 @@ pub fn solve_flight(
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
     let job = Job { method: Method::Flight, ..job.clone() };
-    let airs: Vec<_> = sightings.iter().map(|s| in_its_air(s, installation)).collect();
-    let corrected: Vec<_> =
-        sightings.iter().zip(&airs).map(|(s, own)| corrected(s, own, orientation)).collect();
-    let mut setup = installation.setup.clone();
-    mean_temperature(sightings).apply(&mut setup);
-    let frames: Vec<Vec<Observation>> = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
-    let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
-    let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
+    let together = Together::new(sightings, installation, orientation, &job);
+    let Together { setup, airs, corrected, frames, options, remarks } = together;
     let solved = guarded(|| adjust::flight(&setup, orientation, &frames, &options));
     let solved = solved.ok_or_else(|| BROKE_OFF.into()).and_then(|s| s.map_err(Reason::of));
     let mut solutions = match solved {
@@ -191,7 +198,7 @@ pub fn solve_flight(
     for ((sighting, corrected), own) in sightings.iter().zip(corrected).zip(&airs) {
         let outcome = corrected.and_then(|(_, report)| {
             let left_out = || Err("the flight adjustment left this frame out".into());
-            solutions.next().unwrap_or_else(left_out).map(|s| (s, report))
+            solutions.next().unwrap_or_else(left_out).map(|s| (with_remarks(s, &remarks), report))
         });
         let mut record = recording::record(sighting, own, &job, outcome);
         record.flight = true;

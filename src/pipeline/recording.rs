@@ -63,9 +63,13 @@ pub fn record(
         ..ImageRecord::default()
     };
     match outcome {
-        Err(reason) => record.reason = Some(reason.to_string()),
+        Err(reason) => {
+            record.reason = Some(reason.to_string());
+            say_by_hand(&mut record, sighting);
+        }
         Ok((solution, refraction)) => {
             fill(&mut record, sighting, installation, &solution);
+            say_by_hand(&mut record, sighting);
             record.quality.aircraft = aircraft::named(&sighting.aircraft);
             record.quality.refraction = refraction;
         }
@@ -164,10 +168,28 @@ fn say_what_ground_says(line: &mut MarkerRecord, marker: usize, installation: &I
 }
 
 fn missing_reasons(sighting: &Sighting) -> HashMap<usize, String> {
-    sighting.identities.iter().flat_map(|i| i.missing.iter().cloned()).collect()
+    let seen = sighting.identities.iter().flat_map(|i| i.missing.iter().cloned());
+    let said = sighting.by_hand.iter().filter_map(|(marker, said)| Some((*marker, said.clone()?)));
+    seen.chain(said).collect()
+}
+
+/// Says of which markers the place is a person's.
+fn say_by_hand(record: &mut ImageRecord, sighting: &Sighting) {
+    for (marker, _) in sighting.by_hand.iter().filter(|(_, said)| said.is_none()) {
+        if let Some(line) = record.markers.get_mut(*marker) {
+            line.by_hand = true;
+        }
+    }
 }
 
 /// Every marker of the survey as not used, with what is known of it.
+pub(super) fn markers(sighting: &Sighting, installation: &Installation) -> Vec<MarkerRecord> {
+    let mut record =
+        ImageRecord { markers: unsolved_markers(sighting, installation), ..ImageRecord::default() };
+    say_by_hand(&mut record, sighting);
+    record.markers
+}
+
 fn unsolved_markers(sighting: &Sighting, installation: &Installation) -> Vec<MarkerRecord> {
     let missing = missing_reasons(sighting);
     let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
@@ -190,6 +212,7 @@ fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<Strin
         sigma_u_px: seen.map(|o| o.covariance_px2[(0, 0)].sqrt()),
         sigma_v_px: seen.map(|o| o.covariance_px2[(1, 1)].sqrt()),
         used: false,
+        by_hand: false,
         reason,
         residual_u_px: None,
         residual_v_px: None,

@@ -2,16 +2,15 @@
 
 use std::time::Instant;
 
-use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
 use super::located::{self, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
-use crate::installation::{HandObservation, Installation};
+use crate::installation::{HandObservation, HandPlace, Installation};
 use crate::measure::adjust::{Mounting, Observation};
-use crate::measure::detect::{self, Detection, Detections, Prediction};
+use crate::measure::detect::{self, Detection, Detections};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
@@ -63,6 +62,10 @@ pub struct Sighting {
     pub identities: Option<Identities>,
     /// For the adjustment.
     pub observations: Vec<Observation>,
+    /// Markers of which a person said something: where they are (`None`), or why they are not to be used.
+    pub by_hand: Vec<(usize, Option<String>)>,
+    /// Whether the frame cannot be solved because nobody could name what was detected.
+    pub is_unnamed: bool,
     /// The camera's mounting, where it is known.
     pub mounting: Option<Mounting>,
     /// What the aircraft's data say of it; empty where nothing does.
@@ -81,12 +84,21 @@ impl Sighting {
         sighting
     }
 
-    /// Measurements by hand beside those that were detected: where both are of one marker, the hand's stands for it.
+    /// What a person says beside what was detected: where both are of one marker, the person's stands for it. A frame whose
+    /// detections nobody could name may be solved by what a person named in it.
     pub fn add_by_hand<'a>(&mut self, observations: impl IntoIterator<Item = &'a HandObservation>) {
         for o in observations {
-            self.observations.retain(|seen| seen.marker != o.marker);
-            let covariance_px2 = Matrix2::identity() * o.sigma_px * o.sigma_px;
-            self.observations.push(Observation { marker: o.marker, pixel: o.pixel, covariance_px2 });
+            let marker = o.marker;
+            self.observations.retain(|seen| seen.marker != marker);
+            let said = match o.place {
+                Some(HandPlace { pixel, covariance_px2 }) => {
+                    self.observations.push(Observation { marker, pixel, covariance_px2 });
+                    self.failure.take_if(|_| self.is_unnamed);
+                    None
+                }
+                None => Some(rejection(o)),
+            };
+            self.by_hand.push((marker, said));
         }
         self.observations.sort_by_key(|o| o.marker);
     }
@@ -106,7 +118,7 @@ impl Sighting {
     }
 
     /// Takes up what is detected in a picture, which comes back, or why there is none.
-    fn look(
+    pub(super) fn look(
         &mut self,
         decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
@@ -124,12 +136,20 @@ impl Sighting {
         }
     }
 
-    fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
+    pub(super) fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let result = run();
         self.stages.push(Stage::ended(work, started));
         result
     }
+}
+
+/// Why a marker is not used that a person rejected.
+pub(super) fn rejection(of: &HandObservation) -> String {
+    let [who, _, why] = &of.note;
+    let by = if who.is_empty() { String::new() } else { format!(" ({who})") };
+    let because = if why.is_empty() { String::new() } else { format!(": {why}") };
+    format!("rejected by hand{by}{because}")
 }
 
 /// Decodes and detects; with an orientation also identifies and removes the perspective bias.
@@ -204,52 +224,7 @@ pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (Sighti
     (sighting, raster)
 }
 
-/// The same of markers that an earlier frame foretells ([`identify::predict`]): only what lies about them is decoded and
-/// searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
-pub fn detect_predicted(
-    name: &str,
-    bytes: &[u8],
-    format: Option<&Format>,
-    predictions: &[Prediction],
-) -> Sighting {
-    let mut sighting = unseen(name, bytes);
-    look_guided(&mut sighting, bytes, format, predictions);
-    sighting
-}
-
-/// How a frame was searched.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Search {
-    /// All of it.
-    Whole,
-    /// Where the frame before predicted markers.
-    Guided,
-}
-
-/// Without predictions the whole frame is searched, and where guided detection misses one that was seen. The picture that
-/// comes back may be black where nothing was read.
-pub(super) fn look_guided(
-    sighting: &mut Sighting,
-    bytes: &[u8],
-    format: Option<&Format>,
-    predictions: &[Prediction],
-) -> (Option<Raster>, Search) {
-    if predictions.is_empty() {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
-    }
-    let columns = |width, height| detect::columns_read(predictions, width, height);
-    let part = sighting.look(
-        || decode::decode_part(bytes, format, &columns),
-        |raster| detect::detect_guided(raster, predictions),
-    );
-    if part.is_some() && !detect::is_complete(&sighting.detections, predictions) {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
-    }
-    (part, Search::Guided)
-}
-
-fn unseen(name: &str, bytes: &[u8]) -> Sighting {
+pub(super) fn unseen(name: &str, bytes: &[u8]) -> Sighting {
     Sighting { image: name.into(), digest: hex::encode(Sha256::digest(bytes)), ..Sighting::default() }
 }
 
@@ -313,7 +288,10 @@ fn take_up(
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
-        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, error)),
+        Err(error) => {
+            sighting.failure = Some(unidentified(setup, orientation, sighting, error));
+            sighting.is_unnamed = true;
+        }
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
@@ -352,21 +330,14 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
 
 /// Where the ground frames show the identified markers: the weighted mean over the frames.
 pub fn ground_sights(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundSight> {
-    let mut sums: Vec<(Matrix2<f64>, Vector2<f64>)> =
-        vec![(Matrix2::zeros(), Vector2::zeros()); setup.markers.len()];
-    for (found, identities) in frames.iter().zip(&fit.identities) {
+    let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
-        for seen in observations(&centred, identities) {
-            let weight = seen.covariance_px2.try_inverse();
-            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(seen.marker)) {
-                sum.0 += weight;
-                sum.1 += weight * seen.pixel;
-            }
-        }
-    }
-    let mean = |(marker, (weight, sum)): (usize, &(Matrix2<f64>, Vector2<f64>))| {
-        let covariance_px2 = weight.try_inverse()?;
-        Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
-    };
-    sums.iter().enumerate().filter_map(mean).collect()
+        observations(&centred, identities)
+    });
+    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundSight {
+        marker,
+        pixel,
+        covariance_px2,
+    });
+    GroundSight::means(setup.markers.len(), sights)
 }

@@ -4,6 +4,9 @@ mod fit;
 
 use maud::{Markup, html};
 
+/// Words up to so many characters stay on one line of the report; longer ones get room for as many.
+const SHORT: usize = 24;
+
 /// A column's heading and how its cells are set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
@@ -64,15 +67,26 @@ impl Grid {
 
     /// For the report.
     pub fn html(&self) -> Markup {
+        let classes: Vec<&str> = (0..self.columns.len()).map(|k| self.class(k)).collect();
         html! {
             table {
-                thead { tr { @for c in &self.columns { th.n[c.right] { (c.title.replace("sigma", "σ")) } } } }
+                thead { tr { @for (c, class) in self.columns.iter().zip(&classes) { th class=(class) { (c.title.replace("sigma", "σ")) } } } }
                 tbody {
                     @for row in &self.rows {
-                        tr { @for (cell, c) in row.iter().zip(&self.columns) { td.n[c.right] { (cell) } } }
+                        tr { @for (cell, class) in row.iter().zip(&classes) { td class=(class) { (cell) } } }
                     }
                 }
             }
+        }
+    }
+
+    /// How the report sets a column: numbers, short words, long words.
+    fn class(&self, column: usize) -> &'static str {
+        let long = |row: &Vec<String>| row.get(column).is_some_and(|cell| cell.chars().count() > SHORT);
+        match self.columns.get(column) {
+            Some(Column { right: true, .. }) => "n",
+            _ if self.rows.iter().any(long) => "l",
+            _ => "s",
         }
     }
 }

@@ -66,6 +66,7 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
         v_px: some(1500.0 - 10.0 * lift_m),
         sigma_u_px: some(0.03),
         sigma_v_px: some(0.02),
+        by_hand: false,
         used: !hidden,
         reason: hidden.then(|| "hidden by glare".to_owned()),
         residual_u_px: some(0.01),

@@ -5,11 +5,14 @@ use std::path::Path;
 use super::doubt::Ranked;
 use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, Whole, aircraft, summary};
 use crate::aircraft::{State as AircraftState, Track};
+use crate::installation;
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
 use crate::store::manifest::{Refusal, ResultLine, SeriesManifest, Shot, State};
 use crate::store::sets::{self, ResultSet};
-use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, jsonl, layout};
+use crate::store::{
+    self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout,
+};
 
 /// Which results of a store are meant.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,7 +36,8 @@ const FRAMES: usize = 400;
 /// Pictures that a report shows where nothing else is asked for; one is some 200 kB of its page.
 pub const PICTURES: usize = 4;
 
-/// Reads one flight, the newest with a series where none is named, with [`PICTURES`] frames to be shown.
+/// Reads one flight, the newest with a series where none is named, with [`PICTURES`] frames to be shown. Without a setup
+/// ground shape and camera are those of the installation that the store keeps with its results.
 ///
 /// # Errors
 /// As [`flight_with`].
@@ -58,6 +62,7 @@ pub fn flight_with(
     let mut whole = Ranked::new(FRAMES.max(pictures));
     if let Some(chosen) = choose(&disk, root, choice.flight)? {
         let set = pick(&disk, &chosen, choice, &mut data.warnings)?;
+        data.site = data.site.or_else(|| kept(root, set.as_ref()?));
         let track = track(&disk, root, &chosen, &mut data.notes)?;
         data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
         for series in catalogue::series(&disk, &chosen)? {
@@ -75,6 +80,13 @@ pub fn flight_with(
     let said = data.pictures.iter().filter_map(|p| p.fault.clone());
     data.notes.extend(said);
     Ok(data)
+}
+
+/// Of the installation that results came from; `None` where the store does not keep it, or this program cannot read it.
+fn kept(root: &Path, set: &ResultSet) -> Option<Site> {
+    let digest = installations::named(&set.provenance)?;
+    let folder = installations::folder(root, &digest);
+    installation::load_without_orientation(&folder).ok().map(|kept| Site::from(&kept.setup))
 }
 
 /// Flight of pictures that are in no store.

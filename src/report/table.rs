@@ -262,14 +262,24 @@ pub fn unused_of<'a>(records: impl Iterator<Item = (String, &'a ImageRecord)>) -
     ])
 }
 
+/// Reasons and remarks; the same one once, with its images counted.
 fn notes(records: &[ImageRecord]) -> String {
-    let mut out = String::new();
+    let mut seen: Vec<(&str, &str, usize)> = Vec::new();
     for r in records {
         for text in r.reason.iter().chain(&r.remarks) {
-            out.push_str(&format!("{}: {text}\n", r.image));
+            match seen.iter_mut().find(|known| known.0 == text) {
+                Some(known) => known.2 += 1,
+                None => seen.push((text, &r.image, 0)),
+            }
         }
     }
-    out
+    let line = |(text, image, more): &(&str, &str, usize)| match more {
+        // A file that could not be read names itself.
+        0 if text.starts_with(image) => format!("{text}\n"),
+        0 => format!("{image}: {text}\n"),
+        _ => format!("{image} and {more} more: {text}\n"),
+    };
+    seen.iter().map(line).collect()
 }
 
 #[cfg(test)]
@@ -298,6 +308,17 @@ mod tests {
         let lines: Vec<&str> = text.lines().filter(|l| l.contains("hidden")).collect();
         assert_eq!(lines.len(), 1, "{text}");
         assert!(lines[0].contains('2') && lines[0].contains("a.jpg"));
+    }
+
+    #[test]
+    fn a_remark_of_several_images_stands_once() {
+        let images = ["a.jpg", "b.jpg", "c.jpg"].map(|image| {
+            let remarks = vec!["curvature of 8 terms, chosen by test".to_owned()];
+            ImageRecord { remarks, ..sample::record(image, 2.9) }
+        });
+        let text = results(&images, true);
+        assert!(text.contains("a.jpg and 2 more: curvature of 8 terms"), "{text}");
+        assert_eq!(text.matches("curvature").count(), 1);
     }
 
     #[test]

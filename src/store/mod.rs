@@ -46,7 +46,7 @@ pub use format::columns::{Column, Kind, LiveTable, Row};
 pub use format::{Inputs, chain, columns, heads, jsonl, layout, manifest, sha256};
 pub use read::catalogue::{FlightRef, SeriesRef};
 pub use read::frames::{FrameRef, frames, read_frame};
-pub use read::{aircraft, bundle, catalogue, installations, live, sets};
+pub use read::{aircraft, bundle, catalogue, installations, live, marks, sets};
 pub use write::opening::{is_vacant, unwritable};
 pub use write::recover::Recovery;
 pub use write::series::{NewFrame, OpenSeries};

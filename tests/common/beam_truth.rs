@@ -12,6 +12,10 @@ use wingd::measure::setup::{
 };
 
 mod aircraft;
+mod fleet;
+
+pub use super::statistics::{median, rms};
+pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
 pub use aircraft::{Aircraft, Effects, When};
@@ -315,6 +319,11 @@ impl Truth {
         self.wing.length_m
     }
 
+    /// Arc length of a marker's section as a share of the wing's.
+    pub fn share(&self, marker: usize) -> f64 {
+        self.stations[marker].0
+    }
+
     /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
     pub fn in_flight(&self, tip_lift_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
         let w = self.wing;
@@ -387,36 +396,4 @@ impl Truth {
         };
         self.pixels(points_m, mount_rad).into_iter().enumerate().map(one).collect()
     }
-}
-
-/// A mounting that is off by the stated repeatability.
-pub fn remounted(rng: &mut StdRng, setup: &Setup) -> Vector3<f64> {
-    normal3(rng) * (setup.mount_repeatability_px / setup.lens.focal_px())
-}
-
-/// Wings, loads and sides that a beam fleet spans.
-pub fn random_wing(rng: &mut StdRng) -> Wing {
-    Wing {
-        taper: rng.random_range(0.22..0.4),
-        power: rng.random_range(2.8..4.0),
-        fuel: rng.random_range(0.0..0.35),
-        fuel_reach: rng.random_range(0.55..0.8),
-        skew: rng.random_range(-0.1..0.3),
-        dihedral_rad: rng.random_range(0.03..0.1),
-        twist_tip_rad: rng.random_range(-0.05..0.05),
-        twist_power: rng.random_range(1.0..2.0),
-        length_m: rng.random_range(28.0..34.0),
-        side: if rng.random::<bool>() { 1.0 } else { -1.0 },
-        ..Wing::default()
-    }
-}
-
-pub fn rms(v: &[f64]) -> f64 {
-    (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()
-}
-
-pub fn median(v: &[f64]) -> f64 {
-    let mut v = v.to_vec();
-    v.sort_by(f64::total_cmp);
-    v[v.len() / 2]
 }

@@ -1,10 +1,13 @@
 //! Worlds with known truth and small stores, shared by tests and benches; each uses a part.
 #![allow(dead_code, unused_imports, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod attitude;
 pub mod beam_truth;
+pub mod clock_screen;
 pub mod disc_image;
 pub mod drawn;
 pub mod random;
 pub mod report_store;
+pub mod statistics;
 pub mod store_work;
 pub mod synthetic;

@@ -8,6 +8,7 @@ use wingd::measure::detect::Detection;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty};
 
+use super::attitude::look;
 use super::disc_image::image_of_disc;
 pub use super::random::{normal, normal3, rng};
 
@@ -225,21 +226,8 @@ impl World {
             rng.random_range(-50.0..50.0),
             rng.random_range(2.0..6.0),
         );
-        let focal = rng.random_range(6800.0..8200.0);
-        let lens = Lens {
-            fy: focal * rng.random_range(0.999..1.001),
-            k1: rng.random_range(-0.1..0.1),
-            k2: rng.random_range(-0.1..0.1),
-            p1: rng.random_range(-5e-4..5e-4),
-            p2: rng.random_range(-5e-4..5e-4),
-            ..Lens::pinhole(
-                4000,
-                3000,
-                focal,
-                rng.random_range(1950.0..2050.0),
-                rng.random_range(1450.0..1550.0),
-            )
-        };
+        let lens = drawn_lens(rng);
+        let focal = lens.fx;
         let frame = wingd::measure::geometry::WingFrame::new(true_centre_m, span);
         let elevation = |p: &Vector3<f64>| (p.y / p.x).atan();
         let lowest = ground.iter().map(elevation).fold(f64::MAX, f64::min);
@@ -331,6 +319,19 @@ impl World {
     }
 }
 
+/// Of a camera for 30 m of wing, with some distortion.
+fn drawn_lens(rng: &mut StdRng) -> Lens {
+    let focal = rng.random_range(6800.0..8200.0);
+    Lens {
+        fy: focal * rng.random_range(0.999..1.001),
+        k1: rng.random_range(-0.1..0.1),
+        k2: rng.random_range(-0.1..0.1),
+        p1: rng.random_range(-5e-4..5e-4),
+        p2: rng.random_range(-5e-4..5e-4),
+        ..Lens::pinhole(4000, 3000, focal, rng.random_range(1950.0..2050.0), rng.random_range(1450.0..1550.0))
+    }
+}
+
 /// Half of the false ones lie anywhere, half near a marker, and look like one.
 fn add_false_ones(view: &mut View, rng: &mut StdRng, conditions: &Conditions, lens: &Lens) {
     let real = view.detections.clone();
@@ -390,14 +391,4 @@ fn setup(
         cad_similarity: false,
         window: None,
     }
-}
-
-/// camera_from_wing of a camera that looks outboard.
-pub fn look(elevation: f64, azimuth: f64, roll: f64) -> Rotation3<f64> {
-    // Camera right is the wing's Z, down is -Y, forward is X.
-    let level = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0));
-    Rotation3::new(Vector3::new(0.0, 0.0, roll))
-        * Rotation3::new(Vector3::new(-elevation, 0.0, 0.0))
-        * Rotation3::new(Vector3::new(0.0, azimuth, 0.0))
-        * level
 }

@@ -209,7 +209,11 @@ fn a_series_an_hour_gives_moments_and_no_cycles() {
     let moments = dir.path().join("moments.csv");
     let out = moments.to_string_lossy();
     let ask = ["stress", &place, "--structure", &file, "--moments", &out, "--json"];
-    let flight: Value = serde_json::from_str(stdout(&ask).lines().next().unwrap()).unwrap();
+    let said = stdout(&ask);
+    crate::json_schemas::holds("stress", said.as_bytes());
+    let flight: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    let table = stdout(&["stress", &place, "--structure", &file]);
+    assert!(table.lines().filter(|line| line.starts_with("---")).all(|rule| rule.len() <= 80), "{table}");
     assert!(flight["no_cycles_because"].as_str().unwrap().contains("tell no cycles"), "{flight}");
     let stations = flight["stations"].as_array().unwrap();
     assert_eq!(stations.len(), 3);
@@ -226,7 +230,9 @@ fn a_series_an_hour_gives_moments_and_no_cycles() {
     assert_eq!(written.lines().count(), 1 + 3 * frames);
     // A wing that bends once in ten hours: then the series tell cycles.
     let slow = ["stress", &place, "--structure", &file, "--bending-hz", "1e-5", "--goodman", "--json"];
-    let flight: Value = serde_json::from_str(stdout(&slow).lines().next().unwrap()).unwrap();
+    let said = stdout(&slow);
+    crate::json_schemas::holds("stress", said.as_bytes());
+    let flight: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
     let damage = &flight["stations"][0]["damage"][0];
     assert!(damage["slope"] == 3.0 && damage["relative"].as_f64().unwrap() >= 0.9, "{flight}");
     let (status, said) = outcome(&["stress", &place]);

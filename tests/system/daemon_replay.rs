@@ -1,6 +1,5 @@
 //! Promise: whatever the camera does, the daemon goes on, and the store says what happened.
 
-use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -70,20 +69,20 @@ impl Camera for WithCard {
     }
 }
 
-struct Flight {
+pub struct Flight {
     card: Arc<Mutex<Vec<Vec<u8>>>>,
-    dir: tempfile::TempDir,
-    clock: Arc<Simulated>,
+    pub dir: tempfile::TempDir,
+    pub clock: Arc<Simulated>,
     series: SeriesConfig,
     replay: ReplayConfig,
     solve: Arc<dyn Fn(&str) -> ImageRecord + Send + Sync>,
     solver_deadline: Duration,
-    status: Option<StatusConfig>,
+    pub status: Option<StatusConfig>,
     events: Arc<Mutex<Vec<Event>>>,
 }
 
 impl Flight {
-    fn new(faults: Vec<ScriptedFault>) -> Self {
+    pub fn new(faults: Vec<ScriptedFault>) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("frames");
         std::fs::create_dir(&folder).unwrap();
@@ -108,7 +107,7 @@ impl Flight {
         self.dir.path().join("store")
     }
 
-    fn fly(&self) -> Status {
+    pub fn fly(&self) -> Status {
         let mut config = StoreConfig::at(self.root());
         config.reserve_mb = 0;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
@@ -140,7 +139,7 @@ impl Flight {
         daemon::run(parts, &board).unwrap()
     }
 
-    fn manifests(&self) -> Vec<SeriesManifest> {
+    pub fn manifests(&self) -> Vec<SeriesManifest> {
         let mut found = Vec::new();
         for flight in catalogue::flights(&RealDisk, &self.root()).unwrap() {
             for series in catalogue::series(&RealDisk, &flight).unwrap() {
@@ -150,7 +149,7 @@ impl Flight {
         found
     }
 
-    fn sound(&self) -> wingd::store::verify::Report {
+    pub fn sound(&self) -> wingd::store::verify::Report {
         let report = verify(&RealDisk, &self.root());
         assert!(report.is_sound(), "{:#?}", report.faults);
         report
@@ -324,51 +323,6 @@ fn a_restart_within_the_flight_goes_on_with_the_timetable() {
         flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0, 10830.0]);
     assert_eq!(status.flight.as_deref(), Some("f0001"));
-    flight.sound();
-}
-
-/// Name -> value, from the socket's Prometheus text; a line of another form fails.
-fn metrics(socket: &Path) -> std::collections::BTreeMap<String, f64> {
-    let mut stream = std::os::unix::net::UnixStream::connect(socket).unwrap();
-    stream.write_all(b"metrics\n").unwrap();
-    let mut text = String::new();
-    stream.read_to_string(&mut text).unwrap();
-    let samples = text.lines().filter(|line| !line.is_empty() && !line.starts_with("# "));
-    let parsed = samples.map(|line| line.split_once(' ').unwrap());
-    parsed.map(|(name, value)| (name.to_owned(), value.parse().unwrap())).collect()
-}
-
-#[test]
-fn the_socket_answers_and_triggers_a_series() {
-    let mut flight = Flight::new(Vec::new());
-    let socket = flight.dir.path().join("run").join("wingd.sock");
-    flight.status = Some(StatusConfig { socket: socket.clone() });
-    // Paced: the flight of 2 h takes about 2 s.
-    let start = flight.clock.stamp();
-    flight.clock = Arc::new(Simulated::starting_at(&start, Some(3600.0)));
-    std::thread::scope(|scope| {
-        let flying = scope.spawn(|| flight.fly());
-        let mut answer = daemon::ask(&socket, "status");
-        for _ in 0..200 {
-            if answer.as_ref().is_ok_and(|status| status["counts"]["series_complete"] == 1) {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-            answer = daemon::ask(&socket, "status");
-        }
-        let status: Status = serde_json::from_value(answer.unwrap()).unwrap();
-        assert_eq!(status.flight.as_deref(), Some("f0001"));
-        let metrics = metrics(&socket);
-        assert_eq!(metrics["wingd_healthy"], 1.0);
-        assert!(metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0);
-        assert!(daemon::ask(&socket, "new-flight").is_ok());
-        assert!(daemon::ask(&socket, "dance").unwrap_err().to_string().contains("unknown command"));
-        flying.join().unwrap();
-    });
-    let triggered: Vec<_> = flight.manifests().into_iter().filter(|m| m.flight == "f0002").collect();
-    assert_eq!(triggered.len(), 3, "the extra series and the two scheduled after it");
-    assert_eq!(flight.manifests().len(), 4);
-    assert!(daemon::ask(&socket, "status").unwrap_err().to_string().contains("no daemon is running"));
     flight.sound();
 }
 

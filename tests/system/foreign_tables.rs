@@ -172,6 +172,7 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     assert_eq!(take(&store, &plain, &table("map-flwrong.toml")).0, Some(0));
     assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None));
     let (status, answer, _) = take(&store, &plain, &table("map-fl.toml"));
+    crate::json_schemas::holds("aircraft-data", answer.to_string().as_bytes());
     assert_eq!((status, &answer["quantities"][0]["replaced"]), (Some(0), &2.into()), "{answer}");
     assert_eq!(altitude(), Some((10_668.0, 2)), "the corrected one counts");
     assert_eq!(take(&store, &plain, &table("map.toml")).0, Some(0));
@@ -186,6 +187,7 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None), "the first is there still");
     assert!(withdraw("2").1.contains("withdrawn already") && withdraw("9").1.contains("has 3 sources"));
     let list = stdout(&["aircraft-data", &store, "--flight", "f0001", "--list", "--json"]);
+    crate::json_schemas::holds("aircraft-data", list.as_bytes());
     let list: Value = serde_json::from_str(&list).unwrap();
     let of = |k: usize| &list["sources"][k];
     assert_eq!(

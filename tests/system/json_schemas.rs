@@ -6,6 +6,9 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use wingd::measure::render::{Random, Sensor};
+
+use crate::common::clock_screen::{BEGIN_S, Display, photograph};
 use crate::common::report_store::{solved, store_with};
 use crate::program::{fixture, run};
 
@@ -76,6 +79,63 @@ fn of_a_store() {
     holds("verify", &run(&["copy", "--json", &place, &copy]).stdout);
     let prune = ["prune", "--json", "--dry-run", "--keep", "0", &place, "--verified-copy", &copy];
     holds("prune", &run(&prune).stdout);
+}
+
+/// Two pictures of the clock, and one of nothing.
+#[test]
+fn of_a_clock_on_a_screen() {
+    let directory = tempfile::tempdir().unwrap();
+    let random = &mut Random::new(1, 31);
+    let display = Display { refresh_s: 1.0 / 60.0, latency_s: 0.03, phase_s: random.unit() };
+    for k in 0..2_u32 {
+        let shares = display.shares(BEGIN_S + f64::from(k), 0.004);
+        let picture = photograph(&shares, &Sensor::default(), 0.7, random);
+        let (width, height) = (picture.width() as u32, picture.height() as u32);
+        let file = directory.path().join(format!("{k}.png"));
+        image::GrayImage::from_raw(width, height, picture.luma().to_vec()).unwrap().save(file).unwrap();
+    }
+    image::GrayImage::new(640, 480).save(directory.path().join("2.png")).unwrap();
+    let pictures = directory.path().display().to_string();
+    let place = directory.path().join("store").display().to_string();
+    let begin = jiff::Timestamp::from_second(BEGIN_S as i64).unwrap().to_string();
+    let import = ["import", "--json", "--store", &place, "--start", &begin, "--every", "1s", &pictures];
+    holds("import", &run(&import).stdout);
+    let read = run(&["time-check", "--json", &place]).stdout;
+    holds("time-check", &read);
+    let read = String::from_utf8(read).unwrap();
+    assert!(read.matches("\"ok\"").count() == 2 && read.contains("\"summary\""), "{read}");
+    let table = String::from_utf8(run(&["time-check", &place]).stdout).unwrap();
+    let rule = table.lines().find(|line| line.starts_with("---")).unwrap();
+    assert!(rule.len() <= 80, "{table}");
+}
+
+/// `make fleet-test` builds the program with `upload`.
+#[cfg(feature = "upload")]
+#[test]
+fn of_an_upload() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let (place, lake) = (store.path().display().to_string(), tempfile::tempdir().unwrap());
+    let to = format!("file://{}", lake.path().display());
+    holds("upload", &run(&["upload", "--json", &place, "--to", &to, "--aircraft", "D-ABCD"]).stdout);
+}
+
+/// Each command that has `--json` has a schema; three share one.
+#[test]
+fn none_is_without_a_schema() {
+    let help = String::from_utf8(run(&["help"]).stdout).unwrap();
+    let commands = help.lines().filter_map(|line| line.strip_prefix("  ")?.split_once(' ')).map(|c| c.0);
+    let mut with_json = 0;
+    for command in commands.filter(|c| c.starts_with(|first: char| first.is_ascii_lowercase())) {
+        let options = String::from_utf8(run(&[command, "--help"]).stdout).unwrap();
+        if !options.contains("--json") {
+            continue;
+        }
+        with_json += 1;
+        let of = if ["copy", "fetch"].contains(&command) { "verify" } else { command };
+        let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/schema/{of}.schema.json"));
+        assert!(schema.is_file(), "{command}: {} is missing", schema.display());
+    }
+    assert!(with_json >= 16, "{with_json}");
 }
 
 #[test]

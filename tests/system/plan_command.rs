@@ -200,7 +200,7 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
     );
 }
 
-/// What is seen less lowers no standard deviation.
+/// What is seen less lowers no standard deviation, what is known more raises none.
 #[test]
 fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
     for id in ["dev", "demo"] {
@@ -218,6 +218,13 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
             compared += 1;
         }
         assert!(compared > 15, "{compared}");
+        // What is known makes nothing less certain.
+        let known = plan["prediction"]["terms_known"].as_array().unwrap();
+        assert!(known.len() > 5, "{known:?}");
+        for term in known {
+            let left = number(&term["expected"]["sigma_tip_lift_m"]);
+            assert!(left < (1.0 + 1e-6) * whole, "{id}: {term}: {left} {whole}");
+        }
     }
 }
 

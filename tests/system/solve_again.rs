@@ -74,6 +74,7 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
         text(&compared)
     );
     let lines = wingd(&["compare", "store", "--json"], dir.path());
+    crate::json_schemas::holds("compare", &lines.stdout);
     let first: Value =
         serde_json::from_str(String::from_utf8_lossy(&lines.stdout).lines().next().unwrap()).unwrap();
     assert!(first["change_m"].as_f64().unwrap().abs() < 0.5 && first["sigma_m"].is_f64(), "{first}");

@@ -12,7 +12,7 @@ use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256, upgrade};
 
 use crate::common::report_store::add_two_solved;
 
-const FLIGHT: &str = "flights/f0001";
+pub const FLIGHT: &str = "flights/f0001";
 
 /// The installation that the results come from.
 fn installation() -> Vec<(String, Vec<u8>)> {
@@ -27,7 +27,7 @@ fn inputs() -> Inputs {
     Inputs::new(provenance)
 }
 
-fn open(root: &Path) -> Store {
+pub fn open(root: &Path) -> Store {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
     Store::open(Arc::new(RealDisk), config).unwrap().0
 }
@@ -37,7 +37,7 @@ fn make(root: &Path) {
     fill(&open(root));
 }
 
-fn fill(store: &Store) {
+pub fn fill(store: &Store) {
     store.keep_installation(&installation()).unwrap();
     let begin = store.last_moment().map_or(0, |last| 1 + last.since_boot_s as u64 / 100);
     for n in begin..begin + 3 {
@@ -45,13 +45,13 @@ fn fill(store: &Store) {
     }
 }
 
-fn made() -> tempfile::TempDir {
+pub fn made() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     make(dir.path());
     dir
 }
 
-fn wingd(arguments: &[&str], store: &Path) -> Output {
+pub fn wingd(arguments: &[&str], store: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).arg(store).output().unwrap()
 }
 
@@ -86,7 +86,7 @@ fn edit(root: &Path, file: &str, change: impl FnOnce(&mut Vec<u8>)) {
     std::fs::write(path, bytes).unwrap();
 }
 
-fn replace(root: &Path, file: &str, from: &str, to: &str) {
+pub fn replace(root: &Path, file: &str, from: &str, to: &str) {
     edit(root, file, |bytes| {
         *bytes = String::from_utf8(bytes.clone()).unwrap().replacen(from, to, 1).into_bytes();
     });
@@ -330,114 +330,4 @@ fn damage_is_not_upgraded_and_an_upgrade_broken_off_is_begun_again() {
     upgrade(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
     let report = verify(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
-}
-
-/// A store whose flights are signed; the public key.
-fn signed() -> (tempfile::TempDir, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
-    let key = dir.path().join("recorder.key");
-    let root = dir.path().join("store");
-    let config = StoreConfig { reserve_mb: 0, signing_key: Some(key.clone()), ..StoreConfig::at(&root) };
-    let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
-    fill(&store);
-    let public = PathBuf::from(format!("{}.pub", key.display()));
-    (dir, public)
-}
-
-fn verified(root: &Path, key: &Path) -> (Option<i32>, String) {
-    let output = wingd(&["verify", "--key", key.to_str().unwrap()], root);
-    let text = [output.stdout, output.stderr].concat();
-    (output.status.code(), String::from_utf8(text).unwrap())
-}
-
-/// Rewrites what the chain of a flight says, with all its digests and sums, as somebody could who knows how.
-fn forge(root: &Path, keep_signatures: bool) {
-    let results = root.join(FLIGHT).join("s000001/results.jsonl");
-    replace(root, "flights/f0001/s000001/results.jsonl", "2.74", "9.74");
-    let bytes = std::fs::read(results).unwrap();
-    let ends: Vec<_> = (0..bytes.len()).filter(|at| bytes[*at] == b'\n').map(|at| at + 1).collect();
-    let chain = std::fs::read_to_string(root.join(FLIGHT).join("chain.jsonl")).unwrap();
-    let (mut before, mut forged, mut count) = ("0".repeat(64), String::new(), 0);
-    for line in chain.lines() {
-        let mut link: Value = serde_json::from_str(line).unwrap();
-        if !keep_signatures && link.get("signature").is_some() {
-            continue;
-        }
-        if link["results"]["series"] == "s000001" {
-            link["results"]["sha256"] = sha256(&bytes[..ends[count]]).into();
-            count += 1;
-        }
-        link["before"] = before.into();
-        let line = link.to_string();
-        before = sha256(line.as_bytes());
-        forged += &(line + "\n");
-    }
-    std::fs::write(root.join(FLIGHT).join("chain.jsonl"), forged).unwrap();
-    std::fs::remove_file(root.join(FLIGHT).join("SHA256SUMS")).unwrap();
-}
-
-#[test]
-fn what_is_signed_is_verified_with_the_public_key_and_no_other() {
-    use std::os::unix::fs::PermissionsExt;
-    let (dir, key) = signed();
-    let root = dir.path().join("store");
-    let (status, said) = verified(&root, &key);
-    assert_eq!(status, Some(0), "{said}");
-    let secret = std::fs::metadata(dir.path().join("recorder.key")).unwrap();
-    assert_eq!(secret.permissions().mode() & 0o077, 0, "for the recorder alone");
-    let (other, foreign) = signed();
-    let (status, said) = verified(&root, &foreign);
-    assert!(status == Some(1) && said.contains("no signature by this key"), "{said}");
-    let (status, said) = verified(&root, &other.path().join("recorder.key"));
-    assert!(status == Some(1) && said.contains(".pub"), "{said}");
-    // Without signatures there is nothing to verify.
-    let (status, said) = verified(made().path(), &key);
-    assert!(status == Some(1) && said.contains("no signature"), "{said}");
-}
-
-#[test]
-fn a_store_forged_with_all_its_digests_is_sound_and_lacks_its_signature() {
-    for keep_signatures in [true, false] {
-        let (dir, key) = signed();
-        let root = dir.path().join("store");
-        forge(&root, keep_signatures);
-        // An opening without the key brings the sums up to the forged chain.
-        drop(open(&root));
-        let report = verify(&RealDisk, &root);
-        assert!(report.is_sound(), "whoever rewrites all of it leaves no trace: {:#?}", report.faults);
-        let (status, said) = verified(&root, &key);
-        let wanted = if keep_signatures { "is not good" } else { "no signature by this key" };
-        assert!(status == Some(1) && said.contains(wanted), "{said}");
-    }
-}
-
-#[test]
-fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_about_the_sound_one() {
-    let (dir, key) = signed();
-    let root = dir.path().join("store");
-    let chain = std::fs::read_to_string(root.join(FLIGHT).join("chain.jsonl")).unwrap();
-    let link: Value = serde_json::from_str(chain.lines().last().unwrap()).unwrap();
-    std::fs::write(dir.path().join("message"), format!("wingd chain {}", link["before"].as_str().unwrap()))
-        .unwrap();
-    std::fs::write(
-        dir.path().join("signature"),
-        hex::decode(link["signature"]["signature"].as_str().unwrap()).unwrap(),
-    )
-    .unwrap();
-    let openssl = Command::new("openssl")
-        .args(["pkeyutl", "-verify", "-rawin", "-pubin", "-inkey"])
-        .arg(&key)
-        .args(["-in", "message", "-sigfile", "signature"])
-        .current_dir(dir.path())
-        .output()
-        .unwrap();
-    assert!(openssl.status.success(), "{}", String::from_utf8_lossy(&openssl.stderr));
-
-    forge(&root, true);
-    let before = std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap();
-    let signing_key = Some(dir.path().join("recorder.key"));
-    let config = StoreConfig { reserve_mb: 0, signing_key, ..StoreConfig::at(&root) };
-    let (_, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
-    assert!(recovery.remarks.iter().any(|remark| remark.contains("not signed")), "{:?}", recovery.remarks);
-    assert_eq!(std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap(), before);
 }

@@ -277,12 +277,18 @@ fn live_results_are_exported_with_units_zones_and_names() {
     let dir = made();
     let csv = stdout(&["export", text(dir.path()), "--format", "csv", "--table", "live"]);
     let mut lines = csv.lines();
-    let heading = "recorder_id,flight,boot_id,utc,number,lift_M1_m,lift_M2_m,lift_M3_m,latency_ms";
     let columns = lines.next().unwrap();
+    let heading =
+        "recorder_id,flight,result_id,boot_id,utc,since_boot_s,exposure_sigma_s,clock_sigma_s,number,";
     assert!(columns.starts_with(heading) && columns.contains(",weight_kg,sigma_weight_kg,"), "{columns}");
-    assert!(columns.ends_with(",program,installation_sha256,parameters,inputs"), "{columns}");
+    assert!(columns.ends_with(",program,installation_sha256,parameters,inputs,schema_version"), "{columns}");
     let row: Vec<&str> = lines.nth(3).unwrap().split(',').collect();
-    assert_eq!(row[1..9], ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"]);
+    let of = |name: &str| row[columns.split(',').position(|column| column == name).unwrap()];
+    let names = ["flight", "boot_id", "utc", "number", "lift_M1_m", "lift_M2_m", "lift_M3_m", "latency_ms"];
+    let said = ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"];
+    assert_eq!(names.map(of), said);
+    assert_eq!((of("exposure_time"), of("schema_version")), (of("utc"), "2"));
+    assert!(of("result_id").starts_with("boot/"), "{}", of("result_id"));
     assert_eq!(csv.lines().count(), 61);
     let one = ["export", text(dir.path()), "--format", "jsonl", "--table", "live", "--flight", "f0002"];
     let objects: Vec<Value> = stdout(&one).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -294,6 +300,11 @@ fn live_results_are_exported_with_units_zones_and_names() {
         (&objects[0]["utc"], &objects[1]["lift_M1_m"]),
         (&json!("2001-09-09T01:46:45Z"), &json!(0.502))
     );
+    let ids = |lines: &str| {
+        let of = |line: &str| line.split(',').nth(2).unwrap().to_owned();
+        lines.lines().skip(1).map(of).collect::<std::collections::BTreeSet<_>>().len()
+    };
+    assert_eq!(ids(&csv), 60, "each result has a key of its own");
     let file = dir.path().with_extension("parquet");
     stdout(&["export", text(dir.path()), "--format", "parquet", "--table", "live", "-o", text(&file)]);
     let bytes = std::fs::read(&file).unwrap();
@@ -348,6 +359,7 @@ fn stress_counts_the_cycles_of_live_results() {
             run(&["stress", place, "--live", "--structure", text(&structure), "--json", "--bending-hz", hz]);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(said.contains(": 1 live results were not solved"), "{said}");
+        crate::json_schemas::holds("stress", &output.stdout);
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
     let load = ask("0.5");

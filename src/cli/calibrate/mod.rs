@@ -17,10 +17,10 @@ use crate::report;
 #[derive(clap::Args)]
 pub struct Args {
     /// The board: pattern, columns, rows and sizes
-    #[arg(long, value_name = "BOARD.toml")]
+    #[arg(long, value_name = "BOARD")]
     board: PathBuf,
     /// Where the camera is written
-    #[arg(long, value_name = "camera.toml")]
+    #[arg(long, value_name = "CAMERA")]
     output: PathBuf,
     /// The result as one JSON object
     #[arg(long)]

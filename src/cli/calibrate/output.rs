@@ -7,6 +7,7 @@ use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
 use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
+use crate::report::number::rounded;
 
 pub(super) fn report(
     calibration: &Calibration,
@@ -130,8 +131,8 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
     }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
         let flat = if bow.significant() { "" } else { " (not significant)" };
-        let (value, sigma) = (1e3 * bow.value_m, 1e3 * bow.sigma_m);
-        text.push_str(&format!("board's bow {name} {value:.3} +- {sigma:.3} mm{flat}\n"));
+        let (value, sigma) = rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
+        text.push_str(&format!("board's bow {name} {value} +- {sigma} mm{flat}\n"));
     }
     if let Some(s) = calibration.stretch.filter(|s| s.stated.is_some()) {
         let note = if s.significant() { "" } else { " (not significant)" };

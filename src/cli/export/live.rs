@@ -1,12 +1,14 @@
 //! `wingd export --table live` goes block by block, so that an hour of results takes no more memory than a minute.
 
-use super::sink::{Sink, Stop, ended};
+use serde_json::Value;
+
+use super::sink::{Notes, Sink, Stop, ended};
 use super::{Args, FormatName, recorder_notes};
 use crate::cli::copy::bar;
 use crate::cli::{Done, Failure};
 use crate::report::export::{LiveColumns, LiveFacts};
 use crate::report::{aircraft, source};
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue, live};
+use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     usage(args)?;
@@ -34,7 +36,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let mut notes = Vec::new();
     let mut empty = columns.empty();
     empty.extend(LiveFacts::empty());
-    let sink = Sink::begin(args, empty, || Ok(recorder_notes(store_id.as_deref())));
+    let sink = Sink::begin(args, empty, || Ok(notes_of(&tables, store_id.as_deref())));
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
             notes.extend(write(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
@@ -46,6 +48,22 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     ended(args, outcome)?;
     notes.iter().for_each(|note| eprintln!("wingd: {note}"));
     Ok(Done::all(notes.is_empty()))
+}
+
+/// Who recorded, and what the results follow from, by the key in column `inputs`.
+fn notes_of(tables: &[LiveTable], store_id: Option<&str>) -> Notes {
+    let mut notes = recorder_notes(store_id);
+    for table in tables {
+        let Some(inputs) = table.source.get(live::names::PROVENANCE).and_then(Value::as_object) else {
+            continue;
+        };
+        let key = Inputs::new(inputs.clone()).key("");
+        let note = (format!("inputs {key}"), Value::from(inputs.clone()).to_string());
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+    notes
 }
 
 /// A flight's rows; what is to be said of its files comes back.

@@ -35,7 +35,10 @@ pub struct Answers {
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let read: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    let fault = || format!("give {N} numbers with commas between them");
+    let fault = || match N {
+        1 => "give a number, with a point".to_owned(),
+        _ => format!("give {N} numbers with commas between them"),
+    };
     read.and_then(|all| all.try_into().ok()).ok_or_else(fault)
 }
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::writer::SetFrame;
-use super::{Args as Simulate, hidden};
+use super::writer::{Moment, SetFrame};
+use super::{Args as Simulate, UnknownWord, hidden};
 use crate::cli::Failure;
 use crate::measure::render::{Light, Random, Scene};
 
@@ -29,6 +29,52 @@ pub struct Args {
     /// Lift of each of three gusts, m
     #[arg(long, default_value_t = 0.15, value_name = "M", requires = "seconds")]
     gust: f64,
+    /// One or two bending modes that rough air excites at random: frequency, damping ratio, rms of the tip. They do not end where
+    /// they began
+    #[arg(long, value_delimiter = ',', value_name = "HZ:DAMPING:RMS_M", requires = "seconds", value_parser = Mode::parse)]
+    modes: Vec<Mode>,
+}
+
+/// A mode of the wing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mode {
+    hz: f64,
+    damping: f64,
+    rms_m: f64,
+}
+
+/// Highest of a random swing, in its rms.
+const HIGHEST_RMS: f64 = 4.0;
+
+impl Mode {
+    fn parse(text: &str) -> Result<Self, UnknownWord> {
+        let numbers: Vec<f64> = text.split(':').map_while(|number| number.parse().ok()).collect();
+        match numbers[..] {
+            [hz, damping, rms_m]
+                if hz > 0.0 && damping > 0.0 && damping < 1.0 && (0.0..2.0).contains(&rms_m) =>
+            {
+                Ok(Self { hz, damping, rms_m })
+            }
+            _ => Err(UnknownWord("frequency, damping ratio below 1 and rms, such as 1.3:0.03:0.1".into())),
+        }
+    }
+
+    /// Its swing from frame to frame, m: the oscillator's own recursion, driven by white noise, in its steady state.
+    fn swings(self, rate_hz: f64, count: usize, random: &mut Random) -> Vec<f64> {
+        let omega = std::f64::consts::TAU * self.hz / rate_hz;
+        let decay = (-self.damping * omega).exp();
+        let first = 2.0 * decay * (omega * (1.0 - self.damping.powi(2)).sqrt()).cos();
+        let second = decay * decay;
+        let gain = (1.0 - second) * ((1.0 + second).powi(2) - first * first) / (1.0 + second);
+        let settled = (20.0 / (self.damping * omega)).ceil() as usize;
+        let (mut last, mut before) = (0.0, 0.0);
+        let mut next = || {
+            let now = first * last - second * before + self.rms_m * gain.sqrt() * random.normal();
+            (last, before) = (now, last);
+            now
+        };
+        (0..settled + count).map(|_| next()).skip(settled).collect()
+    }
 }
 
 impl Args {
@@ -40,13 +86,18 @@ impl Args {
             }
             _ if !(self.rate_hz > 0.0 && self.rate_hz <= 100.0) => wrong("--rate-hz: give 0.1 to 100"),
             _ if !(0.0..=2.0).contains(&self.gust) => wrong("--gust: give 0 to 2 m"),
+            _ if self.modes.len() > 2 => wrong("--modes: give one or two"),
+            _ if self.modes.iter().any(|mode| mode.hz >= 0.5 * self.rate_hz) => {
+                wrong("--modes: give frequencies below half of --rate-hz, or they fold")
+            }
             _ => Ok(()),
         }
     }
 
     /// What gusts add to the level lift at most, m.
     pub fn highest_m(&self) -> f64 {
-        self.seconds.map_or(0.0, |_| self.gust * GUSTS_HZ.len() as f64)
+        let modes: f64 = self.modes.iter().map(|mode| HIGHEST_RMS * mode.rms_m).sum();
+        self.seconds.map_or(0.0, |_| self.gust * GUSTS_HZ.len() as f64 + modes)
     }
 }
 
@@ -79,7 +130,9 @@ pub(super) fn shots(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFram
     let seed = |i: u64| args.seed.wrapping_mul(1_000_000).wrapping_add(i);
     let hidden = hidden(&mut random, args.hide, scene.markers.len());
     let ground = args.picture.applied(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time_s: None }];
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time: None }];
+    let swings: Vec<Vec<f64>> =
+        args.gusts.modes.iter().map(|mode| mode.swings(rate_hz, count as usize, &mut random)).collect();
     let walk = scene.setup.uncertainty.mount_drift_rad * (1.0 / (rate_hz * WALK_S)).sqrt();
     for i in 0..count {
         let time_s = i as f64 / rate_hz;
@@ -89,13 +142,18 @@ pub(super) fn shots(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFram
         let step = Vector3::from_fn(|_, _| walk * random.normal());
         mount = Rotation3::from_scaled_axis(step) * mount;
         let swing: f64 = gusts.iter().map(|gust| gust_m * gust.at(time_s)).sum();
-        let mut shot = args.picture.applied(scene.flight_shot(level_m + swing, light, seed(i + 1)));
+        let modes_m: Vec<f64> = swings.iter().filter_map(|swing| swing.get(i as usize).copied()).collect();
+        let first = modes_m.first().copied().unwrap_or_default();
+        let mut shot = args.picture.applied(scene.flight_shot(level_m + swing + first, light, seed(i + 1)));
+        shot.state.second_mode_m = modes_m.get(1).copied().unwrap_or_default();
         shot.light_seed = seed(1);
-        shot.state.load.relief *= 1.0 + RELIEF * gusts[2].at(time_s + 0.1);
+        if gust_m > 0.0 {
+            shot.state.load.relief *= 1.0 + RELIEF * gusts[2].at(time_s + 0.1);
+        }
         shot.mount = mount;
         shot.hidden = hidden.clone();
         let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, time_s: Some(time_s) });
+        frames.push(SetFrame { image, shot, quality, time: Some(Moment { time_s, modes_m }) });
     }
     frames
 }
@@ -120,7 +178,7 @@ mod tests {
         args.gusts.check().unwrap_or_else(|_| unreachable!());
         let scene = crate::cli::simulate::scene(&args).unwrap_or_else(|_| unreachable!());
         let flight = shots(&args, &scene, 20.0).split_off(1);
-        assert_eq!((flight.len(), flight[50].time_s), (1000, Some(1.0)));
+        assert_eq!((flight.len(), flight[50].time.as_ref().map(|time| time.time_s)), (1000, Some(1.0)));
         let lifts: Vec<f64> = flight.iter().map(|f| f.shot.state.tip_lift_m).collect();
         let mean = lifts.iter().sum::<f64>() / 1000.0;
         let scatter = (lifts.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
@@ -134,5 +192,28 @@ mod tests {
         assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");
         assert!(flight.iter().all(|f| f.shot.light_seed == flight[0].shot.light_seed));
         assert!(flight.windows(2).all(|pair| pair[0].shot.seed != pair[1].shot.seed));
+    }
+
+    #[test]
+    fn a_mode_has_its_frequency_damping_and_rms() {
+        let mode = Mode::parse("1.3:0.03:0.1").unwrap();
+        let swing = mode.swings(10.0, 200_000, &mut Random::new(5, 1));
+        let mean = |lag: usize| {
+            swing.iter().zip(&swing[lag..]).map(|(a, b)| a * b).sum::<f64>() / (swing.len() - lag) as f64
+        };
+        assert!((mean(0).sqrt() / 0.1 - 1.0).abs() < 0.03, "{}", mean(0).sqrt());
+        // Yule and Walker: the recursion from its correlations.
+        let (zero, one, two) = (mean(0), mean(1), mean(2));
+        let (first, second) = (
+            one * (zero - two) / (zero * zero - one * one),
+            (zero * two - one * one) / (zero * zero - one * one),
+        );
+        let decay = (-second).sqrt();
+        let (real, imaginary) = (decay.ln(), (0.5 * first / decay).acos());
+        let hz = real.hypot(imaginary) * 10.0 / std::f64::consts::TAU;
+        assert!((hz - 1.3).abs() < 0.01 && (-real / real.hypot(imaginary) - 0.03).abs() < 0.005, "{hz}");
+        for wrong in ["1.3", "1.3:0.03", "0:0.1:0.1", "1:1:0.1", "1:0.1:x"] {
+            assert!(Mode::parse(wrong).is_err(), "{wrong}");
+        }
     }
 }

@@ -10,7 +10,8 @@ use nalgebra::Vector2;
 
 use super::{Done, Failure, frames, print};
 use crate::installation;
-use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
+use crate::measure::plan::{self, PlanOptions};
+use crate::measure::render::{Drawn, Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
 use crate::report::number::count;
 use writer::{SetFrame, write_set};
@@ -49,6 +50,10 @@ pub struct Args {
     /// The camera is mounted anew before this flight frame, counted from 1
     #[arg(long, value_name = "N")]
     remount: Option<usize>,
+    /// Draw errors of what the installation states, and what flight does, by the installation's widths; the installation that
+    /// is written has them, with the widths of what is drawn
+    #[arg(long, requires = "installation")]
+    drawn: bool,
     #[command(flatten)]
     gusts: gusts::Args,
     #[command(flatten)]
@@ -155,13 +160,17 @@ fn side(name: &str) -> Result<Side, UnknownWord> {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     args.gusts.check()?;
     let scene = scene(args)?;
-    let frames = match args.gusts.seconds {
+    let mut frames = match args.gusts.seconds {
         Some(seconds) => gusts::shots(args, &scene, seconds),
         None => shots(args, &scene),
     };
+    let mut stated = scene.setup.clone();
+    if args.drawn {
+        (stated, frames) = drawn(args.seed, &scene, frames);
+    }
     let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
     let bar = frames::progress(frames.len(), "rendering");
-    write_set(&args.output, &name, &scene, &frames, || bar.inc(1))
+    write_set(&args.output, &name, (&scene, &stated), &frames, || bar.inc(1))
         .map_err(|e| Failure::Undone(format!("{e:#}")))?;
     bar.finish_and_clear();
     print(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
@@ -174,6 +183,21 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::All)
 }
 
+/// The frames of one aircraft that the installation allows, and what is stated of it.
+fn drawn(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFrame>) {
+    let mut random = Random::new(seed, 21);
+    let aircraft = Drawn::new(scene, &mut random);
+    let stated = Drawn::stated(scene, &mut random);
+    let shot = |(k, frame): (usize, SetFrame)| {
+        let shot = match k {
+            0 => aircraft.on_ground(frame.shot),
+            _ => aircraft.in_flight(frame.shot, &mut random),
+        };
+        SetFrame { shot, ..frame }
+    };
+    (stated, frames.into_iter().enumerate().map(shot).collect())
+}
+
 fn scene(args: &Args) -> Result<Scene, Failure> {
     let highest = args.tip_lifts.iter().copied().fold(0.5, f64::max) + args.gusts.highest_m();
     let Some(directory) = &args.installation else {
@@ -181,7 +205,13 @@ fn scene(args: &Args) -> Result<Scene, Failure> {
         check(&options)?;
         return Ok(Scene::random(args.seed, &options));
     };
-    let (setup, orientation) = load(directory)?;
+    let (setup, mut orientation) = load(directory)?;
+    if args.drawn && orientation.is_none() {
+        // As it was planned: marks in the frame's corners are seen there alone.
+        let options = PlanOptions { tip_lift_m: highest, ..PlanOptions::default() };
+        let planned = plan::attitude(&setup, None, &options);
+        orientation = Some(planned.map_err(|e| Failure::Undone(format!("{}: {e}", directory.display())))?);
+    }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
     Scene::fitted(&setup, attitude, args.seed, highest)
         .map_err(|e| Failure::Undone(format!("{}: {e}", directory.display())))
@@ -265,7 +295,7 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
     let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
     let ground = args.picture.applied(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time_s: None }];
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time: None }];
     for (i, &lift) in args.tip_lifts.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
         let mut shot = args.picture.applied(scene.flight_shot(lift, light, seed(i + 1)));
@@ -278,7 +308,7 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
         }
         shot.hidden = hidden(&mut random, args.hide, scene.markers.len());
         let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, time_s: None });
+        frames.push(SetFrame { image, shot, quality, time: None });
     }
     frames
 }

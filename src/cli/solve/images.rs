@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::by_hand::ByHand;
 use super::{Args, Output, job, report};
-use crate::cli::{Done, Failure, frames, load_installation, pictures, places};
+use crate::cli::by_hand::ByHand;
+use crate::cli::{Done, Failure, frames, load_installation, pictures, places, say_learnt};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
@@ -19,10 +19,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let files = pictures::expand(&args.images)?;
     let mountings = mountings(args, &files)?;
     let installation = load_installation(&directory)?;
+    say_learnt(&installation);
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::keeping(args);
-    let by_hand = ByHand::read(args, &files, &installation)?;
+    let by_hand = args.observations.as_ref().map(|file| ByHand::read(file, &files, &installation.setup));
+    let by_hand = by_hand.transpose()?.unwrap_or_default();
     let known = Known { installation: &installation, orientation, mountings, by_hand };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {

@@ -1,7 +1,7 @@
 //! `wingd solve` gives one result per image.
 
-mod by_hand;
 mod images;
+mod marks;
 mod report;
 mod store;
 
@@ -75,6 +75,9 @@ pub struct Args {
     /// Of a store: hold air and temperatures as the installation states them, though there are aircraft data
     #[arg(long)]
     no_aircraft_data: bool,
+    /// Of a store: leave out what people marked in its frames (`wingd mark`)
+    #[arg(long)]
+    no_marks: bool,
     /// Print the readable protocol of each adjustment
     #[arg(long, conflicts_with = "json")]
     protocol: bool,

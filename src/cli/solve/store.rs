@@ -1,25 +1,18 @@
 //! `wingd solve STORE` solves the frames of a store again, results beside the old ones.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::{Map, Value};
 
+use super::marks::Marks;
 use super::{Args, Output, job, report};
 use crate::aircraft::Track;
-use crate::camera::Format;
-use crate::cli::{Done, Failure, frames, stores};
+use crate::cli::{Done, Failure, frames, say_learnt, stored, stores};
 use crate::installation::{self, Installation};
-use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, Sighting, stages};
+use crate::pipeline::{self, Job, Sighting};
 use crate::record::{ImageRecord, Reason};
-use crate::report::aircraft;
-use crate::store::manifest::Cause;
-use crate::store::{self, Disk, FlightRef, FrameRef, Inputs, Store, StoreError, catalogue, sets};
-
-/// Kind of a shot's failure where the camera was unplugged or its power cut.
-const GONE: &str = "gone";
+use crate::store::{self, FlightRef, FrameRef, Inputs, Store, sets};
 
 pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
     // Opening would make a store where there is none.
@@ -48,7 +41,7 @@ pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
 fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<Installation, Failure> {
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
-        None => kept(store, flight)?,
+        None => stores::installation_of(store.root(), flight)?,
     };
     let installation = installation::load(&directory)?;
     let files = installation.files()?;
@@ -56,21 +49,27 @@ fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<In
     Ok(installation)
 }
 
-fn kept(store: &Store, flight: &FlightRef) -> Result<PathBuf, Failure> {
-    let of_results = stores::kept(store.root(), flight)?;
-    of_results.map_or_else(|| stores::only_kept(store.root()), |kept| Ok(Some(kept)))?.ok_or_else(|| {
-        let (root, flight) = (store.root().display(), &flight.id);
-        Failure::Undone(format!("{root}: no installation is kept for {flight}; name one with --installation"))
-    })
-}
-
 fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Output) -> Result<(), Failure> {
     let installation = installation_for(args, store, flight)?;
+    say_learnt(&installation);
     let orientation = installation.require_orientation()?;
     let job = job(args);
-    let (track, digest) = aircraft_data(args, store, flight)?;
-    let work =
-        Work { args, store, flight, installation: &installation, orientation, job: &job, track, digest };
+    let (track, digest) = match args.no_aircraft_data {
+        true => (Track::default(), None),
+        false => stored::aircraft_data(store.disk(), store.root(), flight)?,
+    };
+    let marks = Marks::read(args, store, flight, &installation)?;
+    let work = Work {
+        args,
+        store,
+        flight,
+        installation: &installation,
+        orientation,
+        job: &job,
+        track,
+        digest,
+        marks,
+    };
     if args.together() { work.together(output) } else { work.one_by_one(output) }?;
     if let Some(warning) = sets::of_flight(store.disk(), flight)?.warning(&flight.id, None) {
         eprintln!("wingd: {warning}");
@@ -88,29 +87,13 @@ struct Work<'a> {
     /// The aircraft's data, and their digest where there are any.
     track: Track,
     digest: Option<String>,
-}
-
-/// The aircraft's data of a flight, where they are wanted.
-fn aircraft_data(args: &Args, store: &Store, flight: &FlightRef) -> Result<(Track, Option<String>), Failure> {
-    if args.no_aircraft_data {
-        return Ok((Track::default(), None));
-    }
-    let (track, notes) = aircraft::track(store.disk(), store.root(), flight)?;
-    for note in notes {
-        eprintln!("wingd: {note}");
-    }
-    if track.is_empty() {
-        return Ok((track, None));
-    }
-    let digest = store::aircraft::digest(store.disk(), store.root(), flight)?;
-    eprintln!("wingd: {}: air and wing's temperature from {} aircraft samples", flight.id, track.len());
-    Ok((track, digest))
+    marks: Marks,
 }
 
 impl Work<'_> {
     fn one_by_one(&self, output: &mut Output) -> Result<(), Failure> {
         let mut provenance = pipeline::inputs(self.installation, self.job);
-        self.name_aircraft(&mut provenance);
+        self.name_beside(&mut provenance);
         let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_of(self.flight, &inputs)?;
         self.announce(frames.len());
@@ -130,7 +113,7 @@ impl Work<'_> {
         let mut provenance = pipeline::inputs(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256(digests.as_bytes()).into());
-        self.name_aircraft(&mut provenance);
+        self.name_beside(&mut provenance);
         let inputs = Inputs::new(provenance);
         let left = self.store.unsolved_of(self.flight, &inputs)?;
         self.announce(left.len());
@@ -138,7 +121,7 @@ impl Work<'_> {
             return Ok(());
         }
         let mut sightings = Vec::with_capacity(frames.len());
-        let mountings = mountings(self.store.disk(), self.flight)?;
+        let mountings = stored::mountings(self.store.disk(), self.flight)?;
         let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let mounting = mountings.get(&frame.entry.sha256).copied();
             Sighting { mounting, ..self.sight(frame, bytes) }
@@ -152,10 +135,11 @@ impl Work<'_> {
         pairs.try_for_each(|(frame, record)| self.add(frame, &inputs, record, output))
     }
 
-    /// A result follows from the aircraft's data too.
-    fn name_aircraft(&self, provenance: &mut Map<String, Value>) {
-        provenance
-            .extend(self.digest.iter().map(|digest| ("aircraft_data".to_owned(), digest.clone().into())));
+    /// A result follows from the aircraft's data and from what people marked, too.
+    fn name_beside(&self, provenance: &mut Map<String, Value>) {
+        let named = [("aircraft_data", &self.digest), ("marks", &self.marks.digest)];
+        let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
+        provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
     }
 
     fn announce(&self, count: usize) {
@@ -167,16 +151,9 @@ impl Work<'_> {
     }
 
     fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> Sighting {
-        let name = format!("{}/{}", frame.series.id, frame.entry.file);
-        let sighting = match (bytes, Format::of_manifest(&frame.entry.format)) {
-            (Ok(bytes), Ok(format)) => {
-                stages::sight(&name, bytes, Some(&format), self.installation, Some(self.orientation))
-            }
-            (Err(reason), _) => Sighting::failed(name, reason),
-            (_, Err(unknown)) => Sighting::failed(name, Reason::of(unknown)),
-        };
-        let aircraft = self.track.at(&frame.stamp, frame.exposure.as_ref());
-        Sighting { aircraft, ..sighting }
+        let mut sighting = stored::sight(frame, bytes, self.installation, self.orientation, &self.track);
+        sighting.add_by_hand(self.marks.of(&stores::name_of(frame)));
+        sighting
     }
 
     /// As the recorder writes it: under the frame's own name.
@@ -194,23 +171,4 @@ impl Work<'_> {
         self.store.add_result(frame, inputs, value)?;
         output.take(record)
     }
-}
-
-/// Mounting of each frame by its digest: another one after a boot and from where the camera was gone, for nothing tells
-/// that it was not taken down then. The recorder opens it anew before each series by itself, which says nothing. Of
-/// imported pictures nothing is known: none of them stands here.
-fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
-    let mut all = BTreeMap::new();
-    let (mut number, mut boot): (usize, Option<String>) = (0, None);
-    for series in catalogue::series(disk, flight)? {
-        let manifest = catalogue::manifest(disk, &series)?;
-        let shots = manifest.shots.into_iter().filter(|_| manifest.cause != Cause::Imported);
-        for shot in shots {
-            let gone = shot.failures.iter().any(|failure| failure.kind == GONE);
-            let booted = boot.replace(shot.stamp.boot_id.clone()).is_some_and(|b| b != shot.stamp.boot_id);
-            number += usize::from(gone || booted);
-            all.extend(shot.frame.map(|frame| (frame.sha256, Mounting::Numbered(number))));
-        }
-    }
-    Ok(all)
 }

@@ -186,7 +186,7 @@ fn table(readings: &[Reading]) -> Grid {
     let stated = |r: &Reading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
     Grid::each(readings).columns(&[
         ("<picture", &|r| r.image.clone()),
-        ("<exposure by the screen", &|r| format!("{:.3}", r.shown)),
+        ("<exposure by the screen (UTC)", &|r| r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()),
         ("sigma / ms", &|r| ms(Some(r.sigma_s))),
         ("ticks", &|r| r.ticks.to_string()),
         ("command less screen / ms", &|r| ms(Some(r.command_s))),

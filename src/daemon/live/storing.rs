@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::result::LiveResult;
 use super::shared::Shared;
-use super::table::Table;
+use super::table::{Table, Words};
 
 /// A result is durable at most this long after it came, but for the disk's own time.
 const FLUSH: Duration = Duration::from_secs(2);
@@ -24,12 +24,12 @@ pub(super) struct Storing {
 impl Storing {
     /// Until nobody gives results any more.
     pub fn run(self, inbox: &Receiver<Arc<LiveResult>>) {
-        let mut table = None;
+        let (mut table, mut words) = (None, Words::default());
         let mut waiting = Vec::new();
         let mut open = true;
         while open {
             open = gather(inbox, &mut waiting);
-            self.flush(&mut table, &mut waiting);
+            self.flush(&mut table, &mut words, &mut waiting);
         }
         if let Err(error) = self.shared.core.store.close_live() {
             tracing::warn!(%error, "the live results' file is closed at the next start");
@@ -37,10 +37,15 @@ impl Storing {
     }
 
     /// What cannot be written now is kept for the next time, as many as may wait.
-    fn flush(&self, table: &mut Option<Table>, waiting: &mut Vec<Arc<LiveResult>>) {
-        if table.is_none() {
-            let first = waiting.iter().find(|result| result.solved());
-            *table = first.map(|result| Table::of(result, &self.source));
+    fn flush(&self, table: &mut Option<Table>, words: &mut Words, waiting: &mut Vec<Arc<LiveResult>>) {
+        let news = waiting.iter().fold(false, |news, result| words.learn(result) || news);
+        match table.as_mut() {
+            Some(table) if news => table.say(words),
+            Some(_) => {}
+            None => {
+                let first = waiting.iter().find(|result| result.solved());
+                *table = first.map(|result| Table::of(result, &self.source, words));
+            }
         }
         let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else { return self.bound(waiting) };
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();

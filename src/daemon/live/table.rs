@@ -3,10 +3,13 @@
 use serde_json::{Map, Value, json};
 
 use super::result::LiveResult;
-use crate::pipeline::stages::Search;
-use crate::record::{CurveRecord, GlobalTest, ImageRecord, MarkerRecord, TorsionRecord};
-use crate::store::columns::{Column, Kind, LiveTable, Row, UTC};
-use crate::store::live::names;
+use crate::clock::exposure::Source;
+use crate::pipeline::guided::Search;
+use crate::record::{
+    CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Reference, SigmaKind, TorsionRecord, word,
+};
+use crate::store::columns::{Column, Kind, LiveTable, Row};
+use crate::store::live::{ONCE, names};
 
 /// What the rows are of: one result has shown how many markers, stations and pairs there are.
 pub(crate) struct Table {
@@ -15,6 +18,64 @@ pub(crate) struct Table {
     stations: usize,
     pairs: usize,
     terms: usize,
+    words: Words,
+}
+
+/// What the numbers of word columns mean.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Words {
+    /// Sentences of frames without numbers, in the order in which they came.
+    reasons: Vec<String>,
+}
+
+/// Reasons that a table tells apart: each new one begins a file, and there are few but for their numbers.
+const REASONS: usize = 32;
+/// What stands for all further ones.
+const OTHER_REASON: &str = "one of many reasons; the recorder's log has it";
+const SOURCES: [Source; 6] = [
+    Source::StartOfExposure,
+    Source::EndOfFrame,
+    Source::ReleaseEdge,
+    Source::TriggerAndEvent,
+    Source::AskedAndDelivered,
+    Source::CameraClock,
+];
+const SIGMA_KINDS: [SigmaKind; 2] = [SigmaKind::Prior, SigmaKind::Posterior];
+
+impl Words {
+    /// Takes a result's reason in; whether it was new.
+    pub fn learn(&mut self, result: &LiveResult) -> bool {
+        let Some(reason) = &result.record.reason else { return false };
+        let known = self.reasons.contains(reason) || self.reasons.len() > REASONS;
+        if !known {
+            let one = if self.reasons.len() == REASONS { OTHER_REASON } else { reason.as_str() };
+            self.reasons.push(one.to_owned());
+        }
+        !known
+    }
+
+    fn described(&self) -> Value {
+        json!({
+            names::REASON: self.reasons,
+            names::EXPOSURE_SOURCE: SOURCES.map(Source::name),
+            names::SIGMA_KIND: SIGMA_KINDS.map(word),
+            names::TIP_LIFT_SHOWN: Reference::ALL.map(word),
+        })
+    }
+
+    /// In the order of the last columns of [`ONCE`].
+    fn row(&self, result: &LiveResult) -> [f64; 4] {
+        let record = &result.record;
+        let reason = record.reason.as_ref().map(|reason| {
+            let known = self.reasons.iter().position(|one| one == reason);
+            known.unwrap_or(self.reasons.len().saturating_sub(1))
+        });
+        let source = SOURCES.iter().position(|source| *source == result.exposure.exposure_source);
+        let kind = record.sigma_kind.and_then(|kind| SIGMA_KINDS.iter().position(|one| *one == kind));
+        let shown = record.tip.as_ref().and_then(|tip| tip.shown);
+        let shown = shown.and_then(|shown| Reference::ALL.iter().position(|one| *one == shown));
+        [source, reason, kind, shown].map(|place| place.map_or(f64::NAN, |place| place as f64))
+    }
 }
 
 type OfMarker = (&'static str, &'static str, fn(&MarkerRecord) -> Option<f64>);
@@ -48,32 +109,9 @@ const PAIRS: [OfPair; 4] = [
     ("twist", "deg", |t| t.twist_deg),
     ("sigma_twist", "deg", |t| t.sigma_twist_deg),
 ];
-/// Name, unit, kind of what a row has once.
-const ONCE: [(&str, &str, Kind); 19] = [
-    (names::UTC, UTC, Kind::U64),
-    (names::SINCE_BOOT, "s", Kind::F64),
-    ("exposure_sigma", "s", Kind::F32),
-    ("clock_sigma", "s", Kind::F32),
-    (names::NUMBER, "", Kind::U64),
-    ("skipped", "", Kind::U64),
-    ("solved", "", Kind::U8),
-    ("whole_search", "", Kind::U8),
-    ("mounting", "", Kind::U32),
-    ("jolt", "", Kind::U8),
-    ("latency", "ms", Kind::F32),
-    ("variance_factor", "", Kind::F32),
-    ("global_test_passed", "", Kind::U8),
-    ("tip_lift", "m", Kind::F32),
-    ("sigma_tip_lift", "m", Kind::F32),
-    ("tip_lift_ground", "m", Kind::F32),
-    ("sigma_tip_lift_ground", "m", Kind::F32),
-    ("tip_lift_root", "m", Kind::F32),
-    ("sigma_tip_lift_root", "m", Kind::F32),
-];
-
 impl Table {
-    /// From a result with numbers; `source` says what all of them come from.
-    pub fn of(result: &LiveResult, source: &Map<String, Value>) -> Self {
+    /// From a result with numbers; `source` says what all of them come from, `words` what was learnt of reasons.
+    pub fn of(result: &LiveResult, source: &Map<String, Value>, words: &Words) -> Self {
         let record = &result.record;
         let (markers, stations, pairs) = (record.markers.len(), record.curve.len(), record.torsion.len());
         let terms = result.curvature.as_ref().map_or(0, |c| c.per_m.len());
@@ -93,14 +131,24 @@ impl Table {
             ])
             .filter(|column| column.width > 0)
             .collect();
-        let table = LiveTable { source: described(record, source), columns };
-        Self { table, markers, stations, pairs, terms }
+        let words = words.clone();
+        let table = LiveTable { source: described(record, source, &words), columns };
+        Self { table, markers, stations, pairs, terms, words }
+    }
+
+    /// The same with other words, for a file of its own.
+    pub fn say(&mut self, words: &Words) {
+        self.words = words.clone();
+        if let Some(source) = self.table.source.as_object_mut() {
+            source.insert(names::WORDS.to_owned(), words.described());
+        }
     }
 
     /// A result's values.
     pub fn row(&self, result: &LiveResult) -> Row {
         let record = &result.record;
         let mut row = once(result);
+        row.extend(self.words.row(result));
         let none = f64::NAN;
         let used = |i: usize| record.markers.get(i).map_or(none, |m| f64::from(u8::from(m.used)));
         row.extend((0..self.markers).map(used));
@@ -125,7 +173,7 @@ fn column(name: String, unit: &str, kind: Kind, width: usize) -> Column {
     Column { name, unit: unit.to_owned(), kind, width }
 }
 
-/// In the order of [`ONCE`].
+/// In the order of [`ONCE`], without the words.
 fn once(result: &LiveResult) -> Row {
     let (record, exposure) = (&result.record, &result.exposure);
     let flag = |yes: bool| f64::from(u8::from(yes));
@@ -151,17 +199,20 @@ fn once(result: &LiveResult) -> Row {
         or_none(tip.and_then(|tip| tip.sigma_lift_ground_m)),
         or_none(tip.and_then(|tip| tip.lift_root_m)),
         or_none(tip.and_then(|tip| tip.sigma_lift_root_m)),
+        or_none(record.redundancy.map(|redundancy| redundancy as f64)),
+        flag(exposure.clock.synchronised),
     ]
 }
 
 /// What the lists of the columns are of.
-fn described(record: &ImageRecord, source: &Map<String, Value>) -> Value {
+fn described(record: &ImageRecord, source: &Map<String, Value>, words: &Words) -> Value {
     let ids: Vec<&str> = record.markers.iter().map(|m| m.id.as_str()).collect();
     let arcs: Vec<f64> = record.curve.iter().map(|p| p.arc_length_m).collect();
     let pairs: Vec<&str> = record.torsion.iter().map(|t| t.name.as_str()).collect();
     json!({
         names::PROVENANCE: source,
         "method": "live",
+        names::WORDS: words.described(),
         "markers": ids,
         "stations": arcs,
         "torsion": pairs,

@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use crate::daemon::span;
 use crate::report::overview::Overview;
 use crate::report::summary::{Mean, hours_between};
 
@@ -34,15 +35,16 @@ pub fn lift(overview: &Overview, width: f64, height: f64) -> Markup {
     let y = |lift: f64| 6.0 + (high - lift) / (high - low) * (height - BOTTOM - 6.0);
     let path: Vec<String> = points.iter().map(|(h, m)| format!("{:.1},{:.1}", x(*h), y(m.value))).collect();
     let ticks = (0..=((high - low) / step).round() as usize).map(|i| low + i as f64 * step);
-    let hours = if last < 0.01 { "0 h".to_owned() } else { format!("{last:.1} h") };
+    let end =
+        if points.len() > 1 { format!("after {}", span((3600.0 * last).round())) } else { String::new() };
     html! {
         svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(format!("Tip lift over time, {} series", points.len())) {
             @for v in ticks {
                 line.grid x1=(LEFT) y1=(format!("{:.1}", y(v))) x2=(width - 8.0) y2=(format!("{:.1}", y(v))) {}
                 text x=(LEFT - 6.0) y=(format!("{:.1}", y(v) + 4.0)) text-anchor="end" { (format!("{v:.1}")) }
             }
-            text x=(LEFT) y=(height - 4.0) { "m, over hours" }
-            text x=(width - 8.0) y=(height - 4.0) text-anchor="end" { (hours) }
+            text x=(LEFT) y=(height - 4.0) { "tip lift / m" }
+            text x=(width - 8.0) y=(height - 4.0) text-anchor="end" { (end) }
             polyline.curve points=(path.join(" ")) {}
             @if points.len() <= FEW {
                 @for (h, m) in &points {

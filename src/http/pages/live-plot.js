@@ -61,25 +61,24 @@ const plots = (() => {
     return all;
   };
 
-  const axes = (svg, { low, high, step }, { xRange, xTick, xLabel }, { x, y, box }) => {
+  const axes = (svg, { low, high, step }, { xRange, xLabel }, { x, y, box }) => {
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     for (let k = 0; k <= Math.round((high - low) / step); k++) {
       const value = low + k * step;
       element(svg, "line", { class: "grid", x1: box.left, x2: box.right, y1: y(value), y2: y(value) });
       element(svg, "text", { x: box.left - 6, y: y(value) + 4, "text-anchor": "end" }, value.toFixed(digits));
     }
-    const ticks = 4;
-    for (let k = 0; k <= ticks; k++) {
-      const value = xRange[0] + (k / ticks) * (xRange[1] - xRange[0]);
-      const anchor = k === 0 ? "start" : k === ticks ? "end" : "middle";
-      element(svg, "text", { x: x(value), y: box.bottom + 18, "text-anchor": anchor }, xTick(value));
+    const across = roundStep((xRange[1] - xRange[0] || 1) / 5);
+    const places = Math.max(0, -Math.floor(Math.log10(across) + 1e-9));
+    for (let k = Math.ceil(xRange[0] / across - 1e-9); k * across <= xRange[1] + 1e-9 * across; k++) {
+      element(svg, "text", { x: x(k * across), y: box.bottom + 18, "text-anchor": "middle" }, (k * across || 0).toFixed(places));
     }
     element(svg, "text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, xLabel);
   };
 
   // Points: x, y, sigma or null, doubt. `note` is written across; `hole` [from, to] has no results. Returns how many times the
   // band is enlarged.
-  const plot = (svg, points, { xRange, xLabel, yFrom0, xTick, note, noteClass, hole }) => {
+  const plot = (svg, points, { xRange, xLabel, yFrom0, note, noteClass, hole }) => {
     // In the page's own pixels: letters keep their size on a phone.
     const width = Math.max(240, svg.clientWidth);
     const height = Math.max(200, Math.min(320, 0.56 * width));
@@ -96,7 +95,7 @@ const plots = (() => {
     const scale = range(svg.id, seen, yFrom0);
     const x = (value) => box.left + ((value - xRange[0]) / (xRange[1] - xRange[0] || 1)) * (box.right - box.left);
     const y = (value) => box.top + ((scale.high - value) / (scale.high - scale.low)) * (box.bottom - box.top);
-    axes(svg, scale, { xRange, xTick, xLabel }, { x, y, box });
+    axes(svg, scale, { xRange, xLabel }, { x, y, box });
     const clip = element(svg, "clipPath", { id: `${svg.id}-box` });
     const area = { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top };
     element(clip, "rect", area);

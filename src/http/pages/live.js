@@ -129,7 +129,7 @@
     const noteClass = fresh ? "" : "doubtful";
     const range = points.length > 0 ? [points[0].x, points[points.length - 1].x] : [0, 1];
     const enlarged = plots.plot(byId("curve"), points, {
-      xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, xTick: (v) => v.toFixed(1), note, noteClass,
+      xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, note, noteClass,
     });
     text("curve-caption", points.length > 0 ? `Of the bending axis, against the survey. ${band(enlarged)}` : "");
   };
@@ -152,7 +152,7 @@
     const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil((now - history[0].time) / 20))), 0];
     const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? undefined : "No numbers";
     const enlarged = plots.plot(byId(id), points, {
-      xRange: range, xLabel: `${unit}, over seconds`, xTick: (v) => v.toFixed(0), note, noteClass: fresh ? "" : "doubtful",
+      xRange: range, xLabel: `${unit}, over seconds`, note, noteClass: fresh ? "" : "doubtful",
       hole: fresh ? [newest.time - now, 0] : undefined,
     });
     text(`${id}-caption`, band(enlarged));

@@ -3,6 +3,7 @@
 mod curve;
 mod flight;
 mod live;
+mod mark;
 mod series;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -19,6 +20,7 @@ use crate::store::{RealDisk, catalogue};
 
 pub use flight::flight;
 pub use live::live;
+pub use mark::mark;
 pub use series::{frame, series};
 
 const STYLE: &str = include_str!("style.css");
@@ -30,6 +32,11 @@ const DRAWN: usize = 6;
 const MANY_HOURS: f64 = 1000.0;
 
 fn page(title: &str, trail: &Markup, content: &Markup) -> Markup {
+    let nav = html! { a href="/" { "All flights" } (trail) a href="/live" { "Live" } a href="/status.json" { "status.json" } };
+    sheet(title, &nav, content, "read-only")
+}
+
+fn sheet(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -37,17 +44,18 @@ fn page(title: &str, trail: &Markup, content: &Markup) -> Markup {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (title) ", wingd" }
+                link rel="icon" href="data:,";
                 style { (PreEscaped(STYLE)) }
             }
             body {
                 a.skip href="#content" { "To the content" }
                 main {
                     header {
-                        nav aria-label="Where you are" { a href="/" { "All flights" } (trail) a href="/live" { "Live" } a href="/status.json" { "status.json" } }
+                        nav aria-label="Where you are" { (nav) }
                         h1 { (title) }
                     }
                     div id="content" tabindex="-1" { (content) }
-                    footer { "wingd " (env!("CARGO_PKG_VERSION")) ", read-only" }
+                    footer { "wingd " (env!("CARGO_PKG_VERSION")) ", " (kind) }
                 }
             }
         }

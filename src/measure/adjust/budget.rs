@@ -88,7 +88,8 @@ pub fn with_sources<T>(
     with: impl FnOnce(&Sources) -> T,
 ) -> T {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
-    let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
+    let known = if told.is_some() { "frames before" } else { "flights before" };
+    let naming = Naming { observations: &observations, prior: word, known, rest: IMAGE };
     with(&Sources::new(problem, fit, naming, told))
 }
 

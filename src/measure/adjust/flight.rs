@@ -11,16 +11,19 @@
 //! |---|---|
 //! | what is taken for granted until a solution shows it | `assumed.rs`, `mountings.rs` |
 //! | what takes part | `usage.rs` |
-//! | observations, unknowns, conditions, solutions | `frames.rs`, `setting.rs`, `shape.rs`, `solving.rs` |
+//! | observations, unknowns, conditions, solutions | `frames.rs`, `setting.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
 //! | blunders | `blunders.rs` |
-//! | departure, drift and remounts from the data | `tuning.rs` |
+//! | departure, drift, remounts and unstated widths from the data | `tuning.rs`, `widths.rs` |
 //! | a frame's result | `dressing.rs` |
 //! | frame by frame | `live.rs` |
+//! | what it tells later flights | `learning.rs` |
 
 mod assumed;
 mod blunders;
 mod dressing;
 mod frames;
+mod joint;
+mod learning;
 mod live;
 mod mountings;
 mod setting;
@@ -28,20 +31,21 @@ mod shape;
 mod solving;
 mod tuning;
 mod usage;
+mod widths;
 
+pub use learning::learn;
 pub use live::Live;
 
 use self::assumed::Assumed;
-use self::dressing::{dressed, flight_remarks, with_sources};
 use self::frames::Flight;
+use self::joint::Joint;
 use self::mountings::Mountings;
 use super::input::Input;
+use super::outcome::unless_contradicted;
 use super::scene::Scene;
-use super::{AdjustError, Observation, Options, Solution};
+use super::terms::LEAST_DRIFT_RAD;
+use super::{AdjustError, Method, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
-
-/// Rounds in which departure and drift settle once the mountings are found.
-const DEPARTURE_ROUNDS: usize = 3;
 
 /// The rigid-section beam, all frames together; one solution per frame.
 pub fn solve(
@@ -54,20 +58,24 @@ pub fn solve(
         return Ok(vec![]);
     }
     let scene = Scene::new(setup, orientation)?;
-    let input = Input { setup, orientation, scene: &scene, options };
-    let assumed = Assumed::at_first(&input, frames.len(), Mountings::unknown(options.mountings.as_deref()));
-    let mut flight = Flight::new(input, frames, assumed)?;
-    let (solved, mut removed) = flight.without_blunders()?;
-    let solved = flight.tune(solved, 1)?;
-    flight.find_mountings(&solved);
-    let solved = flight.solve(Some(&solved.fit))?;
-    let solved = flight.readmit(solved, &mut removed)?;
-    let rough = flight.tune(solved, DEPARTURE_ROUNDS)?;
-    let solved = flight.finish(&rough.fit)?;
-    Ok(with_sources(&solved, None, |sources| {
-        let one = |frame: usize| {
-            dressed(&flight, &solved, &removed, frame, flight_remarks(&flight, frame), sources)
-        };
-        (0..frames.len()).map(one).collect()
-    }))
+    let solve = |options: &Options| {
+        let joint = Joint::new(Input { setup, orientation, scene: &scene, options }, frames)?;
+        Ok(joint.solutions())
+    };
+    unless_contradicted(options, solve, |solutions| solutions)
+}
+
+/// One frame beside what earlier flights told: a flight of one.
+pub fn one(input: &Input, frame: &[Observation]) -> Result<Solution, AdjustError> {
+    let frames = [frame.to_vec()];
+    let solve = |options: &Options| {
+        let input = Input { options, ..*input };
+        let mountings = Mountings::of_one(options.mountings.as_deref());
+        // Its rotation is its mounting's, which has drifted since the ground frames where the camera stayed.
+        let mut assumed = Assumed::at_first(&input, 1, mountings);
+        assumed.drift_rad = LEAST_DRIFT_RAD;
+        let joint = Joint::alone(Flight::new(input, &frames, assumed)?)?;
+        Ok(joint.solution(Method::Spatial))
+    };
+    unless_contradicted(input.options, solve, std::slice::from_mut)
 }

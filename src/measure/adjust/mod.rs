@@ -7,6 +7,7 @@ mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
+mod factors;
 mod flight;
 pub mod ground;
 mod input;
@@ -18,18 +19,23 @@ mod scene;
 mod shapes;
 mod snooping;
 mod spatial;
+pub mod taught;
 mod term;
 mod terms;
 mod values;
 
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
-pub use flight::{Live, solve as flight};
+pub use flight::{Live, learn, solve as flight};
 pub use profile::solve as profile;
 pub use spatial::solve as spatial;
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 use serde::Serialize;
+
+use self::taught::Taught;
 
 use super::estimation::EstimationError;
 
@@ -64,6 +70,8 @@ pub struct Options {
     /// The mounting of each frame, where the user or the recorder knows it; `None`: a flight looks for remounts in
     /// the frames themselves.
     pub mountings: Option<Vec<Mounting>>,
+    /// What earlier flights of the installation told of all that lasts; the spatial methods take it.
+    pub taught: Option<Arc<Taught>>,
 }
 
 impl Options {
@@ -84,6 +92,7 @@ impl Default for Options {
             snooping_alpha: 0.001,
             mount_prior: None,
             mountings: None,
+            taught: None,
         }
     }
 }

@@ -1,9 +1,11 @@
 //! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
 //! standard deviation.
 
+mod contradicted;
 mod judged;
 mod lifts;
 
+pub use contradicted::unless_contradicted;
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::beam::{Grid, RAISE_TERMS};

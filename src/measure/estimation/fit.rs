@@ -32,7 +32,7 @@ pub struct GroupFit {
     /// Covariance of local with global parameters (local x global).
     pub(super) cross: DMatrix<f64>,
     /// Covariance of the local parameters.
-    pub(super) covariance: DMatrix<f64>,
+    pub covariance: DMatrix<f64>,
     /// Its blocks.
     pub blocks: Vec<BlockFit>,
 }
@@ -117,7 +117,8 @@ impl Fit {
 
     /// What it tells of the global parameters.
     pub fn known(&self) -> Known {
-        Known { mean: self.global.clone(), information: self.information.clone() }
+        let conditions = self.global.len();
+        Known { mean: self.global.clone(), information: self.information.clone(), conditions }
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.

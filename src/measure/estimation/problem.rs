@@ -60,8 +60,10 @@ impl Prior {
 pub struct Known {
     /// Their expected values.
     pub mean: DVector<f64>,
-    /// Inverse of the expectation's covariance.
+    /// Inverse of the expectation's covariance; singular where it tells of some of them, or of sums, alone.
     pub information: DMatrix<f64>,
+    /// As how many conditions it counts: the rank of that.
+    pub conditions: usize,
 }
 
 /// One least-squares problem.

@@ -230,7 +230,7 @@ impl System {
         let covariance = factor(&self.normal, &problem.missing)?.inverse();
         let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
-        conditions += problem.known.as_ref().map_or(0, |known| known.mean.len());
+        conditions += problem.known.as_ref().map_or(0, |known| known.conditions);
         let mut unknowns = state.global.len();
         let mut groups = Vec::with_capacity(self.groups.len());
         let states = state.local.into_iter().zip(state.residuals);

@@ -2,13 +2,14 @@
 
 use nalgebra::Vector2;
 
-use super::Identities;
 use super::beam::State;
 use super::bias::centred;
 use super::fit::{Clutter, Pair, Prior, solve};
 use super::outline::Outline;
 use super::scene::{Scene, usable};
+use super::{Foretold, Identities};
 use crate::detect::{Detection, Expected, Prediction};
+use crate::observation::Observation;
 use crate::setup::Shape;
 
 /// What a wing may do where its markers are known, standard deviations: three terms of the curvature, 1/m, two of the twist,
@@ -28,6 +29,16 @@ pub(super) fn state_of(
     detections: &[Detection],
     identities: &Identities,
 ) -> Option<State> {
+    state_from(scene, detections, identities, super::flight::NEEDED)
+}
+
+/// The same from so many detections at least: names that nobody guessed need none to check them by.
+fn state_from(
+    scene: &Scene<'_>,
+    detections: &[Detection],
+    identities: &Identities,
+    least: usize,
+) -> Option<State> {
     let pairs: Vec<Pair> = identities
         .marker_of
         .iter()
@@ -35,7 +46,7 @@ pub(super) fn state_of(
         .filter_map(|(i, j)| Some((i, (*j)?)))
         .filter(|(i, _)| detections.get(*i).is_some_and(usable))
         .collect();
-    if pairs.len() < super::flight::NEEDED {
+    if pairs.len() < least {
         return None;
     }
     let [a, b, c, d, e] = WING_SIGMAS;
@@ -85,6 +96,51 @@ pub(super) fn expected(
         })
     });
     expected.collect()
+}
+
+/// See [`super::foretell`].
+pub(super) fn foretold(scene: &Scene<'_>, observations: &[Observation]) -> Vec<Foretold> {
+    let (seen, identities) = named(observations);
+    let state = state_from(scene, &seen, &identities, 1).unwrap_or_else(State::zeros);
+    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).enumerate();
+    let foretold = markers.filter_map(|(marker, (surveyed, outline))| {
+        let outline = outline?;
+        let seen = observations.iter().any(|o| o.marker == marker);
+        let prediction = prediction(scene, surveyed.shape, &outline, Vector2::zeros(), seen)?;
+        Some(Foretold { marker, prediction, point_px: outline.point_px })
+    });
+    foretold.collect()
+}
+
+/// See [`super::centre_of`].
+pub(super) fn centre_of(
+    scene: &Scene<'_>,
+    observations: &[Observation],
+    marker: usize,
+    found: &Detection,
+) -> Detection {
+    let others: Vec<Observation> = observations.iter().filter(|o| o.marker != marker).cloned().collect();
+    let (mut seen, mut identities) = named(&others);
+    seen.push(found.clone());
+    identities.marker_of.push(Some(marker));
+    let Some(state) = state_from(scene, &seen, &identities, 1) else { return found.clone() };
+    centred(scene, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+}
+
+/// Observations as detections with names. They are centres already: as crossings no bias is taken from them.
+fn named(observations: &[Observation]) -> (Vec<Detection>, Identities) {
+    let detection = |o: &Observation| Detection {
+        shape: Shape::Quadrant,
+        centre_px: o.pixel,
+        covariance_px2: o.covariance_px2.into(),
+        semi_major_px: 1.0,
+        semi_minor_px: 1.0,
+        angle_rad: 0.0,
+        fit_rms: 0.0,
+        contrast: 0.0,
+    };
+    let marker_of = observations.iter().map(|o| Some(o.marker)).collect();
+    (observations.iter().map(detection).collect(), Identities { marker_of, ..Identities::default() })
 }
 
 /// A marker's image, if it lies in the frame.

@@ -112,6 +112,22 @@ pub(super) fn located(
     }
 }
 
+/// See [`super::onwards`].
+pub(super) fn onwards(
+    scene: &Scene<'_>,
+    found: &[Detection],
+    seen: &[Option<usize>],
+) -> Option<Vec<Prediction>> {
+    if found.len() < NEEDED {
+        return None;
+    }
+    let best = solutions(&Problem::new(scene, found)).into_iter().next()?;
+    let where_to = expected(scene, &best.state, &best.covariance, SIGMAS.1).into_iter().enumerate();
+    let known =
+        |(j, p): (usize, Option<Prediction>)| Some(Prediction { seen: seen.contains(&Some(j)), ..p? });
+    Some(where_to.filter_map(known).collect())
+}
+
 /// The markers to be looked for next: at least so many that have not been, those first whose place is known best.
 fn next(where_to: &[Option<Prediction>], looked: &[bool], least: usize) -> Vec<usize> {
     let far = |j: usize| where_to[j].as_ref().map_or(f64::INFINITY, |p| p.search_px.amax());

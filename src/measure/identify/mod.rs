@@ -36,7 +36,7 @@ use nalgebra::Vector2;
 
 use super::detect::{Detection, Expected, Prediction};
 use super::estimation::quality::critical_w;
-use super::observation::Estimate;
+use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
 pub use explain::Cause;
@@ -193,6 +193,44 @@ pub fn expect(
     known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
+/// Where a frame shows a marker, foretold by the others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Foretold {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Its outline.
+    pub prediction: Prediction,
+    /// Image of its centre, px; the outline's own centre is beside it.
+    pub point_px: Vector2<f64>,
+}
+
+/// Where a frame shows the markers, by observations whose names are beyond doubt, as a person's are: from the first one on,
+/// for nothing is to be checked by them. Without any, as on ground. What lies outside the frame is missing.
+pub fn foretell(setup: &Setup, orientation: &Orientation, observations: &[Observation]) -> Vec<Foretold> {
+    known::foretold(&scene::Scene::new(setup, orientation, true), observations)
+}
+
+/// The same for a ground frame.
+pub fn foretell_on_ground(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+) -> Vec<Foretold> {
+    known::foretold(&scene::Scene::new(setup, orientation, false), observations)
+}
+
+/// A marker that was measured by its outline, with its centre at the image of the marker's centre: the state of the wing is
+/// that of the observations, its own among them.
+pub fn centre_of(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    marker: usize,
+    found: &Detection,
+) -> Detection {
+    known::centre_of(&scene::Scene::new(setup, orientation, true), observations, marker, found)
+}
+
 /// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
 /// survey is blamed.
 pub fn expect_on_ground(
@@ -234,6 +272,17 @@ pub fn locate(
     look: impl FnMut(&[Prediction]) -> Vec<Detection>,
 ) -> Option<Vec<Prediction>> {
     locate::located(&scene::Scene::new(setup, orientation, true), look)
+}
+
+/// Where a frame shows all markers by those of it that are `found` already, near the camera, where they hardly move; those that
+/// an earlier frame showed, by its `identities`, are expected to be seen. `None` where those found do not fit the wing.
+pub fn onwards(
+    setup: &Setup,
+    orientation: &Orientation,
+    found: &[Detection],
+    identities: &Identities,
+) -> Option<Vec<Prediction>> {
+    locate::onwards(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
 }
 
 /// Where the markers may be at all, however the wing is bent: what [`locate`] may look at.

@@ -25,6 +25,12 @@ pub(super) struct Sight {
     pub(super) covariance_px2: Matrix2<f64>,
 }
 
+impl Sight {
+    fn on_ground(&self) -> GroundSight {
+        GroundSight { marker: self.marker, pixel: self.pixel, covariance_px2: self.covariance_px2 }
+    }
+}
+
 /// The adjusted orientation.
 pub(super) struct Adjusted {
     pub(super) orientation: Orientation,
@@ -71,22 +77,6 @@ pub(super) fn bend(
     let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
     let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
     Some(Estimate { value: fit.global[column], sigma: Some(sigma) })
-}
-
-/// Per marker the weighted mean over the frames.
-fn means(markers: usize, sights: &[Sight]) -> Vec<GroundSight> {
-    (0..markers)
-        .filter_map(|marker| {
-            let (mut weights, mut sum) = (Matrix2::zeros(), Vector2::zeros());
-            for sight in sights.iter().filter(|s| s.marker == marker) {
-                let weight = sight.covariance_px2.try_inverse()?;
-                weights += weight;
-                sum += weight * sight.pixel;
-            }
-            let covariance_px2 = weights.try_inverse()?;
-            Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
-        })
-        .collect()
 }
 
 impl Sights<'_> {
@@ -190,7 +180,7 @@ impl Sights<'_> {
             orientation: Orientation {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
-                ground: means(setup.markers.len(), &self.list),
+                ground: GroundSight::means(setup.markers.len(), self.list.iter().map(Sight::on_ground)),
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
             redundancy: fit.redundancy,

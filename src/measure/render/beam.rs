@@ -68,9 +68,29 @@ impl Beam {
         1.0 - (1.0 - self.taper) * eta
     }
 
-    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the tip rises by `tip_lift_m`.
-    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_lift_m: f64) -> Bent {
+    /// Curvature of a uniform cantilever that swings in its second mode, per metre of its tip, 1/m2.
+    fn second_mode(&self) -> Vec<f64> {
+        /// Wave number times length of that mode, and what its end that is free asks for: the second root of cos b cosh b = -1,
+        /// (cosh b + cos b) / (sinh b + sin b).
+        const ROOT: f64 = 4.694_091_132_974_175;
+        let free = (ROOT.cosh() + ROOT.cos()) / (ROOT.sinh() + ROOT.sin());
+        let unit = |i: usize| {
+            let b = ROOT * i as f64 / INTERVALS as f64;
+            b.cosh() + b.cos() - free * (b.sinh() + b.sin())
+        };
+        let slope = integrated(self.step_m(), (0..=INTERVALS).map(unit));
+        let tip = integrated(self.step_m(), slope.into_iter()).last().copied().unwrap_or(1.0);
+        (0..=INTERVALS).map(|i| unit(i) / tip).collect()
+    }
+
+    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the load lifts the tip by `tip_lift_m`; beside that it
+    /// swings in its second mode, by `second_m` at the tip.
+    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_lift_m: f64, second_m: f64) -> Bent {
         let step = self.step_m();
+        let swing: Vec<f64> = match second_m {
+            0.0 => vec![0.0; INTERVALS + 1],
+            _ => self.second_mode().into_iter().map(|curvature| second_m * curvature).collect(),
+        };
         let shear = self.integrated_from_tip(|i| load.load(i as f64 / INTERVALS as f64));
         let mut slope = vec![0.0; INTERVALS + 1];
         let mut moment = slope.clone();
@@ -86,9 +106,9 @@ impl Beam {
                 unit_slope = integrated(step, unit_slope.into_iter());
                 amplitude = tip_lift_m / unit_slope[INTERVALS];
             }
-            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i)).collect();
+            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + swing[i]).collect();
             slope = integrated(step, curvature.iter().copied());
-            let lift = tip_lift(step, ground_slope_rad, &slope);
+            let lift = tip_lift(step, ground_slope_rad, &slope) - second_m;
             if (lift - tip_lift_m).abs() < 1e-12 || lift == 0.0 {
                 break;
             }
@@ -149,7 +169,7 @@ mod tests {
     fn the_tip_rises_as_asked_and_its_end_is_free_of_moment() {
         let beam = beam(0.3);
         for lift in [3.1, -0.8, 0.0] {
-            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, lift);
+            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, lift, 0.0);
             let rise = tip_lift(bent.step_m, &flat(&beam), &bent.slope_rad);
             assert!((rise - lift).abs() < 1e-9, "{rise} for {lift}");
             assert_eq!(*bent.moment.last().unwrap(), 0.0);
@@ -159,11 +179,28 @@ mod tests {
     }
 
     #[test]
+    fn the_second_mode_has_a_node_at_four_fifths_and_is_free_at_the_tip() {
+        // A uniform cantilever: node at 0.783 of the length (any text book of vibrations).
+        let beam = beam(0.3);
+        let load = LoadShape { triangular: 0.3, relief: 0.2 };
+        let rise = |second_m: f64| {
+            let bent = beam.bend(&flat(&beam), &load, 2.0, second_m);
+            integrated(bent.step_m, bent.slope_rad.iter().map(|t| t.sin()))
+        };
+        let swing: Vec<f64> = rise(0.01).iter().zip(rise(0.0)).map(|(a, b)| a - b).collect();
+        assert!((swing[INTERVALS] - 0.01).abs() < 1e-9, "{}", swing[INTERVALS]);
+        let node = swing.iter().skip(10).position(|w| *w > 0.0).unwrap() + 10;
+        assert!((node as f64 / INTERVALS as f64 - 0.783).abs() < 0.02, "{node}");
+        let curvature = beam.second_mode();
+        assert!(curvature[INTERVALS].abs() < 1e-9 * curvature[0].abs());
+    }
+
+    #[test]
     fn a_uniform_beam_under_a_triangular_load_follows_the_text_book() {
         // EI w = q0 L^4 (10 x^2 - 10 x^3 + 5 x^4 - x^5) / 120 for q = q0 (1 - x): slope at the tip
         // over tip deflection times L is 5/4.
         let beam = Beam { taper: 1.0, ..beam(1.0) };
-        let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 1.0, relief: 0.0 }, 0.01);
+        let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 1.0, relief: 0.0 }, 0.01, 0.0);
         let ratio = bent.slope_rad.last().unwrap() * beam.length_m / 0.01;
         assert!((ratio - 1.25).abs() < 1e-4, "{ratio}");
     }

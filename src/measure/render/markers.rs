@@ -42,7 +42,7 @@ impl Marker {
     /// The marker on a deformed wing.
     pub fn placed(&self, pose: &Pose) -> Placed {
         if let Some(point) = self.fixed_m {
-            return self.on_plate(&point);
+            return self.on_plate(&(point + pose.cabin_m));
         }
         let (along, _, normal) = pose.tangents(self.s_m, self.z_m);
         let along = (along - normal * along.dot(&normal)).normalize();

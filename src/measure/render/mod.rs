@@ -15,6 +15,7 @@
 mod beam;
 mod board;
 mod decals;
+mod drawn;
 mod fitted;
 mod layout;
 mod light;
@@ -30,6 +31,7 @@ mod wing;
 
 pub use beam::{Beam, Bent, LoadShape};
 pub use board::BoardPicture;
+pub use drawn::Drawn;
 pub use fitted::FitFault;
 pub use layout::Options;
 pub use light::Light;
@@ -38,4 +40,4 @@ pub use random::Random;
 pub use scene::{Scene, Shot};
 pub use sensor::Sensor;
 pub use truth::{FrameTruth, MarkerTruth};
-pub use wing::{Linear, Pose, Side, State, Wing};
+pub use wing::{Linear, Moved, Pose, Side, State, Wing};

@@ -1,6 +1,6 @@
 //! A wing with its camera, and one shot of it.
 
-use nalgebra::Rotation3;
+use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::beam::LoadShape;
 use super::decals::Clutter;
@@ -9,8 +9,8 @@ use super::markers::{Marker, Placed};
 use super::picture::View;
 use super::random::Random;
 use super::sensor::Sensor;
-use super::wing::{Pose, State, Wing};
-use crate::geometry::WingFrame;
+use super::wing::{Moved, Pose, State, Wing};
+use crate::geometry::{Lens, WingFrame};
 use crate::raster::Raster;
 use crate::setup::Setup;
 
@@ -47,6 +47,10 @@ pub struct Shot {
     pub sensor: Sensor,
     /// Shift of the mount: rotates the camera frame, `exp([mount]x) * camera_from_survey`.
     pub mount: Rotation3<f64>,
+    /// Camera constant over that of the calibration, and shift of the principal point, px.
+    pub lens_change: (f64, Vector2<f64>),
+    /// By how much each marker has moved by itself, in the survey's order, wing frame, m; those beyond its end have not.
+    pub marks_m: Vec<Vector3<f64>>,
     /// Indices of markers that are not there.
     pub hidden: Vec<usize>,
     /// Of the noise.
@@ -62,6 +66,8 @@ impl Scene {
             light_seed: seed,
             sensor: Sensor::default(),
             mount: Rotation3::identity(),
+            lens_change: (1.0, Vector2::zeros()),
+            marks_m: Vec::new(),
             hidden: Vec::new(),
             seed,
         }
@@ -71,9 +77,11 @@ impl Scene {
     pub fn flight_shot(&self, tip_lift_m: f64, light: Light, seed: u64) -> Shot {
         let state = State {
             tip_lift_m,
+            second_mode_m: 0.0,
             load: self.load,
             tip_twist_rad: self.twist_rad_per_m * tip_lift_m,
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
+            moved: Moved::default(),
         };
         Shot { state, light, ..self.ground_shot(seed) }
     }
@@ -93,12 +101,12 @@ impl Scene {
         let pose = self.wing.pose(&shot.state);
         let light = self.illumination(shot, &pose);
         let placed: Vec<Placed> = self
-            .placed(&pose)
+            .placed(&pose, &shot.marks_m)
             .into_iter()
             .enumerate()
             .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
             .collect();
-        let lens = &self.setup.lens;
+        let lens = &self.lens(shot);
         let radiance = View {
             pose: &pose,
             lens,
@@ -115,8 +123,17 @@ impl Scene {
         Illumination::random(shot.light, &mut Random::new(shot.light_seed, 1), pose)
     }
 
-    pub(super) fn placed(&self, pose: &Pose) -> Vec<Placed> {
-        self.markers.iter().map(|marker| marker.placed(pose)).collect()
+    pub(super) fn placed(&self, pose: &Pose, marks_m: &[Vector3<f64>]) -> Vec<Placed> {
+        let mut all: Vec<Placed> = self.markers.iter().map(|marker| marker.placed(pose)).collect();
+        all.iter_mut().zip(marks_m).for_each(|(placed, by)| placed.centre_m += by);
+        all
+    }
+
+    /// The lens in a shot.
+    pub(super) fn lens(&self, shot: &Shot) -> Lens {
+        let (scale, off) = shot.lens_change;
+        let lens = self.setup.lens;
+        Lens { fx: scale * lens.fx, fy: scale * lens.fy, cx: lens.cx + off.x, cy: lens.cy + off.y, ..lens }
     }
 
     /// True attitude of the camera in a shot.

@@ -98,22 +98,27 @@ impl Wing {
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
         let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
-        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m);
+        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m, state.second_mode_m);
+        let Moved { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
         let twist = self.beam.twist(state.tip_twist_rad);
-        let slope: Vec<f64> = ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b).collect();
+        let slope: Vec<f64> =
+            ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b + root_slope_rad).collect();
+        // Points are counted from the camera.
+        let (cabin_m, wing_m) = (-camera_m, root_m - camera_m);
         let x = integrated(step, slope.iter().map(|t| t.cos()));
         let y = integrated(step, slope.iter().map(|t| t.sin()));
         let sections = (0..stations)
             .map(|i| Section {
-                x: self.root_x_m + state.thermal_scale * x[i],
-                y: self.root_y_m + state.thermal_scale * y[i],
+                x: self.root_x_m + wing_m.x + state.thermal_scale * x[i],
+                y: self.root_y_m + wing_m.y + state.thermal_scale * y[i],
                 cos: slope[i].cos(),
                 sin: slope[i].sin(),
-                twist_cos: twist[i].cos(),
-                twist_sin: self.side.aft() * twist[i].sin(),
+                twist_cos: (twist[i] + root_pitch_rad).cos(),
+                twist_sin: self.side.aft() * (twist[i] + root_pitch_rad).sin(),
             })
             .collect();
-        Pose { wing: *self, scale: state.thermal_scale, step_m: step, sections }
+        let wing = Wing { axis_z_m: self.axis_z_m + wing_m.z, ..*self };
+        Pose { wing, cabin_m, scale: state.thermal_scale, step_m: step, sections }
     }
 }
 
@@ -122,18 +127,36 @@ impl Wing {
 pub struct State {
     /// Rise of the axis at its tip by bending, m.
     pub tip_lift_m: f64,
+    /// Swing in the second bending mode, at the tip, m; beside `tip_lift_m`.
+    pub second_mode_m: f64,
     /// Shape of the load.
     pub load: LoadShape,
     /// Nose up positive, rad.
     pub tip_twist_rad: f64,
     /// Length over length on ground.
     pub thermal_scale: f64,
+    /// What moved since the ground frame.
+    pub moved: Moved,
+}
+
+/// How wing and camera moved against the cabin since the ground frame; wing frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moved {
+    /// The projection centre, m.
+    pub camera_m: Vector3<f64>,
+    /// The wing's root, m.
+    pub root_m: Vector3<f64>,
+    /// The root about the span, nose up positive, rad.
+    pub root_pitch_rad: f64,
+    /// The root in the plane of bending, up positive, rad.
+    pub root_slope_rad: f64,
 }
 
 impl State {
     /// At rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
-        Self { tip_lift_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0 }
+        let moved = Moved::default();
+        Self { tip_lift_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, moved }
     }
 }
 
@@ -157,8 +180,10 @@ pub struct Section {
 /// A deformed wing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
-    /// The wing at rest.
+    /// The wing at rest, where its root is.
     pub wing: Wing,
+    /// By how much what is rigid to the cabin is seen moved, m.
+    pub cabin_m: Vector3<f64>,
     /// Length over length on ground.
     pub scale: f64,
     step_m: f64,
@@ -262,7 +287,8 @@ pub(super) mod tests {
 
     #[test]
     fn the_gap_is_nothing_on_the_skin() {
-        let state = State { tip_lift_m: 2.0, tip_twist_rad: 0.03, thermal_scale: 0.9984, load: LOAD };
+        let state =
+            State { tip_lift_m: 2.0, tip_twist_rad: 0.03, thermal_scale: 0.9984, ..State::ground(LOAD) };
         let pose = wing().pose(&state);
         for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
             let point = pose.point(s, z);

@@ -4,6 +4,7 @@ use maud::{Markup, html};
 use nalgebra::Vector2;
 
 use super::super::html::plot::{Axis, Plot, drawing as figure, px};
+use super::super::number::{decimals_for, fixed};
 use crate::measure::calibrate::{Calibration, Projection};
 
 /// Width of the image in a figure, px of the page.
@@ -31,8 +32,8 @@ impl Sheet {
     fn of(c: &Calibration) -> Self {
         let size = Vector2::new(f64::from(c.lens.width), f64::from(c.lens.height));
         let step = super::super::html::round_step(TICKS * size.x / WIDTH);
-        let x = Axis::between(0.0, size.x, step, "u / px");
-        let y = Axis::between(0.0, size.y, step, "v / px").turned();
+        let x = Axis::exactly(0.0, size.x, step, "u / px");
+        let y = Axis::exactly(0.0, size.y, step, "v / px").turned();
         let height = WIDTH * y.width() / x.width();
         Self { plot: Plot { area: [LEFT, TOP, WIDTH, height], x, y }, size, height }
     }
@@ -42,13 +43,15 @@ impl Sheet {
         Vector2::new(x, y)
     }
 
+    /// Cut off at the image's edges.
+    fn inside(&self, content: &Markup) -> Markup {
+        let [left, top, width, height] = self.plot.area.map(px);
+        let part = format!("{left} {top} {width} {height}");
+        html! { svg x=(left) y=(top) width=(width) height=(height) viewBox=(part) overflow="hidden" { (content) } }
+    }
+
     fn draw(&self, label: &str, content: &Markup) -> Markup {
-        let (from, to) = (self.at(Vector2::zeros()), self.at(self.size));
-        let content = html! {
-            (self.plot.frame())
-            rect x=(px(from.x)) y=(px(from.y)) width=(px(to.x - from.x)) height=(px(to.y - from.y)) fill="none" stroke=(INK) {}
-            (content)
-        };
+        let content = html! { (self.plot.frame()) (content) };
         figure(LEFT + WIDTH + RIGHT, TOP + self.height + UNDER, label, &content)
     }
 }
@@ -66,7 +69,7 @@ pub(super) fn distortion(c: &Calibration) -> Markup {
         Some((pixel, pixel - ideal))
     };
     let field: Vec<_> = (0..=16).flat_map(|i| (0..=12).filter_map(move |j| at(i, j))).collect();
-    arrows(c, &field, "distortion", "the distortion, from a pinhole's image to the lens's")
+    arrows(c, &field, "distortion", "how far the lens images a point from where a pinhole would")
 }
 
 /// The mean residual of the cells of the image.
@@ -89,14 +92,14 @@ fn arrows(c: &Calibration, field: &[(Vector2<f64>, Vector2<f64>)], label: &str, 
     let factor = if longest > 0.0 { ARROW / longest } else { 0.0 };
     let key = Vector2::new(LEFT + WIDTH + 14.0, TOP + 24.0);
     let content = html! {
-        @for (at, by) in field { (arrow(sheet.at(*at), by * factor)) }
+        (sheet.inside(&html! { @for (at, by) in field { (arrow(sheet.at(*at), by * factor)) } }))
         (arrow(key, Vector2::new(ARROW, 0.0)))
-        text.tick x=(px(key.x)) y=(px(key.y + 18.0)) { (format!("{longest:.3} px")) }
+        text.tick x=(px(key.x)) y=(px(key.y + 18.0)) { (fixed(Some(longest), decimals_for(longest))) " px" }
     };
     html! {
-        figure {
+        figure.sheet {
             (sheet.draw(label, &content))
-            p.caption { "Arrows: " (meaning) "; the longest is " (format!("{longest:.3}")) " px." }
+            p.caption { "Arrows from their dots: " (meaning) "; the longest is " (fixed(Some(longest), decimals_for(longest))) " px." }
         }
     }
 }
@@ -127,7 +130,7 @@ pub(super) fn coverage(c: &Calibration) -> Markup {
         }
     };
     html! {
-        figure {
+        figure.sheet {
             (sheet.draw("coverage", &content))
             p.caption { "Every point that took part, and their number in each ninth of the image. Where there is none, the lens model alone says what the lens does." }
         }
@@ -157,16 +160,15 @@ fn map(c: &Calibration, projection: &Projection, most: f64) -> Markup {
             @for (i, cell) in row.iter().enumerate() {
                 @if let Some(sigma) = cell {
                     @let (from, to) = (corner(i, j), corner(i + 1, j + 1));
-                    @let (fill, ink) = shade(sigma / most);
-                    rect x=(px(from.x)) y=(px(from.y)) width=(px(to.x - from.x + 0.5)) height=(px(to.y - from.y + 0.5)) fill=(fill) {}
-                    text x=(px((from.x + to.x) / 2.0)) y=(px((from.y + to.y) / 2.0 + 4.0)) text-anchor="middle" font-size="10.5" fill=(ink) { (format!("{sigma:.2}")) }
+                    rect x=(px(from.x)) y=(px(from.y)) width=(px(to.x - from.x + 0.5)) height=(px(to.y - from.y + 0.5)) fill=(shade(sigma / most)) {}
+                    text x=(px((from.x + to.x) / 2.0)) y=(px((from.y + to.y) / 2.0 + 4.0)) text-anchor="middle" font-size="11.5" fill=(INK) { (fixed(Some(*sigma), decimals_for(most))) }
                 }
             }
         }
         (scale(&sheet, most))
     };
     html! {
-        figure {
+        figure.sheet {
             (sheet.draw(&format!("projection uncertainty at {} m", projection.distance_m), &content))
             p.caption {
                 "Standard deviation of the image of a point at " (projection.distance_m) " m, px: "
@@ -177,16 +179,14 @@ fn map(c: &Calibration, projection: &Projection, most: f64) -> Markup {
     }
 }
 
-/// Colour of a share of the largest value, and of a text upon it: from pale yellow to dark blue, as steps of equal
-/// lightness.
-fn shade(share: f64) -> (String, &'static str) {
-    const STOPS: [[f64; 3]; 4] =
-        [[255.0, 250.0, 205.0], [127.0, 205.0, 187.0], [44.0, 127.0, 184.0], [8.0, 29.0, 88.0]];
-    let place = 3.0 * share.clamp(0.0, 1.0);
-    let k = (place as usize).min(2);
+/// Colour of a share of the largest value: from pale yellow to teal, all of them light enough for dark letters, and dark enough
+/// for light ones where the page is inverted.
+fn shade(share: f64) -> String {
+    const STOPS: [[f64; 3]; 3] = [[255.0, 250.0, 205.0], [161.0, 218.0, 180.0], [65.0, 182.0, 196.0]];
+    let place = 2.0 * share.clamp(0.0, 1.0);
+    let k = (place as usize).min(1);
     let mix = |i: usize| STOPS[k][i] + (STOPS[k + 1][i] - STOPS[k][i]) * (place - k as f64);
-    let fill = format!("#{:02x}{:02x}{:02x}", mix(0) as u8, mix(1) as u8, mix(2) as u8);
-    (fill, if share < 0.55 { INK } else { "#ffffff" })
+    format!("#{:02x}{:02x}{:02x}", mix(0) as u8, mix(1) as u8, mix(2) as u8)
 }
 
 /// The colours with their values, px.
@@ -198,7 +198,7 @@ fn scale(sheet: &Sheet, most: f64) -> Markup {
     html! {
         @for k in 0..STEPS {
             rect x=(px(x)) y=(px(TOP + 14.0 + height - step * (k as f64 + 1.0))) width="16" height=(px(step + 0.5))
-                fill=(shade((k as f64 + 0.5) / STEPS as f64).0) {}
+                fill=(shade((k as f64 + 0.5) / STEPS as f64)) {}
         }
         text.tick x=(px(x)) y=(px(TOP + 6.0)) { "sigma / px" }
         @for (value, text) in values.ticks().into_iter().filter(|(value, _)| *value <= most) {
@@ -207,25 +207,30 @@ fn scale(sheet: &Sheet, most: f64) -> Markup {
     }
 }
 
-fn drawing(height: f64, label: &str, content: &Markup) -> Markup {
-    let content = html! { rect width=(WIDTH) height=(px(height)) fill="none" stroke=(INK) {} (content) };
-    figure(WIDTH, height, label, &content)
-}
-
-/// The board's sections, the height enlarged.
+/// The board's sections, from its middle.
 pub(super) fn profiles(c: &Calibration) -> Markup {
-    let height = 120.0;
-    let most = c.bow.iter().map(|b| b.value_m.abs()).fold(f64::MIN_POSITIVE, f64::max);
-    let line = |bow: f64, dashes: &str| {
-        let points: Vec<String> = (0..=40)
-            .map(|k| {
-                let u = f64::from(k) / 20.0 - 1.0;
-                let y = 0.5 * height - 0.4 * height * bow / most * (1.0 - u * u);
-                format!("{:.1},{y:.1}", (0.05 + 0.9 * f64::from(k) / 40.0) * WIDTH)
-            })
-            .collect();
-        html! { polyline points=(points.join(" ")) fill="none" stroke=(INK) stroke-dasharray=(dashes) {} }
+    /// Of the plot, px of the page.
+    const HEIGHT: f64 = 130.0;
+    let most = c.bow.iter().map(|b| b.value_m.abs()).fold(0.0, f64::max);
+    // A hundredth of a millimetre is what a board is measured to.
+    let (unit, label) = if most < 1e-5 { (1e6, "height / µm") } else { (1e3, "height / mm") };
+    let section = |k: usize| {
+        (-20..=20).map(move |i| {
+            let u = f64::from(i) / 20.0;
+            (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u))
+        })
     };
-    let content = html! { (line(c.bow[0].value_m, "none")) (line(c.bow[1].value_m, "5 4")) };
-    drawing(height, "sections of the board", &content)
+    let sections = [section(0).collect::<Vec<_>>(), section(1).collect()];
+    let over = |of: fn(&(f64, f64)) -> f64, label: &str| Axis::over(sections.iter().flatten().map(of), label);
+    let plot = Plot {
+        area: [LEFT, TOP, WIDTH, HEIGHT],
+        x: over(|p| p.0, "from the board's middle / m"),
+        y: over(|p| p.1, label),
+    };
+    let content = html! {
+        (plot.frame())
+        (plot.line(&sections[0], INK, false))
+        (plot.line(&sections[1], INK, true))
+    };
+    figure(LEFT + WIDTH + RIGHT, TOP + HEIGHT + UNDER, "sections of the board", &content)
 }

@@ -2,7 +2,9 @@
 
 mod figures;
 
+use super::grid::Grid;
 use super::html::document;
+use super::number::{count, fixed, rounded};
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
 use maud::{Markup, html};
@@ -56,7 +58,8 @@ fn summary(c: &Calibration) -> Markup {
     let used = c.view_rms_px.iter().flatten().count();
     html! {
         p {
-            (used) " of " (c.view_rms_px.len()) " pictures, " (c.observations) " points, rms "
+            (used) " of " (count(c.view_rms_px.len(), "picture")) " of " (c.lens.width) " x " (c.lens.height) " px, "
+            (count(c.observations, "point")) ", rms "
             (format!("{:.4}", c.rms_px)) " px; of it " (format!("{:.4}", c.pattern.image_px))
             " px follow the place in the image, " (format!("{:.4}", c.pattern.board_px)) " px that on the board."
             @if let Some(h) = c.halves {
@@ -67,33 +70,44 @@ fn summary(c: &Calibration) -> Markup {
     }
 }
 
+fn verdict(significant: bool) -> String {
+    if significant { "significant" } else { "not significant" }.to_owned()
+}
+
 fn parameters(c: &Calibration) -> Markup {
     let values = values(c);
-    html! {
-        table {
-            thead { tr { th { "parameter" } th { "value" } th { "sigma" } th { "value / sigma" } th { "at 95 %" } } }
-            tbody {
-                @for k in 0..9 {
-                    @let sigma = c.covariance[(k, k)].max(0.0).sqrt();
-                    @let t = (k >= FIRST_DISTORTION && sigma > 0.0).then(|| values[k] / sigma);
-                    @let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
-                    tr {
-                        td { (Lens::PARAMETERS[k]) }
-                        td { (format!("{:.digits$}", values[k])) }
-                        td { @if c.held[k] { "held" } @else { (format!("{sigma:.digits$}")) } }
-                        td { @if let Some(t) = t { (format!("{t:.1}")) } }
-                        td { @if let Some(t) = t { @if t.abs() > SIGNIFICANT { "significant" } @else { "not significant" } } }
-                    }
-                }
-            }
-        }
+    let mut grid = Grid::new(&["<parameter", "value", "sigma", "value / sigma", "<at 95 %"]);
+    for (k, value) in values.iter().enumerate() {
+        let sigma = c.covariance[(k, k)].max(0.0).sqrt();
+        let t = (k >= FIRST_DISTORTION && sigma > 0.0).then(|| value / sigma);
+        let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
+        grid.push(vec![
+            Lens::PARAMETERS[k].to_owned(),
+            fixed(Some(*value), digits),
+            if c.held[k] { "held".to_owned() } else { fixed(Some(sigma), digits) },
+            t.map_or(String::new(), |t| fixed(Some(t), 1)),
+            t.map_or(String::new(), |t| verdict(t.abs() > SIGNIFICANT)),
+        ]);
     }
+    scroll(&grid)
+}
+
+fn scroll(grid: &Grid) -> Markup {
+    html! { div.scroll { (grid.html()) } }
 }
 
 fn correlations(c: &Calibration) -> Markup {
     let denominator =
-        |k: usize| format!("k{} {:.6} +- {:.6}", k + 4, c.lens.denominator[k], c.denominator_sigma[k]);
-    let of = |i: usize, j: usize| correlation(c, i, j).map_or(String::new(), |r| format!("{r:.2}"));
+        |k: usize| format!("k{} {:.6} ± {:.6}", k + 4, c.lens.denominator[k], c.denominator_sigma[k]);
+    let of = |i: usize, j: usize| {
+        correlation(c, i, j).filter(|_| j <= i).map_or(String::new(), |r| format!("{r:.2}"))
+    };
+    let mut titles = vec!["<correlation"];
+    titles.extend(Lens::PARAMETERS);
+    let mut grid = Grid::new(&titles);
+    for (i, name) in Lens::PARAMETERS.iter().enumerate() {
+        grid.push(std::iter::once((*name).to_owned()).chain((0..9).map(|j| of(i, j))).collect());
+    }
     html! {
         @if c.lens.denominator != [0.0; 3] {
             p {
@@ -101,57 +115,45 @@ fn correlations(c: &Calibration) -> Markup {
                 ". The other parameters' standard deviations hold while it stays as it is."
             }
         }
-        table {
-            thead { tr { th { "correlation" } @for name in Lens::PARAMETERS { th { (name) } } } }
-            tbody { @for i in 0..9 { tr { td { (Lens::PARAMETERS[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
-        }
+        (scroll(&grid))
     }
 }
 
 fn board(c: &Calibration) -> Markup {
+    let mut grid = Grid::new(&["<direction", "side / m", "bow / mm", "sigma / mm", "<at 95 %"]);
+    for (k, name) in ["along the rows", "across them"].iter().enumerate() {
+        let bow = &c.bow[k];
+        let (height, sigma) = rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
+        let side = fixed(Some(c.board_side_m[k]), 3);
+        grid.push(vec![(*name).to_owned(), side, height, sigma, verdict(bow.significant())]);
+    }
     html! {
-        table {
-            thead { tr { th { "direction" } th { "side / m" } th { "bow / mm" } th { "sigma / mm" } th { "at 95 %" } } }
-            tbody {
-                @for (k, name) in ["along the rows", "across them"].iter().enumerate() {
-                    tr {
-                        td { (name) }
-                        td { (format!("{:.3}", c.board_side_m[k])) }
-                        td { (format!("{:.3}", 1e3 * c.bow[k].value_m)) }
-                        td { (format!("{:.3}", 1e3 * c.bow[k].sigma_m)) }
-                        td { @if c.bow[k].significant() { "significant" } @else { "not significant" } }
-                    }
-                }
-            }
-        }
+        (scroll(&grid))
         @if let Some(s) = c.stretch {
             p {
-                (format!("Stretch across over along {:.4} +- {:.4} %", 1e2 * s.value, 1e2 * s.sigma)) ": "
-                @if s.stated.is_some() { "allowed for in the camera, " } @else { "looked for only; the board is taken as described, " }
-                @if s.significant() { "significant" } @else { "not significant" }
+                (format!("Stretch across over along {:.4} ± {:.4} %", 1e2 * s.value, 1e2 * s.sigma)) ", "
+                (verdict(s.significant()))
+                @if s.stated.is_some() { ": allowed for in the camera" } @else { ": looked for only; the board is taken as described" }
                 (format!("; it is worth {:.3} px of the projection at 15 m.", s.worth_px))
             }
         }
-        figure { (figures::profiles(c)) figcaption { "The board's sections through its middle, along and across, the height enlarged." } }
+        figure {
+            (figures::profiles(c))
+            p.caption { "The board's sections through its middle: along the rows (line) and across them (dashes)." }
+        }
     }
 }
 
 fn pictures(c: &Calibration, names: &[&str], left_out: &[Option<String>]) -> Markup {
-    let number = |v: Option<f64>, digits: usize| v.map_or(String::new(), |v| format!("{v:.digits$}"));
-    html! {
-        table {
-            thead { tr { th { "picture" } th { "points" } th { "rms / px" } th { "tilt / deg" } th { "left out" } } }
-            tbody {
-                @for (k, name) in names.iter().enumerate() {
-                    tr {
-                        td { (name) }
-                        td { (c.view_points[k]) }
-                        td { (number(c.view_rms_px[k], 4)) }
-                        td { (number(c.tilt_deg[k], 1)) }
-                        td { @if let Some(reason) = &left_out[k] { (reason) } }
-                    }
-                }
-            }
-        }
+    let mut grid = Grid::new(&["<picture", "points", "rms / px", "tilt / deg", "<left out"]);
+    for (k, name) in names.iter().enumerate() {
+        grid.push(vec![
+            (*name).to_owned(),
+            c.view_points[k].to_string(),
+            fixed(c.view_rms_px[k], 4),
+            fixed(c.tilt_deg[k], 1),
+            left_out[k].clone().unwrap_or_default(),
+        ]);
     }
+    scroll(&grid)
 }

@@ -5,6 +5,9 @@ use crate::aircraft::Quantity;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Parameters, Term, TorsionRecord, word};
 use crate::store::installations;
 
+/// Of the columns' names, units and meanings (docs/tables.md). Columns may be added to a version, never changed or removed.
+pub const SCHEMA_VERSION: i64 = 2;
+
 /// Values of one column; `None` where there is none.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
@@ -175,7 +178,17 @@ fn image_rows<'a>(table: Table, series: &'a SeriesData, image: &'a ImageRecord) 
     }
 }
 
-fn text(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<String>) -> Column {
+/// A column of one word.
+pub(super) fn text(name: &str, value: Option<&str>, rows: usize) -> Column {
+    Column { name: name.to_owned(), values: Values::Text(vec![value.map(str::to_owned); rows]) }
+}
+
+/// Which version of the columns a row has: in every table.
+pub(super) fn schema_version(rows: usize) -> Column {
+    Column { name: "schema_version".to_owned(), values: Values::Count(vec![Some(SCHEMA_VERSION); rows]) }
+}
+
+fn words(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<String>) -> Column {
     Column { name: name.to_owned(), values: Values::Text(rows.iter().map(of).collect()) }
 }
 
@@ -193,30 +206,36 @@ fn flag(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<bool>) -> Column {
     Column { name: name.to_owned(), values: Values::Flag(rows.iter().map(of).collect()) }
 }
 
+/// The key of a shot's results in its recorder.
+pub(super) fn result_id(series: &str, shot: u32) -> String {
+    format!("{series}/{shot}")
+}
+
 fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
     let utc = |row: &Row| Some(row.shot?.stamp.as_ref()?.utc.as_microsecond());
     let exposure = |row: &Row| row.shot.and_then(|shot| shot.exposure.clone());
     let exposed = |row: &Row| Some(exposure(row)?.exposure_time.as_microsecond());
     let stamp = |row: &Row| row.shot.and_then(|shot| shot.stamp.clone());
     vec![
-        text(rows, "recorder_id", |_| common.store_id.clone()),
-        text(rows, "flight", |_| Some(series.flight.clone())),
-        text(rows, "series", |_| Some(series.name.clone())),
+        words(rows, "recorder_id", |_| common.store_id.clone()),
+        words(rows, "flight", |_| Some(series.flight.clone())),
+        words(rows, "result_id", |row| Some(result_id(&series.name, row.shot?.number))),
+        words(rows, "series", |_| Some(series.name.clone())),
         count(rows, "shot", |row| Some(row.shot?.number as usize)),
-        text(rows, "image", |row| {
+        words(rows, "image", |row| {
             row.image.map(|i| i.image.clone()).or_else(|| row.shot.and_then(|s| s.image.clone()))
         }),
-        text(rows, "image_sha256", |row| row.shot?.sha256.clone()),
+        words(rows, "image_sha256", |row| row.shot?.sha256.clone()),
         Column { name: "utc".to_owned(), values: Values::Time(rows.iter().map(utc).collect()) },
         flag(rows, "utc_synchronised", |row| Some(stamp(row)?.utc_synchronised)),
-        text(rows, "boot_id", |row| Some(stamp(row)?.boot_id)),
+        words(rows, "boot_id", |row| Some(stamp(row)?.boot_id)),
         number(rows, "since_boot_s", |row| Some(stamp(row)?.since_boot_s)),
         Column { name: "exposure_time".to_owned(), values: Values::Time(rows.iter().map(exposed).collect()) },
         number(rows, "exposure_sigma_s", |row| Some(exposure(row)?.exposure_sigma_s)),
-        text(rows, "exposure_source", |row| Some(exposure(row)?.exposure_source.name().to_owned())),
+        words(rows, "exposure_source", |row| Some(exposure(row)?.exposure_source.name().to_owned())),
         number(rows, "clock_sigma_s", |row| exposure(row)?.clock_sigma_s),
-        text(rows, "status", |row| Some(status(row))),
-        text(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
+        words(rows, "status", |row| Some(status(row))),
+        words(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
     ]
 }
 
@@ -247,7 +266,7 @@ fn shot_columns(rows: &[Row]) -> Vec<Column> {
     columns.extend(aircraft_columns(rows));
     let failures = |row: &Row| row.shot.map(|s| s.failures.join("; ")).filter(|text| !text.is_empty());
     columns.push(count(rows, "failed_attempts", |row| Some(row.shot?.failures.len())));
-    columns.push(text(rows, "camera_failures", failures));
+    columns.push(words(rows, "camera_failures", failures));
     columns
 }
 
@@ -255,29 +274,30 @@ fn shot_columns(rows: &[Row]) -> Vec<Column> {
 fn provenance(series: &SeriesData, rows: &[Row]) -> Vec<Column> {
     let parameters = |p: &Parameters| serde_json::to_string(p).ok();
     vec![
-        text(rows, "program", |row| row.image?.provenance.program.clone()),
-        text(rows, "installation_sha256", |row| installations::named(&row.image?.provenance.files)),
-        text(rows, "parameters", |row| row.image?.provenance.parameters.as_ref().and_then(parameters)),
-        text(rows, "inputs", |row| row.image.and(series.inputs.clone())),
+        words(rows, "program", |row| row.image?.provenance.program.clone()),
+        words(rows, "installation_sha256", |row| installations::named(&row.image?.provenance.files)),
+        words(rows, "parameters", |row| row.image?.provenance.parameters.as_ref().and_then(parameters)),
+        words(rows, "inputs", |row| row.image.and(series.inputs.clone())),
+        schema_version(rows.len()),
     ]
 }
 
 fn image_columns(rows: &[Row]) -> Vec<Column> {
     vec![
-        text(rows, "method", |row| row.image.map(|i| word(i.method))),
+        words(rows, "method", |row| row.image.map(|i| word(i.method))),
         flag(rows, "flight_adjustment", |row| row.image.map(|i| i.flight)),
         number(rows, "variance_factor", |row| row.image?.variance_factor),
         count(rows, "redundancy", |row| row.image?.redundancy),
-        text(rows, "global_test", |row| row.image?.global_test.map(word)),
-        text(rows, "sigma_kind", |row| row.image?.sigma_kind.map(word)),
-        text(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
+        words(rows, "global_test", |row| row.image?.global_test.map(word)),
+        words(rows, "sigma_kind", |row| row.image?.sigma_kind.map(word)),
+        words(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
         number(rows, "tip_lift_m", |row| row.image?.tip.as_ref().map(|t| t.lift_m)),
         number(rows, "tip_sigma_lift_m", |row| row.image?.tip.as_ref()?.sigma_lift_m),
         number(rows, "tip_lift_ground_m", |row| row.image?.tip.as_ref()?.lift_ground_m),
         number(rows, "tip_sigma_lift_ground_m", |row| row.image?.tip.as_ref()?.sigma_lift_ground_m),
         number(rows, "tip_lift_root_m", |row| row.image?.tip.as_ref()?.lift_root_m),
         number(rows, "tip_sigma_lift_root_m", |row| row.image?.tip.as_ref()?.sigma_lift_root_m),
-        text(rows, "tip_lift_shown", |row| row.image?.tip.as_ref()?.shown.map(word)),
+        words(rows, "tip_lift_shown", |row| row.image?.tip.as_ref()?.shown.map(word)),
     ]
 }
 
@@ -314,7 +334,7 @@ fn point_columns(rows: &[Row]) -> Vec<Column> {
 /// The terms of a list count from 1.
 fn parameter_columns(rows: &[Row]) -> Vec<Column> {
     vec![
-        text(rows, "parameter", |row| row.parameter.map(|p| p.name.to_owned())),
+        words(rows, "parameter", |row| row.parameter.map(|p| p.name.to_owned())),
         count(rows, "index", |row| Some(row.parameter?.index? + 1)),
         number(rows, "value", |row| Some(row.parameter?.measured?.value)),
         number(rows, "sigma", |row| row.parameter?.measured?.sigma),
@@ -327,10 +347,10 @@ fn marker_number(rows: &[Row], name: &str, of: impl Fn(&MarkerRecord) -> Option<
 
 fn marker_columns(rows: &[Row]) -> Vec<Column> {
     vec![
-        text(rows, "marker", |row| row.marker.map(|m| m.id.clone())),
-        text(rows, "shape", |row| row.marker.map(|m| m.shape.name().to_owned())),
+        words(rows, "marker", |row| row.marker.map(|m| m.id.clone())),
+        words(rows, "shape", |row| row.marker.map(|m| m.shape.name().to_owned())),
         flag(rows, "used", |row| row.marker.map(|m| m.used)),
-        text(rows, "marker_reason", |row| row.marker.and_then(|m| m.reason.clone())),
+        words(rows, "marker_reason", |row| row.marker.and_then(|m| m.reason.clone())),
         marker_number(rows, "u_px", |m| m.u_px),
         marker_number(rows, "v_px", |m| m.v_px),
         marker_number(rows, "sigma_u_px", |m| m.sigma_u_px),

@@ -13,6 +13,8 @@ pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>
         let record = series.record_of(shot);
         let stamp = shot.stamp.as_ref();
         let line = json!({
+            "schema_version": super::columns::SCHEMA_VERSION,
+            "result_id": super::columns::result_id(&series.name, shot.number),
             "recorder_id": store_id,
             "flight": series.flight,
             "series": series.name,

@@ -11,7 +11,7 @@ mod vtk_xml;
 
 use std::io::Write;
 
-pub use columns::{Column, Common, Table, Values, columns};
+pub use columns::{Column, Common, SCHEMA_VERSION, Table, Values, columns};
 pub use lines::lines;
 pub use live::{LiveColumns, json_rows};
 pub use live_facts::LiveFacts;

@@ -39,7 +39,7 @@ impl Sheet {
         }
     }
 
-    /// Headings of numbers on two lines: the unit, or the second word, under the first.
+    /// Headings on two lines: the unit, or the second word, under the first.
     fn folded(mut self) -> Self {
         for title in &mut self.titles {
             let text = title.concat();
@@ -47,6 +47,21 @@ impl Sheet {
             if let Some((first, second)) = parted.filter(|_| text.chars().count() > 6) {
                 *title = vec![first.to_owned(), second.to_owned()];
             }
+        }
+        self
+    }
+
+    /// Headings on as many lines as what stands below them asks for.
+    fn tight(mut self) -> Self {
+        if self.width() <= TERMINAL {
+            return self;
+        }
+        for k in 0..self.titles.len() {
+            let cells = self.rows.iter().filter_map(|row| row.get(k)).flatten();
+            let below = cells.map(|line| line.chars().count()).max().unwrap_or(0);
+            let title = self.titles[k].join(" ");
+            let longest = parts(&title).map(|part| part.trim_end().chars().count()).max().unwrap_or(0);
+            self.titles[k] = packed(&title, below.max(longest));
         }
         self
     }
@@ -117,12 +132,32 @@ pub(super) fn text(grid: &Grid, width: Width) -> String {
         return folded.text();
     }
     let left_out = grid.columns.iter().filter(|c| c.spare).count();
-    let text = Sheet::of(grid, |column| !column.spare).folded().broken().text();
+    let text = Sheet::of(grid, |column| !column.spare).folded().tight().broken().text();
     match left_out {
         0 => text,
         1 => format!("{text}1 more column: --wide\n"),
         n => format!("{text}{n} more columns: --wide\n"),
     }
+}
+
+/// What may stand on a line of its own: words, and parts of words up to a hyphen.
+fn parts(text: &str) -> impl Iterator<Item = &str> {
+    text.split_inclusive([' ', '-'])
+}
+
+/// Parts of a heading on lines of at most so many characters.
+fn packed(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for part in parts(text) {
+        let used = lines.last().map_or(0, |line| line.chars().count());
+        if used > 0 && used + part.trim_end().chars().count() > width {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            line.push_str(part);
+        }
+    }
+    lines.iter().map(|line| line.trim_end().to_owned()).collect()
 }
 
 /// Words on lines of at most so many characters; a longer word has a line of its own.
@@ -186,6 +221,15 @@ mod tests {
         assert!(
             folded.lines().nth(1).is_some_and(|line| line.contains("m") && !line.contains("angle")),
             "{folded}"
+        );
+        let mut whole = Grid::new(&["<in", "ground-air-ground / kN m", "command less screen / ms"]);
+        whole.push(vec!["a-name-of-forty-characters-and-no-blanks".into(), "1972".into(), "-5.8".into()]);
+        whole.columns[0].title = "x".repeat(50);
+        let tight = whole.text();
+        assert!(tight.lines().all(|line| line.chars().count() <= 80), "{tight}");
+        assert!(
+            tight.lines().nth(1).is_some_and(|line| line.contains("air-") && line.contains("less")),
+            "{tight}"
         );
         let spare = grid(&["<name", "~a", "~b", "c"], "a cell of thirty characters !!").text();
         assert!(spare.contains("2 more columns: --wide"), "{spare}");

@@ -50,6 +50,15 @@ impl Axis {
         }
     }
 
+    /// From `low` to `high`, with ticks at the multiples of a step between them.
+    pub fn exactly(low: f64, high: f64, step: f64, label: &str) -> Self {
+        Self {
+            low,
+            high: if high > low { high } else { low + step },
+            ..Self::between(low, high, step, label)
+        }
+    }
+
     /// Covers hours since `zero`, with times of day (UTC) at its ticks.
     pub fn over_hours(hours: impl Iterator<Item = f64>, zero: Option<jiff::Timestamp>) -> Self {
         let Some(zero) = zero else { return Self::over(hours, "time since the first series / h") };
@@ -97,9 +106,12 @@ impl Axis {
 
     /// Positions of the ticks and their texts.
     pub fn ticks(&self) -> Vec<(f64, String)> {
-        let n = ((self.high - self.low) / self.step).round() as usize;
+        // Times of day begin at a whole one, which is no multiple of the step since `clock`.
+        let first =
+            if self.clock.is_some() { self.low } else { (self.low / self.step - 1e-6).ceil() * self.step };
+        let n = ((self.high - first) / self.step + 1e-6).floor() as usize;
         let decimals = (-self.step.log10().floor()).clamp(0.0, 9.0) as usize;
-        let tick = |i: usize| self.low + i as f64 * self.step;
+        let tick = |i: usize| first + i as f64 * self.step;
         let sign = if self.turned { -1.0 } else { 1.0 };
         let time = |hours: f64| {
             let moment = self.clock?.checked_add(jiff::SignedDuration::from_secs_f64(3600.0 * hours)).ok()?;
@@ -151,6 +163,14 @@ mod tests {
         assert_eq!(axis.range(), (0.0, 3.0));
         let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
         assert_eq!(texts, ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5", "3.0"]);
+    }
+
+    #[test]
+    fn an_images_axis_ends_where_the_image_does() {
+        let axis = Axis::exactly(0.0, 960.0, 200.0, "v / px").turned();
+        assert_eq!(axis.range(), (-960.0, 0.0));
+        let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
+        assert_eq!(texts, ["800", "600", "400", "200", "0"]);
     }
 
     #[test]

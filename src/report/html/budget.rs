@@ -2,16 +2,17 @@
 
 use maud::{Markup, html};
 
-use super::super::number::fixed;
+use super::super::number::{count, fixed};
 use super::super::{ReportData, distinct, summary, table};
-use crate::record::{BudgetShare, ImageRecord, Tip};
+use crate::record::{BudgetShare, GlobalTest, ImageRecord, Tip};
 
 /// The section; a sentence where no result has a budget.
 pub fn section(data: &ReportData) -> Markup {
     let reference = summary::reference(&data.series);
     let records = || data.series.iter().flat_map(summary::solved);
     let of_it = |r: &&ImageRecord| r.tip.as_ref().and_then(|tip| tip.shown) == Some(reference);
-    let split: Vec<&ImageRecord> = records().filter(of_it).filter(|r| !r.budget.is_empty()).collect();
+    let all: Vec<&ImageRecord> = records().filter(of_it).filter(|r| !r.budget.is_empty()).collect();
+    let split = accepted(&all);
     let shares = mean(&split);
     html! {
         h2 id="budget" { "What the uncertainty comes from" }
@@ -22,10 +23,20 @@ pub fn section(data: &ReportData) -> Markup {
             div.scroll { (table::budget(&shares).html()) }
             p.caption {
                 "Shares of the variance of the tip marker's lift " (reference.words()) ", by propagation through the adjustment as it was weighted; mean over "
-                (split.len()) " of " (records().count()) " solved frames. Beside a share stands the standard deviation that would be left if the source were known without error; images and survey are never that."
+                (split.len()) " of " (count(records().count(), "solved frame"))
+                @if split.len() < all.len() { ", without those whose global test rejects the model" }
+                ". Beside a share stands the standard deviation that would be left if the source were known without error; images and survey are never that. It is not what the other shares add up to: a source that is known tells of the others, too."
             }
         }
     }
+}
+
+/// Frames whose standard deviations are those of the sources; all where there are no others. A rejected frame's are scaled by
+/// what its residuals say, which no source explains.
+fn accepted<'a>(all: &[&'a ImageRecord]) -> Vec<&'a ImageRecord> {
+    let passed: Vec<_> =
+        all.iter().filter(|r| r.global_test != Some(GlobalTest::Rejected)).copied().collect();
+    if passed.is_empty() { all.to_vec() } else { passed }
 }
 
 /// Means over frames; a source that a frame does not have has no share there, and brings nothing.

@@ -190,8 +190,14 @@ struct Track<'a> {
 }
 
 impl Track<'_> {
-    fn means(&self, summaries: &[SeriesSummary]) -> Vec<(f64, Mean)> {
-        summaries.iter().filter_map(|s| Some((s.hour, (self.mean)(s)?))).collect()
+    /// Each stands at the mean time of its frames.
+    fn means(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> Vec<(f64, Mean)> {
+        let of = |(s, summary): (&SeriesData, &SeriesSummary)| {
+            let with = solved(s).into_iter().filter(|r| (self.shot)(r).is_some());
+            let hours: Vec<(f64, _)> = with.map(|r| (hour(s, summary, &r.image), None)).collect();
+            Some((Mean::of(&hours).map_or(summary.hour, |at| at.value), (self.mean)(summary)?))
+        };
+        series.iter().zip(summaries).filter_map(of).collect()
     }
 
     fn shots(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> Vec<(f64, f64, String)> {
@@ -262,7 +268,8 @@ fn over_time(
     height: f64,
     tracks: &[Track],
 ) -> Markup {
-    let drawn: Vec<_> = tracks.iter().map(|t| (t, t.means(summaries), t.shots(series, summaries))).collect();
+    let drawn: Vec<_> =
+        tracks.iter().map(|t| (t, t.means(series, summaries), t.shots(series, summaries))).collect();
     let ends = |(_, m): &(f64, Mean)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
     let means = || drawn.iter().flat_map(|d| d.1.iter());
     let shots = || drawn.iter().flat_map(|d| d.2.iter());

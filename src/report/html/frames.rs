@@ -51,7 +51,7 @@ pub fn section(data: &ReportData) -> Markup {
                     p { "Of " (total) " frames with a result the " (data.frames.len()) " that are to be looked at first." }
                 }
                 div id="frames" {}
-                script id="frames-data" type="application/json" { (json(&Frames { counted: summary::reference(&data.series).words(), frames })) }
+                script id="frames-data" type="application/json" { (json(&Frames { counted: summary::reference(&data.series).words(), surveyed: data.site.is_some(), frames })) }
             }
         }
     }
@@ -61,6 +61,8 @@ pub fn section(data: &ReportData) -> Markup {
 struct Frames<'a> {
     /// Against what the tips' lifts are counted.
     counted: &'static str,
+    /// Markers stand in the wing frame, as the curves do.
+    surveyed: bool,
     frames: Vec<Frame<'a>>,
 }
 

@@ -14,10 +14,10 @@ mod views;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::number::{NONE, fixed, rounded};
+use super::number::{NONE, count, decimals_for, fixed, rounded};
 use super::source::OF_PICTURES;
 use super::summary::{Mean, SeriesSummary, summaries};
-use super::{ReportData, distinct, table};
+use super::{ReportData, SeriesData, distinct, table};
 use crate::record::ImageRecord;
 
 pub use flights::flights;
@@ -48,7 +48,7 @@ pub fn document(title: &str, main: &Markup, units: &str) -> String {
             body {
                 main {
                     (main)
-                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) }
+                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) span.printed { " Tables that are folded on the screen are not printed." } }
                 }
                 script { (PreEscaped(SCRIPT)) }
             }
@@ -61,19 +61,20 @@ pub fn document(title: &str, main: &Markup, units: &str) -> String {
 pub fn page(data: &ReportData) -> String {
     let summaries = summaries(&data.series);
     let shown = shown_record(data);
+    let named = shown.map(|(series, record)| (name(data, series, record), record));
     let main = html! {
         (head(data, &summaries))
         (contents())
         (notes(data))
-        (deflection(&summaries, shown))
+        (deflection(&summaries, shown.map(|(_, record)| record)))
         (over_time(data, &summaries))
         (aircraft::section(data))
         (tables::series(&summaries))
         (budget::section(data))
         (frames::section(data))
-        (orthographic(data, shown))
-        (frame(data, shown))
-        (tables::solution(shown))
+        (orthographic(data, named.clone()))
+        (frame(data, named.clone()))
+        (tables::solution(named))
         (tables::quality(data))
         (tables::results(data))
         (tables::provenance(data))
@@ -85,12 +86,16 @@ pub fn page(data: &ReportData) -> String {
     )
 }
 
-/// The record to be looked at first, or the first one with numbers.
-fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
-    if let Some(first) = data.frames.first().filter(|frame| frame.record.is_solved()) {
-        return Some(&first.record);
-    }
-    data.series.iter().flat_map(|s| &s.records).find(|r| r.is_solved())
+/// The record to be looked at first, or the first one with numbers, with its series.
+fn shown_record(data: &ReportData) -> Option<(&str, &ImageRecord)> {
+    let ranked = data.frames.iter().map(|frame| (frame.series.as_str(), &frame.record)).take(1);
+    let all = data.series.iter().flat_map(|s| s.records.iter().map(|r| (s.name.as_str(), r)));
+    ranked.chain(all).find(|(_, record)| record.is_solved())
+}
+
+/// A frame's name in the report: where there are several series, with its own.
+fn name(data: &ReportData, series: &str, record: &ImageRecord) -> String {
+    if data.series.len() < 2 { record.image.clone() } else { format!("{series}/{}", record.image) }
 }
 
 fn title(data: &ReportData) -> String {
@@ -106,49 +111,88 @@ fn title(data: &ReportData) -> String {
 }
 
 fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
-    let dates: Vec<_> = data.series.iter().filter_map(|s| s.begun.as_ref()).map(|s| s.utc).collect();
-    let period = match (dates.iter().min(), dates.iter().max()) {
-        (Some(a), Some(b)) => {
-            format!("{} to {} UTC", a.strftime("%Y-%m-%d %H:%M"), b.strftime("%Y-%m-%d %H:%M"))
-        }
-        _ => "times unknown".to_owned(),
-    };
     html! {
         header {
             h1 { "Wing deflection in flight" }
-            p.sub { (title(data)) " | " (period) }
+            p.sub { (title(data)) " | " (period(data)) }
         }
         (tiles(summaries))
     }
 }
 
 fn tiles(summaries: &[SeriesSummary]) -> Markup {
-    let lifts: Vec<_> = summaries.iter().filter_map(|s| s.tip_lift_m).collect();
-    let with_lift = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
-    let largest = with_lift.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m));
-    let (lift, sigma) = rounded(largest.map(|l| l.1.lift_m), largest.and_then(|l| l.1.sigma_m), 3);
-    let at = largest.map_or(String::new(), |(s, one)| {
-        format!("; {} of series {}, begun {} UTC", one.image, s.name, s.begun_text())
-    });
-    let words = summaries.first().map(|s| s.reference).unwrap_or_default().words();
-    // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
-    let ends = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1);
-    let both = ends.and_then(|(a, b)| Some(a.sigma?.hypot(b.sigma?)));
-    let (change, sigma_change) = rounded(ends.map(|(a, b)| b.value - a.value), both, 3);
-    let scatter = |mean: &Mean| table::scatter(Some(*mean));
-    let scatters = ends.map_or(String::new(), |(a, b)| {
-        format!("; single frames scatter by {} and {} m about these means", scatter(a), scatter(b))
-    });
     let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
     let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
     let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
     html! {
         div.tiles {
-            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "greatest tip lift of a single frame ± 1 sigma, " (words) (at) } }
-            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the mean tip lift from the first to the last series ± 1 sigma at most" (scatters) } }
+            (greatest(summaries))
+            (change(summaries))
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
             div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
         }
+    }
+}
+
+/// The greatest lift of a single frame; nothing where no frame has one.
+fn greatest(summaries: &[SeriesSummary]) -> Markup {
+    let with_lift = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let Some((s, one)) = with_lift.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m)) else { return html! {} };
+    let (lift, sigma) = rounded(Some(one.lift_m), one.sigma_m, 3);
+    html! {
+        div.tile {
+            b { (lift) @if sigma != NONE { " ± " (sigma) } " m" }
+            span { "greatest tip lift of a single frame ± 1 sigma, " (s.reference.words()) "; " (one.image) " of series " (s.name) ", begun " (s.begun_text()) " UTC" }
+        }
+    }
+}
+
+/// From the first series with a lift to the last one; of one series its mean, with the scatter that the mean hides.
+fn change(summaries: &[SeriesSummary]) -> Markup {
+    let means: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.tip_lift_m?))).collect();
+    let scatter = |mean: Mean| table::scatter(Some(mean));
+    match means.as_slice() {
+        [(_, mean)] if mean.count > 1 => html! {
+            div.tile { b { (fixed(Some(mean.value), 3)) " m" } span { "mean tip lift of " (mean.count) " frames, which scatter by " (scatter(*mean)) " m about it" } }
+        },
+        [(first, a), .., (last, b)] => {
+            // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
+            let both = a.sigma.zip(b.sigma).map(|(a, b)| a.hypot(b));
+            let (change, sigma) = rounded(Some(b.value - a.value), both, 3);
+            let scattered = a.scatter.or(b.scatter).is_some();
+            html! {
+                div.tile {
+                    b { (change) @if sigma != NONE { " ± " (sigma) } " m" }
+                    span {
+                        "change of the mean tip lift from series " (first.name) " to " (last.name) " ± 1 sigma at most"
+                        @if scattered { "; single frames scatter by " (scatter(*a)) " and " (scatter(*b)) " m about these means" }
+                    }
+                }
+            }
+        }
+        _ => html! {},
+    }
+}
+
+/// From the first shot to the last one.
+fn period(data: &ReportData) -> String {
+    let of = |s: &SeriesData| {
+        s.begun
+            .iter()
+            .chain(s.shots.iter().filter_map(|shot| shot.stamp.as_ref()))
+            .map(|s| s.utc)
+            .collect::<Vec<_>>()
+    };
+    let times: Vec<_> = data.series.iter().flat_map(of).collect();
+    let Some((first, last)) = times.iter().min().zip(times.iter().max()) else {
+        return "times unknown".to_owned();
+    };
+    let text = |format: &str| (first.strftime(format).to_string(), last.strftime(format).to_string());
+    let ((day, last_day), (clock, last_clock)) = (text("%Y-%m-%d"), text("%H:%M"));
+    match (day == last_day, clock == last_clock) {
+        (true, true) => format!("{day} {clock} UTC"),
+        (true, false) => format!("{day} {clock} to {last_clock} UTC"),
+        (false, _) => format!("{day} {clock} to {last_day} {last_clock} UTC"),
     }
 }
 
@@ -188,6 +232,7 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
         figure {
             (figures::deflection(summaries))
             p.caption { "Mean curve of every series, vertical lift of the bending axis against the survey. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+            @if let Some(text) = scattered(summaries) { p.caption { (text) } }
             @if let Some(text) = shown.and_then(marker_and_axis) { p.caption { (text) } }
         }
         figure {
@@ -201,6 +246,20 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
             }
         }
     }
+}
+
+/// Series whose frames differ by more than the band of their mean curve says.
+fn scattered(summaries: &[SeriesSummary]) -> Option<String> {
+    let beyond = |mean: Mean| mean.scatter.filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma));
+    let wide: Vec<_> = summaries.iter().filter_map(|s| Some((s, beyond(s.tip_lift_m?)?))).collect();
+    let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(format!(
+        "Single frames of {} scatter about their mean by more than its band says, at the tip by up to {} m (series {}): each \
+         frame's own curve stands under \"Every frame\".",
+        count(wide.len(), "series"),
+        fixed(Some(largest.1), decimals_for(largest.1)),
+        largest.0.name
+    ))
 }
 
 /// A marker's lift is not the bending axis's where the section turns: said with numbers where they differ.
@@ -240,15 +299,15 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     }
 }
 
-fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
-    let views = shown.and_then(|r| Some((r, views::views(r, data.site.as_ref())?)));
+fn orthographic(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
+    let views = shown.and_then(|(name, r)| Some((name, views::views(r, data.site.as_ref())?)));
     html! {
         h2 id="views" { "Positions in three views" }
-        @if let Some((record, views)) = views {
+        @if let Some((name, views)) = views {
             figure {
                 (views.drawing)
                 p.caption {
-                    (record.image) ", true scale. "
+                    (name) ", true scale. "
                     @if views.surveyed { "Wing frame: origin in the camera's projection centre, X outboard, Y up, Z = X x Y." }
                     @else { "Without the installation (option --installation): axes along the row of markers, ground as flight less lift, no camera." }
                 }
@@ -257,7 +316,7 @@ fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     }
 }
 
-fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
+fn frame(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
     html! {
         h2 id="frame" { "A frame and its markers" }
         @if data.pictures.is_empty() { p { "No frame is at hand." } }
@@ -265,8 +324,8 @@ fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
             @let record = data.frames.iter().find(|f| f.series == p.series && f.record.image == p.image).map(|f| &f.record);
             div.picture data-frame={ (p.series) "/" (p.image) } { (picture::picture(p, record)) }
         }
-        @if let Some(record) = shown {
-            h3 { "Markers of " (record.image) }
+        @if let Some((name, record)) = shown {
+            h3 { "Markers of " (name) }
             div.scroll { (table::markers(record).html()) }
         }
     }

@@ -30,19 +30,21 @@ pub fn results(data: &ReportData) -> Markup {
         @let many = data.series.len() > OPEN;
         @let reference = summary::reference(&data.series);
         p.caption { "Lifts of the tip marker " (reference.words()) "." }
-        @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
-            details open[!many] {
-            summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            @let rows = if s.counts.is_empty() { table::images(&s.records, reference) } else { table::images_counted(&s.records, &s.counts, reference) };
-            div.scroll { (rows.html()) }
+        div.many[many] {
+            @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
+                details open[!many] {
+                    summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
+                    @let rows = if s.counts.is_empty() { table::images(&s.records, reference) } else { table::images_counted(&s.records, &s.counts, reference) };
+                    div.scroll { (rows.html()) }
+                }
             }
         }
     }
 }
 
 /// Parameters of one solution.
-pub fn solution(record: Option<&ImageRecord>) -> Markup {
-    let Some(record) = record else { return html! {} };
+pub fn solution(shown: Option<(String, &ImageRecord)>) -> Markup {
+    let Some((name, record)) = shown else { return html! {} };
     let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
     for term in record.model.terms() {
         let name = term.index.map_or(term.name.to_owned(), |k| format!("{} [{}]", term.name, k + 1));
@@ -56,7 +58,7 @@ pub fn solution(record: Option<&ImageRecord>) -> Markup {
     }
     html! {
         @if !grid.rows.is_empty() {
-            h3 { "Parameters of " (record.image) }
+            h3 { "Parameters of " (name) }
             div.scroll { (grid.html()) }
         }
         @if let Some(correlations) = protocol::correlation_grid(record) {
@@ -101,7 +103,8 @@ fn instants(data: &ReportData) -> Markup {
     let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
     let own_ms = 1e3 * largest(exposures.iter().map(|e| e.exposure_sigma_s).collect());
     let clock: Vec<f64> = exposures.iter().filter_map(|e| e.clock_sigma_s).collect();
-    let mut sources: Vec<&str> = exposures.iter().map(|e| e.exposure_source.name()).collect();
+    let mut sources: Vec<String> =
+        exposures.iter().map(|e| e.exposure_source.name().replace('_', " ")).collect();
     sources.sort_unstable();
     sources.dedup();
     html! {
@@ -154,7 +157,7 @@ fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
             p { "No global test could be made." }
         } @else if rejected == 0 {
             p {
-                "All " (passed) " global tests passed: the residuals do not contradict the model and the stated standard deviations. "
+                @if passed == 1 { "The global test" } @else { "All " (passed) " global tests" } " passed: the residuals do not contradict the model and the stated standard deviations. "
                 "They cannot show what leaves no residuals: an error that bending, mounting or another unknown takes up, such as a wrong root, axis, lens or window. "
                 "Against that stand the standard deviations stated for it, " a href="#budget" { "share by share" } "."
             }

@@ -209,7 +209,8 @@ impl dyn Disk + '_ {
         let part = path.with_file_name(name);
         self.write(&part, bytes)?;
         self.rename(&part, path)?;
-        self.sync_dir(path.parent().unwrap_or(Path::new(".")))
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+        self.sync_dir(parent.unwrap_or(Path::new(".")))
     }
 
     /// Appends to a file that is `length` long. Where that fails the file is cut to that again, as far as the

@@ -46,6 +46,8 @@ pub enum Event {
     Aircraft(ClosedFile),
     /// A file with live results was closed.
     Live(ClosedFile),
+    /// A file with markers marked by hand was closed.
+    Marks(ClosedFile),
     /// An installation that results from here on may come from lies in `installations/`.
     Installation {
         /// Its digest and folder's name.
@@ -137,7 +139,7 @@ pub struct State {
     pub series: BTreeMap<String, String>,
     /// Lengths and digests of `results.jsonl` in the order written, by series.
     pub results: BTreeMap<String, Vec<(u64, String)>>,
-    /// Length and digest of the closed files with the aircraft's data and live results.
+    /// Length and digest of the closed files with the aircraft's data, live results and marks by hand.
     pub files: BTreeMap<String, (u64, String)>,
     /// Digests of installations.
     pub installations: BTreeSet<String>,
@@ -151,7 +153,7 @@ impl State {
             Event::Results(Appended { series, bytes, sha256 }) => {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
-            Event::Aircraft(closed) | Event::Live(closed) => {
+            Event::Aircraft(closed) | Event::Live(closed) | Event::Marks(closed) => {
                 self.files.insert(closed.file, (closed.bytes, closed.sha256));
             }
             Event::Installation { sha256 } => drop(self.installations.insert(sha256)),

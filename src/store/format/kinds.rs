@@ -1,7 +1,7 @@
 //! Kinds of files of a flight that grow at their end and are then closed.
 
 use super::chain::{ClosedFile, Event};
-use super::{aircraft, columns, layout};
+use super::{aircraft, columns, layout, marks};
 
 /// A kind of such files.
 #[derive(Debug)]
@@ -53,5 +53,18 @@ pub(crate) const LIVE: Kind = Kind {
     longest: 8 << 20,
 };
 
+/// Markers marked by hand.
+pub(crate) const MARKS: Kind = Kind {
+    open: layout::MARKS_FILE,
+    what: "marks by hand",
+    stem: "marks",
+    name: layout::marks_name,
+    number: layout::marks_number,
+    whole: marks::whole,
+    event: Event::Marks,
+    invariant: 22,
+    longest: 1 << 20,
+};
+
 /// All of them.
-pub(crate) const KINDS: [&Kind; 2] = [&AIRCRAFT, &LIVE];
+pub(crate) const KINDS: [&Kind; 3] = [&AIRCRAFT, &LIVE, &MARKS];

@@ -33,6 +33,8 @@ pub const PENDING_FILE: &str = "pending.json";
 pub const AIRCRAFT_FILE: &str = "aircraft.jsonl";
 /// Live results that are being recorded.
 pub const LIVE_FILE: &str = "live.rows";
+/// Markers that are being marked by hand.
+pub const MARKS_FILE: &str = "marks.jsonl";
 /// Flights being received, file by file.
 pub const FETCHING: &str = "fetching";
 /// Flights being deleted.
@@ -112,6 +114,7 @@ pub fn is_root_name(name: &str) -> bool {
         PRUNED_FILE,
         AIRCRAFT_FILE,
         LIVE_FILE,
+        MARKS_FILE,
     ];
     name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
 }
@@ -120,7 +123,9 @@ pub fn is_root_name(name: &str) -> bool {
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
-    name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).is_some()
+    name == FLIGHT_FILE
+        || known
+        || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
 }
 
 /// Name of a flight's file with lines of the aircraft's data.
@@ -141,6 +146,16 @@ pub fn live_name(number: u64) -> String {
 /// The number in such a name.
 pub fn live_number(name: &str) -> Option<u64> {
     numbered(name, "live-", ".rows", live_name)
+}
+
+/// Name of a flight's file with markers marked by hand.
+pub fn marks_name(number: u64) -> String {
+    format!("marks-{number:06}.jsonl")
+}
+
+/// The number in such a name.
+pub fn marks_number(name: &str) -> Option<u64> {
+    numbered(name, "marks-", ".jsonl", marks_name)
 }
 
 /// `flights/<flight>`.
@@ -172,6 +187,7 @@ mod tests {
         }
         assert_eq!(aircraft_number(&aircraft_name(12)), Some(12));
         assert_eq!(live_number(&live_name(12)), Some(12));
+        assert_eq!(marks_number(&marks_name(12)), Some(12));
         for bad in ["aircraft-1.jsonl", "aircraft-000001.json", "live-1.rows", "live.rows"] {
             assert_eq!(aircraft_number(bad).or(live_number(bad)), None, "{bad}");
         }

@@ -9,6 +9,7 @@ pub mod jsonl;
 pub(crate) mod kinds;
 pub mod layout;
 pub mod manifest;
+pub(crate) mod marks;
 pub(crate) mod sums;
 
 pub use digest::{Inputs, sha256};

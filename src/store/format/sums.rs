@@ -39,7 +39,7 @@ pub(crate) fn add<E>(
         Event::Results(results) => {
             sums.insert(format!("{}/{}", results.series, layout::RESULTS_FILE), results.sha256.clone());
         }
-        Event::Aircraft(closed) | Event::Live(closed) => {
+        Event::Aircraft(closed) | Event::Live(closed) | Event::Marks(closed) => {
             sums.insert(closed.file.clone(), closed.sha256.clone());
         }
         Event::Installation { .. } | Event::Signature { .. } => {}

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::catalogue::{self, FlightRef};
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::columns::{File, Head, Row};
+use crate::store::format::columns::{FLAG, File, Head, Kind, Row, UTC, WORD};
 use crate::store::format::kinds::LIVE;
 
 /// Columns that other commands look for, where a table has them.
@@ -22,7 +22,59 @@ pub mod names {
     pub const CURVATURE_COVARIANCE: &str = "curvature_covariance";
     /// In the source: what results follow from, as in `results.jsonl`.
     pub const PROVENANCE: &str = "provenance";
+    /// In the source: what the numbers of each column of unit [`WORD`](crate::store::columns::WORD) mean, from 0 on.
+    pub const WORDS: &str = "words";
+    /// Whether the frame was solved.
+    pub const SOLVED: &str = "solved";
+    /// Why it was not: a word.
+    pub const REASON: &str = "reason";
+    /// What determines the instant: a word.
+    pub const EXPOSURE_SOURCE: &str = "exposure_source";
+    /// Of the instant against this machine's clock, s.
+    pub const EXPOSURE_SIGMA: &str = "exposure_sigma";
+    /// Of the machine's clock, s.
+    pub const CLOCK_SIGMA: &str = "clock_sigma";
+    /// Whether a service disciplined the clock.
+    pub const UTC_SYNCHRONISED: &str = "utc_synchronised";
+    /// Whether the global test accepts.
+    pub const GLOBAL_TEST_PASSED: &str = "global_test_passed";
+    /// Standard deviations are a priori or a posteriori: a word.
+    pub const SIGMA_KIND: &str = "sigma_kind";
+    /// Which of the tip's lifts is told best: a word.
+    pub const TIP_LIFT_SHOWN: &str = "tip_lift_shown";
 }
+
+/// Name, unit and kind of what a row has once.
+pub type Once = (&'static str, &'static str, Kind);
+
+/// What a row of live mode has once, in order.
+pub const ONCE: [Once; 25] = [
+    (names::UTC, UTC, Kind::U64),
+    (names::SINCE_BOOT, "s", Kind::F64),
+    (names::EXPOSURE_SIGMA, "s", Kind::F32),
+    (names::CLOCK_SIGMA, "s", Kind::F32),
+    (names::NUMBER, "", Kind::U64),
+    ("skipped", "", Kind::U64),
+    (names::SOLVED, "", Kind::U8),
+    ("whole_search", "", Kind::U8),
+    ("mounting", "", Kind::U32),
+    ("jolt", "", Kind::U8),
+    ("latency", "ms", Kind::F32),
+    ("variance_factor", "", Kind::F32),
+    (names::GLOBAL_TEST_PASSED, "", Kind::U8),
+    ("tip_lift", "m", Kind::F32),
+    ("sigma_tip_lift", "m", Kind::F32),
+    ("tip_lift_ground", "m", Kind::F32),
+    ("sigma_tip_lift_ground", "m", Kind::F32),
+    ("tip_lift_root", "m", Kind::F32),
+    ("sigma_tip_lift_root", "m", Kind::F32),
+    ("redundancy", "", Kind::U32),
+    (names::UTC_SYNCHRONISED, FLAG, Kind::U8),
+    (names::EXPOSURE_SOURCE, WORD, Kind::U8),
+    (names::REASON, WORD, Kind::U8),
+    (names::SIGMA_KIND, WORD, Kind::U8),
+    (names::TIP_LIFT_SHOWN, WORD, Kind::U8),
+];
 
 /// The closed files of a flight, in order.
 pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {

@@ -1,4 +1,5 @@
-//! What is recorded beside the series of frames: the aircraft's data as it comes, live results in columns.
+//! What is recorded beside the series of frames: the aircraft's data as it comes, live results in columns, what people mark
+//! in the frames.
 
 use std::sync::PoisonError;
 
@@ -12,7 +13,8 @@ use crate::store::disk::StoreError;
 use crate::store::format::aircraft::{AircraftLine, Head};
 use crate::store::format::columns::{self, LiveTable, Row};
 use crate::store::format::jsonl;
-use crate::store::format::kinds::{AIRCRAFT, LIVE};
+use crate::store::format::kinds::{AIRCRAFT, LIVE, MARKS};
+use crate::store::format::marks::{self, Mark};
 
 impl Store {
     /// Records lines durably with the newest flight; `false` where there is no flight yet. Below the reserve it refuses:
@@ -71,6 +73,23 @@ impl Store {
         };
         let block = |before| columns::block(table, rows, &before).map(|(bytes, tag)| Piece { bytes, tag });
         self.grow(&self.live, &flight, of, first, block)
+    }
+
+    /// Adds what a person marked in frames of a flight, durably when this returns: beside the frames and what was detected in
+    /// them, over neither.
+    pub fn add_marks(&self, flight: &str, marks: &[Mark]) -> Result<(), StoreError> {
+        let path = self.root().join(MARKS.open);
+        let piece = |bytes| Piece { bytes, tag: [0; 32] };
+        let head = marks::Head { flight: flight.to_owned() };
+        let first = jsonl::line(&head).map_err(StoreError::io(&path, "write"))?;
+        let begin = || Ok(piece(first.clone()));
+        let written = |_| Ok(piece(marks.iter().map(jsonl::line).collect::<Result<Vec<_>, _>>()?.concat()));
+        self.grow(&self.marks, flight, first.clone(), begin, written)
+    }
+
+    /// Closes what is open, so that the flight's sums cover it.
+    pub fn close_marks(&self) -> Result<(), StoreError> {
+        self.close_growing(&self.marks)
     }
 
     /// Closes the file being written into its flight, so that the flight's sums cover it.

@@ -1,4 +1,4 @@
-//! Files of a flight that grow at their end and are then closed: the aircraft's data, live results.
+//! Files of a flight that grow at their end and are then closed: the aircraft's data, live results, marks by hand.
 //!
 //! The file being written lies in the root, since recovering `incoming/` must not touch it. Its first line says whose
 //! it is. It is closed by its line in the chain, then one rename to the flight.

@@ -13,7 +13,7 @@ use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, Lock, StoreError};
-use crate::store::format::kinds::{AIRCRAFT, KINDS, LIVE};
+use crate::store::format::kinds::{AIRCRAFT, KINDS, LIVE, MARKS};
 use crate::store::format::manifest::{Cause, FlightManifest, JournalHead, Refusal, SeriesManifest, State};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
@@ -37,6 +37,7 @@ pub struct Store {
     signer: Option<signing::Signer>,
     pub(super) aircraft: Growing,
     pub(super) live: Growing,
+    pub(super) marks: Growing,
     under_way: UnderWay,
     _lock: Lock,
 }
@@ -66,6 +67,7 @@ impl Store {
             signer: signer.ok().flatten(),
             aircraft: Growing::new(&AIRCRAFT),
             live: Growing::new(&LIVE),
+            marks: Growing::new(&MARKS),
             under_way: UnderWay::default(),
             _lock: lock,
         };

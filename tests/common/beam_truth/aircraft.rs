@@ -84,6 +84,8 @@ pub struct Aircraft {
     fixed_m: Vec<Vector3<f64>>,
     /// Markers that sit on the aileron.
     pub on_aileron: Vec<usize>,
+    /// What of the two comes again in every flight, at full size.
+    repeated: (Vec<f64>, Vec<Vector3<f64>>),
 }
 
 /// When the wing is looked at.
@@ -105,13 +107,30 @@ fn mode(e: f64) -> f64 {
 
 impl Aircraft {
     pub fn new(rng: &mut StdRng, truth: Truth, effects: Effects) -> Self {
-        let skin_m = truth.stations.iter().map(|_| effects.skin_m * normal(rng)).collect();
+        let skin_m: Vec<f64> = truth.stations.iter().map(|_| effects.skin_m * normal(rng)).collect();
         let fixed = |_: &Vector3<f64>| effects.fixed_m + normal3(rng) * effects.fixed_each_m;
-        let fixed_m = truth.fixed_m.iter().map(fixed).collect();
+        let fixed_m: Vec<Vector3<f64>> = truth.fixed_m.iter().map(fixed).collect();
         let aft =
             |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
         let on_aileron = truth.stations.iter().enumerate().filter(aft).map(|(k, _)| k).collect();
-        Self { truth, effects, skin_m, fixed_m, on_aileron }
+        let repeated = (skin_m.clone(), fixed_m.clone());
+        Self { truth, effects, skin_m, fixed_m, on_aileron, repeated }
+    }
+
+    /// Another flight of the same aircraft, with what is this flight's own of `effects`; half the variance of what skin and fixed
+    /// marks move by is that of every flight.
+    pub fn flies_again(&mut self, rng: &mut StdRng, effects: Effects) {
+        self.effects = Effects {
+            ground_bend_m: self.effects.ground_bend_m,
+            pupil_m: self.effects.pupil_m,
+            tilt_rad: self.effects.tilt_rad,
+            ..effects
+        };
+        let half = 0.5f64.sqrt();
+        let skin = self.repeated.0.iter().map(|by| half * (by + effects.skin_m * normal(rng)));
+        self.skin_m = skin.collect();
+        let marks = self.repeated.1.iter().map(|by| (by + normal3(rng) * effects.fixed_each_m) * half);
+        self.fixed_m = marks.collect();
     }
 
     /// Bending moment's curvature in flight, before it is scaled to a lift.

@@ -11,17 +11,21 @@ use super::{Block, ROOT, blocks, pages};
 const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
 
 /// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
-const CONSOLE: [(&str, &str); 9] = [
+const CONSOLE: [(&str, &str); 13] = [
     ("make ", "a target of the Makefile, which `named` looks up"),
     ("cargo test ", "a test that `make test` runs, which `named` looks up"),
     ("cargo build --release --locked --features upload", "make fleet-test builds so"),
+    ("wingd mark ", "it serves until it is told to end: tests/system/marking.rs, tests/browser/mark.mjs"),
+    ("wingd orient --installation installation --observations ", "what was marked: tests/system/marking.rs"),
     ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
     (
         "wingd time-check store ",
         "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py",
     ),
+    ("wingd-fleet modes ", "fleet/tests/test_modes.py"),
     ("rclone ", "not run: needs a remote of one's own"),
     ("python3 tests/validation/rendered_sets.py ", "not run: minutes a set; `named` looks the file up"),
+    ("python3 tests/validation/planned_wings.py ", "not run: minutes a wing; `named` looks the file up"),
     (
         "python3 tests/validation/detections.py ",
         "not run: its sets take an hour to render; `named` looks the file up",
@@ -105,9 +109,9 @@ fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str>
 }
 
 /// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test), and
-/// `time-check` needs photographs of a clock (tests/validation/time_check.py).
+/// `time-check` needs photographs of a clock (tests/validation/time_check.py); `mark` serves until it is told to end (marking).
 const RECORDER: [&str; 2] = ["status", "trigger"];
-const BESIDE: [&str; 3] = ["serve", "upload", "time-check"];
+const BESIDE: [&str; 4] = ["serve", "mark", "upload", "time-check"];
 
 /// The tutorial's recorder without its end, in live mode, with signatures.
 fn record(folder: &Path) {
@@ -147,6 +151,45 @@ fn check_what_is_left(tutorial: &Path) {
     let objects: Vec<serde_json::Value> = said.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{said}");
     assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{said}");
+}
+
+/// The page of tables has each column that an export writes, and what it has in a column's place exists.
+fn check_tables(folder: &Path) {
+    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tables.md")).unwrap();
+    let said: std::collections::BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
+    let mut written = std::collections::BTreeSet::new();
+    for table in ["shots", "markers", "span", "parameters", "live"] {
+        let script = format!("wingd export store --format csv --table {table} --flight f0001");
+        let text = String::from_utf8(shell(folder, &script).stdout).unwrap();
+        written.extend(text.lines().next().unwrap().split(',').map(general));
+    }
+    for name in &written {
+        let value = name.strip_prefix("sigma_").unwrap_or(name);
+        assert!(said.contains(name.as_str()) || said.contains(value), "docs/tables.md lacks {name}");
+    }
+    let unit =
+        |name: &&&str| ["_m", "_deg", "_px", "_s", "_ms", "_kg", "_hpa"].iter().any(|u| name.ends_with(u));
+    // Beside columns the page has the units' own endings, and version 1's names as examples.
+    let example =
+        |name: &&&str| name.starts_with('_') || ["lift_31.00564147942904_m", "twist_tip_deg"].contains(name);
+    for name in said.iter().filter(unit).filter(|name| !example(name)) {
+        assert!(written.contains(*name), "nothing writes {name}");
+    }
+}
+
+/// A column's name with the marker's, station's, pair's or number's place instead of it.
+fn general(name: &str) -> String {
+    let part = |part: &str| match part {
+        _ if part.len() == 3 && part.starts_with('s') && part[1..].parse::<u8>().is_ok() => "sNN".to_owned(),
+        _ if part.len() == 3 && part.starts_with('M') && part[1..].parse::<u8>().is_ok() => "ID".to_owned(),
+        _ if part.parse::<u8>().is_ok() => "N".to_owned(),
+        _ => part.to_owned(),
+    };
+    let parts: Vec<String> = name.split('_').map(part).collect();
+    match parts.first().map(String::as_str) {
+        Some("torsion") => format!("torsion_PAIR_{}", parts[2..].join("_")),
+        _ => parts.join("_"),
+    }
 }
 
 /// The store page's own reader gives the export's numbers, of a column that is packed and of one that may not be.
@@ -191,8 +234,10 @@ fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
             let own = folder.path().join(number.to_string());
             folder_like(&tutorial, &own);
             follow(page, text, &own);
-            if page == "docs/store.md" {
-                check_column(&own);
+            match page.as_str() {
+                "docs/store.md" => check_column(&own),
+                "docs/tables.md" => check_tables(&own),
+                _ => {}
             }
         }
     }

@@ -82,7 +82,13 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, bool) {
         }
         _ => {}
     }
-    let mut text: String = table.iter().map(|row| row.join(",") + "\n").collect();
+    let text: String = table.iter().map(|row| row.join(",") + "\n").collect();
+    let text = change_text(rng, kind, kind_of_change, text);
+    (text, matches!(kind_of_change, 0..=3 | 14))
+}
+
+/// Those that a table's cells do not know.
+fn change_text(rng: &mut StdRng, kind: Kind, kind_of_change: i32, mut text: String) -> String {
     match kind_of_change {
         14 if kind != Kind::Aircraft => {
             let at = text.match_indices('\n').map(|(at, _)| at + 1).choose(rng).unwrap();
@@ -101,7 +107,7 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, bool) {
         }
         _ => {}
     }
-    (text, matches!(kind_of_change, 0..=3 | 14))
+    text
 }
 
 /// The program's reading.
@@ -144,30 +150,16 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
             read_stiffness(&file).map(|all| all.iter().map(row).collect()).map_err(said)
         }
         Kind::Mountings => {
-            let found = read_mountings(&file).map_err(said)?;
-            let rows = strict(kind, text).unwrap_or_default();
-            let mut numbers: Vec<String> = vec![];
-            // The program numbers mountings; their names are those of the strict reading at equal numbers.
-            let named = |row: Vec<Read>| {
-                let [Read::Text(image), Read::Text(name)] = &row[..] else { return row };
-                if !numbers.contains(name) && name != "ground" {
-                    numbers.push(name.clone());
-                }
-                let expected =
-                    numbers.iter().position(|n| n == name).map_or(Mounting::OfTheGround, Mounting::Numbered);
-                let same = found.of(image) == Some(expected);
-                vec![
-                    Read::Text(image.clone()),
-                    Read::Text(if same { name.clone() } else { "another".into() }),
-                ]
-            };
-            Ok(rows.into_iter().map(named).collect())
+            Ok(mountings(&read_mountings(&file).map_err(said)?, strict(kind, text).unwrap_or_default()))
         }
         Kind::Observations => {
             let setup = &installation.setup;
             let row = |o: &wingd::installation::HandObservation| {
                 let id = Read::Text(setup.markers[o.marker].id.clone());
-                vec![id, number(o.pixel.x), number(o.pixel.y), number(o.sigma_px)]
+                let cell = |value: Option<f64>| value.map_or(Read::Text(String::new()), number);
+                let [u, v] = [0, 1].map(|k| o.place.map(|p| p.pixel[k]));
+                let sigma = o.place.map(|p| p.covariance_px2[(0, 0)].sqrt());
+                vec![id, cell(u), cell(v), cell(sigma)]
             };
             read_observations(&file, setup).map(|all| all.iter().map(row).collect()).map_err(said)
         }
@@ -181,6 +173,23 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
         }
         Kind::Aircraft => aircraft(text),
     }
+}
+
+/// The strict reading of a table of mountings, as far as the program's agrees.
+fn mountings(found: &wingd::installation::Mountings, rows: Rows) -> Rows {
+    let mut numbers: Vec<String> = vec![];
+    // The program numbers mountings; their names are those of the strict reading at equal numbers.
+    let named = |row: Vec<Read>| {
+        let [Read::Text(image), Read::Text(name)] = &row[..] else { return row };
+        if !numbers.contains(name) && name != "ground" {
+            numbers.push(name.clone());
+        }
+        let expected =
+            numbers.iter().position(|n| n == name).map_or(Mounting::OfTheGround, Mounting::Numbered);
+        let same = found.of(image) == Some(expected);
+        vec![Read::Text(image.clone()), Read::Text(if same { name.clone() } else { "another".into() })]
+    };
+    rows.into_iter().map(named).collect()
 }
 
 fn aircraft(text: &str) -> Result<Rows, String> {

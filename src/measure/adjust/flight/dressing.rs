@@ -17,21 +17,35 @@ const DOUBTED_DRIFT: f64 = 3.0;
 /// One frame's part of a solution, with what was removed from it or from all frames, after what else is remarked.
 pub fn dressed(
     flight: &Flight,
-    Solved { setting, fit, judged }: &Solved,
+    solved: &Solved,
     removed: &[Removed],
     frame: usize,
+    remarks: Vec<String>,
+    sources: &Sources,
+) -> Solution {
+    let mut solution = of_frame(flight, solved, removed, (frame, Method::Flight), remarks, sources);
+    let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
+    solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
+    solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
+    solution
+}
+
+/// The same without what frames show of one another.
+pub fn of_frame(
+    flight: &Flight,
+    Solved { setting, fit, judged }: &Solved,
+    removed: &[Removed],
+    (frame, method): (usize, Method),
     mut remarks: Vec<String>,
     sources: &Sources,
 ) -> Solution {
     let (layout, members) = (&setting.layouts[frame], &setting.members[frame]);
     let outcome = Outcome::new(&flight.input, layout, &setting.problem, fit, frame, members).judged(*judged);
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == Target::Survey);
-    let mut solution = outcome.solution(Method::Flight, of_frame.map(|r| &r.suspect), sources);
-    let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
-    solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
-    solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
+    let solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
     remarks.extend(solution.remarks);
-    remarks.extend(widened_marks(flight.marks_factor));
+    remarks.extend(widened_marks(flight.factors.marks));
+    remarks.extend(flight.larger_than_usual());
     Solution { remarks, ..solution }
 }
 
@@ -42,6 +56,12 @@ pub fn with_sources<T>(
     with: impl FnOnce(&Sources) -> T,
 ) -> T {
     budget::with_sources(setting.blocks(), &setting.problem, fit, told, with)
+}
+
+/// What is remarked of what earlier flights taught.
+pub fn beside(flight: &Flight, solved: &Solved) -> Vec<String> {
+    let taught = flight.input.options.taught.as_deref();
+    taught.map(|taught| taught.remark(solved.setting.problem.known.is_some())).into_iter().collect()
 }
 
 /// What is remarked of a frame among the others.

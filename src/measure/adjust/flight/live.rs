@@ -63,7 +63,7 @@ impl Live {
         let frames = [observations.to_vec()];
         let (state, solution) = match &self.state {
             None => {
-                let Begun { state, solution, sound } = first(self.flight(&frames, None)?)?;
+                let Begun { state, solution, sound } = first(&self.flight(&frames, None)?)?;
                 if !sound && self.unsound + 1 < DOUBTS {
                     self.unsound += 1;
                     return Ok(solution);
@@ -117,7 +117,7 @@ impl Live {
         };
         let factor = state.next_factor(step.and_then(|step| step.attempt.solved.fit.variance_factor()));
         let doubts = state.doubts + 1;
-        let Begun { state: begun, solution: mut alone, sound } = first(self.flight(frames, None)?)?;
+        let Begun { state: begun, solution: mut alone, sound } = first(&self.flight(frames, None)?)?;
         let given_up = doubts >= DOUBTS || doubts >= state.learnt && sound;
         alone.remarks.insert(0, contradiction(given_up, self.mountings + 1));
         let next = match given_up {

@@ -11,6 +11,7 @@ use crate::adjust::budget::Blocks;
 use crate::adjust::input::Input;
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
 use crate::adjust::scene::Scene;
+use crate::adjust::taught::{LASTING, Lasting, MARKS, SHAPE, SKIN, SURVEY};
 use crate::adjust::term::{Columns, Place, Placed};
 use crate::adjust::terms::{self, Shared};
 use crate::estimation::{Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from};
@@ -32,6 +33,10 @@ pub struct Setting {
     pub problem: Problem,
     /// What the frames' curvatures have in common.
     pub shape: SharedShape,
+    /// What flights have in common, each with its column.
+    pub lasting: Vec<(Lasting, usize)>,
+    /// What is stated of each global parameter.
+    pub stated: DVector<f64>,
     ground: Option<Layout>,
 }
 
@@ -77,13 +82,14 @@ impl Unknowns {
         let curvature_terms =
             input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
         let mut columns = Columns::default();
-        let shared = terms::shared(input, &mut columns);
+        let mut shared = terms::shared(input, &mut columns);
+        shared.placed.extend(terms::of_flight(input).into_iter().map(|term| columns.place(term)));
         let head = columns.missing.len();
         let shape = ShapeColumns::take(&mut columns, curvature_terms);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(Motions::place(input, flight.marks_factor, &mut columns));
+        let motions = Arc::new(Motions::place(input, &flight.factors, &mut columns));
         Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
     }
 
@@ -95,7 +101,7 @@ impl Unknowns {
             terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
             terms::own_rotation(&own_rotation_covariance(flight)),
         ];
-        let others = terms::of_frame(input, &flight.frames[frame]);
+        let others = terms::of_frame(input, &flight.frames[frame], &flight.factors, true);
         let mut local = Columns::local();
         own.into_iter().chain(others).map(|term| local.place(term)).collect()
     }
@@ -122,13 +128,41 @@ impl Unknowns {
         }
     }
 
+    /// What flights have in common, each with its column.
+    fn lasting(&self, input: &Input) -> Vec<(Lasting, usize)> {
+        let mut all = vec![];
+        let mut add = |term: &'static str, marker, first: usize, count: usize| {
+            all.extend((0..count).map(|index| (Lasting { term: term.into(), index, marker }, first + index)));
+        };
+        for Placed { term, place } in &self.shared.placed {
+            if let Place::Global(first) = place
+                && LASTING.contains(&term.name)
+            {
+                add(term.name, None, *first, term.size);
+            }
+        }
+        add(SHAPE, None, self.shape.ratios, self.shape.changes - self.shape.ratios);
+        for (marker, surveyed) in input.setup.markers.iter().enumerate() {
+            let moves = self.motions.columns(marker);
+            add(SURVEY, Some(marker), self.survey + 3 * marker, 3);
+            add(if surveyed.fixed { MARKS } else { SKIN }, Some(marker), moves.start, moves.len());
+        }
+        all
+    }
+
+    /// What is stated of the global parameters.
+    fn stated(&self, input: &Input) -> DVector<f64> {
+        let mut stated = DVector::zeros(self.columns.missing.len());
+        self.shape.start(&mut stated);
+        for (k, station) in input.scene.ground.stations.iter().enumerate() {
+            stated.rows_mut(self.survey + 3 * k, 3).copy_from(&station.surveyed_m);
+        }
+        stated
+    }
+
     /// Start of the global parameters.
     fn start(&self, flight: &Flight, from: Option<&Fit>) -> DVector<f64> {
-        let mut start = DVector::zeros(self.columns.missing.len());
-        self.shape.start(&mut start);
-        for (k, station) in flight.input.scene.ground.stations.iter().enumerate() {
-            start.rows_mut(self.survey + 3 * k, 3).copy_from(&station.surveyed_m);
-        }
+        let mut start = self.stated(&flight.input);
         let Some(fit) = from else { return start };
         let (shared, surveyed) = (self.shape.end(), start.len() - self.survey);
         start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
@@ -153,12 +187,15 @@ impl Setting {
         let (ground, ground_members) = flight.ground_group();
         groups.push(ground);
         let start = unknowns.start(flight, from);
+        let (lasting, stated) = (unknowns.lasting(&flight.input), unknowns.stated(&flight.input));
+        let taught = flight.input.options.taught.as_deref();
+        let known = taught.and_then(|taught| taught.known(&lasting, &stated));
         let axis = &flight.input.scene.ground.axis;
         let shape = SharedShape::new(unknowns.shape, &flight.assumed, axis, from.is_none());
         let Columns { missing, priors, .. } = unknowns.columns;
-        let problem = Problem { start, missing, priors, known: None, groups };
+        let problem = Problem { start, missing, priors, known, groups };
         let ground = layouts.first().map(Layout::on_ground_only);
-        Self { layouts, members, ground_members, problem, shape, ground }
+        Self { layouts, members, ground_members, problem, shape, lasting, stated, ground }
     }
 
     /// One frame beside what is known of all that frames share; `problem`: without its groups.
@@ -171,7 +208,8 @@ impl Setting {
     ) -> Self {
         let problem = Problem { groups: vec![group], ..problem };
         let (layouts, members) = (vec![layout], vec![members]);
-        Self { layouts, members, ground_members: vec![], problem, shape, ground: None }
+        let (lasting, stated) = (vec![], DVector::zeros(0));
+        Self { layouts, members, ground_members: vec![], problem, shape, lasting, stated, ground: None }
     }
 
     /// Whose images the blocks are.

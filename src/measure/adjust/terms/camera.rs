@@ -9,7 +9,7 @@ use crate::geometry::BROWN;
 use crate::setup::Setup;
 
 /// A mounting that is stated not to drift is taken to do so by this, rad: a prior needs a width (0.001 px at 8000 px).
-const LEAST_DRIFT_RAD: f64 = 1e-7;
+pub const LEAST_DRIFT_RAD: f64 = 1e-7;
 /// A mounting that is stated to repeat itself exactly, px: the same.
 const LEAST_REPEATABILITY_PX: f64 = 1e-3;
 /// A pane that is stated without error is taken at this, m: a thousandth of a pixel at 8 m, and a regular prior.

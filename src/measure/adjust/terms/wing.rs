@@ -8,7 +8,7 @@ use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
 use crate::adjust::term::{Effect, Term};
 use crate::estimation::Prior;
-use crate::setup::{Thermal, Uncertainty};
+use crate::setup::{Thermal, UNSTATED_SCALE_SIGMA, Uncertainty};
 
 /// Coefficients of the curvature, 1/m. Where an amplitude is given, their ratios to the first are weighed with it by what
 /// beams look like.
@@ -59,8 +59,8 @@ pub fn torques(sigma_rad: f64) -> Option<Term> {
         size: TORQUES.len(),
         priors: (0..TORQUES.len()).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
         enter: |x, values| {
-            values.twist_rad.resize(MAX_TWIST_TERMS, 0.0);
-            values.twist_rad.extend(x);
+            values.twist_rad.resize(MAX_TWIST_TERMS + TORQUES.len(), 0.0);
+            values.twist_rad.iter_mut().skip(MAX_TWIST_TERMS).zip(x).for_each(|(twist, x)| *twist += x);
         },
         effect: Effect::Wing {
             position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],
@@ -108,20 +108,9 @@ pub fn axis_height(ground: &GroundShape) -> Term {
     }
 }
 
-/// Scale in flight where the installation has no `[thermal]`: all of what 70 K do to aluminium.
-const UNSTATED_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
-
-/// Standard deviation of the thermal scale, where it is known.
-fn scale_sigma(thermal: &Thermal) -> f64 {
-    let difference = thermal.flight_temperature_c - thermal.ground_temperature_c;
-    let coefficient = thermal.expansion_sigma_per_k.unwrap_or(0.0) * difference;
-    let temperature = thermal.flight_temperature_sigma_k.unwrap_or(0.0) * thermal.expansion_per_k;
-    coefficient.hypot(temperature)
-}
-
 /// Thermal scale less its expected value; `None`: held.
 pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<Term> {
-    let sigma = thermal.map_or(UNSTATED_SCALE_SIGMA, scale_sigma);
+    let sigma = thermal.map_or(UNSTATED_SCALE_SIGMA, Thermal::scale_sigma);
     (sigma > 0.0).then(|| Term {
         name: "thermal scale",
         missing: "the thermal scale cannot be determined; give its standard deviation",

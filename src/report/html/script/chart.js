@@ -29,7 +29,11 @@ class Chart {
   legend() {
     const tracks = this.data.tracks;
     if (tracks.length < 2) return;
-    const list = node(this.root, "div", { className: "legend" });
+    const list = node(this.root, "div", { className: tracks.length > 12 ? "legend long" : "legend" });
+    if (tracks.length > 3) {
+      button(list, "all", `every one of ${tracks.length} tracks`, () => { this.off.clear(); this.draw(); });
+      button(list, "none", "no track", () => { this.off = new Set(tracks.keys()); this.draw(); });
+    }
     this.switches = tracks.map((track, k) => {
       const made = node(list, "button", { type: "button", title: "shown or not; double click: this one alone" });
       node(made, "i", {}).style.cssText = `--light:${track.colour};--dark:${tint(track.colour, DARK.pale)}`;
@@ -38,9 +42,6 @@ class Chart {
       made.ondblclick = () => { this.off = new Set(tracks.keys()); this.off.delete(k); this.draw(); };
       return made;
     });
-    if (tracks.length < 4) return;
-    button(list, "all", "every track", () => { this.off.clear(); this.draw(); });
-    button(list, "none", "no track", () => { this.off = new Set(tracks.keys()); this.draw(); });
   }
 
   shown() {

@@ -81,8 +81,9 @@ class Frames {
       const at = this.order.indexOf(this.now);
       this.show(this.order[(at + by + this.order.length) % this.order.length]);
     };
-    button(bar, "‹", "the frame before", () => step(-1));
-    button(bar, "›", "the next frame", () => step(1));
+    const steps = node(bar, "span", { className: "steps" });
+    button(steps, "‹", "the frame before", () => step(-1));
+    button(steps, "›", "the next frame", () => step(1));
   }
 
   pictured() {
@@ -91,7 +92,7 @@ class Frames {
     const bar = node(this.place, "div", { className: "tools" });
     button(bar, "All", "the whole picture", () => this.whole?.());
     takeAway(bar, () => this.place.querySelector("svg"), () => `frame-${this.frame.series}-${this.frame.image}`);
-    this.shownPicture = node(this.place, "div", {});
+    this.shownPicture = node(this.place, "div", { className: "shown" });
   }
 
   show(index) {
@@ -102,7 +103,7 @@ class Frames {
     const test = frame.test ? `, global test ${frame.test}` : "";
     const factor = finite(frame.factor) ? `, variance factor ${frame.factor.toFixed(2)}` : "";
     this.said.textContent = frame.solved
-      ? `Tip lift ${measured(frame.lift[0], frame.lift[1], "m")} ${this.data.counted}${factor}${test}${frame.doubt ? `. To be looked at: ${frame.doubt}` : ""}.`
+      ? `Tip lift ${measured(frame.lift[0], frame.lift[1], "m")} ${this.data.counted}${factor}${test}${frame.doubt && frame.test !== "rejected" ? `. To be looked at: ${frame.doubt}` : ""}.`
       : `No result: ${frame.why}`;
     this.said.className = frame.solved && frame.test !== "rejected" ? "said" : "said warning";
     this.picture(frame);
@@ -146,7 +147,7 @@ class Frames {
       if (finite(ru) && finite(rv)) {
         svgNode(svg, "line", { x1: u, y1: v, x2: u + times * ru, y2: v + times * rv, stroke: "#ff58c8", "stroke-width": line });
       }
-      svgNode(svg, "text", { x: u + w / 110, y: v - w / 110, fill: colour, "font-size": w / 80 }, m.id);
+      svgNode(svg, "text", { x: u + w / 110, y: v - w / 110, fill: colour, "font-size": w / 65 }, m.id);
     }
     const caption = longest > 0 ? ` Pink: residuals, enlarged ${Number(times.toPrecision(2))} times.` : "";
     node(this.shownPicture, "p", { className: "caption" }, `The markers' images in the frame, whose picture is not in this page (wingd report --pictures).${caption}`);
@@ -155,7 +156,8 @@ class Frames {
   drawCurve(frame) {
     this.curve.replaceChildren();
     const mean = this.curves?.tracks.find((track) => track.series === frame.series);
-    const lifts = frame.markers.filter((m) => m.ground !== null && finite(m.lift[0]));
+    // Without an installation the markers' spans count from a guessed origin.
+    const lifts = frame.markers.filter((m) => this.data.surveyed && m.ground !== null && finite(m.lift[0]));
     const tracks = [
       { name: "this frame", colour: "#17456f", joined: true, dashed: false, points: frame.curve, texts: [] },
       { name: "mean of its series", colour: "#8a4b00", joined: true, dashed: true, points: mean?.points ?? [], texts: [] },
@@ -172,7 +174,7 @@ class Frames {
     const table = node(this.table, "table", {});
     const row = (place, cells, kind) => {
       const made = node(place, "tr", {});
-      cells.forEach((cell, k) => node(made, kind, { className: k > 0 && k < 7 ? "n" : "" }, cell));
+      cells.forEach((cell, k) => node(made, kind, { className: k === 0 ? "s" : k < 7 ? "n" : "l" }, cell));
     };
     row(node(table, "thead", {}), ["marker", "u / px", "v / px", "residual u / px", "residual v / px", "lift against the survey / m", "σ / m", "remark"], "th");
     const body = node(table, "tbody", {});

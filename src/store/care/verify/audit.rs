@@ -1,4 +1,4 @@
-//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17, 20 and 21 of docs/store.md).
+//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17 and 20 to 22 of docs/store.md).
 
 use std::collections::BTreeMap;
 use std::path::Path;

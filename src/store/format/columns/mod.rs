@@ -50,6 +50,10 @@ pub struct Column {
 
 /// Unit of moments: microseconds since 1970, UTC, in a column of kind [`Kind::U64`].
 pub const UTC: &str = "utc_us";
+/// Unit of what is true (1) or false (0).
+pub const FLAG: &str = "flag";
+/// Unit of a word: the place in the list that `words` of the source has for the column, from 0.
+pub const WORD: &str = "word";
 
 /// What rows are of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,11 +6,13 @@ use super::attempt::Model;
 use super::departure::Departure;
 use super::state::State;
 use crate::adjust::budget;
-use crate::adjust::flight::dressing::{dressed, with_sources};
 use crate::adjust::flight::frames::Flight;
+use crate::adjust::flight::joint::Joint;
 use crate::adjust::flight::solving::Solved;
+use crate::adjust::input::Input;
+use crate::adjust::outcome::unless_contradicted;
 use crate::adjust::snooping::Target;
-use crate::adjust::{AdjustError, GlobalTest, Solution};
+use crate::adjust::{AdjustError, GlobalTest, Method, Options, Solution};
 use crate::estimation::Told;
 
 /// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
@@ -27,13 +29,18 @@ pub struct Begun {
     pub sound: bool,
 }
 
-/// The first frame is a flight of one, with survey and ground frame.
-pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
-    let (solved, mut removed) = flight.without_blunders()?;
-    let rough = flight.readmit(solved, &mut removed)?;
-    let solved = flight.finish(&rough.fit)?;
-    let solution =
-        with_sources(&solved, None, |sources| dressed(&flight, &solved, &removed, 0, vec![], sources));
+/// The first frame is a flight of one, with survey and ground frame, and what earlier flights taught unless it contradicts
+/// that.
+pub fn first(flight: &Flight) -> Result<Begun, AdjustError> {
+    let begin =
+        |options: &Options| begun(Flight { input: Input { options, ..flight.input }, ..flight.clone() });
+    unless_contradicted(flight.input.options, begin, |begun| std::slice::from_mut(&mut begun.solution))
+}
+
+fn begun(flight: Flight) -> Result<Begun, AdjustError> {
+    let joint = Joint::alone(flight)?;
+    let solution = joint.solution(Method::Flight);
+    let Joint { solved, removed, .. } = joint;
     let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
     let told = told(&solved);
     let Solved { setting, fit, .. } = solved;

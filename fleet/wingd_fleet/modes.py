@@ -1,0 +1,354 @@
+"""Modes of a wing from an export of live results: frequency, damping and shape with standard deviations, window by window.
+
+Stochastic subspace identification is pyOMA2's. Standard deviations are those of a jackknife over blocks of time (Kuensch, 1989,
+The jackknife and the bootstrap for general stationary observations, Annals of Statistics 17): what it propagates itself was three to
+four times too small for frequencies in simulations (docs/fleet/modes.md)."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.json
+import pyarrow.parquet as pq
+
+from .lake import FleetError
+from .parquet import schema
+
+# Its progress bars are for a notebook.
+os.environ.setdefault("TQDM_DISABLE", "1")
+
+try:
+    import numpy as np
+    from pyoma2.algorithms.ssi import SSI
+    from pyoma2.setup.single import SingleSetup
+    from scipy.interpolate import CubicSpline
+except ImportError as missing:
+    raise FleetError(f"{missing.name} is not installed; pip install 'wingd-fleet[modes]'") from None
+
+# It says each step of each run.
+logging.getLogger("pyoma2").setLevel(logging.ERROR)
+# Points of the shape: the curve has some ten terms, so that more of them say the same again.
+POINTS = 6
+# Blocks that the jackknife leaves out in turn.
+BLOCKS = 12
+# Orders of the state-space model; two for a mode, the rest for the gusts' own spectrum and noise.
+ORDERS = range(4, 17, 2)
+# A pole is stable where further orders have it again: differences of frequency and damping, as shares; least MAC.
+STABLE = (0.02, 0.3, 0.98)
+# What is one mode in two orders or two parts of the data: difference of frequency as a share, and MAC.
+SAME = (0.1, 0.8)
+# A mode of a wing in air is damped by less than this, and all its points swing together: modal phase collinearity.
+MOST_DAMPING, LEAST_COLLINEARITY = 0.3, 0.8
+# A frequency, or a shape as a whole, that is told worse than this share of itself is no mode that anybody could compare.
+MOST_SIGMA, MOST_SIGMA_SHAPE = 0.05, 0.3
+# Missing results in a row that an interpolation bridges; a longer gap parts the data.
+BRIDGED = 3
+# Part of a window that is identified at least.
+LEAST_SHARE = 0.2
+WHOSE = ("recorder_id", "flight", "boot_id", "program", "installation_sha256", "inputs")
+
+
+@dataclass
+class Mode:
+    """Frequency in Hz, damping as a ratio, shape by point with 1 at the outermost; and their standard deviations."""
+
+    hz: float
+    damping: float
+    shape: np.ndarray
+    sigma_hz: float = 0.0
+    sigma_damping: float = 0.0
+    sigma_shape: np.ndarray | None = None
+
+
+def mac(one: np.ndarray, other: np.ndarray) -> float:
+    """Modal assurance criterion of two shapes, 0 to 1."""
+    return float(abs(np.vdot(one, other)) ** 2 / (np.vdot(one, one).real * np.vdot(other, other).real))
+
+
+def read(path: Path) -> pa.Table:
+    """An export of live results, by its name's ending."""
+    readers = {".parquet": pq.read_table, ".csv": pa.csv.read_csv, ".jsonl": pa.json.read_json}
+    if path.suffix not in readers:
+        raise FleetError(f"{path}: is none of .parquet, .csv, .jsonl; see wingd export --table live")
+    try:
+        return readers[path.suffix](path)
+    except pa.ArrowInvalid as error:
+        raise FleetError(f"{path}: cannot be read: {error}; make it with wingd export --table live") from None
+
+
+def points(names: list[str], kind: str) -> dict[str, str]:
+    """Label -> column of the lifts of stations (`lift_s01_m`), or of markers."""
+    station = {name[5:-2] for name in names if re.fullmatch(r"lift_s\d\d_m", name) and f"arc_length{name[4:]}" in names}
+    label = re.compile(r"lift_(.+)_m")
+    all_of = {match[1]: name for name in names if (match := label.fullmatch(name))}
+    wanted = station if kind == "stations" else {name for name in all_of if f"u_{name}_px" in names}
+    if len(wanted) < 2:
+        raise FleetError(f"the export has no lifts of {kind}; make it with wingd export --table live of this version")
+    return {name: all_of[name] for name in sorted(wanted)}
+
+
+def _poles(lifts: np.ndarray, rate_hz: float, lowest_hz: float) -> dict[int, list[Mode]]:
+    """By order of the model the modes that may be some."""
+    rows = max(10, round(2 * rate_hz / lowest_hz))
+    setup = SingleSetup(lifts, rate_hz)
+    run = SSI(name="live", method="dat", br=rows, ordmin=ORDERS[0], ordmax=ORDERS[-1], step=2)
+    setup.add_algorithms(run)
+    setup.run_by_name("live")
+    found = run.result
+    return {order: _of_order(found, order // 2, rate_hz, lowest_hz) for order in ORDERS}
+
+
+def _of_order(found, column: int, rate_hz: float, lowest_hz: float) -> list[Mode]:
+    modes = []
+    for row in range(found.Fn_poles.shape[0]):
+        hz, damping, shape = found.Fn_poles[row, column], found.Xi_poles[row, column], found.Phi_poles[row, column]
+        if not (np.isfinite(hz) and lowest_hz <= hz < 0.5 * rate_hz and 0 < damping < MOST_DAMPING):
+            continue
+        if np.all(np.isfinite(shape)) and _collinearity(shape) >= LEAST_COLLINEARITY:
+            modes.append(Mode(float(hz), float(damping), _real(shape)))
+    return modes
+
+
+def _collinearity(shape: np.ndarray) -> float:
+    """1 where all points swing in phase or against it, 0 where their phases are spread."""
+    x, y = shape.real, shape.imag
+    both = np.array([[x @ x, x @ y], [x @ y, y @ y]])
+    least, most = np.linalg.eigvalsh(both)
+    return float(((most - least) / (most + least)) ** 2)
+
+
+def _real(shape: np.ndarray) -> np.ndarray:
+    """Turned to the phase in which it swings most, 1 at the outermost point."""
+    turned = (shape * np.exp(-0.5j * np.angle(np.sum(shape**2)))).real
+    return turned / turned[-1] if turned[-1] else turned
+
+
+def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
+    """Modes that two of the next three orders have again, each at the first order that has it, by frequency."""
+    accepted: list[tuple[int, Mode]] = []
+    far, damped, alike = STABLE
+    for order in ORDERS[:-2]:
+        for mode in poles[order]:
+            again = [
+                any(
+                    abs(other.hz / mode.hz - 1) < far
+                    and abs(other.damping - mode.damping) < damped * mode.damping
+                    and mac(other.shape, mode.shape) > alike
+                    for other in poles[further]
+                )
+                for further in ORDERS
+                if order < further <= order + 6
+            ]
+            known = any(_same(one, mode) for _, one in accepted)
+            if sum(again) >= 2 and not known:
+                accepted.append((order, mode))
+    return sorted(accepted, key=lambda one: one[1].hz)
+
+
+def _same(one: Mode, other: Mode) -> bool:
+    far, alike = SAME
+    return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
+
+
+def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
+    """The mode in a part of the data: at its order, or at the first one after that has it."""
+    for further in range(order, ORDERS[-1] + 1, 2):
+        if same := [one for one in poles[further] if _same(one, mode)]:
+            return max(same, key=lambda one: mac(one.shape, mode.shape))
+    return None
+
+
+def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
+    """The first `count` modes of lifts, m, in rows of equal intervals, the points from the root outwards."""
+    lifts = lifts - lifts.mean(axis=0)
+    lifts = lifts[:, lifts.std(axis=0) > 0]
+    stable = _stable(_poles(lifts, rate_hz, lowest_hz))
+    parts = np.array_split(np.arange(len(lifts)), BLOCKS)
+    without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
+    modes = []
+    for order, mode in stable:
+        found = [_again(one, order, mode) for one in without]
+        if None in found:
+            continue
+
+        def sigma(of):
+            values = np.array([of(one) for one in found])
+            return np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
+
+        mode.sigma_hz, mode.sigma_damping = float(sigma(lambda m: m.hz)), float(sigma(lambda m: m.damping))
+        mode.sigma_shape = sigma(lambda m: m.shape)
+        unsure = np.linalg.norm(mode.sigma_shape) / np.linalg.norm(mode.shape)
+        if mode.sigma_hz < MOST_SIGMA * mode.hz and unsure < MOST_SIGMA_SHAPE:
+            modes.append(mode)
+    return modes[:count]
+
+
+def even(times_s: np.ndarray, lifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, int]]:
+    """Pieces without a gap that cannot be bridged, at equal intervals: times, lifts, rate in Hz, results that were missing."""
+    order = np.argsort(times_s)
+    times_s, lifts = times_s[order], lifts[order]
+    step = np.diff(times_s, prepend=-np.inf) > 0
+    times_s, lifts = times_s[step], lifts[step]
+    if len(times_s) < 2:
+        return []
+    interval = float(np.median(np.diff(times_s)))
+    ends = np.flatnonzero(np.diff(times_s) > (BRIDGED + 1.5) * interval) + 1
+    pieces = []
+    for part in np.split(np.arange(len(times_s)), ends):
+        if len(part) < 4:
+            continue
+        own = times_s[part]
+        grid = np.arange(own[0], own[-1], interval)
+        pieces.append((grid, CubicSpline(own, lifts[part])(grid), 1 / interval, max(0, len(grid) - len(part))))
+    return pieces
+
+
+def _aircraft(content: pa.Table) -> dict[str, float | None]:
+    """Means of the aircraft's data with the scatter in the window and what the data themselves state."""
+    said = {}
+    for name in schema("live"):
+        sigma = f"sigma_{name}"
+        if name in AIRCRAFT and name in content.column_names:
+            mean = pc.mean(content[name]).as_py()
+            own = (
+                pc.mean(pc.power(content[sigma].cast(pa.float64()), 2)).as_py()
+                if sigma in content.column_names
+                else None
+            )
+            said[name] = mean
+            said[sigma] = None if mean is None else ((own or 0.0) + (pc.variance(content[name]).as_py() or 0.0)) ** 0.5
+    return said
+
+
+AIRCRAFT = (
+    "mach", "pressure_altitude_m", "static_temperature_c", "static_pressure_hpa", "weight_kg", "fuel_kg", "load_factor", "flap_deg",
+)  # fmt: skip
+
+
+def rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
+    """A row for each mode in each window of so many seconds."""
+    if seconds * lowest_hz < 20:
+        raise FleetError(
+            f"--seconds {seconds:g}: is less than 20 swings of {lowest_hz:g} Hz; give more, or a higher --lowest-hz"
+        )
+    found = []
+    whose = [name for name in WHOSE if name in content.column_names]
+    keys = content.select(whose).group_by(whose).aggregate([]).to_pylist() if whose else [{}]
+    for key in keys:
+        own = content
+        for name, value in key.items():
+            own = own.filter(pc.is_null(own[name]) if value is None else pc.equal(own[name], value))
+        found += [{**key, **row} for row in _rows(own, seconds, lowest_hz, count, kind)]
+    return found
+
+
+def _seconds(content: pa.Table) -> np.ndarray:
+    """Instants of the exposures, s: since boot, which no correction of the clock makes jump."""
+    if "since_boot_s" in content.column_names:
+        return content["since_boot_s"].to_numpy().astype(float)
+    if "exposure_time" in content.column_names:
+        return content["exposure_time"].cast(pa.timestamp("us")).cast(pa.int64()).to_numpy() / 1e6
+    raise FleetError("the export lacks since_boot_s and exposure_time; make it with wingd export --table live")
+
+
+def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
+    columns = points(content.column_names, kind)
+    lifts = np.column_stack([content[name].to_numpy().astype(float) for name in columns.values()])
+    times = _seconds(content)
+    # Points that the table has of another installation are empty here.
+    there = np.isfinite(lifts).any(axis=0)
+    labels, lifts = [label for label, is_there in zip(columns, there) if is_there], lifts[:, there]
+    whole = np.isfinite(times) & np.isfinite(lifts).all(axis=1)
+    moving = [k for k in range(len(labels)) if lifts[whole, k].std() > 0] if whole.any() else []
+    if len(moving) < 2:
+        return []
+    chosen = [moving[k] for k in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(POINTS, len(moving)))})]
+    found = []
+    for grid, even_lifts, rate_hz, missing in even(times[whole], lifts[whole][:, chosen]):
+        windows = max(1, int((grid[-1] - grid[0] + 0.5) // seconds))
+        for part in np.array_split(np.arange(len(grid)), windows):
+            if len(part) < LEAST_SHARE * seconds * rate_hz:
+                continue
+            began, ended = grid[part[0]], grid[part[-1]]
+            inside = content.filter(pa.array((times >= began) & (times <= ended)))
+            about = _about(inside, began, ended, rate_hz, missing / len(grid), len(chosen))
+            arcs = {labels[k]: _arc(inside, labels[k]) for k in chosen}
+            try:
+                modes = identify(even_lifts[part], rate_hz, lowest_hz, count)
+            except np.linalg.LinAlgError as error:
+                raise FleetError(f"{about['began']}: {error}; take a higher --lowest-hz or longer --seconds") from None
+            for number, mode in enumerate(modes, 1):
+                found.append({**about, **_numbers(number, mode, arcs), **_aircraft(inside)})
+    return found
+
+
+def _arc(content: pa.Table, label: str) -> float | None:
+    name = f"arc_length_{label}_m"
+    return pc.mean(content[name]).as_py() if name in content.column_names else None
+
+
+def _about(content: pa.Table, began: float, ended: float, rate_hz: float, missing: float, count: int) -> dict:
+    moment = "exposure_time" if "exposure_time" in content.column_names else "utc"
+    extremes = pc.min_max(content[moment]).as_py() if moment in content.column_names else {"min": None, "max": None}
+    return {
+        "began": extremes["min"],
+        "ended": extremes["max"],
+        "seconds": round(ended - began, 3),
+        "results": len(content),
+        "rate_hz": round(rate_hz, 4),
+        "missing_share": round(missing, 4),
+        "points": count,
+    }
+
+
+def _numbers(number: int, mode: Mode, arcs: dict[str, float | None]) -> dict:
+    row = {
+        "mode": number,
+        "frequency_hz": mode.hz,
+        "sigma_frequency_hz": mode.sigma_hz,
+        "damping": mode.damping,
+        "sigma_damping": mode.sigma_damping,
+    }
+    for k, (label, arc) in enumerate(arcs.items()):
+        row[f"shape_{label}"], row[f"sigma_shape_{label}"] = float(mode.shape[k]), float(mode.sigma_shape[k])
+        if arc is not None:
+            row[f"arc_length_{label}_m"] = arc
+    return row
+
+
+def write(found: list[dict], output: Path | None, stream) -> None:
+    """As CSV, or as the output's ending says."""
+    names = list(dict.fromkeys(name for row in found for name in row))
+    content = pa.table({name: [row.get(name) for row in found] for name in names})
+    if output is None:
+        sink = pa.BufferOutputStream()
+        pa.csv.write_csv(content, sink)
+        stream.write(sink.getvalue().to_pybytes().decode())
+    elif output.suffix == ".parquet":
+        pq.write_table(content, output)
+    elif output.suffix == ".csv":
+        pa.csv.write_csv(content, output)
+    else:
+        raise FleetError(f"{output}: give a name that ends in .csv or .parquet")
+
+
+def run(
+    exports: list[Path], seconds: float, lowest_hz: float, count: int, kind: str, output: Path | None, stream
+) -> int:
+    """What the command does; 1 where no mode was found."""
+    found = []
+    for path in exports:
+        found += rows(read(path), seconds, lowest_hz, count, kind)
+    if not found:
+        raise FleetError(
+            f"no mode above {lowest_hz:g} Hz in windows of {seconds:g} s; longer windows, a higher rate of live results or rougher air may show some"
+        )
+    write(found, output, stream)
+    return 0

@@ -1,0 +1,41 @@
+//! What people mark in frames, as the store keeps it and as the adjustment takes it.
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::installation::{HandObservation, HandPlace};
+use crate::measure::setup::Setup;
+use crate::store::marks::{Act, By, Mark, Place};
+
+/// A mark as the adjustment takes it; `None` for one that is withdrawn, or of a marker that the survey does not have.
+pub fn observation(mark: &Mark, setup: &Setup) -> Option<HandObservation> {
+    let marker = setup.markers.iter().position(|m| m.id == mark.id)?;
+    let place = match mark.act {
+        Act::Withdraw => return None,
+        Act::Reject => None,
+        Act::Place(Place { u_px, v_px, covariance_px2: [[uu, uv], [vu, vv]], .. }) => {
+            Some(HandPlace { pixel: Vector2::new(u_px, v_px), covariance_px2: Matrix2::new(uu, uv, vu, vv) })
+        }
+    };
+    let when = mark.at.map_or(String::new(), |at| at.to_string());
+    let image = Some(mark.image.clone()).filter(|image| !image.is_empty());
+    Some(HandObservation { image, marker, place, note: [mark.who.clone(), when, mark.why.clone()] })
+}
+
+/// A line of a file as a mark.
+pub fn mark(of: &HandObservation, setup: &Setup) -> Mark {
+    let act = of.place.map_or(Act::Reject, |place| {
+        let c = place.covariance_px2;
+        let covariance_px2 = [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]];
+        Act::Place(Place { u_px: place.pixel.x, v_px: place.pixel.y, covariance_px2, by: By::Hand })
+    });
+    let [who, when, why] = of.note.clone();
+    Mark {
+        image: of.image.clone().unwrap_or_default(),
+        frame_sha256: String::new(),
+        id: setup.markers.get(of.marker).map_or(String::new(), |m| m.id.clone()),
+        act,
+        who,
+        at: when.parse().ok(),
+        why,
+    }
+}

@@ -1,0 +1,184 @@
+//! Promise: what several flights of an aircraft taught narrows a single frame of a later one to what its mounting leaves,
+//! and its standard deviations hold; nothing is counted twice, and what has changed is noticed.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use rand::Rng;
+use rand::rngs::StdRng;
+use wingd::measure::adjust::taught::{ReducedNormals, Taught};
+use wingd::measure::adjust::{self, Mounting, Observation, Options, Solution};
+use wingd::measure::setup::{Orientation, Setup};
+
+use crate::aircraft::{NOISE_PX, SURVEY_M, SetUp, Shown, all_together};
+use crate::common::beam_truth::{Aircraft, When, median, normal3, rms, rng};
+
+const FRAMES: usize = 5;
+
+/// An aircraft with its installation.
+struct Drawn {
+    aircraft: Aircraft,
+    setup: Setup,
+    orientation: Orientation,
+    set_up: SetUp,
+    /// Of the last frame.
+    now: When,
+}
+
+/// One flight as seen.
+struct Flown {
+    seen: Vec<Vec<Observation>>,
+}
+
+impl Drawn {
+    fn new(rng: &mut StdRng, set_up: SetUp) -> Self {
+        let effects = all_together(rng);
+        let truth = set_up.truth(rng);
+        let aircraft = Aircraft::new(rng, truth, effects);
+        let mut setup = aircraft.surveyed(rng, SURVEY_M);
+        setup.uncertainty = set_up.widths();
+        let orientation = aircraft.orientation(rng, NOISE_PX);
+        Self { aircraft, setup, orientation, set_up, now: When::Survey }
+    }
+
+    /// A flight with fuel, lift, mounting and all that is its own drawn anew.
+    fn flies(&mut self, rng: &mut StdRng, frames: usize) -> Flown {
+        let effects = all_together(rng);
+        self.aircraft.flies_again(rng, effects);
+        let (mount, shift) = self.set_up.mounting(rng, &self.setup);
+        let fuel = self.aircraft.truth.fuel() * rng.random_range(0.7..1.0);
+        let heavy = rng.random_range(0.9..1.1);
+        let when = |k: usize| {
+            let share = k as f64 / (FRAMES - 1) as f64;
+            When::Flight { lift_m: heavy * (3.2 - 1.2 * share), fuel: fuel * (1.0 - 0.24 * share) }
+        };
+        let first = if frames == 1 { rng.random_range(0..FRAMES) } else { 0 };
+        let whens: Vec<When> = (first..first + frames).map(when).collect();
+        let frame = |rng: &mut StdRng, when: &When| {
+            let drift = normal3(rng) * self.setup.uncertainty.mount_drift_rad;
+            self.aircraft.frame(rng, *when, (mount + drift, shift), NOISE_PX)
+        };
+        let seen = whens.iter().map(|when| frame(rng, when)).collect();
+        self.now = whens[whens.len() - 1];
+        Flown { seen }
+    }
+
+    fn options(&self, frames: usize, taught: Option<Taught>) -> Options {
+        let mounting =
+            if self.set_up == SetUp::Stayed { Mounting::OfTheGround } else { Mounting::Numbered(0) };
+        let taught = taught.map(Arc::new);
+        Options { mountings: Some(vec![mounting; frames]), taught, ..Options::default() }
+    }
+
+    fn learn(&self, flown: &Flown, taught: Option<Taught>) -> Option<ReducedNormals> {
+        let options = self.options(flown.seen.len(), taught);
+        adjust::learn(&self.setup, &self.orientation, &flown.seen, &options).ok().map(|lesson| lesson.normals)
+    }
+
+    fn single(&self, seen: &[Observation], taught: Option<Taught>) -> Solution {
+        adjust::spatial(&self.setup, &self.orientation, seen, &self.options(1, taught)).unwrap()
+    }
+}
+
+fn together(lessons: &[ReducedNormals], setup: &Setup) -> Option<Taught> {
+    Taught::of(&lessons.iter().collect::<Vec<_>>(), setup).unwrap()
+}
+
+/// The largest standard deviation of a lift against survey, ground frame and root, m, if flights had told all that lasts
+/// without error: what is left is the frame's own.
+fn bound_m(drawn: &Drawn, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
+    let n = of.unknowns.len();
+    let held =
+        ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
+    // Nothing is tested: where the unknowns lie does not matter for what is left.
+    let options = Options {
+        snooping_alpha: 0.0,
+        global_alpha: 0.0,
+        ..drawn.options(1, together(&[held], &drawn.setup))
+    };
+    let solution = adjust::spatial(&drawn.setup, &drawn.orientation, seen, &options).unwrap();
+    let mut shown = Shown::default();
+    shown.add(&drawn.aircraft, drawn.now, &solution, &drawn.setup);
+    shown.tip_sigmas_m.map(|sigmas| sigmas[0])
+}
+
+fn budgets(all: &[Solution]) -> Vec<(&'static str, f64)> {
+    let mut sum: Vec<(&'static str, f64)> = vec![];
+    for share in all.iter().filter_map(|s| s.budget.as_ref()).flat_map(|b| &b.shares) {
+        match sum.iter_mut().find(|(source, _)| *source == share.source) {
+            Some((_, total)) => *total += share.share / all.len() as f64,
+            None => sum.push((share.source, share.share / all.len() as f64)),
+        }
+    }
+    sum.sort_by(|a, b| b.1.total_cmp(&a.1));
+    sum.into_iter().map(|(source, share)| (source, (100.0 * share).round())).filter(|s| s.1 > 0.0).collect()
+}
+
+fn said(name: &str, shown: &Shown) {
+    println!(
+        "{name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+        shown.lifts.each_ref().map(|lifts| rms(lifts)),
+        rms(&shown.twist),
+        rms(&shown.moments),
+        shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
+        100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
+    );
+}
+
+/// `WINGS=40 SEED=1 SET_UP=Default` to taste.
+#[test]
+#[ignore = "a minute; the table of docs/adjustment/learning.md"]
+fn table_of_what_flights_teach() {
+    let word = |name: &str| std::env::var(name).unwrap_or_default();
+    let number = |name: &str, usual: usize| word(name).parse().unwrap_or(usual);
+    let wanted = word("SET_UP");
+    for set_up in
+        crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted)
+    {
+        let mut rng = rng(number("SEED", 8100) as u64);
+        let mut shown: [Shown; 5] = Default::default();
+        let mut solved: [Vec<Solution>; 5] = Default::default();
+        let mut bounds_m: [Vec<f64>; 3] = Default::default();
+        let mut refused = 0;
+        for _ in 0..number("WINGS", 40) {
+            let mut drawn = Drawn::new(&mut rng, set_up);
+            let flights: Vec<Flown> = (0..5).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
+            let lessons: Vec<_> = flights.iter().filter_map(|f| drawn.learn(f, None)).collect();
+            refused += 5 - lessons.len();
+            let others = |k: usize| {
+                let all = lessons.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, l)| l.clone());
+                together(&all.collect::<Vec<_>>(), &drawn.setup)
+            };
+            let again = |k: usize| {
+                drawn.learn(&flights[k], others(k)).unwrap_or_else(|| {
+                    println!("again refused");
+                    lessons[k].clone()
+                })
+            };
+            let lessons: Vec<_> =
+                if word("TWICE").is_empty() { lessons.clone() } else { (0..5).map(again).collect() };
+            let last = drawn.flies(&mut rng, 1);
+            let of = |n: usize| together(&lessons[..n.min(lessons.len())], &drawn.setup);
+            let taught = [None, of(1), of(2), of(3), of(5)];
+            let bound = bound_m(&drawn, &lessons[0], &last.seen[0]);
+            bounds_m.iter_mut().zip(bound).for_each(|(all, one)| all.push(one));
+            for (k, taught) in taught.into_iter().enumerate() {
+                let solution = drawn.single(&last.seen[0], taught);
+                shown[k].add(&drawn.aircraft, drawn.now, &solution, &drawn.setup);
+                if word("SAY") == k.to_string() {
+                    println!("{:?} {} {:?}", solution.variance_factor, solution.redundancy, solution.remarks);
+                }
+                solved[k].push(solution);
+            }
+        }
+        println!("{set_up:?}, {refused} flights taught nothing");
+        for (k, name) in ["alone", "1 flight", "2", "3", "5"].iter().enumerate() {
+            said(name, &shown[k]);
+            let doubted =
+                solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("contradicts"))).count();
+            let out = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("left out"))).count();
+            println!("    {:?}, contradicted {doubted}, with markers left out {out}", budgets(&solved[k]));
+        }
+        println!("bound: {:.1?} mm", bounds_m.map(|all| 1e3 * median(&all)));
+    }
+}

@@ -1,0 +1,100 @@
+//! Pictures of a screen that shows the clock of `wingd time-check`.
+
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use wingd::measure::raster::Raster;
+use wingd::measure::render::{Random, Sensor};
+use wingd::measure::time_code::{BITS, DISC_RADIUS, DISCS, FASTEST, SIZE, TICK_MS, cell, word};
+
+/// 22 November 2026, about.
+pub const BEGIN_S: f64 = 1_795_300_000.0;
+
+/// Of the pictures, px.
+pub const SIZE_PX: (usize, usize) = (1200, 900);
+/// Samples along each side of a pixel.
+const FINE: usize = 3;
+/// Samples of an exposure: a screen's frame of 17 ms is met by several even where it lasts a fifth of a second.
+const MOMENTS: usize = 400;
+
+/// A screen that shows the clock, s.
+pub struct Display {
+    /// Of its frames, s.
+    pub refresh_s: f64,
+    /// From reading the clock to the light in the row of the fastest bits.
+    pub latency_s: f64,
+    /// Of its first frame.
+    pub phase_s: f64,
+}
+
+impl Display {
+    /// The code that a row shows at a moment; the screen is written from its top to its bottom within a refresh.
+    fn word(&self, at_s: f64, y: f64) -> u32 {
+        let [_, top, _, height] = cell(FASTEST, false);
+        let row_s = (y - top - 0.5 * height) / SIZE[1] * self.refresh_s;
+        let frame = ((at_s - self.latency_s - row_s - self.phase_s) / self.refresh_s).floor();
+        let drawn_s = self.phase_s + frame * self.refresh_s;
+        word(((1e3 * drawn_s / f64::from(TICK_MS)).floor() as u64 % (1 << 17)) as u32)
+    }
+
+    /// Of each bit's row the share of the exposure in which it is one.
+    pub fn shares(&self, middle_s: f64, exposure_s: f64) -> Vec<f64> {
+        let share = |bit: usize| {
+            let [_, y, _, height] = cell(bit, false);
+            let lit = |k: usize| {
+                let at_s = middle_s + exposure_s * ((k as f64 + 0.5) / MOMENTS as f64 - 0.5);
+                f64::from(self.word(at_s, y + 0.5 * height) >> bit & 1)
+            };
+            (0..MOMENTS).map(lit).sum::<f64>() / MOMENTS as f64
+        };
+        (0..BITS).map(share).collect()
+    }
+}
+
+/// Light of a place of the page, 1 for white.
+fn light(shares: &[f64], x: f64, y: f64) -> f64 {
+    if DISCS.iter().any(|[u, v]| (x - u).hypot(y - v) < DISC_RADIUS) {
+        return 0.0;
+    }
+    let inside = |[left, top, width, height]: [f64; 4]| {
+        (left..left + width).contains(&x) && (top..top + height).contains(&y)
+    };
+    (0..BITS)
+        .find_map(|bit| {
+            let own = inside(cell(bit, false)).then(|| shares[bit]);
+            own.or_else(|| inside(cell(bit, true)).then(|| 1.0 - shares[bit]))
+        })
+        .unwrap_or(1.0)
+}
+
+/// A picture of the screen, held somehow; about half of its width is the screen.
+pub fn photograph(shares: &[f64], sensor: &Sensor, white: f64, random: &mut Random) -> Raster {
+    let (width, height) = SIZE_PX;
+    let axis = |random: &mut Random| random.between(-0.5, 0.5);
+    let attitude = Rotation3::from_euler_angles(axis(random), axis(random), random.between(-0.6, 0.6));
+    let distance = random.between(26.0, 34.0);
+    let f = 1300.0;
+    let k = Matrix3::new(f, 0.0, 0.5 * width as f64, 0.0, f, 0.5 * height as f64, 0.0, 0.0, 1.0);
+    let m = attitude.matrix();
+    let shift = Vector3::new(0.0, 0.0, distance) - m * Vector3::new(0.5 * SIZE[0], 0.5 * SIZE[1], 0.0);
+    let pixel_from_page = k * Matrix3::from_columns(&[m.column(0).into(), m.column(1).into(), shift]);
+    let page_from_pixel = pixel_from_page.try_inverse().unwrap();
+    let seen = |u: f64, v: f64| {
+        let p = page_from_pixel * Vector3::new(u, v, 1.0);
+        let page: Vector2<f64> = p.xy() / p.z;
+        // A dark frame about the screen, and a wall.
+        let rim = (-page.x).max(page.x - SIZE[0]).max(-page.y).max(page.y - SIZE[1]);
+        if rim < 0.0 {
+            white * light(shares, page.x, page.y)
+        } else if rim < 0.6 {
+            0.01
+        } else {
+            0.12
+        }
+    };
+    let mut radiance = Vec::with_capacity(width * height);
+    for (v, u) in (0..height).flat_map(|v| (0..width).map(move |u| (v, u))) {
+        let part = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
+        let parts = (0..FINE * FINE).map(|k| seen(u as f64 + part(k % FINE), v as f64 + part(k / FINE)));
+        radiance.push((parts.sum::<f64>() / (FINE * FINE) as f64) as f32);
+    }
+    sensor.develop(radiance, width, height, random.bits()).unwrap()
+}
