@@ -18,6 +18,7 @@ pub(super) fn widths(document: &Document) -> InFlight {
         ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(usual.ground_bend_m),
         vertical_rad: survey.and_then(|s| s.vertical_sigma_deg).map_or(usual.vertical_rad, f64::to_radians),
         skin_motion_m: wing.skin_motion_m.unwrap_or(usual.skin_motion_m),
+        skin_by_frames: wing.skin_motion_m.is_none(),
         root_turn_rad: milli(wing.root_turn_sigma_mrad, usual.root_turn_rad),
         root_shift_m: wing.root_heave_sigma_m.unwrap_or(usual.root_shift_m),
         in_plane_m: wing.in_plane_sigma_m.unwrap_or(usual.in_plane_m),
@@ -33,7 +34,8 @@ pub(super) fn widths(document: &Document) -> InFlight {
 fn together(modes: &[Vibrating]) -> Vibration {
     let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
     let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
-    Vibration { amplitude, frequency_hz: if amplitude > 0.0 { velocity / amplitude } else { 0.0 } }
+    let frequency_hz = if amplitude > 0.0 { velocity / amplitude } else { 0.0 };
+    Vibration { amplitude, frequency_hz, by_frames: false }
 }
 
 /// What says nothing beside another key.

@@ -7,6 +7,8 @@ pub struct Vibration {
     pub amplitude: f64,
     /// Hertz.
     pub frequency_hz: f64,
+    /// Whether nobody stated it: how large it is, a flight's frames may tell.
+    pub by_frames: bool,
 }
 
 /// What flight does to wing, cabin and camera and a laboratory does not, as standard deviations
@@ -19,6 +21,8 @@ pub struct InFlight {
     pub vertical_rad: f64,
     /// The skin at each marker, each axis, m.
     pub skin_motion_m: f64,
+    /// Whether nobody stated it: how large it is, a flight's frames may tell.
+    pub skin_by_frames: bool,
     /// The wing's root against the cabin since the ground frame, about each axis, rad.
     pub root_turn_rad: f64,
     /// The same, along each axis, m.
@@ -48,6 +52,7 @@ impl InFlight {
         vertical_rad: 0.1 * std::f64::consts::PI / 180.0,
         // Pressure, fuel and suction on a panel between two stringers.
         skin_motion_m: 3e-4,
+        skin_by_frames: true,
         // A wing box in a fuselage that bends under pressure and load.
         root_turn_rad: 2e-4,
         root_shift_m: 1e-3,
@@ -62,9 +67,9 @@ impl InFlight {
         // Sensors of many pixels without a global shutter take 5 to 30 ms.
         readout_s: 0.03,
         // An airliner's first mode in light turbulence.
-        vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0 },
+        vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0, by_frames: true },
         // A camera on a seat rail, by engines and floor: 0.2 px.
-        shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0 },
+        shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0, by_frames: true },
     };
 
     /// Nothing of it: rendered scenes.
@@ -72,6 +77,7 @@ impl InFlight {
         ground_bend_m: 0.0,
         vertical_rad: 0.0,
         skin_motion_m: 0.0,
+        skin_by_frames: false,
         root_turn_rad: 0.0,
         root_shift_m: 0.0,
         in_plane_m: 0.0,
@@ -79,7 +85,13 @@ impl InFlight {
         scale: 0.0,
         principal_point_px: 0.0,
         readout_s: 0.0,
-        vibration: Vibration { amplitude: 0.0, frequency_hz: 0.0 },
-        shake: Vibration { amplitude: 0.0, frequency_hz: 0.0 },
+        vibration: Vibration { amplitude: 0.0, frequency_hz: 0.0, by_frames: false },
+        shake: Vibration { amplitude: 0.0, frequency_hz: 0.0, by_frames: false },
     };
+
+    /// The same widths, and no frames change them.
+    pub fn held(mut self) -> Self {
+        (self.skin_by_frames, self.vibration.by_frames, self.shake.by_frames) = (false, false, false);
+        self
+    }
 }

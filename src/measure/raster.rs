@@ -68,6 +68,11 @@ impl Raster {
         self.clamped(x.round() as isize, y.round() as isize)
     }
 
+    /// Whether (`x`, `y`) lies in the frame.
+    pub fn holds(&self, x: isize, y: isize) -> bool {
+        (0..self.width as isize).contains(&x) && (0..self.height as isize).contains(&y)
+    }
+
     /// The value at (`x`, `y`), clamped to the frame's edge.
     pub fn clamped(&self, x: isize, y: isize) -> u8 {
         let x = x.clamp(0, self.width as isize - 1) as usize;

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::stages::{self, Search, Sighting, Stage, Work};
+use super::guided::{self, Search};
+use super::stages::{self, Sighting, Stage, Work};
 use super::{Job, corrected, recording, taught};
 use crate::camera::Format;
 use crate::installation::Installation;
@@ -170,7 +171,7 @@ impl Tracker {
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
         // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
         let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
-        let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions, onwards);
+        let (raster, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
         if let Some(raster) = &raster {
             sighting.failure = stages::size_fault(raster, &self.installation);
         }

@@ -15,10 +15,12 @@
 pub mod by_hand;
 pub mod decode;
 pub mod guard;
+pub mod guided;
 pub mod live;
 mod located;
 pub mod marking;
 pub mod orienting;
+mod places;
 pub mod recording;
 pub mod shrink;
 pub mod stages;
@@ -203,6 +205,7 @@ pub fn solve_flight(
         record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
+    places::name(&mut records);
     records
 }
 

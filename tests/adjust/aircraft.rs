@@ -1,6 +1,8 @@
 //! Promise: what an aircraft does that a laboratory does not (docs/model.md) is in the standard deviations, or is rejected
 //! or remarked on. Drawn with exact geometry by `common::beam_truth::Aircraft`.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
@@ -70,6 +72,10 @@ pub struct Shown {
     /// Of the same three.
     pub tip_sigmas_m: [Vec<f64>; 3],
     pub passed: Vec<f64>,
+    /// Errors of the tip's lift, m: of the same three.
+    pub tip_errors_m: [Vec<f64>; 3],
+    /// Per source of the tip's variance: its share, and the standard deviation if it were known, m.
+    budget: BTreeMap<&'static str, Vec<(f64, f64)>>,
 }
 
 impl Shown {
@@ -84,12 +90,39 @@ impl Shown {
         }
         let twist = solution.torsion[0].twist_rad;
         self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
+        self.of_tip(solution, &lifts);
         for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
             let of = |m: &MarkerSolution| [m.lift_m, m.lift_ground_m, m.lift_root_m][k]?.sigma;
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
         self.moments.extend(moments(aircraft, when, solution, setup));
         self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
+    }
+}
+
+impl Shown {
+    fn of_tip(&mut self, solution: &Solution, truth: &[[f64; 3]]) {
+        let Some(budget) = &solution.budget else { return };
+        for part in &budget.shares {
+            let known_m = part.sigma_if_known_m.unwrap_or(f64::NAN);
+            self.budget.entry(part.source).or_default().push((part.share, known_m));
+        }
+        let tip = &solution.markers[budget.marker];
+        for (k, lift) in [tip.lift_m, tip.lift_ground_m, tip.lift_root_m].into_iter().enumerate() {
+            self.tip_errors_m[k].extend(lift.map(|lift| lift.value - truth[budget.marker][k]));
+        }
+    }
+
+    /// Largest first: mean share in percent, and median standard deviation of the tip if it were known, mm.
+    fn budget(&self) -> String {
+        let part = |(name, all): (&&str, &Vec<(f64, f64)>)| {
+            let share = all.iter().map(|(share, _)| share).sum::<f64>() / self.passed.len() as f64;
+            let known = median(&all.iter().map(|(_, known_m)| 1e3 * known_m).collect::<Vec<_>>());
+            (share, format!("{name} {:.0} % ({known:.1})", 100.0 * share))
+        };
+        let mut parts: Vec<_> = self.budget.iter().map(part).collect();
+        parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        parts.into_iter().take(8).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -116,6 +149,43 @@ fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) 
     SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
+/// Tip's lift at a flight's start and end, m: what fuel burnt leaves, or as `LIFTS=4.0,-0.4` says.
+fn lifts_m() -> (f64, f64) {
+    let words = std::env::var("LIFTS").unwrap_or_default();
+    words
+        .split_once(',')
+        .map_or((3.2, 2.0), |(high, low)| (high.parse().expect("a lift, m"), low.parse().expect("a lift, m")))
+}
+
+/// Widths that `KNOWN=skin,readout` asks to be left out; `flight`: all of them.
+fn known(setup: &mut Setup) {
+    let words = std::env::var("KNOWN").unwrap_or_default();
+    let uncertainty = &mut setup.uncertainty;
+    let of = &mut uncertainty.in_flight;
+    for word in words.split(',').filter(|word| !word.is_empty()) {
+        match word {
+            "flight" => *of = InFlight::NONE,
+            "held" => *of = of.held(),
+            "bend" => of.ground_bend_m = 0.0,
+            "skin" => of.skin_motion_m = 0.0,
+            "root" => (of.root_turn_rad, of.root_shift_m) = (0.0, 0.0),
+            "plane" => of.in_plane_m = 0.0,
+            "torque" => of.torque_rad = 0.0,
+            "camera" => (of.scale, of.principal_point_px) = (0.0, 0.0),
+            "readout" => of.readout_s = 0.0,
+            "shift" => uncertainty.mount_shift_m = 0.0,
+            "drift" => uncertainty.mount_drift_rad = 0.0,
+            "axis" => uncertainty.skin_height_sigma_m = 0.0,
+            "drawn" => {
+                (uncertainty.root_offset_m, uncertainty.axis_chord_offset_m) = (0.0, 0.0);
+                uncertainty.span_direction_rad = 0.0;
+            }
+            "marks" => setup.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0),
+            other => panic!("no width is called {other}"),
+        }
+    }
+}
+
 /// Draws wings or flights of so many frames with an effect each.
 fn draw(
     seed: u64,
@@ -125,6 +195,7 @@ fn draw(
     effects: impl Fn(&mut StdRng) -> Effects,
 ) -> Shown {
     let mut rng = rng(seed);
+    let (high_m, low_m) = lifts_m();
     let mut shown = Shown::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
@@ -132,13 +203,14 @@ fn draw(
         let aircraft = Aircraft::new(&mut rng, truth, effects);
         let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
         setup.uncertainty = set_up.widths();
+        known(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mount, shift) = set_up.mounting(&mut rng, &setup);
         let fuel = aircraft.truth.fuel();
         let whens: Vec<When> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
-                let lift_m = if frames == 1 { 2.9 } else { 3.2 - 1.2 * share };
+                let lift_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
                 When::Flight { lift_m, fuel: fuel * (1.0 - 0.24 * share) }
             })
             .collect();
@@ -281,12 +353,14 @@ fn table_of_what_an_aircraft_does() {
             {
                 let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
-                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, errors {:.1?} mm, passed {:.0} %; {}",
                     shown.lifts.each_ref().map(|lifts| rms(lifts)),
                     rms(&shown.twist),
                     rms(&shown.moments),
                     shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
-                    100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
+                    shown.tip_errors_m.each_ref().map(|errors| 1e3 * rms(errors)),
+                    100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64,
+                    shown.budget()
                 );
             }
         }

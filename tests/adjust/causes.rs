@@ -2,7 +2,7 @@
 //! does not buy a passed test, and fixed marks do not outvote one another.
 
 use nalgebra::Vector3;
-use wingd::measure::adjust::{self, GlobalTest, Mounting, Options, Solution};
+use wingd::measure::adjust::{self, GlobalTest, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{InFlight, Setup, Uncertainty};
 
 use crate::common::beam_truth::{Aircraft, Effects, Truth, When, normal3, random_wing, remounted, rms, rng};
@@ -119,4 +119,83 @@ fn each_width_counts_alone() {
         println!("{name}: {:.3} mm after {:.3} mm", 1e3 * wide, 1e3 * held);
         assert!(wide > 1.005 * held, "{name}: {wide} {held}");
     }
+}
+
+/// Frames of a wing that nothing happens to but this, camera stayed; `spoil` changes the first frame's images.
+fn frames_of(
+    seed: u64,
+    count: usize,
+    (effects, width): (Effects, InFlight),
+    spoil: impl Fn(&mut [Observation]),
+) -> Vec<Solution> {
+    let mut rng = rng(seed);
+    let truth = Truth::new(random_wing(&mut rng), 21);
+    let aircraft = Aircraft::new(&mut rng, truth, effects);
+    let mut setup = aircraft.surveyed(&mut rng, 0.002);
+    setup.uncertainty = Uncertainty { in_flight: width, ..Uncertainty::default() };
+    let orientation = aircraft.orientation(&mut rng, 0.05);
+    let fuel = aircraft.truth.fuel();
+    let mut seen: Vec<_> = (0..count)
+        .map(|k| {
+            let when = When::Flight { lift_m: 3.0 - 0.2 * k as f64, fuel };
+            let mount = normal3(&mut rng) * 2e-5;
+            aircraft.frame(&mut rng, when, (mount, Vector3::zeros()), 0.05)
+        })
+        .collect();
+    spoil(&mut seen[0]);
+    let options = Options { mountings: Some(vec![Mounting::OfTheGround; count]), ..Options::default() };
+    match count {
+        1 => vec![adjust::spatial(&setup, &orientation, &seen[0], &options).unwrap()],
+        _ => adjust::flight(&setup, &orientation, &seen, &options).unwrap(),
+    }
+}
+
+/// Five images that lie off by 1.5 px, up and down in turn: no cause has them in common, and none is gross.
+#[test]
+fn where_many_are_out_the_test_judges_them_all() {
+    const OFF: [usize; 5] = [2, 6, 10, 14, 18];
+    let mut met = 0;
+    for seed in 7310..7314 {
+        for count in [1, 3] {
+            let solve = |by_px: f64| {
+                let spoil = |seen: &mut [Observation]| {
+                    let signs = [1.0, -1.0].into_iter().cycle();
+                    OFF.iter().zip(signs).for_each(|(k, sign)| seen[*k].pixel.y += sign * by_px);
+                };
+                frames_of(seed, count, (Effects::default(), InFlight::NONE), spoil).swap_remove(0)
+            };
+            let (clean, spoilt) = (solve(0.0), solve(1.5));
+            let sigma =
+                |s: &Solution| s.markers.iter().filter_map(|m| m.lift_ground_m?.sigma).fold(0.0, f64::max);
+            let out = spoilt.markers.iter().filter(|m| !m.used).count();
+            let says = spoilt.remarks.iter().any(|r| r.contains("the global test judges all of them"));
+            println!(
+                "{count} frames: {out} out, {:?}, {says}, sigma {:.1}",
+                spoilt.global_test,
+                sigma(&spoilt) / sigma(&clean)
+            );
+            assert_eq!(clean.global_test, GlobalTest::Passed);
+            if says {
+                met += 1;
+                assert!(out >= 3 && spoilt.global_test == GlobalTest::Rejected);
+                assert!(sigma(&spoilt) > 1.5 * sigma(&clean), "{} {}", sigma(&spoilt), sigma(&clean));
+            }
+        }
+    }
+    assert!(met >= 4, "{met} of 8");
+}
+
+/// Skin that moves by four times what is usual; a wing that vibrates by as much while rows are read.
+#[test]
+fn a_flight_says_what_moves_more_than_usual() {
+    let says = |effects: Effects, width: InFlight, word: &str| {
+        let flights = (7320..7324).map(|seed| frames_of(seed, 5, (effects, width), |_| ()));
+        flights.filter(|flight| flight[0].remarks.iter().any(|r| r.contains(word))).count()
+    };
+    let skin = Effects { skin_m: 1.2e-3, ..Effects::default() };
+    let (moved, held) =
+        (says(skin, InFlight::USUAL, "skin moved"), says(skin, InFlight::USUAL.held(), "skin moved"));
+    let still = says(Effects::default(), InFlight::USUAL, "are usual");
+    println!("skin: said in {moved} of 4, held in {held}; nothing: {still}");
+    assert!(moved >= 3 && held == 0 && still == 0, "{moved} {held} {still}");
 }

@@ -16,7 +16,7 @@ use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, 
 const RATE_HZ: f64 = 10.0;
 const FRAMES: usize = 3000;
 /// Frequency, Hz; damping; rms of the tip, m.
-const MODES: [(f64, f64, f64); 2] = [(1.3, 0.03, 0.10), (3.7, 0.02, 0.006)];
+const MODES: [(f64, f64, f64); 2] = [(1.3, 0.03, 0.10), (3.7, 0.02, 0.003)];
 /// The detector's standard deviation, px.
 const NOISE_PX: f64 = 0.05;
 

@@ -6,7 +6,8 @@ use nalgebra::{Cholesky, Vector2};
 use wingd::installation;
 use wingd::measure::detect::{Detection, Prediction};
 use wingd::measure::identify;
-use wingd::pipeline::stages::{Sighting, Work, detect_only, detect_predicted};
+use wingd::pipeline::guided::detect_predicted;
+use wingd::pipeline::stages::{Sighting, Work, detect_only};
 
 /// A frame of a fixture with all that it shows, and its surveyed markers seen some pixels off.
 struct Case {

@@ -67,10 +67,10 @@ fn shares(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Ve
                 let k = (i / step) % length;
                 let low = reach.min(k as isize);
                 let high = reach.min((length - 1 - k) as isize);
-                (-low..=high)
-                    .map(|d| kernel[(d + reach) as usize] * from[(i as isize + d * step as isize) as usize])
-                    .sum::<f64>()
-                    / total
+                // Slices side by side: an index for each would be most of the time.
+                let weights = &kernel[(reach - low) as usize..=(reach + high) as usize];
+                let values = from[i - low as usize * step..].iter().step_by(step);
+                weights.iter().zip(values).map(|(weight, value)| weight * value).sum::<f64>() / total
             })
             .collect()
     };

@@ -16,8 +16,8 @@ use wingd::daemon::{
     self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
 };
 use wingd::daemon::{Tracking, live::KeepConfig};
+use wingd::pipeline::guided::Search;
 use wingd::pipeline::live::Tracked;
-use wingd::pipeline::stages::Search;
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{Cause, SeriesManifest, State};
 use wingd::store::verify::verify;

@@ -112,23 +112,8 @@ fn place(state: &Value, id: &str) -> [f64; 2] {
     ["u_px", "v_px"].map(|key| marker(state, id)[key].as_f64().unwrap())
 }
 
-#[test]
-fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
-    let dir = prepared(true);
-    let at = dir.path();
-    done(at, &["import", "flight-1.jpg", "--store", "store", "--installation", "installation"]);
-    let bare: Value = serde_json::from_str(&done(at, &["solve", "store", "--json"])).unwrap();
-    let marking = Marking::start(at, &["store"]);
-    let state = marking.state();
-    assert_eq!((&state["image"], &state["marks"]), (&"s000001/0001.jpg".into(), &0.into()));
-    let [u, v] = place(&state, "M19");
-    // Nothing is replaced unasked, nothing is taken away without a reason, nothing is kept without a name.
-    let near = json!({"act": "place", "id": "M19", "u_px": u + 1.5, "v_px": v - 1.0});
-    let with = |more: Value| {
-        let mut all = near.as_object().unwrap().clone();
-        all.extend(more.as_object().unwrap().clone());
-        Value::Object(all)
-    };
+/// Nothing is replaced unasked, nothing is taken away without a reason, nothing is kept without a name.
+fn refuses(marking: &Marking, near: &Value, with: &dyn Fn(Value) -> Value) {
     assert_eq!(marking.say(near.clone()).0, 409);
     assert_eq!(marking.say(json!({"act": "reject", "id": "M05"})).0, 422);
     assert_eq!(marking.say(with(json!({"over": true, "who": " "}))).0, 422);
@@ -144,6 +129,41 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     }
     assert_eq!(marking.ask("GET / HTTP/1.1\r\nHost: evil.example", "").0, 421);
     assert_eq!(marking.state()["marks"], 0);
+}
+
+fn a_changed_mark_is_seen_in_a_copy(at: &Path) {
+    done(at, &["copy", "store", "copy"]);
+    let file = at.join("copy/flights/f0001/marks-000001.jsonl");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let marks = text.split_once('\n').unwrap().1;
+    super::json_schemas::holds("mark", marks.as_bytes());
+    assert!(text.contains("\"who\":\"ada\"") && text.contains("\"frame_sha256\":"), "{text}");
+    std::fs::write(&file, text.replacen("ada", "bob", 1)).unwrap();
+    let spoiled = wingd(at, &["verify", "copy"]);
+    assert!(
+        spoiled.status.code() == Some(1) && said(&spoiled).contains("marks-000001.jsonl"),
+        "{}",
+        said(&spoiled)
+    );
+}
+
+#[test]
+fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
+    let dir = prepared(true);
+    let at = dir.path();
+    done(at, &["import", "flight-1.jpg", "--store", "store", "--installation", "installation"]);
+    let bare: Value = serde_json::from_str(&done(at, &["solve", "store", "--json"])).unwrap();
+    let marking = Marking::start(at, &["store"]);
+    let state = marking.state();
+    assert_eq!((&state["image"], &state["marks"]), (&"s000001/0001.jpg".into(), &0.into()));
+    let [u, v] = place(&state, "M19");
+    let near = json!({"act": "place", "id": "M19", "u_px": u + 1.5, "v_px": v - 1.0});
+    let with = |more: Value| {
+        let mut all = near.as_object().unwrap().clone();
+        all.extend(more.as_object().unwrap().clone());
+        Value::Object(all)
+    };
+    refuses(&marking, &near, &with);
     // The detector measures where the hand points; a hand that wants to be taken at its word is.
     let (status, state) = marking.say(with(json!({"over": true, "why": "by way of trial"})));
     assert_eq!((status, &marker(&state, "M19")["mark"]["by"]), (200, &"fit".into()), "{state}");
@@ -195,20 +215,7 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     assert!(line(&bare, "M05")["used"].as_bool().unwrap() && line(&bare, "M19").get("by_hand").is_none());
     assert_eq!(done(at, &["solve", "store", "--json", "--no-marks"]), "", "that is there already");
     done(at, &["verify", "store"]);
-    // A copy has the marks; a mark that is changed is seen.
-    done(at, &["copy", "store", "copy"]);
-    let file = at.join("copy/flights/f0001/marks-000001.jsonl");
-    let text = std::fs::read_to_string(&file).unwrap();
-    let marks = text.split_once('\n').unwrap().1;
-    super::json_schemas::holds("mark", marks.as_bytes());
-    assert!(text.contains("\"who\":\"ada\"") && text.contains("\"frame_sha256\":"), "{text}");
-    std::fs::write(&file, text.replacen("ada", "bob", 1)).unwrap();
-    let spoiled = wingd(at, &["verify", "copy"]);
-    assert!(
-        spoiled.status.code() == Some(1) && said(&spoiled).contains("marks-000001.jsonl"),
-        "{}",
-        said(&spoiled)
-    );
+    a_changed_mark_is_seen_in_a_copy(at);
 }
 
 #[test]

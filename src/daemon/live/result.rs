@@ -7,8 +7,8 @@ use serde::Serialize;
 use crate::clock::exposure::Exposure;
 use crate::daemon::capture::Taken;
 use crate::daemon::status::Health;
+use crate::pipeline::guided::Search;
 use crate::pipeline::live::{Curvature, Outline, Tracked};
-use crate::pipeline::stages::Search;
 use crate::record::{GlobalTest, ImageRecord, Status, word};
 
 /// A frame on its way to be solved.

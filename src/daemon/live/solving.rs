@@ -14,8 +14,8 @@ use super::shared::Shared;
 use crate::camera::Frame;
 use crate::daemon::solver::{Track, Tracking};
 use crate::daemon::worker::{Unanswered, Worker};
+use crate::pipeline::guided::Search;
 use crate::pipeline::live::Tracked;
-use crate::pipeline::stages::Search;
 use crate::record::{ImageRecord, Method};
 
 /// A frame that takes longer is given up, with its thread. Machine time.

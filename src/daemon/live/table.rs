@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::result::LiveResult;
 use crate::clock::exposure::Source;
-use crate::pipeline::stages::Search;
+use crate::pipeline::guided::Search;
 use crate::record::{
     CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Reference, SigmaKind, TorsionRecord, word,
 };

@@ -13,7 +13,7 @@
 //! | what takes part | `usage.rs` |
 //! | observations, unknowns, conditions, solutions | `frames.rs`, `setting.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
 //! | blunders | `blunders.rs` |
-//! | departure, drift and remounts from the data | `tuning.rs` |
+//! | departure, drift, remounts and unstated widths from the data | `tuning.rs`, `widths.rs` |
 //! | a frame's result | `dressing.rs` |
 //! | frame by frame | `live.rs` |
 //! | what it tells later flights | `learning.rs` |
@@ -31,6 +31,7 @@ mod shape;
 mod solving;
 mod tuning;
 mod usage;
+mod widths;
 
 pub use learning::learn;
 pub use live::Live;

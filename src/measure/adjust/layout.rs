@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
+use super::factors::Factors;
 use super::input::{Input, Sights};
 use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Scene, moved};
@@ -34,9 +35,8 @@ pub struct Motions {
 const MISSING_MOTION: &str = "a marker's motion in flight is not determined";
 
 impl Motions {
-    /// Takes columns for them, with what is known beforehand. `marks_factor`: by how much more than stated fixed marks are
-    /// taken to move.
-    pub fn place(input: &Input, marks_factor: f64, columns: &mut Columns) -> Self {
+    /// Takes columns for them, with what is known beforehand.
+    pub fn place(input: &Input, factors: &Factors, columns: &mut Columns) -> Self {
         let width = &input.setup.uncertainty.in_flight;
         let axis = &input.scene.ground.axis;
         let first = columns.missing.len();
@@ -44,10 +44,10 @@ impl Motions {
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (name, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                ("motion of the fixed marks", marks_factor * marker.flight_motion_m, all)
+                ("motion of the fixed marks", factors.marks * marker.flight_motion_m, all)
             } else {
                 let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
-                ("motion of the skin", width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
+                ("motion of the skin", factors.skin * width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.take(directions.len(), MISSING_MOTION);
@@ -129,9 +129,19 @@ impl Layout {
         self.terms.iter().flat_map(of).collect()
     }
 
+    /// A frame's own unknowns of this name: their columns and the standard deviations that they are 0 with.
+    pub fn own_of<'s>(&'s self, name: &'s str) -> impl Iterator<Item = (usize, f64)> + 's {
+        self.terms.iter().filter(move |placed| placed.term.name == name).flat_map(|placed| {
+            let first = if let Place::Local(first) = placed.place { Some(first) } else { None };
+            let sigma = |prior: &Prior| prior.covariance[(0, 0)].sqrt();
+            let one = move |(k, prior)| first.map(|first| (first + k, sigma(prior)));
+            placed.term.priors.iter().enumerate().filter_map(one)
+        })
+    }
+
     /// The same with the instants of the rows in which another frame shows its markers.
     pub fn with_rows(&self, input: &Input, sights: &Sights) -> Self {
-        let rows = terms::of_rows(input, sights);
+        let rows = terms::of_rows(input, sights, &Factors::default());
         let of_name = |name: &str| rows.iter().find(|term| term.name == name).cloned();
         let terms = self.terms.iter().map(|placed| match of_name(placed.term.name) {
             Some(term) => Placed { term: Arc::new(term), place: placed.place },

@@ -7,6 +7,7 @@ mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
+mod factors;
 mod flight;
 pub mod ground;
 mod input;

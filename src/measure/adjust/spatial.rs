@@ -11,6 +11,7 @@ use self::causes::causes;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{Blocks, with_sources};
+use super::factors::Factors;
 use super::flight;
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
@@ -149,8 +150,8 @@ impl<'a> Removable for Single<'a> {
 /// A solution without blunders; fixed marks that contradict each other are widened together.
 fn without_blunders(mut single: Single, allowed: usize) -> Result<Snooped<Single>, AdjustError> {
     let mut all = single.solve(None)?;
-    while single.marks_factor < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
-        single.marks_factor *= 2.0;
+    while single.factors.marks < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
+        single.factors.marks *= 2.0;
         all = single.solve(Some(&all))?;
     }
     snooping::one_by_one(single, all, allowed)
@@ -201,7 +202,7 @@ pub fn solve(
     let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = Usage::all(setup.markers.len());
-    let single = Single { input, sights, usage, terms, marks_factor: 1.0, cause: None };
+    let single = Single { input, sights, usage, terms, factors: Factors::default(), cause: None };
     let mut clean = without_blunders(single.clone(), allowed)?;
     if clean.judged.is_some() {
         clean = caused(&single, allowed).unwrap_or(clean);
@@ -220,7 +221,7 @@ pub fn solve(
         outcome.solution(Method::Spatial, removed.iter(), sources)
     });
     remarks.extend(solution.remarks);
-    remarks.extend(snooping::widened_marks(single.marks_factor));
+    remarks.extend(snooping::widened_marks(single.factors.marks));
     remarks.extend(single.cause.as_ref().map(|cause| cause.sentence(fit.global[frame.layout.own.first])));
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));

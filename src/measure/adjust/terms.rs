@@ -13,7 +13,7 @@ mod motion;
 mod wing;
 
 pub use camera::{LEAST_DRIFT_RAD, repeatability_rad, rotation_of_mounting, stated_drift_rad};
-pub use motion::{common_cause, of_frame, of_rows};
+pub use motion::{SHAKE, VIBRATION, common_cause, of_flight, of_frame, of_rows};
 pub use wing::{curvature, twist};
 
 use nalgebra::Matrix3;

@@ -32,7 +32,7 @@ pub struct GroupFit {
     /// Covariance of local with global parameters (local x global).
     pub(super) cross: DMatrix<f64>,
     /// Covariance of the local parameters.
-    pub(super) covariance: DMatrix<f64>,
+    pub covariance: DMatrix<f64>,
     /// Its blocks.
     pub blocks: Vec<BlockFit>,
 }

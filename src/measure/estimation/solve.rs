@@ -1,4 +1,5 @@
-//! The iteration: Gauss's steps, relaxed where they repeat themselves, shortened and at last damped where they lead up.
+//! The iteration: Gauss's steps, relaxed where they repeat themselves; where two of them lead up (Chamberlain et al. 1982),
+//! shortened and at last damped.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -14,10 +15,11 @@ const CONVERGED: f64 = 1e-10;
 /// The same for a solution that only decides what the next one looks like: the last step is a tenth
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
-/// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
-/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, and after more
-/// of them a hundredth: a damped one may be as short on its way along a valley.
-const LATE: [(usize, f64); 2] = [(60, 1e-6), (120, 1e-4)];
+/// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever, and hundreds
+/// of frames creep along a valley that bends. After so many iterations a solution is taken from which the undamped step is a
+/// thousandth of a standard deviation, after more of them a hundredth and at last a tenth, which is half a percent of a
+/// variance: a damped one may be as short on its way along a valley.
+const LATE: [(usize, f64); 3] = [(60, 1e-6), (120, 1e-4), (180, 1e-2)];
 /// A step that leads up is tried again at such a share of its length: it points down, and what Gauss's method leaves out of the
 /// second derivatives makes it too long. Damping would turn it away from what little tells, and creep.
 const SHORTER: f64 = 0.25;
@@ -80,9 +82,11 @@ pub fn solve_from(
     system.assemble(problem, &state, &linearise)?;
     let (mut damping, mut length) = (0.0, 1.0);
     let mut relaxation = Relaxation::default();
+    // Where a whole step led up from, and the sum of squares that the next one must not pass.
+    let mut astray: Option<(State, f64)> = None;
     for iteration in 1..=MAX_ITERATIONS {
         let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
-        if let Some(enough) = late.filter(|enough| !course.rough && system.unclosed <= *enough) {
+        if let Some(enough) = late.filter(|enough| system.unclosed <= *enough) {
             let undamped = system.step(problem, 0.0)?;
             if undamped.dot(&(&system.normal * &undamped)) <= enough {
                 return system.finish(problem, state, iteration);
@@ -97,10 +101,23 @@ pub fn solve_from(
         let settled = moved <= converged * length * length;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
-        let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
+        let here = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
+        let limit = astray.as_ref().map_or(here, |(_, limit)| *limit);
         let tried = system.assemble(problem, &next, &linearise);
-        if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
+        let exists = tried.is_ok() && system.omega.is_finite();
+        let led_up = system.omega > limit && (!settled || astray.is_some());
+        if exists && led_up && astray.is_none() && damping == 0.0 && length == 1.0 {
+            // A valley that bends: the next step may lead back to its floor, and farther down (the watchdog technique).
             relaxation = Relaxation::default();
+            std::mem::swap(&mut state, &mut next);
+            astray = Some((next.clone(), limit));
+            continue;
+        }
+        if !exists || led_up {
+            relaxation = Relaxation::default();
+            if let Some((before, _)) = astray.take() {
+                state = before;
+            }
             if damping == 0.0 && SHORTER * length >= SHORTEST {
                 length *= SHORTER;
             } else {
@@ -113,6 +130,7 @@ pub fn solve_from(
             continue;
         }
         std::mem::swap(&mut state, &mut next);
+        astray = None;
         length = 1.0;
         if settled && system.unclosed <= converged {
             return system.finish(problem, state, iteration);

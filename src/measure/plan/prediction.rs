@@ -254,7 +254,10 @@ impl<'a> Rehearsal<'a> {
         let seen: Vec<Vec<Observation>> = seen.collect::<Result<_, AdjustError>>()?;
         let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
         let options = Options { mountings, ..adjustment_options(self.options) };
-        let solutions = adjust::flight(self.setup, &self.orientation, &seen, &options)?;
+        // Observations without noise would tell that nothing moves.
+        let mut setup = self.setup.clone();
+        setup.uncertainty.in_flight = setup.uncertainty.in_flight.held();
+        let solutions = adjust::flight(&setup, &self.orientation, &seen, &options)?;
         let first = solutions.first().and_then(|solution| expected(solution, self.setup));
         first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }

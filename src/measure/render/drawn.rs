@@ -9,7 +9,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::Random;
 use super::scene::{Scene, Shot};
 use super::wing::Moved;
-use crate::setup::{InFlight, Setup, SkinHeight, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty, Vibration};
+use crate::setup::{InFlight, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty};
 
 /// One aircraft of those that an installation allows, in one flight.
 #[derive(Clone, Debug)]
@@ -23,6 +23,8 @@ pub struct Drawn {
     /// Rotation between two frames, standard deviation about each axis, rad.
     drift_rad: f64,
     lens_change: (f64, Vector2<f64>),
+    /// Of each marker of the survey: only fixed marks move by themselves, m.
+    marks_m: Vec<Vector3<f64>>,
 }
 
 impl Drawn {
@@ -42,6 +44,9 @@ impl Drawn {
         let scale = 1.0 + normal(flight.scale);
         let off = Vector2::from_fn(|_, _| normal(flight.principal_point_px));
         let ground_bend_m = normal(flight.ground_bend_m);
+        let own = |marker: &SurveyMarker| if marker.fixed { marker.flight_motion_m } else { 0.0 };
+        let sigmas: Vec<f64> = scene.setup.markers.iter().map(own).collect();
+        let marks_m = sigmas.into_iter().map(|sigma| Vector3::from_fn(|_, _| normal(sigma))).collect();
         let mount = scene.remount(random);
         Self {
             ground_bend_m,
@@ -50,6 +55,7 @@ impl Drawn {
             mount,
             drift_rad: widths.mount_drift_rad,
             lens_change: (scale, off),
+            marks_m,
         }
     }
 
@@ -66,6 +72,7 @@ impl Drawn {
         shot.state.thermal_scale *= self.length;
         shot.state.moved = self.moved;
         shot.lens_change = self.lens_change;
+        shot.marks_m.clone_from(&self.marks_m);
         shot
     }
 
@@ -97,9 +104,10 @@ impl Drawn {
 
     /// Widths without what is never drawn.
     pub fn undrawn(widths: Uncertainty) -> Uncertainty {
-        let none = Vibration { amplitude: 0.0, frequency_hz: 0.0 };
+        let none = InFlight::NONE.vibration;
         let in_flight = InFlight {
             skin_motion_m: 0.0,
+            skin_by_frames: false,
             in_plane_m: 0.0,
             torque_rad: 0.0,
             readout_s: 0.0,

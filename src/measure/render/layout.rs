@@ -198,7 +198,7 @@ impl Scene {
         [self.ground_shot(0), highest].iter().all(|shot| {
             let pose = self.wing.pose(&shot.state);
             let seen: Vec<_> =
-                self.placed(&pose).iter().map(|placed| self.seen(shot, &pose, placed)).collect();
+                self.placed(&pose, &[]).iter().map(|placed| self.seen(shot, &pose, placed)).collect();
             let Some((Some(pixel), size, visible)) = seen.last().copied() else { return false };
             let margin = 40.0;
             let framed = pixel.x > margin + 0.5 * size.x

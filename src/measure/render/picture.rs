@@ -312,7 +312,7 @@ mod tests {
         let scene = scene();
         for shot in [scene.ground_shot(1), scene.flight_shot(2.0, Light::Plain, 2)] {
             let pose = scene.wing.pose(&shot.state);
-            for (marker, placed) in scene.markers.iter().zip(scene.placed(&pose)).step_by(3) {
+            for (marker, placed) in scene.markers.iter().zip(scene.placed(&pose, &[])).step_by(3) {
                 let image = reflectance(&scene, &shot, std::slice::from_ref(&placed));
                 let mut drawn = [0.0; 3];
                 for (i, value) in image.iter().enumerate() {

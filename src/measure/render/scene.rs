@@ -1,6 +1,6 @@
 //! A wing with its camera, and one shot of it.
 
-use nalgebra::{Rotation3, Vector2};
+use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::beam::LoadShape;
 use super::decals::Clutter;
@@ -49,6 +49,8 @@ pub struct Shot {
     pub mount: Rotation3<f64>,
     /// Camera constant over that of the calibration, and shift of the principal point, px.
     pub lens_change: (f64, Vector2<f64>),
+    /// By how much each marker has moved by itself, in the survey's order, wing frame, m; those beyond its end have not.
+    pub marks_m: Vec<Vector3<f64>>,
     /// Indices of markers that are not there.
     pub hidden: Vec<usize>,
     /// Of the noise.
@@ -65,6 +67,7 @@ impl Scene {
             sensor: Sensor::default(),
             mount: Rotation3::identity(),
             lens_change: (1.0, Vector2::zeros()),
+            marks_m: Vec::new(),
             hidden: Vec::new(),
             seed,
         }
@@ -98,7 +101,7 @@ impl Scene {
         let pose = self.wing.pose(&shot.state);
         let light = self.illumination(shot, &pose);
         let placed: Vec<Placed> = self
-            .placed(&pose)
+            .placed(&pose, &shot.marks_m)
             .into_iter()
             .enumerate()
             .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
@@ -120,8 +123,10 @@ impl Scene {
         Illumination::random(shot.light, &mut Random::new(shot.light_seed, 1), pose)
     }
 
-    pub(super) fn placed(&self, pose: &Pose) -> Vec<Placed> {
-        self.markers.iter().map(|marker| marker.placed(pose)).collect()
+    pub(super) fn placed(&self, pose: &Pose, marks_m: &[Vector3<f64>]) -> Vec<Placed> {
+        let mut all: Vec<Placed> = self.markers.iter().map(|marker| marker.placed(pose)).collect();
+        all.iter_mut().zip(marks_m).for_each(|(placed, by)| placed.centre_m += by);
+        all
     }
 
     /// The lens in a shot.

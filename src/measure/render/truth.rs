@@ -48,12 +48,12 @@ const SATURATED: f64 = 0.9;
 impl Scene {
     /// The truth of a shot.
     pub fn truth(&self, shot: &Shot) -> FrameTruth {
-        let ground = self.positions(&self.wing.pose(&State::ground(shot.state.load)));
+        let ground = self.positions(&self.wing.pose(&State::ground(shot.state.load)), &[]);
         let pose = self.wing.pose(&shot.state);
-        let flight = self.positions(&pose);
+        let flight = self.positions(&pose, &shot.marks_m);
         let lift: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
-        let placed = self.placed(&pose);
+        let placed = self.placed(&pose, &shot.marks_m);
         let plates = self.plates(shot, &placed);
         let markers = self.markers.iter().zip(&placed).enumerate();
         FrameTruth {
@@ -97,10 +97,10 @@ impl Scene {
         placed.iter().enumerate().filter_map(of).collect()
     }
 
-    fn positions(&self, pose: &Pose) -> Vec<Vector3<f64>> {
+    fn positions(&self, pose: &Pose, marks_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         // Where the camera was at the ground frame is the origin.
         let still = |placed: &Placed| placed.centre_m - pose.cabin_m;
-        self.placed(pose).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
+        self.placed(pose, marks_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
     }
 
     /// Image of the centre, box of the outline, and whether all of it can be seen.

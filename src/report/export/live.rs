@@ -25,7 +25,7 @@ struct Place {
     /// With the unit.
     name: String,
     what: What,
-    from: From,
+    from: Origin,
 }
 
 #[derive(Clone, Copy)]
@@ -38,7 +38,7 @@ enum What {
     Double,
 }
 
-enum From {
+enum Origin {
     /// Column of the file, and which of its values in a row.
     Value(usize, usize),
     /// The same for all of the table's rows.
@@ -51,7 +51,7 @@ impl LiveColumns {
         let once = ONCE.iter().map(|(name, unit, kind)| Place {
             name: format!("{name}{}", ending(unit)),
             what: What::of(unit, *kind),
-            from: From::Constant(f64::NAN),
+            from: Origin::Constant(f64::NAN),
         });
         let mut all: Vec<Place> = once.collect();
         for place in tables.into_iter().flat_map(places) {
@@ -84,12 +84,12 @@ impl LiveColumns {
         ];
         columns.extend(self.all.iter().map(|place| {
             let numbers = match there.iter().find(|found| found.name == place.name).map(|found| &found.from) {
-                Some(From::Value(column, value)) => {
+                Some(Origin::Value(column, value)) => {
                     let width = head.table.columns.get(*column).map_or(1, |column| column.width);
                     let all = unpacked.get(*column).into_iter().flatten();
                     all.skip(*value).step_by(width).copied().collect()
                 }
-                Some(From::Constant(value)) => vec![*value; rows],
+                Some(Origin::Constant(value)) => vec![*value; rows],
                 None => vec![f64::NAN; rows],
             };
             place.column(&numbers, &words(&head.table, &place.name))
@@ -152,7 +152,7 @@ fn places(table: &LiveTable) -> Vec<Place> {
                 _ => format!("{rest}_{}{unit}", value + 1),
             };
             let what = What::of(&column.unit, column.kind);
-            all.push(Place { name, what, from: From::Value(index, value) });
+            all.push(Place { name, what, from: Origin::Value(index, value) });
         }
     }
     all
@@ -164,7 +164,7 @@ fn arc_lengths(table: &LiveTable) -> Vec<Place> {
     let place = |(index, arc): (usize, &Value)| Place {
         name: format!("arc_length_{}_m", station(index)),
         what: What::Double,
-        from: From::Constant(arc.as_f64().unwrap_or(f64::NAN)),
+        from: Origin::Constant(arc.as_f64().unwrap_or(f64::NAN)),
     };
     arcs.into_iter().flatten().enumerate().map(place).collect()
 }

@@ -11,7 +11,7 @@ use super::{Block, ROOT, blocks, pages};
 const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
 
 /// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
-const CONSOLE: [(&str, &str); 12] = [
+const CONSOLE: [(&str, &str); 13] = [
     ("make ", "a target of the Makefile, which `named` looks up"),
     ("cargo test ", "a test that `make test` runs, which `named` looks up"),
     ("cargo build --release --locked --features upload", "make fleet-test builds so"),
@@ -25,6 +25,7 @@ const CONSOLE: [(&str, &str); 12] = [
     ("wingd-fleet modes ", "fleet/tests/test_modes.py"),
     ("rclone ", "not run: needs a remote of one's own"),
     ("python3 tests/validation/rendered_sets.py ", "not run: minutes a set; `named` looks the file up"),
+    ("python3 tests/validation/planned_wings.py ", "not run: minutes a wing; `named` looks the file up"),
     (
         "python3 tests/validation/detections.py ",
         "not run: its sets take an hour to render; `named` looks the file up",

@@ -15,8 +15,8 @@ impl Flight<'_> {
     /// A rough solution without blunders, and what they are.
     pub fn without_blunders(&mut self) -> Result<(Solved, Vec<Removed>), AdjustError> {
         let mut solved = self.solve(None)?;
-        while self.marks_factor < WIDEST_MARKS && self.marks_contradict(&solved) {
-            self.marks_factor *= 2.0;
+        while self.factors.marks < WIDEST_MARKS && self.marks_contradict(&solved) {
+            self.factors.marks *= 2.0;
             solved = self.solve(Some(&solved.fit))?;
         }
         let (solved, mut removed) = self.snoop(solved)?;

@@ -44,7 +44,8 @@ pub fn of_frame(
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == Target::Survey);
     let solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
     remarks.extend(solution.remarks);
-    remarks.extend(widened_marks(flight.marks_factor));
+    remarks.extend(widened_marks(flight.factors.marks));
+    remarks.extend(flight.larger_than_usual());
     Solution { remarks, ..solution }
 }
 

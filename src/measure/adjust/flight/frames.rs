@@ -6,6 +6,7 @@ use super::assumed::{Assumed, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
 use crate::adjust::blocks::{image_block, survey_block};
+use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights, by_marker, on_the_wing};
 use crate::adjust::layout::{Layout, Member};
 use crate::adjust::snooping::Judged;
@@ -28,8 +29,8 @@ pub struct Flight<'a> {
     pub assumed: Assumed<'a>,
     /// What the global test judges, where much was removed.
     pub judged: Option<Judged>,
-    /// By how much more than stated fixed marks are taken to move.
-    pub marks_factor: f64,
+    /// By how much more or less than stated things are taken to move.
+    pub factors: Factors,
 }
 
 impl<'a> Flight<'a> {
@@ -51,7 +52,7 @@ impl<'a> Flight<'a> {
             return Err(AdjustError::Input("there must be one mounting for every frame".into()));
         }
         let usage = Usage::all(frames.len(), setup.markers.len());
-        Ok(Self { input, frames, usage, assumed, judged: None, marks_factor: 1.0 })
+        Ok(Self { input, frames, usage, assumed, judged: None, factors: Factors::default() })
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.

@@ -82,13 +82,14 @@ impl Unknowns {
         let curvature_terms =
             input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
         let mut columns = Columns::default();
-        let shared = terms::shared(input, &mut columns);
+        let mut shared = terms::shared(input, &mut columns);
+        shared.placed.extend(terms::of_flight(input).into_iter().map(|term| columns.place(term)));
         let head = columns.missing.len();
         let shape = ShapeColumns::take(&mut columns, curvature_terms);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(Motions::place(input, flight.marks_factor, &mut columns));
+        let motions = Arc::new(Motions::place(input, &flight.factors, &mut columns));
         Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
     }
 
@@ -100,7 +101,7 @@ impl Unknowns {
             terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
             terms::own_rotation(&own_rotation_covariance(flight)),
         ];
-        let others = terms::of_frame(input, &flight.frames[frame]);
+        let others = terms::of_frame(input, &flight.frames[frame], &flight.factors, true);
         let mut local = Columns::local();
         own.into_iter().chain(others).map(|term| local.place(term)).collect()
     }

@@ -75,12 +75,13 @@ impl Solved {
     }
 }
 
-fn is_settled(before: f64, after: f64) -> bool {
+/// Whether a standard deviation changed little.
+pub fn is_settled(before: f64, after: f64) -> bool {
     (after / before).ln().abs() < SETTLED
 }
 
 impl Flight<'_> {
-    /// Sets the departure from the shared shape, and the drift, to what their own residuals show (Koch's estimate of
+    /// Sets the departure from the shared shape, the drift, and widths that nobody stated, to what their own residuals show (Koch's estimate of
     /// one variance component). The last change waits for the caller's next solution.
     pub fn tune(&mut self, mut last: Solved, rounds: usize) -> Result<Solved, AdjustError> {
         for round in 1..=rounds {
@@ -94,7 +95,8 @@ impl Flight<'_> {
             }
             let before = self.assumed.departure;
             self.assumed.departure = bounded_departure(before * (omega / redundancy).sqrt());
-            let settled = self.tune_drift(&last) && is_settled(before, self.assumed.departure);
+            let others = [self.tune_drift(&last), self.tune_widths(&last)];
+            let settled = others == [true; 2] && is_settled(before, self.assumed.departure);
             if settled || round == rounds {
                 break;
             }

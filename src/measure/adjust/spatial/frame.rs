@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use super::causes::Cause;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
+use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
 use crate::adjust::scene::Scene;
@@ -40,8 +41,8 @@ pub(super) struct Single<'a> {
     pub sights: Sights<'a>,
     pub usage: Usage,
     pub terms: usize,
-    /// By how much more than stated fixed marks are taken to move.
-    pub marks_factor: f64,
+    /// By how much more than stated marks and skin are taken to move.
+    pub factors: Factors,
     /// What many markers have in common.
     pub cause: Option<Cause>,
 }
@@ -106,11 +107,13 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
     let shared = terms::shared(input, columns);
     let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
     let mounting: Vec<_> = mounting.collect();
-    let others = terms::of_frame(input, &single.sights).into_iter().map(|term| columns.place(term));
+    let others = terms::of_frame(input, &single.sights, &single.factors, false)
+        .into_iter()
+        .map(|term| columns.place(term));
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
-    let motions = Arc::new(Motions::place(input, single.marks_factor, columns));
+    let motions = Arc::new(Motions::place(input, &single.factors, columns));
     // Behind all others, so that a solution without it is one to start from.
     let first_own = columns.missing.len();
     let cause = single.cause.as_ref().map(|cause| columns.place(cause.term(input)));

@@ -31,7 +31,8 @@ fn hold(setup: Setup) {
     let observations: Vec<_> = (0..9).map(observation).collect();
     let sights = by_marker(&setup, &observations).unwrap();
     let input = Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
-    let single = Single { input, sights, usage: Usage::all(9), terms: 5, marks_factor: 1.0, cause: None };
+    let single =
+        Single { input, sights, usage: Usage::all(9), terms: 5, factors: Factors::default(), cause: None };
     let frame = Frame::new(&single, &Start { amplitude_per_m: 0.005, from: None });
     let p = frame.problem.start.len();
     let global = DVector::from_fn(p, |k, _| match k {

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::wing::torques;
 use crate::adjust::beam::Bending;
+use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::scene::Scene;
 use crate::adjust::term::{Displacement, Effect, Instant, Term};
@@ -147,6 +148,11 @@ fn row_times_s(scene: &Scene, sights: &Sights, height_px: f64, readout_s: f64) -
     (0..scene.ground.stations.len()).map(of).collect()
 }
 
+/// The wing's vibration, by name.
+pub const VIBRATION: &str = "vibration of the wing";
+/// The camera's.
+pub const SHAKE: &str = "shake of the camera";
+
 /// The wing in its first mode while the rows are read: its tip's velocity at the middle row, m/s.
 fn vibration(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
     let mut field = empty(scene);
@@ -154,7 +160,7 @@ fn vibration(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
         field[marker] = Vector3::y() * (mode(eta).0 * times_s[marker]);
     }
     let [velocity, _] = rates(of);
-    (velocity > 0.0).then(|| moves("vibration of the wing", Instant::AtItsRow, vec![field], &[velocity]))
+    (velocity > 0.0).then(|| moves(VIBRATION, Instant::AtItsRow, vec![field], &[velocity]))
 }
 
 /// The camera about its two transverse axes while the rows are read, rad/s and rad/s^2. A camera that turns sees what
@@ -168,28 +174,46 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
     }
     let [velocity, acceleration] = rates(of);
     let sigmas = [velocity, acceleration, velocity, acceleration];
-    (velocity > 0.0).then(|| moves("shake of the camera", Instant::AtItsRow, fields, &sigmas))
+    (velocity > 0.0).then(|| moves(SHAKE, Instant::AtItsRow, fields, &sigmas))
 }
 
-/// What each frame has for itself beside bending, twist and rotation.
-pub fn of_frame(input: &Input, sights: &Sights) -> Vec<Term> {
-    let scene = input.scene;
+/// Of drag, and of the torque that trims an aircraft: the part of the standard deviation that a flight's frames have in
+/// common, and the part that each has for itself. A wing bends and twists alike in one flight but for gusts, flaps and turns.
+const OF_FLIGHT: (f64, f64) = (0.9, 0.436);
+
+fn in_plane_and_torque(input: &Input, share: f64) -> Vec<Term> {
     let width = &input.setup.uncertainty.in_flight;
-    let mut terms: Vec<_> =
-        in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
-    terms.extend(parts(scene, &input.setup.markers));
-    terms.extend(of_rows(input, sights));
+    in_plane(input.scene, share * width.in_plane_m)
+        .into_iter()
+        .chain(torques(share * width.torque_rad))
+        .collect()
+}
+
+/// What a flight's frames have in common of what each has for itself.
+pub fn of_flight(input: &Input) -> Vec<Term> {
+    in_plane_and_torque(input, OF_FLIGHT.0)
+}
+
+/// What each frame has for itself beside bending, twist and rotation; `in_flight`: beside [`of_flight`].
+pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bool) -> Vec<Term> {
+    let mut terms = in_plane_and_torque(input, if in_flight { OF_FLIGHT.1 } else { 1.0 });
+    terms.extend(parts(input.scene, &input.setup.markers));
+    terms.extend(of_rows(input, sights, factors));
     terms
 }
 
 /// What of it follows from the rows in which this frame shows its markers.
-pub fn of_rows(input: &Input, sights: &Sights) -> Vec<Term> {
+pub fn of_rows(input: &Input, sights: &Sights, factors: &Factors) -> Vec<Term> {
     let InFlight { readout_s, vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty.in_flight;
     if readout_s <= 0.0 {
         return vec![];
     }
     let times_s = row_times_s(input.scene, sights, f64::from(input.setup.lens.height), readout_s);
-    let terms = [vibration(input.scene, &times_s, of_wing), shake(input.scene, &times_s, of_camera)];
+    let times = |of: Vibration, factor| Vibration { amplitude: factor * of.amplitude, ..of };
+    let terms = [
+        vibration(input.scene, &times_s, times(of_wing, factors.vibration)),
+        shake(input.scene, &times_s, times(of_camera, factors.shake)),
+    ];
     terms.into_iter().flatten().collect()
 }
 

@@ -59,8 +59,8 @@ pub fn torques(sigma_rad: f64) -> Option<Term> {
         size: TORQUES.len(),
         priors: (0..TORQUES.len()).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
         enter: |x, values| {
-            values.twist_rad.resize(MAX_TWIST_TERMS, 0.0);
-            values.twist_rad.extend(x);
+            values.twist_rad.resize(MAX_TWIST_TERMS + TORQUES.len(), 0.0);
+            values.twist_rad.iter_mut().skip(MAX_TWIST_TERMS).zip(x).for_each(|(twist, x)| *twist += x);
         },
         effect: Effect::Wing {
             position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],

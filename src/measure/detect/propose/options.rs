@@ -205,7 +205,7 @@ numbers! {
         /// Shifts that are tried to each side: a predicted place is off by up to 6 px.
         steps: i32 = 3,
         /// Their step, px: within, a fit finds the crossing.
-        step_px: f64 = 2.0,
+        step_px: isize = 2,
     }
 
     /// The outline of quadrants. Chosen on drawn and rendered quadrants; `tests/detect/bad_light.rs` and

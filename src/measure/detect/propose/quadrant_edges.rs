@@ -16,21 +16,70 @@ const QUARTER: usize = EDGES.turns / 4;
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
 /// parts dark from light; `None` where both black quadrants are not darker than both white ones.
 pub fn within(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
-    EdgeSearch::of(ellipse, image, &[]).hypothesis(blobs)
+    Turns::of(ellipse).searched(image, &[], [0; 2]).hypothesis(blobs)
 }
 
 /// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
 /// best.
 pub fn placed(ellipse: &Ellipse, image: &Raster, bands: &[Band]) -> Option<Hypothesis> {
+    let turns = Turns::of(*ellipse);
     let shifts = (-EDGES.steps..=EDGES.steps).flat_map(|u| (-EDGES.steps..=EDGES.steps).map(move |v| [u, v]));
-    let searches = shifts.map(|shift| {
-        let centre = ellipse.centre + Vector2::from(shift.map(f64::from)) * EDGES.step_px;
-        EdgeSearch::of(Ellipse { centre, ..*ellipse }, image, bands)
-    });
+    let searches =
+        shifts.map(|shift| turns.searched(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
     searches.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.hypothesis(&[])
 }
 
-/// An outline's pixels, all but the outermost, by their direction in it seen as a circle.
+/// An outline's pixels, all but the outermost, with the direction in which they lie in it seen as a circle.
+struct Turns {
+    ellipse: Ellipse,
+    /// Every how many rows and columns are looked at.
+    step: usize,
+    /// Column, row, direction.
+    pixels: Vec<(isize, isize, usize)>,
+}
+
+impl Turns {
+    fn of(ellipse: Ellipse) -> Self {
+        let (frame, reach) = (EllipseFrame::new(&ellipse), ellipse.extent());
+        let area = PI * ellipse.major * ellipse.minor * EDGES.inner * EDGES.inner;
+        let step = (area / EDGES.pixels).sqrt().max(1.0) as usize;
+        let side = |k: usize| {
+            let (low, high) = (ellipse.centre[k] - reach[k], ellipse.centre[k] + reach[k]);
+            (low.floor() as isize..high.floor() as isize).step_by(step)
+        };
+        let mut pixels = Vec::new();
+        for (y, x) in side(1).flat_map(|y| side(0).map(move |x| (y, x))) {
+            let (s, t) = frame.local(x as f64, y as f64);
+            let (p, q) = (s / ellipse.major, t / ellipse.minor);
+            if p * p + q * q < EDGES.inner * EDGES.inner {
+                let turn = (q.atan2(p).rem_euclid(TAU) / TAU * EDGES.turns as f64) as usize % EDGES.turns;
+                pixels.push((x, y, turn));
+            }
+        }
+        Self { ellipse, step, pixels }
+    }
+
+    /// What a picture shows within the outline, shifted by whole pixels, beside some bands.
+    fn searched(&self, image: &Raster, bands: &[Band], [right, down]: [isize; 2]) -> EdgeSearch {
+        let mut sums = [(0.0, 0.0); EDGES.turns];
+        let mut squares = 0.0;
+        for &(x, y, turn) in &self.pixels {
+            let (x, y) = (x + right, y + down);
+            let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
+            if !image.holds(x, y) || hidden() {
+                continue;
+            }
+            let value = f64::from(image.clamped(x, y));
+            sums[turn].0 += value;
+            sums[turn].1 += 1.0;
+            squares += value * value;
+        }
+        let centre = self.ellipse.centre + Vector2::new(right as f64, down as f64);
+        EdgeSearch::of(Ellipse { centre, ..self.ellipse }, self.step, &sums, squares)
+    }
+}
+
+/// Grey values within an outline by their direction in it seen as a circle.
 struct EdgeSearch {
     ellipse: Ellipse,
     /// Every how many rows and columns are looked at.
@@ -42,29 +91,13 @@ struct EdgeSearch {
 }
 
 impl EdgeSearch {
-    fn of(ellipse: Ellipse, image: &Raster, bands: &[Band]) -> Self {
-        let frame = EllipseFrame::new(&ellipse);
-        let reach = ellipse.extent();
-        let area = PI * ellipse.major * ellipse.minor * EDGES.inner * EDGES.inner;
-        let step = (area / EDGES.pixels).sqrt().max(1.0) as usize;
-        let mut sums = [(0.0, 0.0); EDGES.turns];
-        let mut squares = 0.0;
-        for (x, y, value) in image.part(ellipse.centre - reach, ellipse.centre + reach, step) {
-            let (s, t) = frame.local(x as f64, y as f64);
-            let (p, q) = (s / ellipse.major, t / ellipse.minor);
-            let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
-            if p * p + q * q < EDGES.inner * EDGES.inner && !hidden() {
-                let turn = (q.atan2(p).rem_euclid(TAU) / TAU * EDGES.turns as f64) as usize % EDGES.turns;
-                sums[turn].0 += f64::from(value);
-                sums[turn].1 += 1.0;
-                squares += f64::from(value).powi(2);
-            }
-        }
+    /// From sum and number of grey values in each direction, and the sum of their squares.
+    fn of(ellipse: Ellipse, step: usize, sums: &[(f64, f64); EDGES.turns], squares: f64) -> Self {
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
         let quarters = std::array::from_fn(|from| {
             (0..QUARTER).map(|k| sums[(from + k) % EDGES.turns]).fold((0.0, 0.0), add)
         });
-        let (sum, count) = sums.into_iter().fold((0.0, 0.0), add);
+        let (sum, count) = sums.iter().copied().fold((0.0, 0.0), add);
         let squares = squares - sum * sum / f64::max(count, 1.0);
         Self { ellipse, step, quarters, squares: squares.max(1.0) }
     }

@@ -1,0 +1,91 @@
+//! A frame is searched where an earlier one says.
+
+use super::decode;
+use super::located::holds;
+use super::stages::{Sighting, Work, unseen};
+use crate::camera::Format;
+use crate::measure::detect::{self, Detection, Prediction};
+#[cfg(doc)]
+use crate::measure::identify;
+use crate::measure::raster::Raster;
+
+/// The markers of a frame that an earlier one foretells ([`identify::predict`]), without names: only what lies about them is
+/// decoded and searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
+pub fn detect_predicted(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    predictions: &[Prediction],
+) -> Sighting {
+    let mut sighting = unseen(name, bytes);
+    look_guided(&mut sighting, bytes, format, predictions, |_| None);
+    sighting
+}
+
+/// How a frame was searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Search {
+    /// All of it.
+    Whole,
+    /// Where the frame before predicted markers.
+    Guided,
+}
+
+/// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
+/// says that it is by those found. The picture that comes back may be black where nothing was read.
+pub(super) fn look_guided(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    predictions: &[Prediction],
+    onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
+) -> (Option<Raster>, Search) {
+    if predictions.is_empty() {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    }
+    let columns = |width, height| detect::columns_read(predictions, width, height);
+    let part = sighting.look(
+        || decode::decode_part(bytes, format, &columns),
+        |raster| detect::detect_guided(raster, predictions),
+    );
+    if part.is_none() {
+        return (None, Search::Guided);
+    }
+    if detect::is_complete(&sighting.detections, predictions) {
+        return (part, Search::Guided);
+    }
+    let better = onwards(&sighting.detections.markers);
+    look_again(sighting, bytes, format, (part, predictions, better))
+}
+
+/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
+fn look_again(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
+) -> (Option<Raster>, Search) {
+    let better = better.unwrap_or_default();
+    let lies_there = |raster: &Raster| {
+        let [read, needed] =
+            [predictions, &better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+        holds(&read, &needed)
+    };
+    let part = part.filter(|raster| !better.is_empty() && lies_there(raster));
+    let is_whole = part.is_none();
+    let decoded = part.map_or_else(|| sighting.timed(Work::Decode, || decode::decode(bytes, format)), Ok);
+    let Ok(raster) = decoded else {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    };
+    if !better.is_empty() {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(&raster, &better));
+        if detect::is_complete(&found, &better) {
+            sighting.detections = found;
+            return (Some(raster), Search::Guided);
+        }
+    }
+    let all =
+        if is_whole { Ok(raster) } else { sighting.timed(Work::Decode, || decode::decode(bytes, format)) };
+    (sighting.look(|| all, detect::detect), Search::Whole)
+}
