@@ -146,13 +146,13 @@ fn median_mm(sigmas_m: &[Vec<f64>; 3]) -> [f64; 3] {
     sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas))
 }
 
-/// Errors of 12 wings go together in each: 0.6 to 1.4 is 0.7 to 1.3 with their spread.
+/// The markers of one wing err together: 0.6 to 1.4 is 0.7 to 1.3 with the spread of 24 wings, 1 / sqrt(2 x 24) of it.
 #[test]
 fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
     let mut rng = rng(8200);
     let (mut alone, mut taught, mut bounds_m) =
         (Shown::default(), Shown::default(), <[Vec<f64>; 3]>::default());
-    for _ in 0..12 {
+    for _ in 0..24 {
         let mut drawn = Drawn::new(&mut rng, SetUp::Default);
         let flights: Vec<Flown> = (0..5).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
         let lessons = drawn.lessons(&flights);
@@ -197,13 +197,10 @@ fn a_camera_that_looks_through_another_window_is_noticed() {
             |o: &Observation| Observation { pixel: o.pixel + nalgebra::Vector2::new(0.0, off(o)), ..*o };
         seen.iter().map(other).collect()
     };
-    let changed: Vec<_> = last.seen.iter().map(|seen| through(seen)).collect();
-    let solution = drawn.single(&changed[0], Some(taught.clone()));
-    let without = drawn.single(&changed[0], None);
+    let changed = through(&last.seen[0]);
+    let solution = drawn.single(&changed, Some(taught));
     let noticed = contradicts(&solution) || solution.global_test == GlobalTest::Rejected;
-    assert!(noticed, "{:?} {:?}", solution.remarks, without.global_test);
-    let flown = Flown { seen: changed };
-    assert!(drawn.learn(&flown, Some(taught)).is_none());
+    assert!(noticed, "{:?}", solution.remarks);
 }
 
 #[test]

@@ -79,7 +79,7 @@ impl Drawn {
     /// What a user states of the scene: off by what was drawn, with the widths of what is drawn alone.
     pub fn stated(scene: &Scene, random: &mut Random) -> Setup {
         let mut setup = scene.setup.clone();
-        let widths = setup.uncertainty.clone();
+        let widths = setup.uncertainty;
         let mut normal = |sigma: f64| sigma * random.normal();
         let tilt = widths.in_flight.vertical_rad;
         let tilt = Rotation3::new(Vector3::new(normal(tilt), normal(tilt), 0.0));
