@@ -62,8 +62,8 @@ pub fn whole(bytes: &[u8]) -> Result<(), Unwhole> {
 /// The next marker after entropy-coded data that is neither a stuffed byte nor a restart.
 fn end_of_scan(bytes: &[u8], from: usize) -> Option<usize> {
     let data = bytes.get(from..)?;
-    let is_marker = |pair: &[u8]| pair[0] == 0xFF && !matches!(pair[1], 0 | 0xD0..=0xD7 | 0xFF);
-    data.windows(2).position(is_marker).map(|offset| from + offset)
+    let is_marker = |at: &usize| data.get(at + 1).is_some_and(|next| !matches!(next, 0 | 0xD0..=0xD7 | 0xFF));
+    memchr::memchr_iter(0xFF, data).find(is_marker).map(|offset| from + offset)
 }
 
 #[cfg(test)]

@@ -157,14 +157,20 @@ impl Factor {
         self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
     }
 
+    /// `(L^-1 S)' (L^-1 S)`: the inverse of the factor takes a sixth of a solution for all columns, their product is a
+    /// library's.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
-        let mut inverse = self.cholesky.inverse();
-        for j in 0..inverse.ncols() {
-            for i in 0..inverse.nrows() {
-                inverse[(i, j)] *= self.scale[i] * self.scale[j];
+        let lower = self.cholesky.l_dirty();
+        let n = lower.nrows();
+        let mut root = DMatrix::from_diagonal(&self.scale);
+        for (j, column) in root.as_mut_slice().chunks_exact_mut(n.max(1)).enumerate() {
+            for k in j..n {
+                column[k] /= lower[(k, k)];
+                let value = column[k];
+                add_scaled(&mut column[k + 1..], -value, &lower.as_slice()[k * n + k + 1..(k + 1) * n]);
             }
         }
-        inverse
+        root.transpose() * &root
     }
 }
 
@@ -177,7 +183,14 @@ pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<
         ));
     }
     let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
-    let scaled = DMatrix::from_fn(n, n, |i, j| normal[(i, j)] * scale[i] * scale[j]);
+    let scaled = || {
+        let mut scaled = normal.clone();
+        for (mut column, by) in scaled.column_iter_mut().zip(scale.iter()) {
+            column.component_mul_assign(&scale);
+            column *= *by;
+        }
+        scaled
+    };
     let culprit = |column: usize| {
         let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
         singular(text)
@@ -185,7 +198,7 @@ pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<
     if let Some(column) = scale.iter().position(|&s| s == 0.0) {
         return Err(culprit(column));
     }
-    match Cholesky::new(scaled.clone()) {
+    match Cholesky::new(scaled()) {
         Some(cholesky) => {
             let l = cholesky.l_dirty();
             match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < SMALLEST_PIVOT) {
@@ -193,7 +206,7 @@ pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<
                 None => Ok(Factor { scale, cholesky }),
             }
         }
-        None => Err(culprit(failing_column(&scaled))),
+        None => Err(culprit(failing_column(&scaled()))),
     }
 }
 
