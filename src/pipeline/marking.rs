@@ -29,7 +29,7 @@ pub struct Desk {
 }
 
 enum Seen {
-    Flight { raster: Raster, sighting: Sighting, orientation: Orientation },
+    Flight { raster: Raster, sighting: Box<Sighting>, orientation: Box<Orientation> },
     Ground(Box<GroundFrame>),
 }
 
@@ -64,8 +64,8 @@ impl Desk {
                 if let Some(fault) = stages::size_fault(&raster, installation) {
                     return Err(fault);
                 }
-                let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
-                Ok(Seen::Flight { raster, sighting, orientation: orientation.clone() })
+                let sighting = stages::sight(name, bytes, format, installation, Some(orientation)).into();
+                Ok(Seen::Flight { raster, sighting, orientation: orientation.clone().into() })
             }
         };
         let seen = guarded(look).unwrap_or_else(|| Err(BROKE_OFF.into()))?;

@@ -93,7 +93,7 @@ fn place<'a>(sights: &[Sight<'a>], at: Vector2<f64>) -> Option<Place<'a>> {
     let mut by_marker: BTreeMap<&str, [Vec<&Sight<'a>>; 2]> = BTreeMap::new();
     for sight in sights {
         let far = (sight.at - at).norm();
-        if far < REACH_PX || far > 2.0 * REACH_PX {
+        if !(REACH_PX..=2.0 * REACH_PX).contains(&far) {
             by_marker.entry(sight.id).or_default()[usize::from(far > REACH_PX)].push(sight);
         }
     }

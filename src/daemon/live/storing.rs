@@ -38,7 +38,8 @@ impl Storing {
 
     /// What cannot be written now is kept for the next time, as many as may wait.
     fn flush(&self, table: &mut Option<Table>, words: &mut Words, waiting: &mut Vec<Arc<LiveResult>>) {
-        let news = waiting.iter().fold(false, |news, result| words.learn(result) || news);
+        let mut news = false;
+        waiting.iter().for_each(|result| news |= words.learn(result));
         match table.as_mut() {
             Some(table) if news => table.say(words),
             Some(_) => {}
