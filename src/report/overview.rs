@@ -139,7 +139,7 @@ pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreErro
 }
 
 fn line(manifest: SeriesManifest) -> Line {
-    let begun = manifest.started.clone().or_else(|| manifest.shots.first().map(|s| s.stamp.clone()));
+    let begun = manifest.began();
     let frames = || manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
     Line {
         begun,

@@ -8,7 +8,7 @@ use crate::aircraft::{State as AircraftState, Track};
 use crate::installation;
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
-use crate::store::manifest::{Refusal, ResultLine, SeriesManifest, Shot, State};
+use crate::store::manifest::{Refusal, ResultLine, Shot, State};
 use crate::store::sets::{self, ResultSet};
 use crate::store::{
     self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout,
@@ -215,7 +215,7 @@ pub fn read_series(
     Some(SeriesData {
         flight: series.flight.clone(),
         name: series.id.clone(),
-        begun: begun(&manifest),
+        begun: manifest.began(),
         interrupted: manifest.state == State::Interrupted,
         planned: manifest.planned_shots as usize,
         curve: Vec::new(),
@@ -225,10 +225,6 @@ pub fn read_series(
         remarks: manifest.remarks,
         shots: manifest.shots.into_iter().map(shot).collect(),
     })
-}
-
-fn begun(manifest: &SeriesManifest) -> Option<crate::clock::Stamp> {
-    manifest.started.clone().or_else(|| manifest.shots.first().map(|s| s.stamp.clone()))
 }
 
 /// The result as written, under the name that its frame has in the store.

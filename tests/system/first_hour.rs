@@ -184,6 +184,12 @@ fn what_pictures_do_not_say_is_said() {
     let series: Value = serde_json::from_slice(undated.stdout.trim_ascii_end()).unwrap();
     assert_eq!((&series["taken"], &series["began"]), (&2.into(), &Value::Null), "{series}");
     assert_eq!(series["sources"], serde_json::json!(["P9.jpg", "P10.jpg"]));
+    let table = done(here, &["report", "store", "--output", "undated.html"]);
+    let page = std::fs::read_to_string(here.join("undated.html")).unwrap();
+    assert!(
+        !table.contains("1970-01") && !page.contains("1970-01") && page.contains("times unknown"),
+        "{table}"
+    );
     let dated = ["--start", "2026-03-01T08:00:00Z", "--every", "10s", "--flight", "TF 103", "--json"];
     let dated = done(here, &[&["import", "card", "--store", "named"], &dated[..]].concat());
     assert_eq!(lines(&dated)[0]["ended"], "2026-03-01T08:00:10Z", "{dated}");

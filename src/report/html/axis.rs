@@ -18,6 +18,9 @@ pub struct Axis {
     high_value: f64,
 }
 
+/// What an axis of time says where no time is known.
+pub const UNDATED: &str = "series by number, its frames in their order";
+
 impl Axis {
     /// Covers all the finite values, with `label` beside it. Without values 0 to 1.
     pub fn over(values: impl Iterator<Item = f64>, label: &str) -> Self {
@@ -61,7 +64,7 @@ impl Axis {
 
     /// Covers hours since `zero`, with times of day (UTC) at its ticks.
     pub fn over_hours(hours: impl Iterator<Item = f64>, zero: Option<jiff::Timestamp>) -> Self {
-        let Some(zero) = zero else { return Self::over(hours, "time since the first series / h") };
+        let Some(zero) = zero else { return Self::over(hours, UNDATED) };
         let label = format!("UTC, from {}", zero.strftime("%Y-%m-%d %H:%M"));
         let axis = Self::over(hours, &label);
         let wide = axis.width();

@@ -3,6 +3,8 @@
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
+use super::axis::UNDATED;
+
 /// Axes and tracks of a figure.
 #[derive(Clone, Debug, Serialize)]
 pub struct Chart {
@@ -40,7 +42,7 @@ impl Across {
                 label: format!("UTC, from {}", zero.strftime("%Y-%m-%d %H:%M")),
                 zero: Some(zero.as_millisecond()),
             },
-            None => Self::plain("time since the first series / h"),
+            None => Self::plain(UNDATED),
         }
     }
 }

@@ -251,12 +251,13 @@ impl Track<'_> {
     }
 }
 
-/// When a shot was taken, hours since the first series; the series' own hour where unknown.
+/// When a shot was taken, hours since the first series; its place among the shots where no time is known.
 fn hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
-    let shot = series.shots.iter().find(|s| s.image.as_deref() == Some(image));
-    match (shot.and_then(|s| s.stamp.as_ref()), &series.begun) {
+    let place = series.shots.iter().position(|s| s.image.as_deref() == Some(image));
+    let Some(place) = place else { return summary.hour };
+    match (&series.shots[place].stamp, &series.begun) {
         (Some(at), Some(begun)) => summary.hour + hours_between(begun, at),
-        _ => summary.hour,
+        _ => summary.hour + place as f64 / series.shots.len() as f64,
     }
 }
 

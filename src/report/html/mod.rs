@@ -142,7 +142,7 @@ fn greatest(summaries: &[SeriesSummary]) -> Markup {
     html! {
         div.tile {
             b { (lift) @if sigma != NONE { " ± " (sigma) } " m" }
-            span { "greatest tip lift of a single frame ± 1 sigma, " (s.reference.words()) "; " (one.image) " of series " (s.name) ", begun " (s.begun_text()) " UTC" }
+            span { "greatest tip lift of a single frame ± 1 sigma, " (s.reference.words()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", begun " (s.begun_text()) " UTC" } }
         }
     }
 }
@@ -177,11 +177,8 @@ fn change(summaries: &[SeriesSummary]) -> Markup {
 /// From the first shot to the last one.
 fn period(data: &ReportData) -> String {
     let of = |s: &SeriesData| {
-        s.begun
-            .iter()
-            .chain(s.shots.iter().filter_map(|shot| shot.stamp.as_ref()))
-            .map(|s| s.utc)
-            .collect::<Vec<_>>()
+        let shots = s.shots.iter().filter(|_| s.begun.is_some()).filter_map(|shot| shot.stamp.as_ref());
+        s.begun.iter().chain(shots).map(|s| s.utc).collect::<Vec<_>>()
     };
     let times: Vec<_> = data.series.iter().flat_map(of).collect();
     let Some((first, last)) = times.iter().min().zip(times.iter().max()) else {

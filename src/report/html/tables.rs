@@ -191,7 +191,7 @@ fn camera(data: &ReportData) -> Grid {
     for s in &data.series {
         for shot in &s.shots {
             for failure in &shot.failures {
-                let time = time(shot);
+                let time = time(s, shot);
                 let image = shot.image.clone().unwrap_or_else(|| "none".to_owned());
                 grid.push(vec![s.name.clone(), shot.number.to_string(), time, image, failure.clone()]);
             }
@@ -200,9 +200,9 @@ fn camera(data: &ReportData) -> Grid {
     grid
 }
 
-fn time(shot: &ShotData) -> String {
+fn time(series: &SeriesData, shot: &ShotData) -> String {
     let text = |s: &Stamp| s.utc.strftime("%Y-%m-%d %H:%M:%S").to_string();
-    shot.stamp.as_ref().map_or(NONE.to_owned(), text)
+    shot.stamp.as_ref().filter(|_| series.begun.is_some()).map_or(NONE.to_owned(), text)
 }
 
 /// The same remark once, with its frames counted.
@@ -277,7 +277,7 @@ fn frames(data: &ReportData) -> Grid {
                 s.name.clone(),
                 image.clone(),
                 shot.source.clone().unwrap_or_else(|| NONE.to_owned()),
-                time(shot),
+                time(s, shot),
                 shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
                 fixed(ms, 0),
             ]);

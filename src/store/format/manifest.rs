@@ -73,6 +73,13 @@ pub struct SeriesManifest {
 }
 
 impl SeriesManifest {
+    /// When it began; `None` where nothing says so, as of imported pictures without a time: their stamps only order them.
+    pub fn began(&self) -> Option<Stamp> {
+        let first = self.shots.first();
+        let dated = self.cause != Cause::Imported || first.is_some_and(|shot| shot.exposure.is_some());
+        self.started.clone().or_else(|| first.map(|shot| shot.stamp.clone())).filter(|_| dated)
+    }
+
     /// Of a series that was begun and has no shot yet.
     pub fn begun(id: &str, head: JournalHead) -> Self {
         Self {
