@@ -66,26 +66,35 @@ fn look_again(
     format: Option<&Format>,
     (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
 ) -> (Option<Raster>, Search) {
-    let better = better.unwrap_or_default();
-    let lies_there = |raster: &Raster| {
+    let lies_there = |raster: &Raster, better: &[Prediction]| {
         let [read, needed] =
-            [predictions, &better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+            [predictions, better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
         holds(&read, &needed)
     };
-    let part = part.filter(|raster| !better.is_empty() && lies_there(raster));
-    let is_whole = part.is_none();
-    let decoded = part.map_or_else(|| sighting.timed(Work::Decode, || decode::decode(bytes, format)), Ok);
-    let Ok(raster) = decoded else {
+    let Some(better) = better.filter(|better| !better.is_empty()) else {
         return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
     };
-    if !better.is_empty() {
-        let found = sighting.timed(Work::Detect, || detect::detect_guided(&raster, &better));
-        if detect::is_complete(&found, &better) {
+    let again = |raster: &Raster, sighting: &mut Sighting| {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
+        let complete = detect::is_complete(&found, &better);
+        if complete {
             sighting.detections = found;
+        }
+        complete
+    };
+    if let Some(raster) = part.filter(|raster| lies_there(raster, &better)) {
+        if again(&raster, sighting) {
             return (Some(raster), Search::Guided);
         }
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
     }
-    let all =
-        if is_whole { Ok(raster) } else { sighting.timed(Work::Decode, || decode::decode(bytes, format)) };
-    (sighting.look(|| all, detect::detect), Search::Whole)
+    let raster = match sighting.timed(Work::Decode, || decode::decode(bytes, format)) {
+        Ok(raster) => raster,
+        Err(error) => return (sighting.look(|| Err(error), detect::detect), Search::Whole),
+    };
+    if again(&raster, sighting) {
+        return (Some(raster), Search::Guided);
+    }
+    sighting.detections = sighting.timed(Work::Detect, || detect::detect(&raster));
+    (Some(raster), Search::Whole)
 }

@@ -120,11 +120,13 @@ fn hold(name: &str, mut set: Set, worse_by: f64) -> (usize, f64) {
             let Some(marker) = marker.and_then(|j| set.installation.setup.markers.get(j)) else { continue };
             let truth = frame.markers.iter().find(|m| m.id == marker.id).unwrap();
             let off = [d.centre_px.x - truth.pixel[0], d.centre_px.y - truth.pixel[1]];
+            let sigma = [0, 1].map(|k| d.covariance_px2[(k, k)].sqrt());
+            // One that glare covers in part may be named where it is, as well as its standard deviation says.
+            let is_there = (off[0] / sigma[0]).hypot(off[1] / sigma[1]) < 3.0;
             if truth.visible && off[0].hypot(off[1]) < 5.0 {
                 found += 1;
-                let sigma = [0, 1].map(|k| d.covariance_px2[(k, k)].sqrt());
                 light[usize::from(truth.shape == Shape::Circle)].add(off, sigma);
-            } else {
+            } else if truth.visible || !is_there {
                 wrong += 1;
             }
         }
