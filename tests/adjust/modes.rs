@@ -64,7 +64,7 @@ fn modes_of_five_minutes_are_written() {
     if let Some(rms_m) = std::env::var("SECOND_M").ok().and_then(|text| text.parse().ok()) {
         modes[1].2 = rms_m;
     }
-    let swings = modes.map(|mode| swing(&mut rng, mode));
+    let [first, second_mode] = modes.map(|mode| swing(&mut rng, mode));
     let mut live = Live::begin(setup, orientation, Options::default()).unwrap();
     let level_m = 2.0;
     let at = |first_m: f64, second_m: f64| -> Vec<Vector3<f64>> {
@@ -77,9 +77,9 @@ fn modes_of_five_minutes_are_written() {
     ids.iter().for_each(|id| write!(csv, ",u_{id}_px,lift_{id}_m,sigma_lift_{id}_m").unwrap());
     csv.push('\n');
     let mut normalised = vec![];
-    for k in 0..FRAMES {
+    for (k, (first_m, second_m)) in first.iter().zip(&second_mode).enumerate() {
         turn += normal3(&mut rng) * walk;
-        let points = at(swings[0][k], swings[1][k]);
+        let points = at(*first_m, *second_m);
         let seen: Vec<_> = points.iter().map(|p| p - shift).collect();
         let observations = truth.observations(&mut rng, &seen, turn, NOISE_PX);
         let solution = live.frame(&observations, 1.0 / RATE_HZ).unwrap();
