@@ -12,7 +12,7 @@ use crate::measure::adjust::taught::{Lasting, Lesson};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::pipeline::{self, Job, Sighting};
 use crate::record::Reason;
-use crate::report::number::rounded;
+use crate::report::number::{count, rounded};
 use crate::store::{self, FrameRef, RealDisk, catalogue};
 
 /// Write what flights told together of the wing, the camera and the survey into the installation (learnt.json), for later
@@ -271,6 +271,5 @@ fn text(file: &Path, told: &[Told], sources: usize, known: &[(&'static str, Esti
     };
     let differences: String = known.iter().map(difference).collect();
     let head = if known.is_empty() { "" } else { "\nless what is stated, with all that is known:" };
-    let plural = if sources == 1 { "flight" } else { "flights" };
-    format!("{flights}{}: taught by {sources} {plural}{head}{differences}", file.display())
+    format!("{flights}{}: taught by {}{head}{differences}", file.display(), count(sources, "flight"))
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::Failure;
+use super::{Failure, stores};
 use crate::aircraft::Track;
 use crate::camera::Format;
 use crate::installation::Installation;
@@ -26,7 +26,7 @@ pub(super) fn sight(
     orientation: &Orientation,
     track: &Track,
 ) -> Sighting {
-    let name = format!("{}/{}", frame.series.id, frame.entry.file);
+    let name = stores::name_of(frame);
     let sighting = match (bytes, Format::of_manifest(&frame.entry.format)) {
         (Ok(bytes), Ok(format)) => {
             stages::sight(&name, bytes, Some(&format), installation, Some(orientation))

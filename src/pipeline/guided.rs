@@ -42,7 +42,7 @@ pub(super) fn look_guided(
     onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
 ) -> (Option<Raster>, Search) {
     if predictions.is_empty() {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+        return whole(sighting, bytes, format);
     }
     let columns = |width, height| detect::columns_read(predictions, width, height);
     let part = sighting.look(
@@ -72,7 +72,7 @@ fn look_again(
         holds(&read, &needed)
     };
     let Some(better) = better.filter(|better| !better.is_empty()) else {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+        return whole(sighting, bytes, format);
     };
     let again = |raster: &Raster, sighting: &mut Sighting| {
         let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
@@ -86,7 +86,7 @@ fn look_again(
         if again(&raster, sighting) {
             return (Some(raster), Search::Guided);
         }
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+        return whole(sighting, bytes, format);
     }
     let raster = match sighting.timed(Work::Decode, || decode::decode(bytes, format)) {
         Ok(raster) => raster,
@@ -97,4 +97,9 @@ fn look_again(
     }
     sighting.detections = sighting.timed(Work::Detect, || detect::detect(&raster));
     (Some(raster), Search::Whole)
+}
+
+/// The whole frame is searched.
+fn whole(sighting: &mut Sighting, bytes: &[u8], format: Option<&Format>) -> (Option<Raster>, Search) {
+    (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole)
 }

@@ -105,30 +105,23 @@ impl Desk {
         (marker, at): (usize, Vector2<f64>),
         hand_sigma_px: f64,
     ) -> Option<HandPlace> {
-        guarded(|| self.measured(said, installation, (marker, at), hand_sigma_px)).flatten()
-    }
-
-    fn measured(
-        &self,
-        said: &Said,
-        installation: &Installation,
-        (marker, at): (usize, Vector2<f64>),
-        hand_sigma_px: f64,
-    ) -> Option<HandPlace> {
-        let (setup, orientation) = (&installation.setup, said.orientation.as_ref()?);
-        let foretold = said.foretold.iter().find(|f| f.marker == marker)?;
-        let reach = WITHIN * hand_sigma_px;
-        let centre_px = at + foretold.prediction.centre_px - foretold.point_px;
-        let search_px = Vector2::repeat(reach);
-        let prediction = Prediction { centre_px, search_px, ..foretold.prediction.clone() };
-        let plain = detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
-        let closer = || self.closer(marker, &prediction);
-        let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
-        let found = plain.into_iter().find(near).or_else(|| closer().filter(near))?;
-        let centred = identify::centre_of(setup, orientation, &said.observations, marker, &found);
-        let covariance_px2 = *centred.covariance_px2;
-        let surer = covariance_px2.trace() < 2.0 * hand_sigma_px * hand_sigma_px;
-        surer.then_some(HandPlace { pixel: centred.centre_px, covariance_px2 })
+        let measured = || {
+            let (setup, orientation) = (&installation.setup, said.orientation.as_ref()?);
+            let foretold = said.foretold.iter().find(|f| f.marker == marker)?;
+            let reach = WITHIN * hand_sigma_px;
+            let centre_px = at + foretold.prediction.centre_px - foretold.point_px;
+            let search_px = Vector2::repeat(reach);
+            let prediction = Prediction { centre_px, search_px, ..foretold.prediction.clone() };
+            let plain = detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
+            let closer = || self.closer(marker, &prediction);
+            let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
+            let found = plain.into_iter().find(near).or_else(|| closer().filter(near))?;
+            let centred = identify::centre_of(setup, orientation, &said.observations, marker, &found);
+            let covariance_px2 = *centred.covariance_px2;
+            let surer = covariance_px2.trace() < 2.0 * hand_sigma_px * hand_sigma_px;
+            surer.then_some(HandPlace { pixel: centred.centre_px, covariance_px2 })
+        };
+        guarded(measured).flatten()
     }
 
     /// The look of the detector at a marker whose size is known.

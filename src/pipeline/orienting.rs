@@ -101,8 +101,8 @@ fn first(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, Id
 
 /// Puts in each frame what a person says of its markers in the place of what was detected of them.
 fn take_in(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
+    let foretold = fit.map_or(vec![], |fit| identify::foretell_on_ground(setup, &fit.orientation, &[]));
     for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.said.is_empty()) {
-        let foretold = fit.map_or(vec![], |fit| identify::foretell_on_ground(setup, &fit.orientation, &[]));
         let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
         let rejected = |marker: usize| frame.said.iter().any(|s| s.marker == marker && s.place.is_none());
         let all = &mut frame.sighting.detections.markers;
@@ -114,15 +114,17 @@ fn take_in(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFram
         for said in &frame.said {
             let (Some(place), Some(marker)) = (said.place, setup.markers.get(said.marker)) else { continue };
             let new = detection(setup, marker, &place, foretold.iter().find(|f| f.marker == said.marker));
-            let apart = |d: &Detection| (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(SAME_PX);
+            let apart =
+                |d: &Detection| (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(HAND_OFF_PX);
             all.retain(apart);
             all.push(new);
         }
     }
 }
 
-/// Two detections of one marker are nearer to each other, px: within what a hand is off.
-const SAME_PX: f64 = 6.0;
+/// What was detected nearer to where a hand points is of the same marker, px: three standard deviations of a hand
+/// ([`HAND_SIGMA_PX`](super::marking::HAND_SIGMA_PX)).
+const HAND_OFF_PX: f64 = 6.0;
 /// Minor over major semi-axis of a marker on a wing where nothing tells how it is seen; hardly counts.
 const SLANT: f64 = 0.5;
 

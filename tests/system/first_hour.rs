@@ -2,33 +2,13 @@
 //! whatever breaks it off; what a hand has measured stands beside what was detected.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 use wingd::store::verify::verify;
 use wingd::store::{RealDisk, catalogue};
 
-use crate::program::fixture;
-
-fn wingd(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-fn said(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
-}
-
-/// Standard output of a command that ends well.
-fn done(folder: &Path, arguments: &[&str]) -> String {
-    let output = wingd(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", said(&output));
-    String::from_utf8(output.stdout).unwrap()
-}
+use crate::program::{done_in as done, fixture, run_in as wingd, said};
 
 fn lines(text: &str) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()

@@ -8,6 +8,7 @@ use super::factors::Factors;
 use super::input::{Input, Sights};
 use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Scene, moved};
+use super::taught::{MARKS, SKIN};
 use super::term::{Columns, Place, Placed, Term};
 use super::terms;
 use super::values::Values;
@@ -44,10 +45,10 @@ impl Motions {
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (name, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                ("motion of the fixed marks", factors.marks * marker.flight_motion_m, all)
+                (MARKS, factors.marks * marker.flight_motion_m, all)
             } else {
                 let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
-                ("motion of the skin", factors.skin * width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
+                (SKIN, factors.skin * width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.take(directions.len(), MISSING_MOTION);

@@ -2,6 +2,7 @@
 
 use crate::adjust::{AdjustError, GlobalTest, Options, Solution};
 
+/// Said first of a result that does without what was learnt.
 const CONTRADICTED: &str = "what earlier flights taught contradicts this, and is not used: has something of the installation \
     changed since (a marker, the window, the camera)? Survey it, or learn again without the flights before the change";
 
