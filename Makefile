@@ -51,7 +51,7 @@ test: dependencies
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
 
-# In about half an hour; WINGD_MUTATIONS=400 for a look.
+# In about half an hour; WINGD_MUTATIONS=400 for a look, WINGD_SEED=20000 for other changes of foreign files.
 test-mutations: dependencies
 	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
 

@@ -56,13 +56,13 @@ pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
 
 const MEND: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
 
-fn of_toml(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+fn of_toml(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
     let (file, text) = reader.text(name, MEND)?;
     let table = toml_file::parse_toml(reader, &file, &text)?;
     Some((file, table))
 }
 
-fn of_kalibr(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+fn of_kalibr(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
     let (file, text) = reader.text(name, MEND)?;
     match keyed::parse(&text, Syntax::Yaml).and_then(|tree| target(&tree)) {
         Ok(table) => Some((file, table)),

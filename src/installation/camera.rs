@@ -91,7 +91,7 @@ pub struct CalibrationReport {
 const LARGEST_SIDE: i64 = 100_000;
 
 /// The file, or faults.
-pub(super) fn read(reader: &mut Reader, name: &str) -> Option<CameraFile> {
+pub(super) fn read(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
     let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.text(name, mend)?;
     let table: Table = parse_toml(reader, &file, &text)?;
