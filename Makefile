@@ -25,7 +25,7 @@ help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
-	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations; 3,000 of each foreign file'
+	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
@@ -51,7 +51,7 @@ test: dependencies
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
 
-# In about half an hour; WINGD_MUTATIONS=400 for a look, WINGD_SEED=20000 for other changes of foreign files.
+# In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies
 	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
 

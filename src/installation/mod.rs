@@ -149,8 +149,14 @@ impl Reader {
     /// A file's text; a fault where it cannot be read.
     fn text(&mut self, name: impl AsRef<Path>, mend: &str) -> Option<(PathBuf, String)> {
         let file = self.directory.join(&name);
+        let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
         let bytes = match std::fs::read(&file) {
             Ok(bytes) => bytes,
+            Err(_) if escaped => {
+                let problem = "is no name: a backslash within double quotes begins an escape, such as \\n";
+                self.fault(&file, "file", problem, "write the path with /, or in single quotes: 'C:\\data'");
+                return None;
+            }
             Err(error) => {
                 self.fault(&file, "file", format!("cannot be read ({error})"), mend);
                 return None;
@@ -277,12 +283,22 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     Fault::new(file, place, problem, mend)
 }
 
-/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.
+/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes, decimal
+/// commas, quotes of text programs.
 fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     if value.starts_with('"') && said.contains("escape") {
         let mend = "write the path with /, or in single quotes: 'C:\\data'";
         return Some(("has a backslash, which begins an escape within double quotes", mend));
+    }
+    let parts = value
+        .split_once(',')
+        .filter(|parts| [parts.0, parts.1].iter().all(|p| p.trim().parse::<i64>().is_ok()));
+    if parts.is_some() {
+        return Some(("has a decimal comma", "write a point in numbers: 0.55"));
+    }
+    if value.starts_with(['\u{201c}', '\u{201d}', '\u{201e}', '\u{2018}', '\u{2019}']) {
+        return Some(("has the quotes of a text program", "write a text in straight quotes: \"survey.csv\""));
     }
     let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
     date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))

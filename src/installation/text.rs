@@ -27,12 +27,14 @@ pub fn text_of(bytes: Vec<u8>) -> Result<String, (&'static str, &'static str)> {
     Ok(text.trim_start_matches('\u{feff}').replace("\r\n", "\n").replace('\r', "\n"))
 }
 
-/// A name or path in which bytes that are no UTF-8 stand as `\xfc`, so that two that differ in them stay two.
+/// A name or path on one line, in which bytes that are no UTF-8 stand as `\xfc`, so that two that differ in them stay two.
 pub fn shown_path(path: impl AsRef<OsStr>) -> String {
     use std::fmt::Write;
     let mut text = String::new();
     for chunk in path.as_ref().as_bytes().utf8_chunks() {
-        text.push_str(chunk.valid());
+        for sign in chunk.valid().chars() {
+            if sign.is_control() { text.extend(sign.escape_default()) } else { text.push(sign) }
+        }
         chunk.invalid().iter().for_each(|byte| {
             let _ = write!(text, "\\x{byte:02x}");
         });
@@ -63,5 +65,6 @@ mod tests {
     fn names_that_are_no_utf8_stay_two() {
         let names = [b"fl\xfcgel".as_slice(), b"fl\xe4gel"].map(|name| shown_path(OsStr::from_bytes(name)));
         assert_eq!(names, ["fl\\xfcgel", "fl\\xe4gel"]);
+        assert_eq!(shown_path("C:\new/flügel"), "C:\\new/flügel");
     }
 }

@@ -263,6 +263,8 @@ fn a_board_of_kalibr_is_read_and_other_targets_are_named() {
     for (text, words) in [
         (checks.replace("colSpacingMeters: 0.025", "colSpacingMeters: 0.03"), "squares alone are read"),
         (grid.replace("aprilgrid", "circlegrid"), "\"circlegrid\" is another target"),
+        (grid.replace("codeOffset: 0", "codeOffset: 36"), "line 6, codeOffset: is not 0"),
+        (format!("{grid}tagFamily: t25h9\n"), "line 7, tagFamily: is no key of a target that is read"),
         (grid.replace("tagCols: 6", "tagCols: 6.5"), "is 6.5"),
         (grid.replace("0.088", "88"), "tags of 88 m"),
         (grid.replace("tagRows: 5", "tagRow: 5"), "tagRows: is missing"),
