@@ -68,6 +68,12 @@ pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Re
     decode_into(bytes, format, Some(wanted))
 }
 
+/// Why a picture file is none that is read. Of a JPEG its first bytes are looked at alone: a damaged one is evidence still.
+pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
+    let zeros = bytes.iter().take_while(|b| **b == 0).count();
+    if bytes[zeros..].starts_with(&JPEG_START) { None } else { decode(bytes, None).err() }
+}
+
 fn decode_into(
     bytes: &[u8],
     format: Option<&Format>,

@@ -57,6 +57,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     for (what, mend) in &card.remarks {
         eprintln!("wingd: {what}; {mend}");
     }
+    if card.series.is_empty() {
+        return Err(Failure::Undone("none of the files is a picture that can be taken".to_owned()));
+    }
     let (store, recovery) = stores::open(&args.store)?;
     for series in &recovery.series {
         eprintln!("wingd: {series}: broken off earlier; what it has is kept, the rest is taken now");
