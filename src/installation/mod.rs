@@ -44,6 +44,7 @@ mod tables;
 mod ties;
 mod toml_file;
 mod window;
+mod written;
 
 use std::path::{Path, PathBuf};
 
@@ -63,6 +64,7 @@ pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
+pub use written::write_installation;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
