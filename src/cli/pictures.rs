@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 use super::{Failure, frames};
 use crate::camera::exif::{self, Taken};
 use crate::camera::replay::format_of;
+use crate::installation::shown_path;
 use crate::store::sha256;
 
 /// Endings of pictures, for messages.
@@ -99,7 +100,7 @@ pub fn expand(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
         let pictures: Vec<PathBuf> = found.into_iter().filter(|f| format_of(f).is_some()).collect();
         if pictures.is_empty() {
             let what =
-                format!("{}: holds no pictures ({ENDINGS}); name a folder that does", argument.display());
+                format!("{}: holds no pictures ({ENDINGS}); name a folder that does", shown_path(argument));
             return Err(Failure::Undone(what));
         }
         all.extend(pictures);
@@ -115,7 +116,7 @@ pub fn holds_any(folder: &Path) -> bool {
 /// Every file in a folder and below, by name; hidden ones and links to folders are left out.
 fn within(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let unreadable = |e: std::io::Error| {
-        Failure::Undone(format!("{} cannot be read ({e}); check the path", folder.display()))
+        Failure::Undone(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
     };
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {

@@ -38,7 +38,7 @@ pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn read(reader: &mut Reader, name: &str) -> Option<Mountings> {
+fn read(reader: &mut Reader, name: &Path) -> Option<Mountings> {
     let (file, text) = reader.text(name, "name a file with the columns image,mounting")?;
     let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
     let mut numbers: BTreeMap<String, usize> = BTreeMap::new();

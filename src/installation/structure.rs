@@ -46,7 +46,7 @@ pub fn read_stiffness(file: &Path) -> Result<Vec<Section>, Vec<Fault>> {
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn sections(reader: &mut Reader, name: &str, mend: &str) -> Option<Vec<Section>> {
+fn sections(reader: &mut Reader, name: impl AsRef<Path>, mend: &str) -> Option<Vec<Section>> {
     let (file, text) = reader.text(name, mend)?;
     let lines = rows::read(reader, &file, &text, COLUMNS, &OPTIONAL)?;
     if lines.is_empty() {

@@ -52,5 +52,6 @@ mod store_speed;
 mod store_verify;
 mod survey_typo;
 mod table_mutations;
+mod texts_by_hand;
 mod thirty_hours;
 mod three_lifts;
