@@ -166,7 +166,7 @@ def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
 
 
 def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
-    """The first `count` modes of lifts, m, in rows of equal intervals, the points from the root outwards: from their second differences."""
+    """The first `count` modes of lifts, m, in rows of equal intervals, the points from the root outwards."""
     # Differences have the same poles and shapes; in lifts the first mode hides the others, and manoeuvres hide both.
     lifts = np.diff(lifts[:, lifts.std(axis=0) > 0], 2, axis=0)
     lifts = lifts - lifts.mean(axis=0)

@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-from measure import CONFIGURATION, listen, prepare
+from measure import listen, prepare
 
 RATE_HZ, DENSE = 10.0, 20
 SLOPES = (3, 5, 10)
