@@ -45,6 +45,7 @@ mod text;
 mod ties;
 mod toml_file;
 mod window;
+mod written;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -66,6 +67,7 @@ pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 pub use text::{shown_path, text_of};
+pub use written::write_installation;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
