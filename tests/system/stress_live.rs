@@ -136,6 +136,8 @@ fn gaps_of_live_results_are_said_and_their_damage_is_in_its_sigma() {
         let of_slope_3 = &load["stations"][0]["damage"][0];
         let of = |name: &str| of_slope_3[name].as_f64().unwrap();
         let off = (of("relative") - damage(seconds)) / of("sigma_relative");
-        assert!(of("slope") == 3.0 && off.abs() < 1.0, "{off} of {of_slope_3}, {}", damage(seconds));
+        // The time that is not told is taken to be like the other, as it is here: what it does is one standard deviation.
+        let told = if gaps == 1 { -1.05..-0.95 } else { -1.0..1.0 };
+        assert!(of("slope") == 3.0 && told.contains(&off), "{off} of {of_slope_3}, {}", damage(seconds));
     }
 }

@@ -140,6 +140,7 @@ impl<'a> Codes<'a> {
     }
 
     /// By how much the block's mean differs from the last one's.
+    #[inline(always)]
     pub fn mean(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
         match self.symbol(table)? {
             0 => Ok(0),
@@ -149,25 +150,40 @@ impl<'a> Codes<'a> {
     }
 
     /// The block's other coefficients.
+    #[inline(always)]
     pub fn coefficients(&mut self, table: &Table, block: &mut [i16; ALL]) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
-            let symbol = self.symbol(table.one)?;
-            let (zeros, size) = (symbol >> 4, symbol & 15);
-            if size == 0 && symbol != ZEROS {
-                return Ok(());
-            }
-            k += usize::from(zeros);
-            if size > 0 {
-                *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? =
-                    self.number(size);
-            }
+            self.fill();
+            let ahead = (self.ahead >> 48) as u16;
+            let (whole, mut symbol, mut length) = table.one.lookup_combined(ahead);
+            // Code and number at once: total bits, zeros, the number.
+            let (zeros, number) = if whole != 0 {
+                self.pass((whole & 15) as u32);
+                (usize::from((whole >> 4) as u16 & 15), whole >> 8)
+            } else {
+                if length == 0 {
+                    (symbol, length) = table.one.lookup(ahead)?;
+                }
+                self.pass(u32::from(length));
+                match symbol & 15 {
+                    0 if symbol == ZEROS => {
+                        k += 16;
+                        continue;
+                    }
+                    0 => return Ok(()),
+                    size => (usize::from(symbol >> 4), self.number(size)),
+                }
+            };
+            k += zeros;
+            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? = number;
             k += 1;
         }
         if k == ALL { Ok(()) } else { Err(out_of_step()) }
     }
 
     /// The same, of which nothing is wanted.
+    #[inline(always)]
     pub fn pass_over(&mut self, table: &Table) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {

@@ -12,7 +12,6 @@ use super::verdict::Measured;
 use crate::detect::accept::options::LOST;
 use crate::detect::detection::covariance::Source;
 use crate::detect::estimate::options::PRIOR;
-use crate::detect::estimate::prior::darkness_leaving;
 use crate::estimation::robust::median;
 use crate::setup::Shape;
 
@@ -62,9 +61,8 @@ fn lost(measured: &[Measured]) -> Vec<Option<f64>> {
 /// Of quadrants the share of light that black takes away, and what that is of the lightest grey.
 fn contrasts(marker: &Measured) -> Option<[f64; 2]> {
     let tells = marker.detection.shape == Shape::Quadrant && !marker.through_glare;
-    let dark = darkness_leaving(1.0 - marker.darkness);
     let white = marker.detection.contrast / (marker.darkness * f64::from(u8::MAX));
-    (tells && white > 0.0).then(|| [dark, dark * white.powf(1.0 / PRIOR.gamma.value)])
+    (tells && white > 0.0).then(|| [marker.dark, marker.dark * white.powf(1.0 / PRIOR.gamma.value)])
 }
 
 #[cfg(test)]
@@ -73,6 +71,7 @@ mod tests {
 
     use super::*;
     use crate::detect::detection::Detection;
+    use crate::detect::estimate::prior::darkness_leaving;
 
     /// Quadrants whose white and black have some grey values.
     fn quadrants(greys: &[(f64, f64)]) -> Vec<Measured> {
@@ -88,7 +87,8 @@ mod tests {
                 fit_rms: 1.0,
                 contrast,
             };
-            Measured { blur: 0.8, darkness: contrast / white, ..Measured::whole(detection) }
+            let dark = darkness_leaving(black / white);
+            Measured { blur: 0.8, darkness: contrast / white, dark, ..Measured::whole(detection) }
         };
         greys.iter().enumerate().map(one).collect()
     }
