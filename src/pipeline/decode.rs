@@ -1,7 +1,7 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
 use crate::camera::Format;
-pub use crate::measure::jpeg::Part;
+pub use crate::measure::jpeg::Wanted;
 use crate::measure::jpeg::{self, JpegFault, LARGEST_SIDE};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
@@ -59,15 +59,21 @@ impl From<JpegFault> for DecodeError {
 
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
-    let all = |bytes: &[u8]| Ok(Part::whole(jpeg::luma(bytes)?));
-    guarded(|| decode_any(bytes, format, all)).unwrap_or(Err(DecodeError::Broken)).map(Part::into_raster)
+    decode_into(bytes, format, None)
 }
 
-/// The same, but a camera's JPEG is only read through; damage anywhere is noticed. What is wanted of it is decoded then
-/// ([`Part::read`]).
-pub fn decode_part(bytes: &[u8], format: Option<&Format>) -> Result<Part, DecodeError> {
-    let part = |bytes: &[u8]| Ok(Part::of(bytes)?);
-    guarded(|| decode_any(bytes, format, part)).unwrap_or(Err(DecodeError::Broken))
+/// The same, but of a camera's JPEG only what is `wanted` need be there: elsewhere it may be black. The whole file is
+/// read all the same, and damage anywhere noticed.
+pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Raster, DecodeError> {
+    decode_into(bytes, format, Some(wanted))
+}
+
+fn decode_into(
+    bytes: &[u8],
+    format: Option<&Format>,
+    wanted: Option<&Wanted>,
+) -> Result<Raster, DecodeError> {
+    guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
 /// Why a picture file is none that is read. Of a JPEG its first bytes are looked at alone: a damaged one is evidence still.
@@ -80,11 +86,7 @@ pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_any(
-    bytes: &[u8],
-    format: Option<&Format>,
-    jpeg: impl FnOnce(&[u8]) -> Result<Part, DecodeError>,
-) -> Result<Part, DecodeError> {
+fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
     #[cfg(test)]
     assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
@@ -93,20 +95,19 @@ fn decode_any(
     if let Some(Format::Raw { fourcc, width, height, stride }) = format {
         let size = (*width as usize, *height as usize, *stride as usize);
         return samples::luma(fourcc, size.0, size.1, size.2, bytes)
-            .map(Part::whole)
             .map_err(|e| DecodeError::Raw(e.to_string()));
     }
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return jpeg(&bytes[zeros..]);
+        return Ok(jpeg::luma(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
         return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture::luma(bytes, format).map(Part::whole),
+        (Ok(format), _) => picture::luma(bytes, format),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -154,8 +155,8 @@ mod tests {
             let (header, colour) = jpeg::kind::header(bytes).unwrap();
             let general = jpeg::scans::luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            assert!(jpeg::luma(bytes).unwrap().luma() == general.luma(), "file {k}");
-            let one = jpeg::one_scan(bytes, &header, colour);
+            assert!(jpeg::luma(bytes, None).unwrap().luma() == general.luma(), "file {k}");
+            let one = jpeg::sequential::one_scan(bytes, &header, colour, None);
             assert_eq!(one.is_none(), k == 7, "only the progressive file has several scans");
         }
     }
@@ -170,19 +171,15 @@ mod tests {
     fn a_part_is_as_in_the_whole() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
             let whole = decode(bytes, None).unwrap();
-            let mut part = decode_part(bytes, None).unwrap();
-            part.read(&slanted(61, 43));
+            let part = decode_part(bytes, None, &slanted).unwrap();
             for (y, columns) in slanted(61, 43).into_iter().enumerate() {
-                assert_eq!(part.raster().row(y)[columns.clone()], whole.row(y)[columns], "file {k}, row {y}");
+                assert_eq!(part.row(y)[columns.clone()], whole.row(y)[columns], "file {k}, row {y}");
             }
             // Nothing else is transformed, but of several scans.
-            assert_eq!(part.raster().row(20) == [0; 61], k != 7, "file {k}");
-            part.read(&[]);
-            part.read(&vec![5..61; 43]);
-            part.read(&vec![0..99; 99]);
-            assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
+            assert_eq!(part.row(20) == [0; 61], k != 7, "file {k}");
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
-            assert!(decode_part(cut, None).is_err(), "file {k}: the end was not read");
+            assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
+            assert!(decode_part(bytes, None, &|_, _| Vec::new()).is_ok());
         }
     }
 

@@ -1,6 +1,7 @@
 //! A frame is searched where an earlier one says.
 
-use super::decode::{self, Part};
+use super::decode;
+use super::located::holds;
 use super::stages::{Sighting, Work, unseen};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, Prediction};
@@ -32,7 +33,7 @@ pub enum Search {
 }
 
 /// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
-/// says that it is by those found. The picture that comes back may be black where nothing was looked at.
+/// says that it is by those found. The picture that comes back may be black where nothing was read.
 pub(super) fn look_guided(
     sighting: &mut Sighting,
     bytes: &[u8],
@@ -43,36 +44,59 @@ pub(super) fn look_guided(
     if predictions.is_empty() {
         return whole(sighting, bytes, format);
     }
+    let columns = |width, height| detect::columns_read(predictions, width, height);
     let part = sighting.look(
-        || decode::decode_part(bytes, format).map(|part| reading(part, predictions)),
+        || decode::decode_part(bytes, format, &columns),
         |raster| detect::detect_guided(raster, predictions),
     );
-    let Some(mut part) = part else { return (None, Search::Guided) };
+    if part.is_none() {
+        return (None, Search::Guided);
+    }
     if detect::is_complete(&sighting.detections, predictions) {
-        return (Some(part.into_raster()), Search::Guided);
+        return (part, Search::Guided);
     }
-    if let Some(better) = onwards(&sighting.detections.markers).filter(|better| !better.is_empty()) {
-        part = sighting.timed(Work::Decode, || reading(part, &better));
-        let found = sighting.timed(Work::Detect, || detect::detect_guided(part.raster(), &better));
-        if detect::is_complete(&found, &better) {
-            sighting.detections = found;
-            return (Some(part.into_raster()), Search::Guided);
-        }
-    }
-    // What is left of it.
-    let rest = || {
-        let (width, height) = (part.raster().width(), part.raster().height());
-        part.read(&vec![0..width; height]);
-        Ok(part.into_raster())
-    };
-    (sighting.look(rest, detect::detect), Search::Whole)
+    let better = onwards(&sighting.detections.markers);
+    look_again(sighting, bytes, format, (part, predictions, better))
 }
 
-/// With what is looked at where markers are predicted.
-fn reading(mut part: Part, predictions: &[Prediction]) -> Part {
-    let (width, height) = (part.raster().width(), part.raster().height());
-    part.read(&detect::columns_read(predictions, width, height));
-    part
+/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
+fn look_again(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
+) -> (Option<Raster>, Search) {
+    let lies_there = |raster: &Raster, better: &[Prediction]| {
+        let [read, needed] =
+            [predictions, better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+        holds(&read, &needed)
+    };
+    let Some(better) = better.filter(|better| !better.is_empty()) else {
+        return whole(sighting, bytes, format);
+    };
+    let again = |raster: &Raster, sighting: &mut Sighting| {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
+        let complete = detect::is_complete(&found, &better);
+        if complete {
+            sighting.detections = found;
+        }
+        complete
+    };
+    if let Some(raster) = part.filter(|raster| lies_there(raster, &better)) {
+        if again(&raster, sighting) {
+            return (Some(raster), Search::Guided);
+        }
+        return whole(sighting, bytes, format);
+    }
+    let raster = match sighting.timed(Work::Decode, || decode::decode(bytes, format)) {
+        Ok(raster) => raster,
+        Err(error) => return (sighting.look(|| Err(error), detect::detect), Search::Whole),
+    };
+    if again(&raster, sighting) {
+        return (Some(raster), Search::Guided);
+    }
+    sighting.detections = sighting.timed(Work::Detect, || detect::detect(&raster));
+    (Some(raster), Search::Whole)
 }
 
 /// The whole frame is searched.

@@ -1,8 +1,9 @@
 //! Markers where the installation says to look, and closer looks at them when they have names.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
-use super::decode;
 use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::raster::Raster;
@@ -14,38 +15,37 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
-/// A picture of which what is looked at is decoded.
-pub(super) struct Part(pub decode::Part);
+/// Whether what is needed of each row is among what was read.
+pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
+    let holds =
+        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
+    needed.iter().zip(read).all(holds)
+}
+
+/// A picture of which of each row some columns were decoded.
+pub(super) struct Part {
+    pub raster: Raster,
+    pub read: Vec<Range<usize>>,
+}
 
 impl Part {
-    /// As far as it is decoded.
-    pub(super) fn raster(&self) -> &Raster {
-        self.0.raster()
+    /// Its markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere, or out of what was decoded.
+    pub(super) fn detected(&self, setup: &Setup, orientation: &Orientation) -> Option<Detections> {
+        let mut looker = Looker::new(&self.raster);
+        let predictions = identify::locate(setup, orientation, |sought| looker.roughly(sought))?;
+        self.holds(&predictions).then(|| looker.closely(&predictions))
     }
 
-    /// Decodes what is looked at where markers are predicted.
-    fn read(&mut self, predictions: &[Prediction]) {
-        let (width, height) = (self.raster().width(), self.raster().height());
-        self.0.read(&detect::columns_read(predictions, width, height));
+    /// Whether all was decoded that is looked at where markers are predicted.
+    fn holds(&self, predictions: &[Prediction]) -> bool {
+        let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
+        holds(&self.read, &needed)
     }
 
-    /// Its markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere.
-    pub(super) fn detected(&mut self, setup: &Setup, orientation: &Orientation) -> Option<Detections> {
-        // What tells the noise.
-        self.read(&[]);
-        let mut looker = Looker::new(self.raster());
-        let predictions = identify::locate(setup, orientation, |sought| {
-            self.read(sought);
-            looker.roughly(self.raster(), sought)
-        })?;
-        self.read(&predictions);
-        Some(looker.closely(self.raster(), &predictions))
-    }
-
-    /// What shows aside of the places of markers that are missing and is like them: however the wing is
+    /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is
     /// bent. What the ground frames did not show, no frame need show.
     pub(super) fn aside(
-        &mut self,
+        &self,
         setup: &Setup,
         orientation: &Orientation,
         (found, identities): &(Detections, Identities),
@@ -54,8 +54,9 @@ impl Part {
         let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
         missing.retain(|e| e.found.is_none() && on_ground(e));
         let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-        let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
-        let mut looker = Looker::again(found);
+        let mut missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+        missing.retain(|p| self.holds(std::slice::from_ref(p)));
+        let mut looker = Looker::again(&self.raster, found);
         let same =
             |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
         let search_px = Vector2::repeat(identify::SAME_PX);
@@ -66,14 +67,12 @@ impl Part {
                 .filter(|_| !found.markers.iter().any(|known| same(known, m)));
             like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
         };
-        if missing.is_empty() {
-            return Vec::new();
-        }
-        self.read(&missing);
-        let there: Vec<Prediction> =
-            looker.roughly(self.raster(), &missing).iter().filter_map(like).collect();
-        self.read(&there);
-        if there.is_empty() { Vec::new() } else { looker.closely(self.raster(), &there).markers }
+        let there: Vec<Prediction> = if missing.is_empty() {
+            Vec::new()
+        } else {
+            looker.roughly(&missing).iter().filter_map(like).collect()
+        };
+        if there.is_empty() { Vec::new() } else { looker.closely(&there).markers }
     }
 }
 

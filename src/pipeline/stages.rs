@@ -118,21 +118,20 @@ impl Sighting {
     }
 
     /// Takes up what is detected in a picture, which comes back, or why there is none.
-    pub(super) fn look<Picture: AsRef<Raster>>(
+    pub(super) fn look(
         &mut self,
-        decode: impl FnOnce() -> Result<Picture, decode::DecodeError>,
+        decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
-    ) -> Option<Picture> {
+    ) -> Option<Raster> {
         match self.timed(Work::Decode, decode) {
             Err(error) => {
                 self.failure = Some(Reason::of(error));
                 None
             }
-            Ok(picture) => {
-                let raster = picture.as_ref();
+            Ok(raster) => {
                 self.size = Some((raster.width(), raster.height()));
-                self.detections = self.timed(Work::Detect, || detect(raster));
-                Some(picture)
+                self.detections = self.timed(Work::Detect, || detect(&raster));
+                Some(raster)
             }
         }
     }
@@ -190,8 +189,8 @@ pub fn sight_whole(
     (sighting, raster)
 }
 
-/// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what is looked at is
-/// decoded, while it is looked for. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
+/// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
+/// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
     sighting: &mut Sighting,
     bytes: &[u8],
@@ -200,16 +199,19 @@ fn look_located(
     orientation: &Orientation,
 ) -> Option<()> {
     let size = (setup.lens.width as usize, setup.lens.height as usize);
-    let mut part = located::Part(sighting.timed(Work::Decode, || decode::decode_part(bytes, format)).ok()?);
-    sighting.size = Some(size).filter(|size| *size == (part.raster().width(), part.raster().height()));
+    let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
+    let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
+    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
+    sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
     sighting.size?;
+    let part = located::Part { raster, read };
     let found = sighting.timed(Work::Detect, || part.detected(setup, orientation))?;
-    let name = |part: &located::Part, found| identified(setup, orientation, part.raster(), found);
-    let mut known = sighting.timed(Work::Identify, || name(&part, found)).ok()?;
+    let name = |found| identified(setup, orientation, &part.raster, found);
+    let mut known = sighting.timed(Work::Identify, || name(found)).ok()?;
     let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known));
     if !aside.is_empty() {
         known.0.add(aside);
-        known = sighting.timed(Work::Identify, || name(&part, known.0)).ok()?;
+        known = sighting.timed(Work::Identify, || name(known.0)).ok()?;
     }
     take_up(sighting, setup, orientation, Ok(known));
     Some(())

@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
-use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
 use wingd::measure::setup::{InFlight, Setup, Uncertainty};
@@ -101,6 +100,20 @@ impl Shown {
 }
 
 impl Shown {
+    fn extend(&mut self, other: &Self) {
+        for k in 0..3 {
+            self.lifts[k].extend(&other.lifts[k]);
+            self.tip_sigmas_m[k].extend(&other.tip_sigmas_m[k]);
+            self.tip_errors_m[k].extend(&other.tip_errors_m[k]);
+        }
+        self.twist.extend(&other.twist);
+        self.moments.extend(&other.moments);
+        self.passed.extend(&other.passed);
+        for (source, parts) in &other.budget {
+            self.budget.entry(source).or_default().extend(parts);
+        }
+    }
+
     fn of_tip(&mut self, solution: &Solution, truth: &[[f64; 3]]) {
         let Some(budget) = &solution.budget else { return };
         for part in &budget.shares {
@@ -114,7 +127,7 @@ impl Shown {
     }
 
     /// Largest first: mean share in percent, and median standard deviation of the tip if it were known, mm.
-    fn budget(&self) -> String {
+    pub fn budget(&self) -> String {
         let part = |(name, all): (&&str, &Vec<(f64, f64)>)| {
             let share = all.iter().map(|(share, _)| share).sum::<f64>() / self.passed.len() as f64;
             let known = median(&all.iter().map(|(_, known_m)| 1e3 * known_m).collect::<Vec<_>>());
@@ -186,17 +199,36 @@ fn known(setup: &mut Setup) {
     }
 }
 
+/// What wings or flights show.
+#[derive(Default)]
+pub struct Drawn {
+    /// All of them.
+    pub all: Shown,
+    /// Those of which the program said nothing: neither rejected nor remarked.
+    pub unsaid: Shown,
+    /// Share of which it did.
+    pub said: f64,
+}
+
+/// Whether the program says that something is wrong: a test that rejects, or a remark on a cause, on marks or on motions.
+fn is_said(solution: &Solution) -> bool {
+    const WORDS: [&str; 5] =
+        ["lie together", "contradict", "are usual", "are stated", "one cause is likelier"];
+    let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
+    remarked || solution.global_test == GlobalTest::Rejected
+}
+
 /// Draws wings or flights of so many frames with an effect each.
-fn draw(
+pub fn draw(
     seed: u64,
     set_up: SetUp,
     frames: usize,
     wings: usize,
     effects: impl Fn(&mut StdRng) -> Effects,
-) -> Shown {
+) -> Drawn {
     let mut rng = rng(seed);
     let (high_m, low_m) = lifts_m();
-    let mut shown = Shown::default();
+    let mut drawn = Drawn::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
         let truth = set_up.truth(&mut rng);
@@ -227,75 +259,18 @@ fn draw(
             1 => adjust::spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
             _ => adjust::flight(&setup, &orientation, &seen, &options),
         };
-        for (when, solution) in whens.iter().zip(solved.expect("a solution")) {
-            shown.add(&aircraft, *when, &solution, &setup);
+        let solved = solved.expect("a solution");
+        let mut shown = Shown::default();
+        whens.iter().zip(&solved).for_each(|(when, one)| shown.add(&aircraft, *when, one, &setup));
+        if solved.iter().any(is_said) {
+            drawn.said += 1.0 / wings as f64;
+        } else {
+            drawn.unsaid.extend(&shown);
         }
+        drawn.all.extend(&shown);
     }
-    shown
+    drawn
 }
-
-/// A kind of effect: its name, and how one is drawn of its size at the magnitude that must hold.
-type Kind = (&'static str, fn(&mut StdRng, f64) -> Effects);
-
-fn sign(rng: &mut StdRng) -> f64 {
-    if rng.random::<bool>() { 1.0 } else { -1.0 }
-}
-
-const KINDS: [Kind; 24] = [
-    ("all together", |r, _| all_together(r)),
-    ("nothing", |_, _| Effects::default()),
-    ("bent on ground, 10 mm", |r, by| Effects { ground_bend_m: 0.010 * by * sign(r), ..Effects::default() }),
-    ("root turns, 0.2 mrad", |r, by| Effects {
-        root_turn_rad: Vector3::z() * (2e-4 * by * sign(r)),
-        ..Effects::default()
-    }),
-    ("root rises, 1 mm", |r, by| Effects {
-        root_shift_m: Vector3::y() * (0.001 * by * sign(r)),
-        ..Effects::default()
-    }),
-    ("skin bulges at the root, 0.5 mm", |r, by| Effects {
-        bulge_m: 5e-4 * by * sign(r),
-        ..Effects::default()
-    }),
-    ("skin at each marker, 0.3 mm", |_, by| Effects { skin_m: 3e-4 * by, ..Effects::default() }),
-    ("fixed marks rise, 0.5 mm", |r, by| Effects {
-        fixed_m: Vector3::y() * (5e-4 * by * sign(r)),
-        ..Effects::default()
-    }),
-    ("fixed marks move each, 0.5 mm", |_, by| Effects { fixed_each_m: 5e-4 * by, ..Effects::default() }),
-    ("flight scale, 2e-4", |r, by| Effects { flight_scale: 2e-4 * by * sign(r), ..Effects::default() }),
-    ("principal point, 0.3 px", |r, by| Effects {
-        principal_px: Vector2::new(sign(r), sign(r)) * (0.3 * by),
-        ..Effects::default()
-    }),
-    ("refraction, 2e-4", |_, by| Effects { refraction: 2e-4 * by, ..Effects::default() }),
-    ("bow, 30 m", |_, by| Effects { bow_per_m: by / 30.0, ..Effects::default() }),
-    ("in the plane, 20 mm", |r, by| Effects { in_plane_m: 0.020 * by * sign(r), ..Effects::default() }),
-    ("aileron, 1 degree", |r, by| Effects { aileron_rad: 0.0175 * by * sign(r), ..Effects::default() }),
-    ("vibration, 1 cm at 3 Hz, 30 ms", |_, by| Effects {
-        vibration: (0.01 * by, 3.0),
-        readout_s: 0.03,
-        ..Effects::default()
-    }),
-    ("shake, 0.03 mrad at 15 Hz, 30 ms", |_, by| Effects {
-        shake: (3e-5 * by, 15.0),
-        readout_s: 0.03,
-        ..Effects::default()
-    }),
-    ("entrance pupil, 10 mm", |r, by| Effects { pupil_m: 0.010 * by * sign(r), ..Effects::default() }),
-    ("survey's vertical, 0.1 degree", |r, by| Effects {
-        tilt_rad: Vector2::new(sign(r), sign(r)) * (0.1f64.to_radians() * by / 2f64.sqrt()),
-        ..Effects::default()
-    }),
-    ("torque, 1 degree", |r, by| Effects { torque_rad: 0.0175 * by * sign(r), ..Effects::default() }),
-    ("step of stiffness, 20 %", |r, by| Effects { step: 0.2 * by * sign(r), ..Effects::default() }),
-    ("kink, 1 mrad", |r, by| Effects { kink_rad: 1e-3 * by * sign(r), ..Effects::default() }),
-    ("engine, 10 %", |_, by| Effects { engine: 0.1 * by, ..Effects::default() }),
-    ("root moves out, 1 mm", |r, by| Effects {
-        root_shift_m: Vector3::x() * (0.001 * by * sign(r)),
-        ..Effects::default()
-    }),
-];
 
 /// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
 /// meets (steps, kinks, engines) too.
@@ -326,43 +301,12 @@ pub fn all_together(rng: &mut StdRng) -> Effects {
 fn what_flight_does_is_in_the_standard_deviations() {
     for (frames, wings) in [(1, 24), (5, 12)] {
         for (k, set_up) in SET_UPS.into_iter().enumerate() {
-            let shown = draw(7100 + k as u64, set_up, frames, wings, all_together);
+            let shown = draw(7100 + k as u64, set_up, frames, wings, all_together).all;
             let lifts = shown.lifts.each_ref().map(|lifts| rms(lifts));
             let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
             println!("{frames} {set_up:?}: lifts {lifts:.2?}, twist {twist:.2}, moment {moment:.2}");
             assert!(lifts.iter().all(|lift| *lift < 1.5), "{frames} {set_up:?}: {lifts:.2?}");
             assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
-        }
-    }
-}
-
-/// The table of docs/validation: run with `WINGS=100 FRAMES=1,5,20 TIMES=1 SET_UP=Stayed KIND=torque SEED=7000` to taste.
-#[test]
-#[ignore = "minutes; a table for docs/model.md"]
-fn table_of_what_an_aircraft_does() {
-    let word = |name: &str| std::env::var(name).unwrap_or_default();
-    let number = |name: &str, usual: f64| word(name).parse().unwrap_or(usual);
-    let (wings, times, seed) =
-        (number("WINGS", 8.0) as usize, number("TIMES", 1.0), number("SEED", 4000.0) as u64);
-    let frames = Some(word("FRAMES")).filter(|f| !f.is_empty()).unwrap_or("1,5".into());
-    for frames in frames.split(',').map(|f| f.parse().expect("a number of frames")) {
-        let wanted = word("SET_UP");
-        for set_up in SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
-            for (k, (name, kind)) in
-                KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND")))
-            {
-                let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
-                println!(
-                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, errors {:.1?} mm, passed {:.0} %; {}",
-                    shown.lifts.each_ref().map(|lifts| rms(lifts)),
-                    rms(&shown.twist),
-                    rms(&shown.moments),
-                    shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
-                    shown.tip_errors_m.each_ref().map(|errors| 1e3 * rms(errors)),
-                    100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64,
-                    shown.budget()
-                );
-            }
         }
     }
 }

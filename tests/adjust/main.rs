@@ -10,6 +10,7 @@ mod common;
 mod coverage;
 mod flight;
 mod identification;
+mod kinds;
 mod learning;
 mod live;
 mod live_start;

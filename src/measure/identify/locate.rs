@@ -60,6 +60,19 @@ fn expected(scene: &Scene<'_>, state: &State, covariance: &Matrix8, sigmas: f64)
         .collect()
 }
 
+/// See [`super::anywhere`].
+pub(super) fn anywhere(scene: &Scene<'_>) -> Vec<Prediction> {
+    let prior = before(scene);
+    // A marker that lies outside in the middle of the range may come into the frame.
+    let [low, high] = [-1.0, 1.0].map(|side| {
+        let mut state = prior.mean;
+        state[0] += side * SIGMAS.0 * prior.sigma[0];
+        expected(scene, &state, &prior.covariance(), 1.0)
+    });
+    let middle = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
+    [low, middle, high].into_iter().flatten().flatten().collect()
+}
+
 /// See [`super::locate`].
 pub(super) fn located(
     scene: &Scene<'_>,

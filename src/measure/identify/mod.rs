@@ -285,5 +285,10 @@ pub fn onwards(
     locate::onwards(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
 }
 
+/// Where the markers may be at all, however the wing is bent: what [`locate`] may look at.
+pub fn anywhere(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
+    locate::anywhere(&scene::Scene::new(setup, orientation, true))
+}
+
 /// How far the wing may move from one frame to the next: change of the tip's lift, m.
 pub const NEXT_LIFT_M: f64 = 0.2;

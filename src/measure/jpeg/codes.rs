@@ -16,8 +16,9 @@ const LONGEST: u32 = 32;
 /// Of a symbol that is no coefficient: so many zeros. Any other ends the block.
 const ZEROS: u8 = 0xf0;
 
-/// Adds coded bytes without what is stuffed between them.
-pub fn unstuff(coded: &[u8], into: &mut Vec<u8>) {
+/// Coded bytes without what is stuffed between them.
+pub fn unstuffed(coded: &[u8], into: &mut Vec<u8>) {
+    into.clear();
     let mut rest = coded;
     while let Some(at) = memchr::memchr(0xff, rest) {
         let (own, more) = rest.split_at(at + 1);
@@ -28,8 +29,8 @@ pub fn unstuff(coded: &[u8], into: &mut Vec<u8>) {
 }
 
 /// The codes of a component's coefficients, with what several of them come to.
-pub struct Table {
-    one: HuffmanTable,
+pub struct Table<'a> {
+    one: &'a HuffmanTable,
     several: Vec<Several>,
 }
 
@@ -42,10 +43,10 @@ struct Several {
     ends: bool,
 }
 
-impl Table {
+impl<'a> Table<'a> {
     /// For a scan.
-    pub fn new(one: &HuffmanTable) -> Self {
-        Self { one: one.clone(), several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
+    pub fn new(one: &'a HuffmanTable) -> Self {
+        Self { one, several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
     }
 }
 
@@ -84,19 +85,6 @@ impl<'a> Codes<'a> {
     /// From the start of an interval's data, without stuffed bytes.
     pub fn new(data: &'a [u8]) -> Self {
         Self { data, at: 0, ahead: 0, left: 0 }
-    }
-
-    /// The same from a bit on.
-    pub fn at(data: &'a [u8], bit: usize) -> Self {
-        let mut out = Self { at: bit / 8, ..Self::new(data) };
-        out.fill();
-        out.pass((bit % 8) as u32);
-        out
-    }
-
-    /// The bit that is read next.
-    pub fn bit(&self) -> usize {
-        8 * self.at - self.left as usize
     }
 
     /// Bits that were not read; negative beyond the end.
@@ -152,6 +140,7 @@ impl<'a> Codes<'a> {
     }
 
     /// By how much the block's mean differs from the last one's.
+    #[inline(always)]
     pub fn mean(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
         match self.symbol(table)? {
             0 => Ok(0),
@@ -161,25 +150,40 @@ impl<'a> Codes<'a> {
     }
 
     /// The block's other coefficients.
+    #[inline(always)]
     pub fn coefficients(&mut self, table: &Table, block: &mut [i16; ALL]) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
-            let symbol = self.symbol(&table.one)?;
-            let (zeros, size) = (symbol >> 4, symbol & 15);
-            if size == 0 && symbol != ZEROS {
-                return Ok(());
-            }
-            k += usize::from(zeros);
-            if size > 0 {
-                *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? =
-                    self.number(size);
-            }
+            self.fill();
+            let ahead = (self.ahead >> 48) as u16;
+            let (whole, mut symbol, mut length) = table.one.lookup_combined(ahead);
+            // Code and number at once: total bits, zeros, the number.
+            let (zeros, number) = if whole != 0 {
+                self.pass((whole & 15) as u32);
+                (usize::from((whole >> 4) as u16 & 15), whole >> 8)
+            } else {
+                if length == 0 {
+                    (symbol, length) = table.one.lookup(ahead)?;
+                }
+                self.pass(u32::from(length));
+                match symbol & 15 {
+                    0 if symbol == ZEROS => {
+                        k += 16;
+                        continue;
+                    }
+                    0 => return Ok(()),
+                    size => (usize::from(symbol >> 4), self.number(size)),
+                }
+            };
+            k += zeros;
+            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? = number;
             k += 1;
         }
         if k == ALL { Ok(()) } else { Err(out_of_step()) }
     }
 
     /// The same, of which nothing is wanted.
+    #[inline(always)]
     pub fn pass_over(&mut self, table: &Table) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
@@ -192,7 +196,7 @@ impl<'a> Codes<'a> {
                 k = if ends { ALL } else { then };
                 continue;
             }
-            let symbol = self.symbol(&table.one)?;
+            let symbol = self.symbol(table.one)?;
             self.pass(u32::from(symbol & 15));
             k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
         }
