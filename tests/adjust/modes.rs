@@ -20,7 +20,7 @@ const RATE_HZ: f64 = 10.0;
 const FIVE_MINUTES: usize = 3000;
 /// Frequency, Hz; damping; rms of the tip, m.
 const FIRST: (f64, f64, f64) = (1.3, 0.03, 0.10);
-const SECOND: (f64, f64, f64) = (3.7, 0.02, 0.003);
+const SECOND: (f64, f64, f64) = (3.7, 0.02, 0.006);
 /// The detector's standard deviation, px.
 const NOISE_PX: f64 = 0.05;
 const LEVEL_M: f64 = 2.0;
