@@ -25,7 +25,7 @@ help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
-	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations; 3,000 of each foreign file'
+	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'

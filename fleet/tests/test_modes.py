@@ -151,5 +151,4 @@ def test_modes_through_the_adjustment_of_live_frames(capsys):
             )
             print(f"  damping {one['damping']}: {row['damping']:.4f} +- {row['sigma_damping']:.4f}")
         assert abs(row["frequency_hz"] / one["hz"] - 1) < 0.01 and abs(off) < 2
-        # Live frames share a shape, which holds the second mode's back: docs/fleet/modes.md.
-        assert alike > 0.99 or one["hz"] > 2
+        assert alike > 0.99

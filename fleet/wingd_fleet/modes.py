@@ -167,8 +167,9 @@ def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
 
 def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
     """The first `count` modes of lifts, m, in rows of equal intervals, the points from the root outwards."""
+    # Differences have the same poles and shapes; in lifts the first mode hides the others, and manoeuvres hide both.
+    lifts = np.diff(lifts[:, lifts.std(axis=0) > 0], 2, axis=0)
     lifts = lifts - lifts.mean(axis=0)
-    lifts = lifts[:, lifts.std(axis=0) > 0]
     stable = _stable(_poles(lifts, rate_hz, lowest_hz))
     parts = np.array_split(np.arange(len(lifts)), BLOCKS)
     without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []

@@ -90,14 +90,14 @@ pub enum Cell {
 
 const M_PER_FOOT: f64 = 0.3048;
 
-/// IWG1's own fields (www.eol.ucar.edu/raf/Software/IWG1_Def.html).
-const IWG1: [(usize, Quantity, f64); 6] = [
-    (7, Quantity::PressureAltitudeM, M_PER_FOOT),
-    (12, Quantity::Mach, 1.0),
-    (21, Quantity::StaticTemperatureC, 1.0),
-    (23, Quantity::TotalTemperatureC, 1.0),
-    (24, Quantity::StaticPressureHpa, 1.0),
-    (26, Quantity::CabinPressureHpa, 1.0),
+/// IWG1's own fields (www.eol.ucar.edu/raf/Software/IWG1_Def.html), each with a word of its name there.
+pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
+    (7, Quantity::PressureAltitudeM, M_PER_FOOT, "alt"),
+    (12, Quantity::Mach, 1.0, "mach"),
+    (21, Quantity::StaticTemperatureC, 1.0, "temp"),
+    (23, Quantity::TotalTemperatureC, 1.0, "temp"),
+    (24, Quantity::StaticPressureHpa, 1.0, "press"),
+    (26, Quantity::CabinPressureHpa, 1.0, "press"),
 ];
 
 impl Layout {
@@ -109,7 +109,7 @@ impl Layout {
 
     /// IWG1 with a platform's own fields.
     pub fn iwg1(own: &[Column]) -> Self {
-        let fixed = IWG1.map(|(field, quantity, scale)| Column { field, quantity, scale, offset: 0.0 });
+        let fixed = IWG1.map(|(field, quantity, scale, _)| Column { field, quantity, scale, offset: 0.0 });
         let column = fixed.iter().chain(own).copied().collect();
         Self { begins_with: Some("IWG1".to_owned()), ..Self::text(',', 2, column) }
     }
@@ -149,9 +149,12 @@ impl Layout {
         let Some(text) = field(fields, column.field).filter(|text| !text.is_empty()) else {
             return Cell::Blank;
         };
-        // A point beside a decimal comma parts thousands, which no feed writes.
-        let comma = self.decimal == ',' && !text.contains('.');
-        let text = if comma { text.replace(',', ".") } else { text.to_owned() };
+        let text = match self.decimal {
+            // A point beside decimal commas parts thousands, or the column has points: which is not said.
+            ',' if text.contains('.') => return Cell::Text,
+            ',' => text.replace(',', "."),
+            _ => text.to_owned(),
+        };
         match text.parse::<f64>() {
             Ok(number) => {
                 let value = column.scale * number + column.offset;
@@ -229,7 +232,7 @@ mod tests {
         let decimal = Layout { decimal: ',', ..Layout::text(';', 2, vec![mach]) };
         assert_eq!(
             (of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")),
-            (Some(0.78), Some(0.78))
+            (Some(0.78), None)
         );
         assert_eq!(of(&Layout::text(';', 2, vec![mach]), "x;1772344800;0,78"), None);
         let kept = serde_json::to_value(&commas).unwrap();

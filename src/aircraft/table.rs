@@ -116,19 +116,37 @@ impl Tally {
     /// Why it has no values, where it has none.
     pub fn why_none(&self) -> Option<String> {
         let name = self.quantity.name();
-        let comma = |text: &String| text.replace(',', ".").parse::<f64>().is_ok();
+        let (points, commas) = (|text: &String| text.contains('.'), |text: &String| text.contains(','));
+        let number = |text: &String| text.replace(',', "").parse::<f64>().is_ok();
         match (self.values, &self.text.1, self.out_of_reason.1) {
             (1.., ..) => None,
-            (0, Some(text), _) if comma(text) => {
+            (0, Some(text), _) if number(text) && thousands(text) => Some(format!(
+                "{name} has commas that part thousands, or decimals ({text}); save its numbers without thousands, or write \
+                 decimal = \",\" in the mapping"
+            )),
+            (0, Some(text), _) if number(text) && commas(text) && !points(text) => {
                 Some(format!("{name} has decimal commas ({text}); write decimal = \",\" in the mapping"))
             }
-            (0, Some(text), _) => Some(format!("{name} has texts for numbers ({text}); name another column")),
+            (0, Some(text), _) if number(text) => Some(format!(
+                "{name} has points beside decimal commas ({text}); save its numbers without thousands, with one decimal sign"
+            )),
+            (0, Some(text), _) => Some(format!(
+                "{name} has texts for numbers ({text}); save plain numbers, or name another column"
+            )),
             (0, None, Some(value)) => Some(format!(
                 "{name} cannot be {value:.6}; correct the mapping's scale, or name another column"
             )),
             (0, None, None) => Some(format!("the column of {name} is empty; name another")),
         }
     }
+}
+
+/// Whether commas of a number may part thousands: `35,000`.
+fn thousands(text: &str) -> bool {
+    let mut groups = text.trim_start_matches(['+', '-']).split(',');
+    let first = groups.next().is_some_and(|g| (1..=3).contains(&g.len()) && !g.starts_with('0'));
+    let mut others = groups.map(|g| g.split_once('.').map_or(g, |(whole, _)| whole)).peekable();
+    first && others.peek().is_some() && others.all(|g| g.len() == 3)
 }
 
 fn column(named: &Named, field: usize) -> Column {
@@ -213,6 +231,11 @@ fn no_header(text: &str, time: &str, stated: Option<char>) -> Trouble {
         let found = rows(text, *separator).unwrap_or_default();
         found.iter().take(BEFORE_HEADER).any(|r| r.cells.iter().any(|c| c == time))
     };
+    let words = |line: &str| line.split_whitespace().any(|word| word == time);
+    if !time.is_empty() && text.lines().take(BEFORE_HEADER).any(words) && !SEPARATORS.iter().any(has) {
+        let mend = "save it with commas, semicolons or tabs between its columns";
+        return Trouble::new(1, "", "has columns that are separated by blanks", mend);
+    }
     match SEPARATORS.iter().find(|s| Some(**s) != stated && has(s)) {
         Some(other) => {
             let problem = format!("the table is separated by {other:?}, not by {:?}", stated.unwrap_or(','));

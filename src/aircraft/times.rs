@@ -13,21 +13,34 @@ pub enum TimeFormat {
     Utc,
     /// Milliseconds since 1970.
     UnixMs,
+    /// Microseconds since 1970.
+    UnixUs,
+    /// Nanoseconds since 1970.
+    UnixNs,
     /// Days of a spreadsheet, with 1900 as its first year.
     ExcelDays,
+    /// Days of a spreadsheet, with 1904 as its first year.
+    Excel1904Days,
+    /// Days of MATLAB's `datenum`, with year 0 as the first.
+    MatlabDays,
+    /// Julian dates.
+    JulianDays,
     /// Seconds since 6 January 1980, without leap seconds.
     GpsSeconds,
-    /// Seconds since midnight of a date that is stated.
+    /// Seconds since midnight of a date that is stated, or `07:59:50`.
     SecondsOfDay,
     /// `20260601075950`.
     Compact,
 }
 
-const MS_PER_S: f64 = 1000.0;
 /// Seconds of a day.
 pub const DAY_S: f64 = 86_400.0;
-/// 1 January 1970 as a spreadsheet counts days (1 January 1900 is 1, and 1900 is taken for a leap year).
+/// 1 January 1970, midnight, as days are counted: by a spreadsheet (1 January 1900 is 1, and 1900 is taken for a leap year),
+/// by one that begins with 1904 (1 January 1904 is 0), by `datenum` (1 January of year 0 is 1), and as a Julian date.
 const EXCEL_1970: f64 = 25_569.0;
+const EXCEL1904_1970: f64 = 24_107.0;
+const MATLAB_1970: f64 = 719_529.0;
+const JULIAN_1970: f64 = 2_440_587.5;
 /// From 1 January 1970 to 6 January 1980, where GPS time begins (IS-GPS-200), s.
 const GPS_EPOCH_S: f64 = 315_964_800.0;
 /// GPS time less UTC since 1 January 2017 (IERS Bulletin C 52; no leap second has come since), s.
@@ -37,15 +50,31 @@ const GPS_2017_S: f64 = 1_167_264_018.0;
 
 impl TimeFormat {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Utc, Self::UnixMs, Self::ExcelDays, Self::GpsSeconds, Self::SecondsOfDay, Self::Compact];
+    pub const ALL: [Self; 11] = [
+        Self::Utc,
+        Self::UnixMs,
+        Self::UnixUs,
+        Self::UnixNs,
+        Self::ExcelDays,
+        Self::Excel1904Days,
+        Self::MatlabDays,
+        Self::JulianDays,
+        Self::GpsSeconds,
+        Self::SecondsOfDay,
+        Self::Compact,
+    ];
 
     /// As in a mapping.
     pub fn name(self) -> &'static str {
         match self {
             Self::Utc => "utc",
             Self::UnixMs => "unix_ms",
+            Self::UnixUs => "unix_us",
+            Self::UnixNs => "unix_ns",
             Self::ExcelDays => "excel_days",
+            Self::Excel1904Days => "excel1904_days",
+            Self::MatlabDays => "matlab_days",
+            Self::JulianDays => "julian_days",
             Self::GpsSeconds => "gps_seconds",
             Self::SecondsOfDay => "seconds_of_day",
             Self::Compact => "compact",
@@ -57,9 +86,14 @@ impl TimeFormat {
         match self {
             Self::Utc => "ISO 8601 or seconds since 1970",
             Self::UnixMs => "milliseconds since 1970",
+            Self::UnixUs => "microseconds since 1970",
+            Self::UnixNs => "nanoseconds since 1970",
             Self::ExcelDays => "a spreadsheet's day numbers",
+            Self::Excel1904Days => "day numbers of a spreadsheet that begins with 1904",
+            Self::MatlabDays => "MATLAB's day numbers",
+            Self::JulianDays => "Julian dates",
             Self::GpsSeconds => "GPS seconds since 1980",
-            Self::SecondsOfDay => "seconds of a day",
+            Self::SecondsOfDay => "seconds or times of a day",
             Self::Compact => "14 digits, year to second",
         }
     }
@@ -67,16 +101,23 @@ impl TimeFormat {
     /// Seconds since 1970, UTC; `date` is that of [`TimeFormat::SecondsOfDay`]. `None` where the text is no such moment.
     pub fn seconds(self, text: &str, date: Option<Date>) -> Option<f64> {
         let number = || text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
+        let days = |of_1970: f64| number().filter(|n| *n >= of_1970).map(|n| (n - of_1970) * DAY_S);
         match self {
             Self::Utc => number().filter(|s| *s > 0.0).or_else(|| civil(text)),
-            Self::UnixMs => number().map(|n| n / MS_PER_S),
-            Self::ExcelDays => number().filter(|n| *n >= EXCEL_1970).map(|n| (n - EXCEL_1970) * DAY_S),
+            Self::UnixMs => number().map(|n| n * 1e-3),
+            Self::UnixUs => number().map(|n| n * 1e-6),
+            Self::UnixNs => number().map(|n| n * 1e-9),
+            Self::ExcelDays => days(EXCEL_1970),
+            Self::Excel1904Days => days(EXCEL1904_1970),
+            Self::MatlabDays => days(MATLAB_1970),
+            Self::JulianDays => days(JULIAN_1970),
             Self::GpsSeconds => {
                 number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S)
             }
             Self::SecondsOfDay => {
                 let midnight = date?.to_zoned(TimeZone::UTC).ok()?.timestamp();
-                number().filter(|n| *n <= DAY_S).map(|n| n + seconds(midnight))
+                let of_day = number().filter(|n| *n <= DAY_S).or_else(|| time_of_day(text));
+                of_day.map(|n| n + seconds(midnight))
             }
             Self::Compact => {
                 let (day, time) = text.split_at_checked(8)?;
@@ -92,6 +133,12 @@ fn civil(text: &str) -> Option<f64> {
     let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).map(|z| z.timestamp());
     let stamp = text.parse::<jiff::Timestamp>().ok();
     stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok()).map(seconds)
+}
+
+/// Seconds of a day of `07:59:50`, which has no date.
+fn time_of_day(text: &str) -> Option<f64> {
+    let time = text.parse::<jiff::civil::Time>().ok().filter(|_| text.get(2..3) == Some(":"))?;
+    Some(time.duration_since(jiff::civil::Time::midnight()).as_secs_f64())
 }
 
 /// Seconds since 1970.
@@ -147,7 +194,14 @@ mod tests {
             (TimeFormat::Utc, "2026-06-01T09:59:50+02:00", 0.0),
             (TimeFormat::Utc, "1780300790", 0.0),
             (TimeFormat::UnixMs, "1780300790000", 0.0),
+            (TimeFormat::UnixUs, "1780300790000000", 0.0),
+            (TimeFormat::UnixNs, "1780300790000000000", 0.0),
             (TimeFormat::ExcelDays, "46174.333218", 0.1),
+            (TimeFormat::Excel1904Days, "44712.333218", 0.1),
+            (TimeFormat::MatlabDays, "740134.333218", 0.1),
+            (TimeFormat::JulianDays, "2461192.833218", 0.1),
+            (TimeFormat::SecondsOfDay, "07:59:50", 0.0),
+            (TimeFormat::SecondsOfDay, "07:59:50.000", 0.0),
             (TimeFormat::GpsSeconds, "1464336008", 0.0),
             (TimeFormat::SecondsOfDay, "28790.0", 0.0),
             (TimeFormat::Compact, "20260601075950", 0.0),
@@ -160,6 +214,7 @@ mod tests {
             assert_eq!(read, told.is_none(), "{text}");
         }
         assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None), None);
+        assert_eq!(TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date), None);
         assert_eq!(TimeFormat::GpsSeconds.seconds("1", None), None);
         assert_eq!(TimeFormat::Compact.seconds("2026060107595", None), None);
         assert_eq!(likeliest(&["2026-06-02T07:59:50Z"], TimeFormat::Utc, (BEGIN_S, BEGIN_S)), None);

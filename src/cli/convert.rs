@@ -67,7 +67,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 fn shown(args: &Args, read: &ReadCamera, to: CameraFormat) -> String {
     let l = &read.lens;
     let name = read.name.as_ref().map_or(String::new(), |name| format!(", {name}"));
-    let mut text = format!("{}: {}{name}, {}\n", args.input.display(), read.format, read.model);
+    let mut text =
+        format!("{}: {}{name}, {}\n", installation::shown_path(&args.input), read.format, read.model);
     text += &format!("  {} x {} px, fx {} fy {} cx {} cy {} px\n", l.width, l.height, l.fx, l.fy, l.cx, l.cy);
     text += &format!("  k1 {} k2 {} p1 {} p2 {} k3 {}", l.k1, l.k2, l.p1, l.p2, l.k3);
     if l.denominator != [0.0; 3] {
@@ -77,5 +78,5 @@ fn shown(args: &Args, read: &ReadCamera, to: CameraFormat) -> String {
     let dropped = if read.left.is_empty() { "nothing".to_owned() } else { read.left.join(", ") };
     text += &format!("\n  dropped: {dropped}\n");
     read.remarks.iter().for_each(|remark| text += &format!("  to be looked at: {remark}\n"));
-    text + &format!("{}: written, {to}", args.output.display())
+    text + &format!("{}: written, {to}", installation::shown_path(&args.output))
 }

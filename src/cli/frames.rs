@@ -1,8 +1,6 @@
 //! Image files of a command line are read and worked on in parallel, and answered in the order given.
 
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
-use std::os::unix::ffi::OsStrExt;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,6 +8,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 use super::{Failure, interrupt};
+use crate::installation::shown_path;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::Reason;
 use crate::store::FrameRef;
@@ -173,7 +172,7 @@ pub fn stored<T: Send>(
 }
 
 fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) -> T + Sync)) -> T {
-    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", file.display());
+    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", shown_path(file));
     let bytes = std::fs::read(file).map_err(|e| Reason::new(text(&e), e));
     let readable = bytes.as_deref().map_err(Clone::clone);
     guarded(|| work(name, readable)).unwrap_or_else(|| work(name, Err(BROKE_OFF.into())))
@@ -181,20 +180,7 @@ fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) 
 
 /// The file's name as it stands in results; a byte that is no UTF-8 as `\xfc`.
 pub fn name(file: &Path) -> String {
-    file.file_name().map_or_else(|| shown(file.as_os_str()), shown)
-}
-
-/// A name in which bytes that are no UTF-8 stand as `\xfc`, so that two that differ in them stay two.
-fn shown(name: &OsStr) -> String {
-    use std::fmt::Write;
-    let mut text = String::new();
-    for chunk in name.as_bytes().utf8_chunks() {
-        text.push_str(chunk.valid());
-        chunk.invalid().iter().for_each(|byte| {
-            let _ = write!(text, "\\x{byte:02x}");
-        });
-    }
-    text
+    file.file_name().map_or_else(|| shown_path(file), shown_path)
 }
 
 /// The files' names as they stand in results: each with as much of its path as tells it from the others.
@@ -219,11 +205,14 @@ fn tail(file: &Path, parts: usize) -> String {
     }
     let all: Vec<Component> = file.components().collect();
     let last: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
-    shown(last.as_os_str())
+    shown_path(&last)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
     use super::*;
 
     #[test]

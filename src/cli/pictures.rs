@@ -1,5 +1,6 @@
 //! Pictures of a camera's card are found in folders, dated by what they say of themselves, and parted into series by pauses.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,6 +11,8 @@ use serde_json::{Map, Value};
 use super::{Failure, frames};
 use crate::camera::exif::{self, Taken};
 use crate::camera::replay::format_of;
+use crate::installation::shown_path;
+use crate::pipeline::decode;
 use crate::store::sha256;
 
 /// Endings of pictures, for messages.
@@ -95,16 +98,41 @@ pub fn expand(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
             all.push(argument.clone());
             continue;
         }
-        let found = within(argument)?;
-        let pictures: Vec<PathBuf> = found.into_iter().filter(|f| format_of(f).is_some()).collect();
+        let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
+            within(argument)?.into_iter().partition(|f| format_of(f).is_some());
+        if let Some(what) = passed_over(&pictures, &others) {
+            eprintln!("wingd: {}: {what}", shown_path(argument));
+        }
         if pictures.is_empty() {
             let what =
-                format!("{}: holds no pictures ({ENDINGS}); name a folder that does", argument.display());
+                format!("{}: holds no pictures ({ENDINGS}); name a folder that does", shown_path(argument));
             return Err(Failure::Undone(what));
         }
         all.extend(pictures);
     }
     Ok(all)
+}
+
+/// Endings of pictures that are not read.
+const OTHER_ENDINGS: [&str; 16] = [
+    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef", "srw",
+    "bmp", "jxl",
+];
+
+/// Pictures of a folder that are not read and lie beside none that is, as a raw file does beside its JPEG.
+fn passed_over(pictures: &[PathBuf], others: &[PathBuf]) -> Option<String> {
+    let ending = |file: &Path| file.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let beside: BTreeSet<PathBuf> = pictures.iter().map(|picture| picture.with_extension("")).collect();
+    let alone = |file: &&PathBuf| {
+        ending(file).is_some_and(|e| OTHER_ENDINGS.contains(&e.as_str()))
+            && !beside.contains(&file.with_extension(""))
+    };
+    let alone: Vec<&PathBuf> = others.iter().filter(alone).collect();
+    let first = frames::name(alone.first()?);
+    let count = alone.len();
+    Some(format!(
+        "{count} pictures that are not read are passed over, {first} first; save them as JPEG, PNG or TIFF"
+    ))
 }
 
 /// Whether a folder holds a picture, in it or below.
@@ -115,7 +143,7 @@ pub fn holds_any(folder: &Path) -> bool {
 /// Every file in a folder and below, by name; hidden ones and links to folders are left out.
 fn within(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let unreadable = |e: std::io::Error| {
-        Failure::Undone(format!("{} cannot be read ({e}); check the path", folder.display()))
+        Failure::Undone(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
     };
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
@@ -202,6 +230,9 @@ fn picture(file: &Path) -> Result<Picture, String> {
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());
     }
+    if let Some(why) = decode::unread(&bytes) {
+        return Err(why.to_string());
+    }
     Ok(Picture { file: file.to_owned(), digest: sha256(&bytes), taken: exif::all(&bytes), utc: None })
 }
 
@@ -285,6 +316,15 @@ mod tests {
         let names: Vec<Vec<&str>> =
             series.iter().map(|s| s.iter().map(|p| p.digest.as_str()).collect()).collect();
         assert_eq!(names, [vec!["a", "b"], vec!["c"], vec!["z", "y"]]);
+    }
+
+    #[test]
+    fn pictures_that_are_not_read_are_named_but_beside_their_jpeg() {
+        let files = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let of = |others: &[&str]| passed_over(&files(&["a/1.jpg", "a/2.JPG"]), &files(others));
+        assert_eq!(of(&["a/1.dng", "a/2.NEF", "a/notes.txt"]), None);
+        let said = of(&["a/1.dng", "a/3.HEIC", "b/1.dng"]).unwrap();
+        assert!(said.starts_with("2 pictures") && said.contains("3.HEIC first"), "{said}");
     }
 
     #[test]

@@ -8,23 +8,46 @@ use super::keyed::{self, Node, Syntax, Trouble};
 use super::{Fault, Reader, toml_file};
 use crate::measure::calibrate::Board;
 
+/// The one key that says which others there are: read first, so that faults of the others keep their lines.
 #[derive(Deserialize)]
-#[serde(tag = "pattern", rename_all = "lowercase", deny_unknown_fields)]
+struct Named {
+    pattern: Pattern,
+}
+
+#[derive(Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Pattern {
+    Checkerboard,
+    Aprilgrid,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Checkerboard {
+    #[serde(rename = "pattern")]
+    _pattern: Pattern,
+    columns: usize,
+    rows: usize,
+    square_m: f64,
+    scale_sigma: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Aprilgrid {
+    #[serde(rename = "pattern")]
+    _pattern: Pattern,
+    family: Option<String>,
+    columns: usize,
+    rows: usize,
+    tag_m: f64,
+    spacing: f64,
+    scale_sigma: Option<f64>,
+}
+
 enum Table {
-    Checkerboard {
-        columns: usize,
-        rows: usize,
-        square_m: f64,
-        scale_sigma: Option<f64>,
-    },
-    Aprilgrid {
-        family: Option<String>,
-        columns: usize,
-        rows: usize,
-        tag_m: f64,
-        spacing: f64,
-        scale_sigma: Option<f64>,
-    },
+    Checkerboard(Checkerboard),
+    Aprilgrid(Aprilgrid),
 }
 
 /// A board and how well it is known.
@@ -56,13 +79,17 @@ pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
 
 const MEND: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
 
-fn of_toml(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+fn of_toml(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
     let (file, text) = reader.text(name, MEND)?;
-    let table = toml_file::parse_toml(reader, &file, &text)?;
+    let Named { pattern } = toml_file::parse_toml(reader, &file, &text)?;
+    let table = match pattern {
+        Pattern::Checkerboard => Table::Checkerboard(toml_file::parse_toml(reader, &file, &text)?),
+        Pattern::Aprilgrid => Table::Aprilgrid(toml_file::parse_toml(reader, &file, &text)?),
+    };
     Some((file, table))
 }
 
-fn of_kalibr(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+fn of_kalibr(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
     let (file, text) = reader.text(name, MEND)?;
     match keyed::parse(&text, Syntax::Yaml).and_then(|tree| target(&tree)) {
         Ok(table) => Some((file, table)),
@@ -87,15 +114,16 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
         }
     };
     let kind = need("target_type")?;
-    match kind.text().unwrap_or("a list") {
-        "aprilgrid" => Ok(Table::Aprilgrid {
+    let table = match kind.text().unwrap_or("a list") {
+        "aprilgrid" => Ok(Table::Aprilgrid(Aprilgrid {
+            _pattern: Pattern::Aprilgrid,
             family: None,
             columns: count("tagCols")?,
             rows: count("tagRows")?,
             tag_m: need("tagSize")?.number("tagSize")?,
             spacing: need("tagSpacing")?.number("tagSpacing")?,
             scale_sigma: None,
-        }),
+        })),
         "checkerboard" => {
             let side = |key: &str| need(key)?.number(key);
             let (along, across) = (side("colSpacingMeters")?, side("rowSpacingMeters")?);
@@ -105,19 +133,61 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
                 return Err(Trouble::new(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, mend));
             }
             let (columns, rows) = (count("targetCols")?, count("targetRows")?);
-            Ok(Table::Checkerboard { columns, rows, square_m: along, scale_sigma: None })
+            let _pattern = Pattern::Checkerboard;
+            Ok(Table::Checkerboard(Checkerboard {
+                _pattern,
+                columns,
+                rows,
+                square_m: along,
+                scale_sigma: None,
+            }))
         }
         other => {
             let problem = format!("\"{other}\" is another target");
             Err(Trouble::new(kind.line, "target_type", problem, "show an aprilgrid or a checkerboard"))
         }
+    }?;
+    known(tree)?;
+    Ok(table)
+}
+
+/// Keys of Kalibr's targets; `codeOffset` moves the tags' numbers, and those from 0 on are read.
+const KALIBR: [&str; 9] = [
+    "target_type",
+    "tagCols",
+    "tagRows",
+    "tagSize",
+    "tagSpacing",
+    "targetCols",
+    "targetRows",
+    "rowSpacingMeters",
+    "colSpacingMeters",
+];
+const OFFSET: &str = "codeOffset";
+
+/// A key that nobody knows may say what the board is.
+fn known(tree: &Node) -> Result<(), Trouble> {
+    for entry in tree.entries() {
+        let (line, key) = (entry.node.line, entry.key.as_str());
+        if KALIBR.contains(&key) || (key == OFFSET && entry.node.number(key)? == 0.0) {
+            continue;
+        }
+        let (problem, mend) = match key {
+            OFFSET => ("is not 0", "print the grid with tags from 0 on, which alone are read"),
+            _ => (
+                "is no key of a target that is read",
+                "leave it out if it says nothing of the board's geometry",
+            ),
+        };
+        return Err(Trouble::new(line, key, problem, mend));
     }
+    Ok(())
 }
 
 fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
     let (columns, rows, least, scale_sigma) = match &table {
-        Table::Checkerboard { columns, rows, scale_sigma, .. } => (*columns, *rows, 3, *scale_sigma),
-        Table::Aprilgrid { columns, rows, scale_sigma, .. } => (*columns, *rows, 1, *scale_sigma),
+        Table::Checkerboard(t) => (t.columns, t.rows, 3, t.scale_sigma),
+        Table::Aprilgrid(t) => (t.columns, t.rows, 1, t.scale_sigma),
     };
     if let Some(sigma) = scale_sigma.filter(|s| !(*s > 0.0 && *s <= LOOSEST)) {
         let mend = format!(
@@ -132,13 +202,19 @@ fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
         }
     }
     let (key, largest, side_m) = match &table {
-        Table::Checkerboard { square_m, .. } => ("square_m", "squares", *square_m),
-        Table::Aprilgrid { tag_m, .. } => ("tag_m", "tags", *tag_m),
+        Table::Checkerboard(t) => ("square_m", "squares", t.square_m),
+        Table::Aprilgrid(t) => ("tag_m", "tags", t.tag_m),
     };
     let board_m = side_m * columns.max(rows) as f64;
     if board_m > LARGEST_M && (1e-4..=100.0).contains(&side_m) {
         let problem = format!("is {side_m}: {largest} of {side_m} m, a board of {board_m:.0} m");
-        reader.fault(file, key, problem, format!("give metres: {} for {side_m} mm", 1e-3 * side_m));
+        let (of_mm, of_cm) = (side_m / 1000.0, side_m / 100.0);
+        reader.fault(
+            file,
+            key,
+            problem,
+            format!("give metres: {of_mm} for {side_m} mm, {of_cm} for {side_m} cm"),
+        );
     }
     let mut length = |key: &str, value: f64, unit: &str| {
         if !(1e-4..=100.0).contains(&value) {
@@ -147,11 +223,11 @@ fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
         }
     };
     let board = match table {
-        Table::Checkerboard { columns, rows, square_m, .. } => {
+        Table::Checkerboard(Checkerboard { columns, rows, square_m, .. }) => {
             length("square_m", square_m, "m");
             Board::Checkerboard { columns, rows, square_m }
         }
-        Table::Aprilgrid { family, columns, rows, tag_m, spacing, .. } => {
+        Table::Aprilgrid(Aprilgrid { family, columns, rows, tag_m, spacing, .. }) => {
             length("tag_m", tag_m, "m");
             length("spacing", spacing, "");
             if let Some(family) = family.filter(|f| f != FAMILY) {

@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::toml_file::parse_toml;
-use super::{Reader, write_whole};
+use super::{Reader, shown_path, write_whole};
 use crate::measure::geometry::Lens;
 
 #[derive(Deserialize)]
@@ -90,10 +90,18 @@ pub struct CalibrationReport {
 
 const LARGEST_SIDE: i64 = 100_000;
 
+/// Endings of other programs' cameras.
+const OTHERS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramodel"];
+
 /// The file, or faults.
-pub(super) fn read(reader: &mut Reader, name: &str) -> Option<CameraFile> {
+pub(super) fn read(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
     let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
-    let (file, text) = reader.text(name, mend)?;
+    let (file, text) = reader.text(&name, mend)?;
+    if file.extension().is_some_and(|ending| OTHERS.iter().any(|other| ending.eq_ignore_ascii_case(other))) {
+        let mend = format!("make one of it: wingd convert {} camera.toml", shown_path(&file));
+        reader.fault(&file, "file", "is no camera.toml", mend);
+        return None;
+    }
     let table: Table = parse_toml(reader, &file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {

@@ -70,7 +70,7 @@ pub fn read_corners(file: &Path) -> Result<Vec<PictureCorners>, Vec<Fault>> {
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn read(reader: &mut Reader, name: &str) -> Option<Vec<PictureCorners>> {
+fn read(reader: &mut Reader, name: &Path) -> Option<Vec<PictureCorners>> {
     let mend = "name pictures, or a file that `wingd calibrate --corners` wrote";
     let (file, text) = reader.text(name, mend)?;
     let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;

@@ -13,7 +13,7 @@ use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, Tors
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 /// What a tape at a lens tells of its entrance pupil, each axis, m.
-const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
+pub(super) const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
 /// What stands in `installation.toml` and the files that it names.
 pub(super) struct Parts {
@@ -81,7 +81,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
 
 /// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the
 /// wing stops, and what fuel keeps warm.
-const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
+pub(super) const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
 
 fn uncertainty(document: &Document) -> Uncertainty {
     let (camera, wing, usual) = (&document.camera, &document.wing, Uncertainty::default());

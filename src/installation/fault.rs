@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::text::shown_path;
+
 /// A fault in something a user wrote: names the file, the key or line, the value and the mend.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", .file.display())]
+#[error("{}: {place}: {problem}; {mend}", shown_path(.file))]
 pub struct Fault {
     /// The file at fault.
     pub file: PathBuf,

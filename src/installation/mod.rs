@@ -41,10 +41,13 @@ mod rows;
 mod structure;
 mod survey;
 mod tables;
+mod text;
 mod ties;
 mod toml_file;
 mod window;
+mod written;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -63,6 +66,8 @@ pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
+pub use text::{shown_path, text_of};
+pub use written::write_installation;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
@@ -129,9 +134,9 @@ struct Reader {
 
 impl Reader {
     /// For a file that lies anywhere: its directory's reader, and its name.
-    fn of_file(file: &Path) -> (Self, String) {
+    fn of_file(file: &Path) -> (Self, PathBuf) {
         let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-        let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let name = file.file_name().map(PathBuf::from).unwrap_or_default();
         (Self { directory, faults: vec![], digests: vec![] }, name)
     }
 
@@ -144,21 +149,26 @@ impl Reader {
     }
 
     /// A file's text; a fault where it cannot be read.
-    fn text(&mut self, name: &str, mend: &str) -> Option<(PathBuf, String)> {
-        let file = self.directory.join(name);
+    fn text(&mut self, name: impl AsRef<Path>, mend: &str) -> Option<(PathBuf, String)> {
+        let file = self.directory.join(&name);
+        let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
         let bytes = match std::fs::read(&file) {
             Ok(bytes) => bytes,
+            Err(_) if escaped => {
+                let problem = "is no name: a backslash within double quotes begins an escape, such as \\n";
+                self.fault(&file, "file", problem, "write the path with /, or in single quotes: 'C:\\data'");
+                return None;
+            }
             Err(error) => {
                 self.fault(&file, "file", format!("cannot be read ({error})"), mend);
                 return None;
             }
         };
-        self.digests.push((name.into(), hex::encode(Sha256::digest(&bytes))));
-        match String::from_utf8(bytes) {
-            // Line ends of other systems would put the line numbers of faults out.
-            Ok(text) => Some((file, text.trim_start_matches('\u{feff}').replace("\r\n", "\n"))),
-            Err(_) => {
-                self.fault(&file, "file", "is not UTF-8 text", "save it as plain UTF-8");
+        self.digests.push((shown_path(name.as_ref()), hex::encode(Sha256::digest(&bytes))));
+        match text_of(bytes) {
+            Ok(text) => Some((file, text)),
+            Err((problem, mend)) => {
+                self.fault(&file, "file", problem, mend);
                 None
             }
         }
@@ -214,12 +224,32 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
 /// Faults alike that are given one by one; of more the first stands for all.
 const MOST_ALIKE: usize = 3;
 
-/// One cause on many lines as one fault.
+/// Lines without numbers as one fault each: rows of units, headers again, totals. Where many lines are so, it is the columns.
+fn lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
+    let line = |f: &Fault| f.place.split_once(", column ").map(|(line, _)| (f.file.clone(), line.to_owned()));
+    let mut counts: BTreeMap<_, usize> = BTreeMap::new();
+    let numbers = faults.iter().filter(|f| f.problem.contains(rows::NO_NUMBER));
+    numbers.filter_map(line).for_each(|line| *counts.entry(line).or_default() += 1);
+    counts.retain(|_, count| *count > MOST_ALIKE);
+    if counts.len() > MOST_ALIKE {
+        return faults;
+    }
+    let (of_these, mut kept): (Vec<_>, Vec<_>) =
+        faults.into_iter().partition(|f| line(f).is_some_and(|line| counts.contains_key(&line)));
+    let mend = "leave the line out if it is a row of units, a second header or a total";
+    let one = |(file, line)| Fault::new(file, line, "holds no numbers where its columns need them", mend);
+    kept.splice(0..0, of_these.iter().filter_map(line).collect::<BTreeSet<_>>().into_iter().map(one));
+    kept
+}
+
+/// One cause on many lines, or in many cells of a line, as one fault.
 fn folded(faults: Vec<Fault>) -> Vec<Fault> {
+    let faults = lines_without_numbers(faults);
     let kind = |f: &Fault| {
         let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
         let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
-        (f.file.clone(), place.map_or(marker, |(_, column)| column).to_owned(), f.mend.clone())
+        let whole = if f.place.starts_with("line ") { "line" } else { marker };
+        (f.file.clone(), place.map_or(whole, |(_, column)| column).to_owned(), f.mend.clone())
     };
     let kinds: Vec<_> = faults.iter().map(kind).collect();
     let mut kept: Vec<Fault> = vec![];
@@ -256,12 +286,22 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     Fault::new(file, place, problem, mend)
 }
 
-/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.
+/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes, decimal
+/// commas, quotes of text programs.
 fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     if value.starts_with('"') && said.contains("escape") {
         let mend = "write the path with /, or in single quotes: 'C:\\data'";
         return Some(("has a backslash, which begins an escape within double quotes", mend));
+    }
+    let parts = value
+        .split_once(',')
+        .filter(|parts| [parts.0, parts.1].iter().all(|p| p.trim().parse::<i64>().is_ok()));
+    if parts.is_some() {
+        return Some(("has a decimal comma", "write a point in numbers: 0.55"));
+    }
+    if value.starts_with(['\u{201c}', '\u{201d}', '\u{201e}', '\u{2018}', '\u{2019}']) {
+        return Some(("has the quotes of a text program", "write a text in straight quotes: \"survey.csv\""));
     }
     let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
     date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))

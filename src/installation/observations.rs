@@ -73,7 +73,7 @@ pub fn observations_text(observations: &[HandObservation], setup: &Setup) -> std
     csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))
 }
 
-fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
+fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<HandObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
     let lines = rows::read(reader, &file, &text, COLUMNS, OPTIONAL)?;
     let mut found: Vec<HandObservation> = vec![];

@@ -254,20 +254,21 @@ fn without_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize
 /// What else than a comma stands between the columns, if the header is one cell for that reason.
 fn foreign_separator(header: &[String]) -> Option<&'static str> {
     let [only] = header else { return None };
-    [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| only.contains(*c)).map(|(_, name)| name)
+    [(';', "semicolons"), ('\t', "tabs"), ('|', "bars")]
+        .into_iter()
+        .find(|(c, _)| only.contains(*c))
+        .map(|(_, name)| name)
 }
+
+/// What is wrong about a cell that is no number.
+pub(super) const NO_NUMBER: &str = "is not a finite number";
 
 /// A finite number; a fault where it is not one.
 pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
     let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
     if value.is_none() {
         let place = format!("line {line}, column {column}");
-        reader.fault(
-            file,
-            &place,
-            format!("\"{text}\" is not a finite number"),
-            "give a decimal number with a point",
-        );
+        reader.fault(file, &place, format!("\"{text}\" {NO_NUMBER}"), "give a decimal number with a point");
     }
     value
 }

@@ -21,13 +21,19 @@ pub fn observation(mark: &Mark, setup: &Setup) -> Option<HandObservation> {
     Some(HandObservation { image, marker, place, note: [mark.who.clone(), when, mark.why.clone()] })
 }
 
+/// A covariance by its rows.
+pub fn rows(covariance: &Matrix2<f64>) -> [[f64; 2]; 2] {
+    covariance.transpose().into()
+}
+
+/// A place as a mark has it, told in this way.
+pub fn place(at: &HandPlace, by: By) -> Place {
+    Place { u_px: at.pixel.x, v_px: at.pixel.y, covariance_px2: rows(&at.covariance_px2), by }
+}
+
 /// A line of a file as a mark.
 pub fn mark(of: &HandObservation, setup: &Setup) -> Mark {
-    let act = of.place.map_or(Act::Reject, |place| {
-        let c = place.covariance_px2;
-        let covariance_px2 = [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]];
-        Act::Place(Place { u_px: place.pixel.x, v_px: place.pixel.y, covariance_px2, by: By::Hand })
-    });
+    let act = of.place.map_or(Act::Reject, |at| Act::Place(place(&at, By::Hand)));
     let [who, when, why] = of.note.clone();
     Mark {
         image: of.image.clone().unwrap_or_default(),

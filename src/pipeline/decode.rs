@@ -76,6 +76,12 @@ fn decode_into(
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
+/// Why a picture file is none that is read. Of a JPEG its first bytes are looked at alone: a damaged one is evidence still.
+pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
+    let zeros = bytes.iter().take_while(|b| **b == 0).count();
+    if bytes[zeros..].starts_with(&JPEG_START) { None } else { decode(bytes, None).err() }
+}
+
 /// At these bytes the decoder breaks, as a library may: tests of what that costs.
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";

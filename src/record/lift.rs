@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::MarkerRecord;
 use crate::measure::adjust;
 
 /// Against what a lift is counted.
@@ -87,6 +88,17 @@ impl Tip {
             Reference::Survey => Some((self.lift_m, self.sigma_lift_m)),
             Reference::Ground => Some((self.lift_ground_m?, self.sigma_lift_ground_m)),
             Reference::Root => Some((self.lift_root_m?, self.sigma_lift_root_m)),
+        }
+    }
+}
+
+impl MarkerRecord {
+    /// One of its lifts, and its standard deviation, m.
+    pub fn lift(&self, reference: Reference) -> (Option<f64>, Option<f64>) {
+        match reference {
+            Reference::Survey => (self.lift_m, self.sigma_lift_m),
+            Reference::Ground => (self.lift_ground_m, self.sigma_lift_ground_m),
+            Reference::Root => (self.lift_root_m, self.sigma_lift_root_m),
         }
     }
 }

@@ -205,10 +205,9 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Gri
 pub fn markers(record: &ImageRecord) -> Grid {
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
     let reference = record.tip.as_ref().and_then(|tip| tip.shown).unwrap_or_default();
-    let lift = |m: &MarkerRecord| match reference {
-        Reference::Survey => rounded(m.lift_m, m.sigma_lift_m, 3),
-        Reference::Ground => rounded(m.lift_ground_m, m.sigma_lift_ground_m, 3),
-        Reference::Root => rounded(m.lift_root_m, m.sigma_lift_root_m, 3),
+    let lift = |m: &MarkerRecord| {
+        let (value, sigma) = m.lift(reference);
+        rounded(value, sigma, 3)
     };
     Grid::each(&record.markers).columns(&[
         ("<marker", &|m| m.id.clone()),

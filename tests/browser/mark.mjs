@@ -91,7 +91,8 @@ const serve = (...args) => new Promise((done, fail) => {
   let said = "";
   child.stderr.on("data", (bytes) => {
     said += bytes;
-    const url = said.match(/http:\/\/[^ ]+/)?.[0];
+    // A line comes in pieces: what has no end yet is not the whole of it.
+    const url = said.match(/(http:\/\/\S+)\s/)?.[1];
     if (url) done({ child, url });
   });
   child.on("exit", () => fail(new Error(said)));

@@ -1,6 +1,5 @@
-//! An independent wing for the tests of the adjustment: Euler-Bernoulli cantilever with tapered
-//! stiffness under a fuel-relieved lift load, dihedral, crowned skin, twist, thermal shrinkage. It
-//! shares no code and no shape functions with the model that is fitted.
+//! An independent wing for the tests of the adjustment: Euler-Bernoulli cantilever with tapered stiffness under a fuel-relieved
+//! lift, dihedral, crowned skin, twist, thermal shrinkage. No code and no shape functions are the fitted model's.
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::Rng;
@@ -13,12 +12,14 @@ use wingd::measure::setup::{
 
 mod aircraft;
 mod fleet;
+mod swing;
 
 pub use super::statistics::{median, rms};
 pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
 pub use aircraft::{Aircraft, Effects, When};
+pub use swing::{SecondMode, Swings};
 
 const STEPS: usize = 2000;
 

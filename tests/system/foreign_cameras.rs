@@ -110,6 +110,20 @@ fn a_written_camera_comes_back_from_every_format() {
     }
 }
 
+/// PyYAML, which reads for ROS and Kalibr, takes `1e-5` for a text and `955` for no float.
+#[test]
+fn numbers_are_written_as_every_reader_takes_them() {
+    let directory = tempfile::tempdir().unwrap();
+    let small = Lens { k3: 0.0, p1: 1e-5, p2: -3e-7, ..lens() };
+    for (name, format) in [("camera_info.yaml", CameraFormat::Ros), ("camchain.yaml", CameraFormat::Kalibr)] {
+        let file = directory.path().join(name);
+        write_exchange(&file, &small, format).unwrap();
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.contains("0.00001, -0.0000003") && text.contains("955.0"), "{text}");
+        assert_eq!(read_exchange(&file, None, None).unwrap().lens, small, "{name}");
+    }
+}
+
 /// OpenCV 5.0's `FileStorage` wrote these three of one camera.
 #[test]
 fn opencvs_xml_and_json_are_read_like_its_yaml() {
@@ -119,6 +133,12 @@ fn opencvs_xml_and_json_are_read_like_its_yaml() {
         let read = read(directory.path(), name, &text).unwrap();
         assert_eq!((read.lens, read.format), (lens(), CameraFormat::Opencv), "{name}");
         let said = read.remarks.join("\n");
+        if name.ends_with("json") {
+            let commented = text
+                .replace("1920,", "1920, // \"image_width\": 1280,")
+                .replace("{\n", "{\n// a, \"b\": c\n");
+            assert_eq!(self::read(directory.path(), name, &commented).unwrap(), read);
+        }
         assert!(read.remarks.len() == 1 && said.contains("no lens model is declared"), "{name}: {said}");
     }
 }
@@ -143,6 +163,19 @@ fn models_and_elements_that_are_not_ours_are_named() {
         (ros("rational_polynomial", good, &prism), "s1 = 0.001, a term of the thin prism model"),
         (ros("rational_polynomial", good, &tilt), "tau_x = 0.02, a term of the tilt model"),
         (ros("plumb_bob", good, &zero), "are 14 numbers, but distortion_model is plumb_bob"),
+        (ros("KannalaBrandt8", good, brown), "\"KannalaBrandt8\" is another lens model"),
+        (ros("none", good, brown), "are not all 0, but distortion_model is none"),
+        (ros("~", good, brown), "is empty: this camera was never calibrated"),
+        (
+            ros("plumb_bob", good, brown) + "lens: {maker: x, type: Kannala-Brandt4}\n",
+            "\"Kannala-Brandt4\" is another",
+        ),
+        (ros("plumb_bob", good, brown) + "lens: {fisheye: yes}\n", "line 6, fisheye: \"fisheye\" is another"),
+        (ros("plumb_bob", good, brown) + "base: &b {x: 1}\n<<: *b\n", "<<: takes keys of another place in"),
+        (
+            "M1: {rows: 3}\nD1: [0]\nM2: {rows: 3}\n".into(),
+            "camera_matrix: is missing; the file has M1, D1, M2",
+        ),
         (ros("''", good, brown), "is empty: this camera was never calibrated"),
         (ros("plumb_bob", "2.4, 0, 0.9, 0, 2.4, 0.6, 0, 0, 1", brown), "camera constants of 2.4 and 2.4 px"),
         (ros("plumb_bob", "2410, 0, 2955, 0, 2410, 610, 0, 0, 1", brown), "principal point at (2955, 610)"),
@@ -159,6 +192,19 @@ fn models_and_elements_that_are_not_ours_are_named() {
     let whole =
         read(directory.path(), "x_camera_info.yaml", &ros("rational_polynomial", good, &zero)).unwrap();
     assert_eq!(whole.lens, lens(), "terms of 0 are no other model");
+    for (model, left) in [("radtan", ""), ("Brown Conrady", "---\n"), ("Plumb Bob", "...\n---\n~\n")] {
+        let text = ros(model, good, brown) + left;
+        let read = read(directory.path(), "x_camera_info.yaml", &text).unwrap();
+        assert_eq!((read.lens, read.model.as_str()), (lens(), "plumb_bob"), "{model}");
+    }
+    let within: String = ros("plumb_bob", good, brown).lines().map(|line| format!("  {line}\n")).collect();
+    let text = format!("meta:\n  date: 2026-06-01\ncamera:\n{within}");
+    let one = read(directory.path(), "x_camera_info.yaml", &text).unwrap();
+    assert_eq!(
+        (one.lens, one.name.as_deref()),
+        (lens(), Some("camera")),
+        "what is no camera is not asked for"
+    );
     let aliased = ros("plumb_bob", "*m", brown).replace("[*m]", "*m") + "";
     let anchored = format!("x: &m [{good}]\n{aliased}");
     let read = read(directory.path(), "x_camera_info.yaml", &anchored).unwrap();
@@ -217,6 +263,8 @@ fn a_board_of_kalibr_is_read_and_other_targets_are_named() {
     for (text, words) in [
         (checks.replace("colSpacingMeters: 0.025", "colSpacingMeters: 0.03"), "squares alone are read"),
         (grid.replace("aprilgrid", "circlegrid"), "\"circlegrid\" is another target"),
+        (grid.replace("codeOffset: 0", "codeOffset: 36"), "line 6, codeOffset: is not 0"),
+        (format!("{grid}tagFamily: t25h9\n"), "line 7, tagFamily: is no key of a target that is read"),
         (grid.replace("tagCols: 6", "tagCols: 6.5"), "is 6.5"),
         (grid.replace("0.088", "88"), "tags of 88 m"),
         (grid.replace("tagRows: 5", "tagRow: 5"), "tagRows: is missing"),

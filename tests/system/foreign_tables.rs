@@ -264,55 +264,104 @@ fn units_and_headers_that_are_not_the_mappings_are_named() {
     );
 }
 
-/// An installation with another text for its survey.
-fn checked(survey: &str) -> (Option<i32>, String) {
-    let dir = tempfile::tempdir().unwrap();
-    for name in ["camera.toml", "installation.toml"] {
-        std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
-    }
-    std::fs::write(dir.path().join("survey.csv"), survey).unwrap();
-    outcome(&["check", "--installation", &dir.path().to_string_lossy()])
+/// Two minutes of flight level 350 about the flight's first frames, with these times and cells.
+fn rows(times: impl Fn(u32) -> String, level: &str, mach: &str) -> String {
+    (0..120).map(|k| format!("{};{level};{mach}\n", times(k))).collect()
+}
+
+/// Seconds of the day of a row.
+fn of_day(k: u32) -> u32 {
+    7 * 3600 + 59 * 60 + 50 + k
+}
+
+fn clock(k: u32) -> String {
+    let s = of_day(k);
+    format!("{:02}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
 }
 
 #[test]
-fn one_cause_in_a_survey_is_one_fault() {
-    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap().replace('\r', "");
-    let (header, rows) = sound.split_once('\n').unwrap();
-    let decimal = rows.replacen("38.6089", "38,6089", 1);
-    for (survey, words) in [
-        (format!("sep=,\n{sound}"), "line 1: is a spreadsheet's separator line"),
-        (format!("{}\n{rows}", header.to_uppercase()), "write it in small letters: id,shape"),
-        (format!("a,b,c\n{rows}"), "line 1: is no header with id, shape"),
-        (sound.replace(',', ";"), "is separated by semicolons"),
-        (format!("{header}\n{decimal}"), "line 2: has 8 cells under a header of 7"),
-        (format!("{header},x_m\n{rows}"), "column x_m: stands twice"),
-        (format!("{header}\n\"{rows}"), "line 2: a quote is not closed"),
+fn times_and_numbers_of_other_programs_are_read_or_named_by_their_cause() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let (file, mapping) = (dir.path().join("qar.csv"), dir.path().join("map.toml"));
+    let written = std::fs::read_to_string(table("map.toml")).unwrap();
+    let attempt = |text: &str, more: &str| {
+        std::fs::write(&file, text).unwrap();
+        std::fs::write(&mapping, format!("{more}\n{written}")).unwrap();
+        take(&store, &file.to_string_lossy(), &mapping.to_string_lossy())
+    };
+    let days = |from: f64| move |k: u32| format!("{:.7}", from + f64::from(of_day(k)) / 86_400.0);
+    let plain = |k: u32| format!("2026-06-01 {}", clock(k));
+    let with = |times: &dyn Fn(u32) -> String| format!("UTC;FL;MACH\n{}", rows(times, "350", "0.780"));
+    let since_1970 = |k: u32| 1_780_272_000 + u64::from(of_day(k));
+    for (text, format) in [
+        (with(&|k| format!("{}000000", since_1970(k))), "unix_us"),
+        (with(&|k| format!("{}000000000", since_1970(k))), "unix_ns"),
+        (with(&days(44_712.0)), "excel1904_days"),
+        (with(&days(740_134.0)), "matlab_days"),
+        (with(&days(2_461_192.5)), "julian_days"),
+        (with(&clock), "seconds_of_day\", date = \"2026-06-01"),
     ] {
-        let (status, said) = checked(&survey);
+        let (status, _, said) = attempt(&text, "");
         assert!(
-            status == Some(78) && said.contains(words) && said.contains("1 fault to mend"),
-            "{words}: {said}"
+            status == Some(1) && said.contains(&format!("time_format = \"{format}\"")),
+            "{format}: {said}"
         );
+        let stated = format!("time_format = \"{format}\"").replace(", ", "\n");
+        let (status, answer, said) = attempt(&text, &stated);
+        assert_eq!((status, frames(&answer, "mach")), (Some(0), 2), "{format}: {said}");
     }
-    let quoted = format!(
-        "{header},note\n{}",
-        rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>()
-    );
-    assert_eq!(checked(&quoted).0, checked(&sound).0);
-}
-
-#[test]
-fn slips_of_the_pen_in_toml_are_named_with_the_mend() {
-    let dir = tempfile::tempdir().unwrap();
-    let main = dir.path().join("installation.toml");
-    let sound = std::fs::read_to_string(fixture("dev/installation/installation.toml")).unwrap();
-    let survey = sound.lines().find(|line| line.starts_with("survey")).unwrap();
-    for (line, words) in [
-        ("survey = \"C:\\wing\\survey.csv\"", "single quotes"),
-        ("survey = 2026-06-01", "is a date where a text or a number must be"),
+    let numbers = |level: &str, mach: &str| format!("UTC;FL;MACH\n{}", rows(plain, level, mach));
+    for (text, more, cause) in [
+        (
+            with(&|k| format!("01.06.2026 {}", clock(k))),
+            "",
+            "its times (\"01.06.2026 07:59:50\") are in none of the ways",
+        ),
+        (with(&|k| k.to_string()), "", "its times, 1 to 119, count from a beginning"),
+        ("UTC;FL;MACH\n".into(), "", "no lines below its header"),
+        (numbers("35,000", "0,780"), "", "part thousands, or decimals (35,000)"),
+        (numbers("35,000", "0,780"), "", "mach has decimal commas (0,780)"),
+        (numbers("35.000", "0.780"), "decimal = ','", "points beside decimal commas (35.000)"),
+        (numbers("35.000,5", "0.780,1"), "decimal = ','", "points beside decimal commas (35.000,5)"),
     ] {
-        std::fs::write(&main, sound.replace(survey, line)).unwrap();
-        let (status, said) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+        let (status, answer, said) = attempt(&text, more);
+        assert!(status == Some(1) && answer["source"].is_null() && said.contains(cause), "{cause}: {said}");
+    }
+    for (text, words) in [
+        ("PK\u{3}\u{4}\u{14}\0".to_owned(), "a spreadsheet's own file"),
+        (with(&plain).replace(';', "  "), "line 1: has columns that are separated by blanks"),
+    ] {
+        let (status, _, said) = attempt(&text, "");
         assert!(status == Some(78) && said.contains(words), "{words}: {said}");
     }
+}
+
+#[test]
+fn fields_of_iwg1_that_stand_elsewhere_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let file = dir.path().join("iwg1.txt");
+    let sound = std::fs::read_to_string(table("n-iwg1-noheader.txt")).unwrap();
+    let attempt = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        take(&store, &file.to_string_lossy(), &table("iwg1.toml"))
+    };
+    // One record has lost its latitude, the next has a field too many.
+    let moved = sound.replacen(",38.1,", ",", 1).replacen("08:00:00,", "08:00:00,,", 1);
+    let (status, answer, said) = attempt(&moved);
+    assert_eq!((status, &answer["read"]), (Some(0), &118.into()), "{said}");
+    assert!(
+        said.contains("left out: 2 records that have not 33 fields as most have, line 1 first"),
+        "{said}"
+    );
+    let glued = std::fs::read_to_string(table("o-iwg1-glued.txt")).unwrap();
+    let header = glued
+        .lines()
+        .next()
+        .unwrap()
+        .replace("Mach Number,Vertical Velocity", "Vertical Velocity,Mach Number");
+    let (_, _, said) = attempt(&format!("{header}\n{sound}"));
+    assert!(said.contains("line 1 names field 12 \"Vertical Velocity\", which is read as mach"), "{said}");
+    assert_eq!(said.matches("to be looked at").count(), 1, "{said}");
 }

@@ -327,6 +327,11 @@ fn wrong(command: &str, (status, said, time): &(Option<i32>, String, Duration)) 
     (!sound).then(|| format!("exit {status} without a result or a reason"))
 }
 
+/// The first seed of the changes of foreign files; 0 where `WINGD_SEED` says nothing.
+pub fn first_seed() -> u64 {
+    std::env::var("WINGD_SEED").map_or(0, |text| text.parse().unwrap())
+}
+
 /// How many, or from..to: a single one is left to be looked at.
 fn seeds(wanted: &str) -> std::ops::Range<u64> {
     let number = |text: &str| text.parse().ok();

@@ -106,6 +106,11 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
         std::fs::write(&file, bytes).unwrap();
         let (status, said) = outcome(&["detect", "--json", &path(&file)]);
         assert!(status == Some(1) && said.contains(words), "{name}: {said}");
+        let as_jpeg = folder.path().join(format!("{name}.jpg"));
+        std::fs::copy(&file, &as_jpeg).unwrap();
+        let store = folder.path().join("store");
+        let (status, said) = outcome(&["import", &path(&as_jpeg), "--store", &path(&store)]);
+        assert!(status == Some(1) && said.contains(words) && !store.exists(), "{name}: {said}");
         let out = path(&folder.path().join("camera.toml"));
         let (status, said) =
             outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
@@ -126,4 +131,29 @@ fn names_that_are_no_utf8_stay_told_apart() {
     let images =
         said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone());
     assert_eq!(images.collect::<Vec<_>>(), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg"]);
+}
+
+#[test]
+fn import_takes_what_is_read_byte_by_byte_and_names_what_it_passes_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let (card, store) = (folder.path().join("card"), folder.path().join("store"));
+    std::fs::create_dir(&card).unwrap();
+    let mpo = [&jpeg()[..], &std::fs::read(fixture("dev/frames/ground.jpg")).unwrap()].concat();
+    let taken = [with_orientation(6), mpo, png(slope(0))];
+    for (name, bytes) in ["a.jpg", "b.MPO", "c.png"].iter().zip(&taken) {
+        std::fs::write(card.join(name), bytes).unwrap();
+    }
+    for name in ["a.dng", "d.heic"] {
+        std::fs::write(card.join(name), raw_file()).unwrap();
+    }
+    let arguments = ["import", &card.to_string_lossy(), "--store", &store.to_string_lossy()];
+    let (status, said) = outcome(&arguments);
+    assert!(status == Some(0) && said.contains("3 taken"), "{said}");
+    assert!(said.contains("1 pictures that are not read are passed over, d.heic first"), "{said}");
+    let series = store.join("flights/f0001");
+    let mut kept: Vec<Vec<u8>> = vec![];
+    for folder in std::fs::read_dir(series).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()) {
+        kept.extend(std::fs::read_dir(folder).unwrap().map(|e| std::fs::read(e.unwrap().path()).unwrap()));
+    }
+    assert!(taken.iter().all(|bytes| kept.contains(bytes)), "{} files", kept.len());
 }

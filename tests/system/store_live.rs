@@ -16,7 +16,7 @@ use super::http_pages::Server;
 use crate::common::random::{normal, rng};
 use crate::common::report_store::stamp;
 use crate::common::store_work::{ROOT, Work, live_row, live_table, moment};
-use crate::program::{outcome, run, stdout};
+use crate::program::{outcome, stdout};
 
 fn open(root: &Path) -> Store {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
@@ -316,72 +316,4 @@ fn live_results_are_exported_with_units_zones_and_names() {
     drop(open(empty.path()));
     let (status, said) = outcome(&["export", text(empty.path()), "--format", "csv", "--table", "live"]);
     assert!(status == Some(1) && said.contains("there are no live results"), "{said}");
-}
-
-/// Curvature that swings once a second, of a known size: as many cycles as swings, of the moment's range.
-#[test]
-fn stress_counts_the_cycles_of_live_results() {
-    let dir = tempfile::tempdir().unwrap();
-    stdout(&["demo", "--output", text(&dir.path().join("demo"))]);
-    let root = dir.path().join("demo/store");
-    let series = catalogue::series(&RealDisk, &flights(&root)[0]).unwrap().remove(0);
-    let provenance = catalogue::results(&RealDisk, &series).unwrap().remove(0).provenance;
-    let store = open(&root);
-    store.want_new_flight();
-    let column = |name: &str, unit: &str, kind, width| {
-        let (name, unit) = (name.to_owned(), unit.to_owned());
-        Column { name, unit, kind, width }
-    };
-    let columns = vec![
-        column(live::names::UTC, wingd::store::columns::UTC, Kind::U64, 1),
-        column(live::names::SINCE_BOOT, "s", Kind::F64, 1),
-        column(live::names::NUMBER, "", Kind::U32, 1),
-        column(live::names::CURVATURE, "1/m", Kind::F64, 2),
-        column(live::names::CURVATURE_COVARIANCE, "1/m2", Kind::F64, 3),
-    ];
-    let table = LiveTable { source: json!({"provenance": provenance}), columns };
-    let row = |n: u32| {
-        let s = f64::from(n) / 10.0;
-        let swing = 1.0 + 0.5 * (std::f64::consts::TAU * s).sin();
-        let first = if n == 77 { f64::NAN } else { 4e-3 * swing };
-        vec![1.772e15 + 1e6 * s, 100.0 + s, f64::from(n), first, -1e-3 * swing, 1e-12, 0.0, 1e-12]
-    };
-    for block in 0..15 {
-        let rows: Vec<Row> = (20 * block..20 * block + 20).map(row).collect();
-        store.append_live(&table, &rows, &stamp(2 * u64::from(block))).unwrap();
-    }
-    store.close_live().unwrap();
-    let structure = dir.path().join("structure.csv");
-    std::fs::write(&structure, "s_m,ei_n_m2,sigma_ei_n_m2\n3,1e9,0\n8,4e8,0\n").unwrap();
-    let place = text(&root);
-    let ask = |hz: &str| {
-        let output =
-            run(&["stress", place, "--live", "--structure", text(&structure), "--json", "--bending-hz", hz]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(said.contains(": 1 live results were not solved"), "{said}");
-        crate::json_schemas::holds("stress", &output.stdout);
-        serde_json::from_slice::<Value>(&output.stdout).unwrap()
-    };
-    let load = ask("0.5");
-    assert_eq!(
-        (&load["frames"], &load["no_cycles_because"], &load["live"]),
-        (&json!(299), &Value::Null, &json!(true))
-    );
-    let station = &load["stations"][0];
-    let cycles: Vec<(f64, f64)> = station["cycles"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|c| (c["range_n_m"].as_f64().unwrap(), c["count"].as_f64().unwrap()))
-        .collect();
-    let (most, least) = (&station["greatest"]["moment_n_m"], &station["smallest"]["moment_n_m"]);
-    let swing = most.as_f64().unwrap() - least.as_f64().unwrap();
-    let swings: f64 =
-        cycles.iter().filter(|(range, _)| (range - swing).abs() < 1e-6 * swing).map(|(_, n)| n).sum();
-    assert!((28.0..=30.0).contains(&swings), "{swings} of {cycles:?}");
-    let ratio = most.as_f64().unwrap() / least.as_f64().unwrap();
-    let sampled = 0.5 * (0.3 * std::f64::consts::TAU).sin();
-    assert!((ratio - (1.0 + sampled) / (1.0 - sampled)).abs() < 1e-6, "{ratio}");
-    let slow = ask("3");
-    assert!(slow["no_cycles_because"].as_str().unwrap().contains("frames a second tell no cycles"), "{slow}");
 }

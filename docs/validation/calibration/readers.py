@@ -1,13 +1,16 @@
 #!/usr/bin/python3
 """What `wingd convert` writes, read by the programs' own readers, and what they write, read by `wingd convert`.
 
-usage: readers.py WINGD   (Debian: python3-opencv, python3-mrcal, python3-yaml)
+usage: readers.py WINGD [ROS_CONVERT [KALIBR_READER]]   (Debian: python3-opencv, python3-mrcal, python3-yaml)
+
+ROS_CONVERT is `convert` of camera_calibration_parsers (Debian: camera-calibration-parsers-tools), KALIBR_READER is
+Kalibr's kalibr_common/ConfigReader.py, of which the parts that read and write files are used.
 """
-import subprocess, sys, tempfile, os
+import importlib.util, subprocess, sys, tempfile, os, types
 
 import cv2, mrcal, numpy as np, yaml
 
-wingd = sys.argv[1]
+wingd, ros_convert, kalibr_reader = (sys.argv[1:] + [None, None])[:3]
 CAMERA = dict(width=1280, height=960, fx=2500.5, fy=2499.25, cx=640.5, cy=470.0, k1=-0.1, k2=0.07, p1=1e-4, p2=-2e-4, k3=0.03)
 CORE, BROWN = ["fx", "fy", "cx", "cy"], ["k1", "k2", "p1", "p2", "k3"]
 
@@ -26,6 +29,27 @@ def camera_toml(path, **changes):
 def read_toml(path):
     lines = (l.split(" = ") for l in open(path) if " = " in l)
     return {k: float(v) for k, v in lines}
+
+
+def by_ros(a, b):
+    """A file through ROS's own parser and writer."""
+    said = subprocess.run([ros_convert, a, b], capture_output=True, text=True)
+    assert said.returncode == 0 and os.path.exists(b), said
+
+
+def by_kalibr(file, again):
+    """A camera of a chain by Kalibr's reader, and the chain by Kalibr's writer."""
+    for name in ("aslam_cv", "aslam_cv_backend", "sm"):
+        sys.modules[name] = types.ModuleType(name)
+    spec = importlib.util.spec_from_file_location("ConfigReader", kalibr_reader)
+    reader = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reader)
+    chain = reader.CameraChainParameters(file)
+    camera = chain.getCameraParameters(0)
+    (model, core), (distortion, terms) = camera.getIntrinsics(), camera.getDistortion()
+    assert (model, distortion, camera.getResolution()) == ("pinhole", "radtan", [1280, 960])
+    chain.writeYaml(again)
+    return core + terms
 
 
 def same(name, found, want):
@@ -82,6 +106,33 @@ with tempfile.TemporaryDirectory() as d:
     yaml.safe_dump(y, open(at("ros_camera_info.yaml"), "w"))
     convert(at("ros_camera_info.yaml"), at("d.toml"))
     same("ROS -> wingd", [read_toml(at("d.toml"))[k] for k in CORE + BROWN], core + brown)
+
+    # Small round terms, which YAML 1.1 takes for texts where they are written as 1e-5.
+    small = dict(p1=1e-5, p2=-3e-7)
+    small_toml, want_small = camera_toml(at("small.toml"), **small), core + [{**CAMERA, **small}[k] for k in BROWN]
+    convert(small_toml, at("small_camera_info.yaml"))
+    y = yaml.safe_load(open(at("small_camera_info.yaml")))
+    same("small terms: wingd -> PyYAML", y["distortion_coefficients"]["data"], want_small[4:])
+    if ros_convert:
+        by_ros(at("small_camera_info.yaml"), at("by_ros_camera_info.yaml"))
+        convert(at("by_ros_camera_info.yaml"), at("by_ros.toml"))
+        same("wingd -> ROS's parser -> wingd", [read_toml(at("by_ros.toml"))[k] for k in CORE + BROWN], want_small)
+        wide_ros = camera_toml(at("wide_ros.toml"), k4=0.01, k5=0.001, k6=1e-5)
+        convert(wide_ros, at("wide_camera_info.yaml"))
+        by_ros(at("wide_camera_info.yaml"), at("wide_by_ros_camera_info.yaml"))
+        convert(at("wide_by_ros_camera_info.yaml"), at("wide_by_ros.toml"))
+        back = read_toml(at("wide_by_ros.toml"))
+        same("rational: wingd -> ROS's parser -> wingd", [back[k] for k in ("k4", "k5", "k6")], [0.01, 0.001, 1e-5])
+    else:
+        print("ROS's own parser: not given, not tried")
+    flat_small = camera_toml(at("flat_small.toml"), k3=0.0, **small)
+    convert(flat_small, at("small-camchain.yaml"))
+    if kalibr_reader:
+        same("wingd -> Kalibr's reader", by_kalibr(at("small-camchain.yaml"), at("again-camchain.yaml")), want_small[:8])
+        convert(at("again-camchain.yaml"), at("again.toml"))
+        same("Kalibr's writer -> wingd", [read_toml(at("again.toml"))[k] for k in CORE + BROWN], want_small[:8] + [0.0])
+    else:
+        print("Kalibr's own reader: not given, not tried")
 
     flat = camera_toml(at("flat.toml"), k3=0.0)
     convert(flat, at("camchain.yaml"))

@@ -78,7 +78,7 @@ fn read_list(path: &Path) -> Result<Vec<Item>, CameraError> {
 pub fn format_of(path: &Path) -> Option<Format> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     match extension.as_str() {
-        "jpg" | "jpeg" => Some(Format::Jpeg),
+        "jpg" | "jpeg" | "jpe" | "mpo" => Some(Format::Jpeg),
         "png" | "pgm" | "ppm" | "pnm" | "tif" | "tiff" => Some(Format::File { extension }),
         _ => None,
     }

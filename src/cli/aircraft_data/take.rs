@@ -16,6 +16,9 @@ use crate::store::{FlightRef, RealDisk, Store};
 /// Lines that are made durable together.
 const CHUNK: usize = 5000;
 
+/// Numbers below are no seconds since 1970 of a flight that was photographed by a digital camera: 1 January 1980, s.
+const BEFORE_S: f64 = 315_532_800.0;
+
 /// A table, and what would become of it.
 struct Answer<'a> {
     args: &'a Args,
@@ -71,9 +74,7 @@ fn read(file: &Path) -> Result<String, Fault> {
     let trouble = |problem: String, mend: &str| Fault::new(file, "file", problem, mend);
     let bytes = std::fs::read(file)
         .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
-    let text = String::from_utf8(bytes)
-        .map_err(|_| trouble("is not UTF-8 text".into(), "save it as plain UTF-8, without compression"))?;
-    Ok(text.trim_start_matches('\u{feff}').replace("\r\n", "\n"))
+    installation::text_of(bytes).map_err(|(problem, mend)| trouble(problem.into(), mend))
 }
 
 impl<'a> Answer<'a> {
@@ -119,15 +120,32 @@ impl<'a> Answer<'a> {
         let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else {
             return Some("no frame of the flight has a UTC: neither clock nor feed tells it".into());
         };
+        if self.table.lines.is_empty() {
+            return Some("the table has no lines below its header".into());
+        }
+        let times = self.other_times(mapping, (*first, *last)).or_else(|| self.no_times());
+        // Of lines without a moment no cell is looked at.
+        if let Some(cause) = times.as_ref().filter(|_| self.contents.times_s.is_empty()) {
+            return Some(cause.clone());
+        }
         let mut why_none =
             self.contents.tallies.iter().filter_map(aircraft::Tally::why_none).collect::<Vec<_>>();
         let values = self.contents.tallies.iter().any(|tally| tally.values > 0);
-        if let Some(cause) = self.other_times(mapping, (*first, *last)) {
+        if let Some(cause) = times {
             why_none.insert(0, cause);
         } else if values {
             why_none = vec![self.elsewhere((*first, *last))];
         }
         Some(why_none.join("; "))
+    }
+
+    /// Where no line has a moment.
+    fn no_times(&self) -> Option<String> {
+        let (_, tag) = self.contents.unread.first().filter(|_| self.contents.times_s.is_empty())?;
+        Some(format!(
+            "its times (\"{tag}\") are in none of the ways that are read; write them as 2026-06-01T07:59:50Z, or see \
+             time_format in docs/aircraft-data.md"
+        ))
     }
 
     /// Times in another way of writing than the mapping says.
@@ -155,6 +173,12 @@ impl<'a> Answer<'a> {
         let times = &self.contents.times_s;
         let from = times.iter().copied().fold(f64::INFINITY, f64::min);
         let to = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if to < BEFORE_S {
+            return format!(
+                "its times, {from} to {to}, count from a beginning that the table does not say; write them as \
+                 2026-06-01T07:59:50Z, or see time_format in docs/aircraft-data.md"
+            );
+        }
         let shown = aircraft::shown;
         format!(
             "its times are {} to {}, the frames' {} to {}; name the flight's own table, or another --flight",
@@ -166,7 +190,7 @@ impl<'a> Answer<'a> {
     }
 
     fn keep(&self, store: &Store, file: &Path) -> Result<(), Failure> {
-        let name = file.file_name().map(|name| name.to_string_lossy());
+        let name = file.file_name().map(installation::shown_path);
         let head = json!({"table": name, "number": self.source, "layout": self.table.layout});
         let lines: Vec<AircraftLine> =
             self.table.lines.iter().map(|(_, line)| AircraftLine { at: None, line: line.clone() }).collect();

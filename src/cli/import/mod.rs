@@ -10,6 +10,8 @@ use super::pictures::{self, Dating, Picture};
 use super::{Done, Failure, load_installation, print, stores};
 use take::{Import, Taken};
 
+use crate::installation::shown_path;
+
 /// Take pictures of a camera's card into a store: dated, in series, each once.
 #[derive(clap::Args)]
 pub struct Args {
@@ -47,13 +49,16 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let files = installation.as_ref().map(|i| i.files()).transpose()?;
     let card = pictures::card(&args.pictures, &args.dating, 0)?;
     for (file, known) in &card.twice {
-        eprintln!("wingd: {}: the same picture as {}; taken once", file.display(), known.display());
+        eprintln!("wingd: {}: the same picture as {}; taken once", shown_path(file), shown_path(known));
     }
     for (file, why) in &card.refused {
-        eprintln!("wingd: {}: {why}", file.display());
+        eprintln!("wingd: {}: {why}", shown_path(file));
     }
     for (what, mend) in &card.remarks {
         eprintln!("wingd: {what}; {mend}");
+    }
+    if card.series.is_empty() {
+        return Err(Failure::Undone("none of the files is a picture that can be taken".to_owned()));
     }
     let (store, recovery) = stores::open(&args.store)?;
     for series in &recovery.series {

@@ -12,6 +12,7 @@ use crate::cli::pictures::Picture;
 use crate::cli::{Failure, frames};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
+use crate::installation::shown_path;
 use crate::store::manifest::{Cause, SeriesManifest, Shot, State};
 use crate::store::{FlightRef, NewFrame, OpenSeries, Plan, Store, StoreConfig, catalogue, layout, sha256};
 
@@ -174,7 +175,7 @@ impl<'a> Import<'a> {
             open.remark("the pictures do not say when they were taken: their order is that of the files, their times mean nothing")?;
         }
         for (k, picture) in new.iter().enumerate() {
-            let shown = picture.file.display();
+            let shown = shown_path(&picture.file);
             let bytes = std::fs::read(&picture.file).map_err(|e| {
                 Failure::Undone(format!("{shown} cannot be read ({e}); import again to go on"))
             })?;

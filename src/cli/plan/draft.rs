@@ -1,9 +1,7 @@
 //! A plan for a wing of which only the main dimensions are known: an installation is made of them, and written where asked.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::cli::simulate::{survey_csv, torsion_toml};
 use crate::cli::{Failure, RIGHTS, unwritable};
 use crate::installation::{self, Installation};
 use crate::measure::geometry::Lens;
@@ -156,73 +154,12 @@ pub fn write_layout(
 }
 
 fn write(folder: &Path, setup: &Setup) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(unwritable(folder, RIGHTS))?;
-    let file = |name: &str| folder.join(name);
-    let camera = file("camera.toml");
-    installation::write_camera(&camera, &setup.lens, None)
-        .map_err(|e| Failure::Undone(format!("{}: {e}; {RIGHTS}", camera.display())))?;
-    for (name, text) in [("installation.toml", toml(setup)), ("survey.csv", table(setup))] {
-        std::fs::write(file(name), text).map_err(unwritable(&file(name), RIGHTS))?;
-    }
-    Ok(())
-}
-
-fn table(setup: &Setup) -> String {
-    let head = "# A template: glue the markers about here, then put what the total station measures in the place of these numbers.\n";
-    format!("{head}{}", survey_csv(setup))
-}
-
-/// What was planned with, in the words of an installation; what stands at its default is left out.
-fn toml(setup: &Setup) -> String {
-    let (own, usual) = (&setup.uncertainty, Uncertainty::default());
-    let widths = |all: &[(&str, f64, f64)]| -> String {
-        let stated = all.iter().filter(|(_, value, usual)| value != usual);
-        stated.map(|(key, value, _)| format!("{key} = {value:?}\n")).collect()
-    };
-    let c = setup.projection_centre_m;
-    let span = setup.span_direction;
-    let mut text = format!(
-        "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up.\nname = {:?}\n\n[camera]\n\
-         calibration = \"camera.toml\"\nprojection_centre_m = [{:?}, {:?}, {:?}]\nprojection_centre_sigma_m = {:?}\n\
-         mount_repeatability_px = {:?}\n{}",
-        setup.name,
-        c.x,
-        c.y,
-        c.z,
-        setup.projection_centre_sigma_m,
-        setup.mount_repeatability_px,
-        widths(&[("mount_shift_m", own.mount_shift_m, usual.mount_shift_m)]),
-    );
-    let wing = [
-        ("skin_height_sigma_m", own.skin_height_sigma_m, usual.skin_height_sigma_m),
-        ("root_offset_sigma_m", own.root_offset_m, usual.root_offset_m),
-        ("axis_chord_offset_sigma_m", own.axis_chord_offset_m, usual.axis_chord_offset_m),
-        (
-            "span_direction_sigma_deg",
-            own.span_direction_rad.to_degrees(),
-            usual.span_direction_rad.to_degrees(),
-        ),
+    let heads = [
+        "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up.\n",
+        "# A template: glue the markers about here, then put what the total station measures in the place of these numbers.\n",
     ];
-    let _ = write!(
-        text,
-        "\n[wing]\nsurvey = \"survey.csv\"\nside = \"right\"\nspan_direction = [{:?}, {:?}]\nroot_offset_m = {:?}\n{}",
-        span.x,
-        span.y,
-        setup.root_offset_m,
-        widths(&wing)
-    );
-    if let Some(thermal) = setup.thermal {
-        let _ = write!(
-            text,
-            "\n[thermal]\nexpansion_per_k = {:?}\nground_temperature_c = {:?}\nflight_temperature_c = {:?}\n{}",
-            thermal.expansion_per_k,
-            thermal.ground_temperature_c,
-            thermal.flight_temperature_c,
-            thermal.flight_temperature_sigma_k.map_or_else(String::new, |s| format!("sigma_k = {s:?}\n"))
-        );
-    }
-    text.push_str(&torsion_toml(setup));
-    text
+    installation::write_installation(folder, setup, heads)
+        .map_err(|(file, error)| unwritable(&file, RIGHTS)(error))
 }
 
 #[cfg(test)]

@@ -12,10 +12,9 @@ use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::measure::plan::{self, PlanOptions};
 use crate::measure::render::{Drawn, Light, Options, Random, Scene, Shot, Side};
-use crate::measure::setup::{Orientation, Setup};
+use crate::measure::setup::{Orientation, Setup, Thermal, Uncertainty, fixed_mark};
 use crate::report::number::count;
 use writer::{SetFrame, write_set};
-pub(super) use writer::{survey_csv, torsion_toml};
 
 /// Frames of a wing, or pictures of a board, with known truth
 #[derive(clap::Args)]
@@ -164,7 +163,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Some(seconds) => gusts::shots(args, &scene, seconds),
         None => shots(args, &scene),
     };
-    let mut stated = scene.setup.clone();
+    let mut stated = as_usual(&scene.setup);
     if args.drawn {
         (stated, frames) = drawn(args.seed, &scene, frames);
     }
@@ -181,6 +180,21 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         print(&format!("{pictures} of the board in {}", folder.display()))?;
     }
     Ok(Done::All)
+}
+
+/// What is stated of a scene that nothing was drawn of: its numbers, with the widths of who says nothing but how well the
+/// drawings give the skin.
+fn as_usual(setup: &Setup) -> Setup {
+    let skin_height_sigma_m = setup.uncertainty.skin_height_sigma_m;
+    let uncertainty = Uncertainty { skin_height_sigma_m, ..Uncertainty::default() };
+    let usual = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
+    let mut stated = Setup { uncertainty, thermal: setup.thermal.map(usual), ..setup.clone() };
+    stated
+        .markers
+        .iter_mut()
+        .filter(|m| m.fixed)
+        .for_each(|m| m.flight_motion_m = fixed_mark::FLIGHT_MOTION_M);
+    stated
 }
 
 /// The frames of one aircraft that the installation allows, and what is stated of it.

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 use super::{Open, Workplace};
 use crate::installation::HandObservation;
 use crate::measure::raster::Raster;
-use crate::pipeline::by_hand::observation;
+use crate::pipeline::by_hand::{observation, rows};
 use crate::pipeline::marking::Said;
-use crate::record::{ImageRecord, MarkerRecord, Reference};
+use crate::record::{ImageRecord, MarkerRecord};
 use crate::store::marks::{Act, Mark};
 
 /// Markers with what is known of each, where lost ones should be, what is solved with the marks and without.
@@ -53,10 +53,7 @@ fn marker(index: usize, line: &MarkerRecord, now: &Said, mark: Option<&Mark>) ->
             },
         })
     });
-    let covariance = seen.map(|o| {
-        let c = o.covariance_px2;
-        [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]
-    });
+    let covariance = seen.map(|o| rows(&o.covariance_px2));
     json!({
         "id": line.id,
         "shape": line.shape,
@@ -98,11 +95,7 @@ fn change(now: &ImageRecord, bare: &ImageRecord) -> Option<f64> {
     let tip = now.tip.as_ref()?;
     let of = |record: &ImageRecord| {
         let line = record.markers.iter().find(|m| m.id == tip.marker)?;
-        match tip.shown.unwrap_or_default() {
-            Reference::Survey => line.lift_m,
-            Reference::Ground => line.lift_ground_m,
-            Reference::Root => line.lift_root_m,
-        }
+        line.lift(tip.shown.unwrap_or_default()).0
     };
     Some(of(now)? - of(bare)?)
 }

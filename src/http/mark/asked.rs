@@ -7,7 +7,7 @@ use super::{Open, Refused, Workplace};
 use crate::clock::{Clock, System};
 use crate::installation::{HandObservation, HandPlace};
 use crate::measure::adjust::Observation;
-use crate::pipeline::by_hand::observation;
+use crate::pipeline::by_hand::{observation, place};
 use crate::store::marks::{Act, By, Mark, Place};
 
 /// A name and a reason are not longer, characters.
@@ -151,7 +151,7 @@ impl Work<'_> {
         let sigma = self.at.hand_sigma_px;
         let hand = HandPlace { pixel: at, covariance_px2: Matrix2::identity() * sigma * sigma };
         let by = if fit.is_some() { By::Fit } else { By::Hand };
-        Ok(written(fit.unwrap_or(hand), by))
+        Ok(place(&fit.unwrap_or(hand), by))
     }
 
     fn fit(&self, index: usize, at: Vector2<f64>) -> Option<HandPlace> {
@@ -169,13 +169,7 @@ impl Work<'_> {
         }
         let none = || Refused::Wrong(format!("{id} is not seen in this picture: there is nothing to rename"));
         let detected = self.detected(self.index(id)?).filter(|_| self.own(id).is_none()).ok_or_else(none)?;
-        let place = HandPlace { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };
-        Ok(written(place, By::Renamed))
+        let at = HandPlace { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };
+        Ok(place(&at, By::Renamed))
     }
-}
-
-fn written(place: HandPlace, by: By) -> Place {
-    let c = place.covariance_px2;
-    let covariance_px2 = [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]];
-    Place { u_px: place.pixel.x, v_px: place.pixel.y, covariance_px2, by }
 }

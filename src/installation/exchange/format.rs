@@ -35,14 +35,15 @@ impl fmt::Display for CameraFormat {
 /// What a file's name says: the format, where there is but one of that name, and how the text is written.
 pub(super) fn by_name(file: &Path) -> (Option<CameraFormat>, Option<Syntax>) {
     let name = file.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    match name.rsplit_once('.').map(|(_, ending)| ending) {
-        Some("toml") => (Some(CameraFormat::Wingd), None),
-        Some("cameramodel") => (Some(CameraFormat::Mrcal), Some(Syntax::Literal)),
-        Some("xml") => (Some(CameraFormat::Opencv), Some(Syntax::Xml)),
-        Some("yaml" | "yml" | "json") => {
+    let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
+    match ending {
+        "toml" => (Some(CameraFormat::Wingd), None),
+        "cameramodel" => (Some(CameraFormat::Mrcal), Some(Syntax::Literal)),
+        "xml" => (Some(CameraFormat::Opencv), Some(Syntax::Xml)),
+        "yaml" | "yml" | "json" => {
             let parts = [("camchain", CameraFormat::Kalibr), ("camera_info", CameraFormat::Ros)];
             let format = parts.into_iter().find(|(part, _)| name.contains(part)).map(|(_, format)| format);
-            (format, Some(Syntax::Yaml))
+            (format, Some(if ending == "json" { Syntax::Json } else { Syntax::Yaml }))
         }
         _ => (None, None),
     }

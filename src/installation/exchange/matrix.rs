@@ -1,6 +1,6 @@
 //! Cameras with a matrix and a list of coefficients: OpenCV's FileStorage and ROS's camera_info.
 
-use super::declared::{self, foreign};
+use super::declared::{self, foreign, is_browns, plain};
 use super::interior::Interior;
 use crate::installation::keyed::{Node, Trouble, Value};
 
@@ -36,6 +36,8 @@ const BESIDE: [&str; 25] = [
     "nframes_used",
     "type_id",
 ];
+const PLUMB_BOB: &str = "plumb_bob";
+const NO_MODEL: &str = "none";
 const MEND: &str = "export the calibration again, or name its format with --from";
 
 /// Reads a camera's map. ROS declares its model; OpenCV's calibration writes none and has its own order of terms.
@@ -43,17 +45,23 @@ pub(super) fn read(map: &Node, of_ros: bool) -> Result<Interior, Trouble> {
     let known = [SIZE[0], SIZE[1], MATRIX, TERMS, MODEL];
     let (left, mut remarks) = declared::check(map, &known, &BESIDE)?;
     let model = model(map, of_ros, &mut remarks)?;
-    let size = [map.need(SIZE[0], MEND)?.number(SIZE[0])?, map.need(SIZE[1], MEND)?.number(SIZE[1])?];
+    let side =
+        |key: &str| map.need(key, "add the size of the pictures, px: image_width, image_height")?.number(key);
+    let size = [side(SIZE[0])?, side(SIZE[1])?];
     let core = core(map.need(MATRIX, MEND)?)?;
     let terms = terms(map.need(TERMS, MEND)?)?;
-    if model == "plumb_bob" && terms.len() > 5 {
-        let problem = format!("are {} numbers, but {MODEL} is plumb_bob, which has 5", terms.len());
-        return Err(Trouble::new(
-            map.need(TERMS, MEND)?.line,
-            TERMS,
-            problem,
-            "name the model that was calibrated",
-        ));
+    let problem = match model.as_str() {
+        PLUMB_BOB if terms.len() > 5 => {
+            Some(format!("are {} numbers, but {MODEL} is {PLUMB_BOB}, which has 5", terms.len()))
+        }
+        NO_MODEL if terms.iter().any(|term| *term != 0.0) => {
+            Some(format!("are not all 0, but {MODEL} is {NO_MODEL}"))
+        }
+        _ => None,
+    };
+    if let Some(problem) = problem {
+        let line = map.need(TERMS, MEND)?.line;
+        return Err(Trouble::new(line, TERMS, problem, "name the model that was calibrated"));
     }
     let keys = [SIZE[0], MATRIX, TERMS];
     Ok(Interior { size, core, terms, model, keys, remarks, left })
@@ -68,11 +76,14 @@ fn model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, 
         remarks.push("no lens model is declared: taken for OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
         return Ok("no model declared".into());
     };
-    let name = node.text().unwrap_or("a list");
-    match name.trim().to_ascii_lowercase().as_str() {
-        "plumb_bob" => Ok("plumb_bob".into()),
-        "rational_polynomial" => Ok("rational_polynomial".into()),
-        "" => Err(Trouble::new(node.line, MODEL, "is empty: this camera was never calibrated", MEND)),
+    let name = node.text().unwrap_or("a list").trim();
+    match plain(name).as_str() {
+        _ if is_browns(name) => Ok(PLUMB_BOB.into()),
+        "rationalpolynomial" => Ok("rational_polynomial".into()),
+        "none" => Ok(NO_MODEL.into()),
+        "" | "null" => {
+            Err(Trouble::new(node.line, MODEL, "is empty: this camera was never calibrated", MEND))
+        }
         _ => Err(foreign(node, MODEL, name)),
     }
 }

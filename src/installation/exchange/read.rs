@@ -5,7 +5,7 @@ use std::path::Path;
 use super::format::{self, CameraFormat};
 use super::interior::Interior;
 use super::{listed, matrix};
-use crate::installation::keyed::{self, Node, Syntax, Trouble, Value};
+use crate::installation::keyed::{self, Node, Syntax, Trouble};
 use crate::installation::{Fault, Reader, camera};
 use crate::measure::geometry::Lens;
 
@@ -46,7 +46,7 @@ pub fn read_exchange(
     read.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn own(reader: &mut Reader, name: &str, chosen: Option<&str>) -> Option<ReadCamera> {
+fn own(reader: &mut Reader, name: &Path, chosen: Option<&str>) -> Option<ReadCamera> {
     let camera::CameraFile { lens, covariance, .. } = camera::read(reader, name)?;
     if let Some(chosen) = chosen {
         let file = reader.directory.join(name);
@@ -66,7 +66,7 @@ fn own(reader: &mut Reader, name: &str, chosen: Option<&str>) -> Option<ReadCame
 
 fn foreign(
     reader: &mut Reader,
-    name: &str,
+    name: &Path,
     format: Option<CameraFormat>,
     camera: Option<&str>,
 ) -> Option<ReadCamera> {
@@ -87,22 +87,23 @@ fn read(
     camera: Option<&str>,
 ) -> Result<ReadCamera, Trouble> {
     let (named, syntax) = format::by_name(file);
-    let tree = keyed::parse(text, syntax.unwrap_or_else(|| syntax_of(text, format)))?;
-    let format = format.or_else(|| format::by_keys(&tree)).or(named).ok_or_else(|| {
-        let problem = "holds no camera that is known";
-        Trouble::new(
-            0,
-            "",
-            problem,
-            "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from",
-        )
+    let tree = keyed::parse(text, syntax.unwrap_or_else(|| syntax_of(text, format))).map_err(|trouble| {
+        // Of a file whose name says nothing the syntax is a guess.
+        let guessed = syntax.is_none() && format.is_none();
+        if guessed { Trouble::new(0, "", format!("{NO_CAMERA} ({trouble})"), GIVE) } else { trouble }
     })?;
+    let by_syntax = named.filter(|_| syntax == Some(Syntax::Literal));
+    let format = format.or(by_syntax).or_else(|| format::by_keys(&tree)).or(named);
+    let format = format.ok_or_else(|| Trouble::new(0, "", NO_CAMERA, GIVE))?;
     let (name, map) = choose(&tree, format, camera)?;
     let mut interior = interior(map, format)?;
     let lens = interior.lens(map)?;
     let Interior { model, remarks, left, .. } = interior;
     Ok(ReadCamera { lens, format, name, model, remarks, left })
 }
+
+const NO_CAMERA: &str = "holds no camera that is known";
+const GIVE: &str = "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from";
 
 /// Of a file whose name says nothing.
 fn syntax_of(text: &str, format: Option<CameraFormat>) -> Syntax {
@@ -132,8 +133,10 @@ fn choose<'a>(
         CameraFormat::Kalibr | CameraFormat::Mrcal => &[listed::INTRINSICS],
         _ => &[matrix::MATRIX, matrix::TERMS, matrix::SIZE[0]],
     };
-    let itself = tree.entries().iter().any(|e| keys.iter().any(|k| e.key.eq_ignore_ascii_case(k)));
-    let parts: Vec<_> = tree.entries().iter().filter(|e| matches!(e.node.value, Value::Map(_))).collect();
+    let is_camera =
+        |map: &Node| map.entries().iter().any(|e| keys.iter().any(|k| e.key.eq_ignore_ascii_case(k)));
+    let itself = is_camera(tree);
+    let parts: Vec<_> = tree.entries().iter().filter(|e| is_camera(&e.node)).collect();
     let names: Vec<&str> = parts.iter().map(|e| e.key.as_str()).collect();
     match (itself, camera, &parts[..]) {
         (true, None, _) => Ok((None, tree)),
@@ -142,12 +145,11 @@ fn choose<'a>(
             Err(Trouble::new(0, "", problem, "leave --camera out"))
         }
         (false, None, [one]) => Ok((Some(one.key.clone()), &one.node)),
-        (false, None, []) => Err(Trouble::new(
-            0,
-            keys[0],
-            "is missing",
-            "export the calibration again, or name its format with --from",
-        )),
+        (false, _, []) => {
+            let there: Vec<&str> = tree.entries().iter().map(|e| e.key.as_str()).take(SHOWN).collect();
+            let problem = format!("is missing; the file has {}", there.join(", "));
+            Err(Trouble::new(0, keys[0], problem, GIVE))
+        }
         (false, None, _) => {
             let problem = format!("holds {} cameras: {}", parts.len(), names.join(", "));
             Err(Trouble::new(0, "", problem, format!("say which: --camera {}", names[0])))
@@ -162,3 +164,6 @@ fn choose<'a>(
         }
     }
 }
+
+/// Keys of a file without a camera that are said.
+const SHOWN: usize = 8;

@@ -52,8 +52,18 @@ pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<
     write_whole(file, &text).map_err(unwritable)
 }
 
+/// Numbers with a point and without exponent: YAML 1.1, by which PyYAML reads for ROS and Kalibr, takes `1e-5` for a text
+/// and `955` for no float.
+fn list(values: &[f64]) -> String {
+    let number = |value: &f64| {
+        let text = value.to_string();
+        if text.contains('.') { text } else { text + ".0" }
+    };
+    values.iter().map(number).collect::<Vec<_>>().join(", ")
+}
+
 fn matrix(l: &Lens) -> String {
-    format!("[{:?}, 0., {:?}, 0., {:?}, {:?}, 0., 0., 1.]", l.fx, l.cx, l.fy, l.cy)
+    format!("[{}]", list(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]))
 }
 
 fn rational(l: &Lens) -> bool {
@@ -62,9 +72,9 @@ fn rational(l: &Lens) -> bool {
 
 /// The distortion's terms in OpenCV's order, and their number.
 fn terms(l: &Lens) -> (String, usize) {
-    let brown = format!("{:?}, {:?}, {:?}, {:?}, {:?}", l.k1, l.k2, l.p1, l.p2, l.k3);
+    let count = if rational(l) { 8 } else { 5 };
     let [k4, k5, k6] = l.denominator;
-    if rational(l) { (format!("{brown}, {k4:?}, {k5:?}, {k6:?}"), 8) } else { (brown, 5) }
+    (list(&[l.k1, l.k2, l.p1, l.p2, l.k3, k4, k5, k6][..count]), count)
 }
 
 fn opencv(l: &Lens) -> String {
@@ -79,30 +89,32 @@ fn opencv(l: &Lens) -> String {
 fn ros(l: &Lens) -> String {
     let (width, height, matrix, (terms, count)) = (l.width, l.height, matrix(l), terms(l));
     let model = if rational(l) { "rational_polynomial" } else { "plumb_bob" };
+    let turn = list(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    let projection = list(&[l.fx, 0.0, l.cx, 0.0, 0.0, l.fy, l.cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
     format!(
         "image_width: {width}\nimage_height: {height}\ncamera_name: wingd\n\
          camera_matrix:\n  rows: 3\n  cols: 3\n  data: {matrix}\n\
          distortion_model: {model}\n\
          distortion_coefficients:\n  rows: 1\n  cols: {count}\n  data: [{terms}]\n\
-         rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\n\
-         projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{:?}, 0., {:?}, 0., 0., {:?}, {:?}, 0., 0., 0., 1., 0.]\n",
-        l.fx, l.cx, l.fy, l.cy
+         rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [{turn}]\n\
+         projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{projection}]\n"
     )
 }
 
 fn kalibr(l: &Lens) -> String {
+    let (terms, core) = (list(&[l.k1, l.k2, l.p1, l.p2]), list(&[l.fx, l.fy, l.cx, l.cy]));
     format!(
-        "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [{:?}, {:?}, {:?}, {:?}]\n  distortion_model: radtan\n  \
-         intrinsics: [{:?}, {:?}, {:?}, {:?}]\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",
-        l.k1, l.k2, l.p1, l.p2, l.fx, l.fy, l.cx, l.cy, l.width, l.height
+        "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [{terms}]\n  distortion_model: radtan\n  \
+         intrinsics: [{core}]\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",
+        l.width, l.height
     )
 }
 
 fn mrcal(l: &Lens) -> String {
-    let (terms, count) = terms(l);
+    let ((terms, count), core) = (terms(l), list(&[l.fx, l.fy, l.cx, l.cy]));
     format!(
         "{{\n    'lensmodel':  'LENSMODEL_OPENCV{count}',\n\n    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n    \
-         'intrinsics': [ {:?}, {:?}, {:?}, {:?}, {},],\n\n    'imagersize': [ {}, {},]\n}}\n",
-        l.fx, l.fy, l.cx, l.cy, terms, l.width, l.height
+         'intrinsics': [ {core}, {terms},],\n\n    'imagersize': [ {}, {},]\n}}\n",
+        l.width, l.height
     )
 }

@@ -6,13 +6,15 @@ mod tree;
 mod xml;
 mod yaml;
 
-pub use tree::{Node, Trouble, Value};
+pub use tree::{Entry, Node, Trouble, Value};
 
 /// How the text of a keyed file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Syntax {
-    /// YAML 1.2 with OpenCV's `%YAML:1.0`; JSON is a part of it.
+    /// YAML 1.2 with OpenCV's `%YAML:1.0`.
     Yaml,
+    /// JSON, a part of YAML, with the comments that OpenCV writes: `// ...`.
+    Json,
     /// The XML of OpenCV's FileStorage.
     Xml,
     /// A Python dictionary, as mrcal writes it.
@@ -26,6 +28,7 @@ pub enum Syntax {
 pub fn parse(text: &str, syntax: Syntax) -> Result<Node, Trouble> {
     let tree = match syntax {
         Syntax::Yaml => yaml::parse(text)?,
+        Syntax::Json => yaml::parse(&yaml::without_comments(text))?,
         Syntax::Xml => xml::parse(text)?,
         Syntax::Literal => literal::parse(text)?,
     };

@@ -9,6 +9,9 @@ use super::tree::{DEEPEST, Entry, MOST_NODES, Node, Trouble, Value, too_deep, to
 /// The first line of OpenCV's files, which YAML does not know.
 const OPENCV: &str = "%YAML:";
 
+/// The key by which YAML 1.1 takes the keys of another map in.
+const MERGE: &str = "<<";
+
 pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
     // As a comment the line keeps its place and those after it their numbers.
     let text = text.strip_prefix(OPENCV).map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
@@ -21,7 +24,10 @@ pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
         })?;
         builder.take(event, span.start.line() as u64)?;
     }
-    let mut documents = builder.documents.into_iter();
+    // `rostopic echo` ends what it prints with `---`: a document of nothing.
+    let nothing =
+        |node: &Node| node.tag.is_none() && node.text().is_some_and(|text| ["", "~"].contains(&text));
+    let mut documents = builder.documents.into_iter().filter(|document| !nothing(document));
     match (documents.next(), documents.next()) {
         (Some(document), None) => Ok(document),
         (None, _) => Err(Trouble::new(0, "", "holds nothing", "export it again")),
@@ -30,6 +36,27 @@ pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
             Err(Trouble::new(second.line, "", problem, "keep the one of the camera in a file of its own"))
         }
     }
+}
+
+/// JSON without comments from `//` to a line's end; no string of JSON goes over a line's end.
+pub(super) fn without_comments(text: &str) -> String {
+    let end = |line: &str| {
+        let (mut quoted, mut escaped) = (false, false);
+        let outside = |(_, sign): &(usize, char)| {
+            let quote = *sign == '"' && !escaped;
+            quoted ^= quote;
+            escaped = *sign == '\\' && !escaped;
+            !quoted && !quote
+        };
+        let outside: Vec<(usize, char)> = line.char_indices().filter(outside).collect();
+        let mut pairs = outside.windows(2);
+        pairs.find_map(|pair| match pair {
+            [(at, '/'), (next, '/')] if *next == at + 1 => Some(*at),
+            _ => None,
+        })
+    };
+    let kept = |line: &str| format!("{}\n", &line[..end(line).unwrap_or(line.len())]);
+    text.lines().map(kept).collect()
 }
 
 /// A map or list that has not ended.
@@ -117,6 +144,10 @@ impl Builder {
         };
         match (open.key.take(), &node.value) {
             (Some(key), _) => entries.push(Entry { key, node }),
+            (None, Value::Text(key)) if key == MERGE => {
+                let problem = "takes keys of another place in, which is not read";
+                return Err(Trouble::new(node.line, MERGE, problem, "write the keys out where they count"));
+            }
             (None, Value::Text(key)) => open.key = Some(key.clone()),
             (None, _) => {
                 return Err(Trouble::new(node.line, "", "has a list for a key", "give every value a name"));

@@ -48,6 +48,9 @@ const FLEET: [Beam; 2] = [
 /// deviations of the coefficients' ratios.
 const BEYOND_FLEET: [f64; RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
 
+/// Mass goes with this power of the chord where it is a box of skins, of fuel and of ribs.
+const MASS_POWER: i32 = 2;
+
 /// The same for the change of a beam's shape while it loses its fuel, over the above.
 const BEYOND_BURNING: f64 = 0.05;
 
@@ -68,6 +71,20 @@ impl Beam {
 
     fn chord(&self, eta: f64) -> f64 {
         1.0 - (1.0 - self.taper) * eta
+    }
+
+    /// Bending moment over stiffness at `count` points from the root to the tip under a load at them, any unit.
+    fn curvature_under(&self, count: usize, load: impl Fn(usize) -> f64) -> Vec<f64> {
+        let step = 1.0 / (count - 1) as f64;
+        let (mut shear, mut moment) = (0.0, 0.0);
+        let mut curvature = vec![0.0; count];
+        for k in (0..count - 1).rev() {
+            let added = 0.5 * step * (load(k) + load(k + 1));
+            moment += step * (shear + 0.5 * added);
+            shear += added;
+            curvature[k] = moment / self.chord(k as f64 * step).powf(self.power);
+        }
+        curvature
     }
 
     /// Bending moment over stiffness at `count` points from the root to the tip, any unit.
@@ -114,6 +131,52 @@ static BURNT_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(
 /// of a flight to the lightest: anything between nothing and all the fuel may have been burnt.
 pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
     leading(&BURNT_COVARIANCE, terms.saturating_sub(1))
+}
+
+/// What of [`shape_covariance`] no load of a beam explains: any smooth shape, such as a swing in the second mode.
+pub fn beyond_fleet_covariance(terms: usize) -> DMatrix<f64> {
+    leading(&beyond_fleet(1.0), terms.saturating_sub(1))
+}
+
+/// How far a curvature of each `m P_k` bends the reference beam in its first mode, over what `m` does. A swing in another mode has no
+/// part in it: modes are orthogonal over the masses.
+static FIRST_MODE: LazyLock<Integrals> = LazyLock::new(first_mode);
+
+/// The same.
+pub fn first_mode_shares() -> &'static Integrals {
+    &FIRST_MODE
+}
+
+fn first_mode() -> Integrals {
+    let step = 1.0 / (TABLE - 1) as f64;
+    let at = |k: usize| k as f64 * step;
+    let mass = |k: usize| REFERENCE.chord(at(k)).powi(MASS_POWER);
+    // Stodola's iteration from a parabola: each leaves a fortieth of what is of the second mode, (1.875 / 4.694)^4.
+    let mut deflection: Vec<f64> = (0..TABLE).map(|k| at(k).powi(2)).collect();
+    for _ in 0..3 {
+        let inertia = |k: usize| mass(k) * deflection[k];
+        let curvature = REFERENCE.curvature_under(TABLE, inertia);
+        deflection = twice_integrated(step, &curvature);
+    }
+    let values = basis(TABLE);
+    let share = |j: usize| -> f64 {
+        let of: Vec<f64> = values.iter().map(|all| all[j]).collect();
+        twice_integrated(step, &of).iter().enumerate().map(|(k, w)| mass(k) * deflection[k] * w).sum()
+    };
+    let whole = share(0);
+    std::array::from_fn(|j| share(j) / whole)
+}
+
+fn twice_integrated(step: f64, curvature: &[f64]) -> Vec<f64> {
+    let (mut slope, mut rise) = (0.0, 0.0);
+    let mut out = vec![0.0];
+    for pair in curvature.windows(2) {
+        let next = slope + 0.5 * step * (pair[0] + pair[1]);
+        rise += 0.5 * step * (slope + next);
+        slope = next;
+        out.push(rise);
+    }
+    out
 }
 
 /// m P_k at `count` points; m has mean 1.

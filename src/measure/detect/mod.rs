@@ -49,7 +49,7 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::detect::accept::{correlated, dirt, found::Found};
+use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast};
 use crate::detect::detection::by_place;
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
@@ -161,6 +161,7 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
         correlated::raise(measured, inflation);
         dirt::inflate(image, measured, &ellipses);
     }
+    let lost_contrast_px = lost_contrast::inflate(&mut found.measured);
     // Markers are larger than dirt.
     found.rejected.sort_by(|a, b| b.semi_major_px.total_cmp(&a.semi_major_px));
     found.rejected.truncate(MAX_REJECTED);
@@ -169,7 +170,15 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     let overshoot = sharpening.overshoot();
-    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation, overshoot }
+    Detections {
+        markers,
+        rejected: found.rejected,
+        psf_sigma_px,
+        noise,
+        inflation,
+        lost_contrast_px,
+        overshoot,
+    }
 }
 
 /// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere

@@ -144,11 +144,11 @@ fn symbol(reader: &mut BitReader, table: &HuffmanTable) -> Result<u8, JpegError>
 }
 
 /// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
-fn signed(bits: u16, size: u8) -> i16 {
+pub(super) fn signed(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
     (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
 }
 
-fn out_of_step() -> JpegError {
+pub(super) fn out_of_step() -> JpegError {
     JpegError::CorruptData("codes are out of step".into())
 }

@@ -26,7 +26,7 @@ pub struct Intervals<'a> {
     number: usize,
     /// The marker after the last, where it is known.
     end: Option<u8>,
-    data: Vec<u8>,
+    coded: &'a [u8],
 }
 
 impl<'a> Intervals<'a> {
@@ -34,10 +34,10 @@ impl<'a> Intervals<'a> {
     /// a restart marker where `None`.
     pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
         let length = if interval == 0 { units } else { interval };
-        Self { rest: scan, units, length, start: 0, number: 0, end, data: Vec::new() }
+        Self { rest: scan, units, length, start: 0, number: 0, end, coded: &[] }
     }
 
-    /// The next interval's units; its data are then [`Intervals::data`].
+    /// The next interval's units; its data are then [`Intervals::coded`].
     ///
     /// # Errors
     /// Where it does not end with the marker that must follow it.
@@ -55,16 +55,19 @@ impl<'a> Intervals<'a> {
         if !right {
             return Err(damaged("data are missing or in the wrong place"));
         }
-        self.data.clear();
-        self.data.extend_from_slice(&self.rest[..size]);
-        self.data.extend_from_slice(&ONES);
+        self.coded = &self.rest[..size];
         (self.rest, self.start, self.number) = (next, units.end, self.number + 1);
         Ok(Some(units))
     }
 
-    /// An interval's coded bytes, and ones after them.
-    pub fn data(&self) -> &[u8] {
-        &self.data
+    /// An interval's coded bytes.
+    pub fn coded(&self) -> &'a [u8] {
+        self.coded
+    }
+
+    /// The same, and ones after them.
+    pub fn with_ones(&self) -> Vec<u8> {
+        [self.coded, &ONES].concat()
     }
 }
 

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `kind` | which JPEGs are read; a header that is sound |
 //! | `sequential` | one sequential scan, as cameras write it: one pass |
+//! | `codes` | its codes, read or passed over |
 //! | `scans` | progressive pictures, and scans of one component each |
 //! | `coefficients` | what scans have given until the last of them is read |
 //! | `dnl` | a height that stands behind the first scan |
@@ -11,6 +12,7 @@
 
 use std::ops::Range;
 
+mod codes;
 mod coefficients;
 mod dnl;
 mod intervals;

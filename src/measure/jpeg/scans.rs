@@ -197,12 +197,13 @@ impl<'a> Scan<'a> {
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
             let near = |what: String| JpegFault::Damaged(format!("{what} near block row {row}"));
-            let mut reader = BitReader::new(intervals.data());
+            let data = intervals.with_ones();
+            let mut reader = BitReader::new(&data);
             for unit in units {
                 self.unit(&mut reader, unit).map_err(|e| near(e.to_string()))?;
             }
             // Neither more nor less than the last byte's rest: nothing is missing between.
-            if self.runs.left > 0 || !(0..8).contains(&bits_left(&reader, intervals.data())) {
+            if self.runs.left > 0 || !(0..8).contains(&bits_left(&reader, &data)) {
                 return Err(near("data are missing or in the wrong place".into()));
             }
         }

@@ -1,16 +1,17 @@
-//! A JPEG's grey values are decoded: sequential in one scan, as cameras write it, here. Header, codes and transform come from
-//! a library, no colour is made, and no code of a missing stretch is taken for picture.
+//! A JPEG's grey values are decoded: sequential in one scan, as cameras write it, here. Header, tables and transform come from
+//! a library, no colour is made, nothing that is not wanted, and no code of a missing stretch is taken for picture.
 
 use std::ops::Range;
 use std::slice::ChunksExactMut;
 
 use libjpeg_turbo_rs::JpegError;
-use libjpeg_turbo_rs::decode::bitstream::BitReader;
-use libjpeg_turbo_rs::decode::entropy::{McuComponentPlan, McuDecoder, resolve_mcu_plan};
+use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
+use libjpeg_turbo_rs::decode::entropy::resolve_mcu_plan;
 use libjpeg_turbo_rs::decode::marker::JpegMetadata;
 use libjpeg_turbo_rs::simd;
 
-use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
+use super::codes::{Codes, Table, unstuffed};
+use super::intervals::{BLOCK, END, Intervals, damaged};
 use super::kind::{self, Colour};
 use super::{JpegFault, Wanted, scans};
 use crate::raster::Raster;
@@ -44,13 +45,22 @@ pub fn one_scan(
     let quantisation = header.frame.components[0].quant_table_index;
     let steps = &header.quant_tables.get(usize::from(quantisation))?.as_ref()?.values;
     let scan = bytes.get(header.entropy_data_offset..)?;
-    let coding = Coding { plan, steps, transform: simd::detect().idct_islow };
+    let parts =
+        plan.iter().map(|p| Part { blocks: p.num_blocks, means: p.dc_table, others: Table::new(p.ac_table) });
+    let coding = Coding { parts: parts.collect(), steps, transform: simd::detect().idct_islow };
     Some(layout.decode(scan, &coding, usize::from(header.restart_interval)))
 }
 
-/// How the blocks are coded: the Huffman tables of each component, luma's quantisation, and the inverse transform.
+/// How a component's blocks are coded: how many there are in a unit, and the codes of their coefficients.
+struct Part<'a> {
+    blocks: usize,
+    means: &'a HuffmanTable,
+    others: Table<'a>,
+}
+
+/// How the blocks are coded: each component's, luma's quantisation, and the inverse transform.
 struct Coding<'a> {
-    plan: Vec<McuComponentPlan<'a>>,
+    parts: Vec<Part<'a>>,
     steps: &'a [u16; BLOCK * BLOCK],
     transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
 }
@@ -104,8 +114,10 @@ impl Layout {
         let mut rows = luma.chunks_exact_mut(self.width);
         let mut line = vec![[0; BLOCK * BLOCK]; self.columns * self.across * self.down];
         let mut intervals = Intervals::new(scan, self.columns * self.rows, interval, Some(END));
+        let mut data = Vec::new();
         while let Some(units) = intervals.next()? {
-            self.interval(intervals.data(), units, coding, &mut line, &mut rows)
+            unstuffed(intervals.coded(), &mut data);
+            self.interval(&data, units, coding, &mut line, &mut rows)
                 .map_err(|e| JpegFault::Damaged(format!("{e} near row {}", self.height - rows.len())))?;
         }
         Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))
@@ -121,28 +133,33 @@ impl Layout {
         rows: &mut ChunksExactMut<u8>,
     ) -> Result<(), JpegError> {
         let wide = self.columns * self.across;
-        let mut reader = BitReader::new(data);
-        let mut decoder = McuDecoder::new(coding.plan.len());
-        let Some((luma, colour)) = coding.plan.split_first() else { return Ok(()) };
-        let mut coefficients = [0; BLOCK * BLOCK];
+        let mut codes = Codes::new(data);
+        let Some((luma, colour)) = coding.parts.split_first() else { return Ok(()) };
+        let mut mean = 0_i16;
         let (mut column, mut row) = (units.start % self.columns, units.start / self.columns);
         for _ in units {
             for down in 0..self.down {
                 let wanted = &self.wanted[row * self.down + down];
                 let first = column * self.across;
                 for (k, block) in line[down * wide + first..][..self.across].iter_mut().enumerate() {
-                    decode(&mut reader, &mut decoder, luma, &mut coefficients)?;
+                    mean = mean.wrapping_add(codes.mean(luma.means)?);
                     if wanted.contains(&(first + k)) {
+                        let mut coefficients = [0; BLOCK * BLOCK];
+                        coefficients[0] = mean;
+                        codes.coefficients(&luma.others, &mut coefficients)?;
                         (coding.transform)(&coefficients, coding.steps, block);
+                    } else {
+                        codes.pass_over(&luma.others)?;
                     }
                 }
             }
             for part in colour {
-                for _ in 0..part.num_blocks {
-                    decode(&mut reader, &mut decoder, part, &mut coefficients)?;
+                for _ in 0..part.blocks {
+                    codes.mean(part.means)?;
+                    codes.pass_over(&part.others)?;
                 }
             }
-            if reader.is_eof() {
+            if codes.bits_left() < 0 {
                 return Err(JpegError::UnexpectedEof);
             }
             column += 1;
@@ -152,22 +169,11 @@ impl Layout {
                 (column, row) = (0, row + 1);
             }
         }
-        if bits_left(&reader, data) > PADDING_BITS {
+        if codes.bits_left() > PADDING_BITS {
             return Err(JpegError::CorruptData("data are missing or in the wrong place".into()));
         }
         Ok(())
     }
-}
-
-/// The next block of a component; inlined, for the reader's state stays in registers then.
-#[inline(always)]
-fn decode(
-    reader: &mut BitReader,
-    decoder: &mut McuDecoder,
-    part: &McuComponentPlan,
-    coefficients: &mut [i16; BLOCK * BLOCK],
-) -> Result<(), JpegError> {
-    decoder.decode_block(reader, part.comp_idx, part.dc_table, part.ac_table, coefficients)
 }
 
 /// The wanted part of the pixel rows of one row of blocks, as far as they lie in the picture.

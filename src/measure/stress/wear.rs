@@ -165,8 +165,8 @@ pub fn damage(
         variance += (slope * own * sigma / cycle.range).powi(2);
     }
     let by_reference = slope * sum * whole.sigma_by_curvature_n_m / whole.range_n_m;
-    // Both are losses: they add.
-    let by_unseen = (sum - largest) * (slope * unseen.of_range + unseen.of_time);
+    // Both are losses, and of the time that is not told the ranges would be missed too.
+    let by_unseen = (sum - largest) * ((1.0 + slope * unseen.of_range) * (1.0 + unseen.of_time) - 1.0);
     let equivalent = reference * sum.powf(slope.recip());
     let by_cycles = if sum > 0.0 { variance.sqrt().hypot(by_unseen) / (slope * sum) } else { 0.0 };
     Damage {

@@ -6,13 +6,14 @@ use wingd::measure::geometry::Lens;
 pub enum Format {
     OpencvYaml,
     OpencvXml,
+    OpencvJson,
     Ros,
     Kalibr,
     Mrcal,
 }
 
-pub const FORMATS: [Format; 5] =
-    [Format::OpencvYaml, Format::OpencvXml, Format::Ros, Format::Kalibr, Format::Mrcal];
+pub const FORMATS: [Format; 6] =
+    [Format::OpencvYaml, Format::OpencvXml, Format::OpencvJson, Format::Ros, Format::Kalibr, Format::Mrcal];
 
 /// A camera as named lists of numbers and texts: what a file of it holds.
 #[derive(Clone, Debug)]
@@ -47,7 +48,7 @@ impl Pieces {
             Format::Mrcal => "LENSMODEL_OPENCV5",
             _ => "",
         };
-        let matrix = matches!(format, Format::OpencvYaml | Format::OpencvXml | Format::Ros);
+        let matrix = !matches!(format, Format::Kalibr | Format::Mrcal);
         let matrix = matrix.then(|| texts(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]));
         let size = vec!["1920".to_owned(), "1200".to_owned()];
         let core = texts(&[l.fx, l.fy, l.cx, l.cy]);
@@ -58,6 +59,7 @@ impl Pieces {
         match self.format {
             Format::OpencvYaml => "camera.yaml",
             Format::OpencvXml => "camera.xml",
+            Format::OpencvJson => "camera.json",
             Format::Ros => "wing_camera_info.yaml",
             Format::Kalibr => "wing-camchain.yaml",
             Format::Mrcal => "wing.cameramodel",
@@ -106,6 +108,15 @@ impl Pieces {
                     matrix("distortion_coefficients", 1, n, &words(&self.terms)),
                 ]
             }
+            // Keys and values as blocks without the commas between, which [`Pieces::framed`] sets.
+            Format::OpencvJson => {
+                vec![
+                    format!("    \"image_width\": {}\n", size(0)),
+                    format!("    \"image_height\": {}\n", size(1)),
+                    json_matrix("camera_matrix", 3, 3, &m),
+                    json_matrix("distortion_coefficients", 1, n, &d),
+                ]
+            }
             Format::Kalibr => vec![
                 "  camera_model: pinhole\n".into(),
                 format!("  intrinsics: [{}]\n", list(&self.core)),
@@ -130,6 +141,10 @@ impl Pieces {
             Format::OpencvXml => {
                 format!("<?xml version=\"1.0\"?>\n<opencv_storage>\n{body}</opencv_storage>\n")
             }
+            Format::OpencvJson => {
+                let blocks: Vec<&str> = blocks.iter().map(|block| block.trim_end_matches('\n')).collect();
+                format!("{{\n{}\n}}\n", blocks.join(",\n"))
+            }
             Format::Ros => body,
             Format::Kalibr => format!("cam0:\n{body}"),
             Format::Mrcal => format!("{{\n{body}}}\n"),
@@ -149,4 +164,11 @@ impl Pieces {
         }
         self
     }
+}
+
+fn json_matrix(name: &str, rows: usize, cols: usize, data: &str) -> String {
+    format!(
+        "    \"{name}\": {{\n        \"type_id\": \"opencv-matrix\",\n        \"rows\": {rows},\n        \
+                         \"cols\": {cols},\n        \"dt\": \"d\",\n        \"data\": [ {data} ]\n    }}\n"
+    )
 }

@@ -11,9 +11,13 @@ pub enum Kind {
     Observations,
     Corners,
     Aircraft,
+    /// The same with a row of units.
+    Units,
+    /// Lines of IWG1 without a header.
+    Iwg1,
 }
 
-pub const KINDS: [Kind; 7] = [
+pub const KINDS: [Kind; 9] = [
     Kind::Survey,
     Kind::Ties,
     Kind::Stiffness,
@@ -21,6 +25,8 @@ pub const KINDS: [Kind; 7] = [
     Kind::Observations,
     Kind::Corners,
     Kind::Aircraft,
+    Kind::Units,
+    Kind::Iwg1,
 ];
 
 /// A cell as it is read: a number or a text.
@@ -59,8 +65,13 @@ impl Kind {
             Self::Corners => {
                 &[("image", false), ("board_x_m", true), ("board_y_m", true), ("u_px", true), ("v_px", true)]
             }
-            Self::Aircraft => &[("UTC", true), ("FL", true), ("MACH", true)],
+            Self::Aircraft | Self::Units | Self::Iwg1 => &[("UTC", true), ("FL", true), ("MACH", true)],
         }
+    }
+
+    /// Whether it is of aircraft data, in which lines and cells without a value are left out with a word.
+    pub fn is_aircraft(self) -> bool {
+        matches!(self, Self::Aircraft | Self::Units | Self::Iwg1)
     }
 
     /// Header and rows of a sound one.
@@ -88,8 +99,18 @@ impl Kind {
                     )
                 })
                 .collect(),
-            Self::Aircraft => {
-                (0..8).map(|k| format!("2026-06-01T08:00:0{k}Z,35{k},0.78{k},note {k}")).collect()
+            Self::Aircraft | Self::Units => {
+                let units = (self == Self::Units).then(|| "-,FL,-,".to_owned());
+                let row = |k| format!("2026-06-01T08:00:0{k}Z,35{k},0.78{k},note {k}");
+                units.into_iter().chain((0..8).map(row)).collect()
+            }
+            Self::Iwg1 => {
+                let row = |k| {
+                    format!(
+                        "IWG1,2026-06-01T08:00:0{k}Z,38.1,-75.2,10700.1,10665.2,3500{k},,230.1,231.2,260,0.78{k},,90.1,90.2"
+                    )
+                };
+                (0..8).map(row).collect()
             }
         };
         let header = match self {
@@ -101,7 +122,8 @@ impl Kind {
             Self::Corners => {
                 "image,width_px,height_px,board_x_m,board_y_m,u_px,v_px,sigma_u_px,sigma_v_px,correlation,used"
             }
-            Self::Aircraft => "UTC,FL,MACH,REMARK",
+            Self::Aircraft | Self::Units => "UTC,FL,MACH,REMARK",
+            Self::Iwg1 => "",
         };
         let header = (!header.is_empty()).then(|| header.to_owned());
         header.into_iter().chain(rows).map(|line| line.split(',').map(str::to_owned).collect()).collect()
@@ -142,7 +164,10 @@ fn cells(text: &str, comments: bool) -> Option<Vec<Vec<String>>> {
 
 /// What the text says of the columns that are read; `None` where it cannot be said.
 pub fn strict(kind: Kind, text: &str) -> Option<Rows> {
-    let rows = cells(text, kind != Kind::Aircraft)?;
+    if kind == Kind::Iwg1 {
+        return Some(iwg1(text));
+    }
+    let rows = cells(text, !kind.is_aircraft())?;
     let (header, rows) = rows.split_first()?;
     let place = |name: &str| {
         let mut found = header.iter().enumerate().filter(|(_, cell)| *cell == name).map(|(k, _)| k);
@@ -157,18 +182,41 @@ pub fn strict(kind: Kind, text: &str) -> Option<Rows> {
             let cell = row.get(*k)?;
             match (number, kind) {
                 (false, _) => Some(Read::Text(cell.clone())),
-                (true, Kind::Aircraft) => Some(aircraft_cell(header, *k, cell)),
+                (true, _) if kind.is_aircraft() => Some(aircraft_cell(&header[*k], cell)),
                 (true, _) => cell.parse::<f64>().ok().filter(|v| v.is_finite()).map(Read::Number),
             }
         };
         if many { None } else { places.iter().map(read).collect::<Option<Vec<Read>>>() }
     };
     // Lines that are cut short are left out of aircraft data.
-    rows.iter().filter(|row| kind != Kind::Aircraft || row.len() >= header.len()).map(one).collect()
+    rows.iter().filter(|row| !kind.is_aircraft() || row.len() >= header.len()).map(one).collect()
+}
+
+fn is_record(line: &str) -> bool {
+    line.trim_start().trim_start_matches('"').starts_with("IWG1")
+}
+
+/// Lines of IWG1 by the places of its fields, each from its keyword on; those of another number of fields are none.
+fn iwg1(text: &str) -> Rows {
+    let width = Kind::Iwg1.sound()[0].len();
+    let quoted = |cell: &'_ str| cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).map(str::to_owned);
+    let row = |line: &str| {
+        let cells: Vec<String> =
+            line.split(',').map(|c| quoted(c.trim()).unwrap_or_else(|| c.into()).trim().to_owned()).collect();
+        let sound = cells.len() == width && cells[0] == "IWG1";
+        let read = |(k, name): (usize, &str)| aircraft_cell(name, &cells[k]);
+        sound.then(|| [(1, "UTC"), (6, "ft"), (11, "MACH")].map(read).to_vec())
+    };
+    let glued = |line: &str| {
+        let (first, rest) = line.split_at(line.len().min(1));
+        if is_record(line) { format!("{first}{}", rest.replace("IWG1,", "\nIWG1,")) } else { line.to_owned() }
+    };
+    let parted: Vec<String> = text.lines().map(glued).collect();
+    parted.join("\n").lines().filter_map(row).collect()
 }
 
 /// A cell of the aircraft's table: a moment, or a value; one that is none is a text.
-fn aircraft_cell(header: &[String], k: usize, cell: &str) -> Read {
+fn aircraft_cell(name: &str, cell: &str) -> Read {
     let utc = |civil: jiff::civil::DateTime| civil.to_zoned(jiff::tz::TimeZone::UTC).ok();
     let civil = || cell.parse().ok().and_then(utc).map(|zoned| zoned.timestamp());
     let stamp = || {
@@ -176,12 +224,14 @@ fn aircraft_cell(header: &[String], k: usize, cell: &str) -> Read {
         stamp.map(|t| t.as_microsecond() as f64 * 1e-6)
     };
     let number = cell.parse::<f64>().ok().filter(|v| v.is_finite());
-    let (scale, most) = if header[k] == "FL" { (30.48, 30_000.0) } else { (1.0, 3.0) };
-    let value = match header[k].as_str() {
+    let (scale, range) = match name {
+        "FL" => (30.48, -1000.0..=30_000.0),
+        "ft" => (0.3048, -1000.0..=30_000.0),
+        _ => (1.0, 0.0..=3.0),
+    };
+    let value = match name {
         "UTC" => number.filter(|n| *n > 0.0).or_else(stamp),
-        _ => number
-            .map(|n| scale * n)
-            .filter(|v| (-1000.0..=most).contains(v) && (header[k] == "FL" || *v >= 0.0)),
+        _ => number.map(|n| scale * n).filter(|v| range.contains(v)),
     };
     value.map_or(Read::Text(String::new()), Read::Number)
 }

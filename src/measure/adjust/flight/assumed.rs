@@ -11,8 +11,8 @@ use crate::estimation::Fit;
 
 /// Departure of a frame's shape from the shared one to begin with, a share of the usual width of shapes.
 pub const DEPARTURE: f64 = 0.03;
-/// Bending to begin with, 1/m.
-const USUAL_CURVATURE_PER_M: f64 = 0.005;
+/// Bending to begin with, and what a swing is a share of, 1/m.
+pub const USUAL_CURVATURE_PER_M: f64 = 0.005;
 /// Bending below this counts as unbent, 1/m.
 const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
 
@@ -27,6 +27,9 @@ pub struct Assumed<'a> {
     pub amplitudes_per_m: Vec<f64>,
     /// A frame's departure from the shared shape, a share of the usual width of shapes.
     pub departure: f64,
+    /// A frame's swing in shapes of its own, such as the second mode's, a share of what no fleet explains at the usual bending, for it
+    /// does not grow with the lift; 0: frames do not swing.
+    pub swing: f64,
     /// Which mounting each frame belongs to.
     pub mountings: Mountings<'a>,
     /// Standard deviation of a frame's rotation about its mounting's, rad.
@@ -41,15 +44,21 @@ impl<'a> Assumed<'a> {
         Self {
             amplitudes_per_m: vec![USUAL_CURVATURE_PER_M; frames],
             departure: DEPARTURE,
+            swing: 0.0,
             mountings,
             drift_rad: stated_drift_rad(input.setup),
             of_mounting: vec![DVector::zeros(3); frames],
         }
     }
 
-    /// With another frame's bending and shape's departure.
-    pub fn with(self, curvature_per_m: f64, departure: f64) -> Self {
-        Self { amplitudes_per_m: vec![amplitude(curvature_per_m)], departure, ..self }
+    /// With another frame's bending.
+    pub fn bent(self, curvature_per_m: f64) -> Self {
+        Self { amplitudes_per_m: vec![amplitude(curvature_per_m)], ..self }
+    }
+
+    /// With how far frames depart from the shared shape, by other loads and by swings.
+    pub fn departing(self, departure: f64, swing: f64) -> Self {
+        Self { departure, swing, ..self }
     }
 
     /// Takes over what a solution says of a frame.

@@ -65,8 +65,7 @@ impl<'a> Flight<'a> {
                 blocks.push(image_block(seen));
             }
         }
-        let departure_per_m = self.assumed.departure * self.assumed.amplitudes_per_m[frame];
-        blocks.push(SharedShape::block(layout.curvature_terms, departure_per_m));
+        blocks.push(SharedShape::block(layout.curvature_terms, &self.assumed, frame));
         let mut local = DVector::zeros(layout.local);
         if let Some(fit) = from {
             local.copy_from(&fit.groups[frame].local);

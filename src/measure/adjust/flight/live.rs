@@ -14,6 +14,7 @@ mod state;
 mod words;
 
 use self::attempt::Attempt;
+use self::departure::Departure;
 use self::first::{Begun, first};
 use self::state::{State, Step};
 use self::words::{contradiction, remarks};
@@ -88,8 +89,8 @@ impl Live {
         let mountings = Mountings::of_one(options.mountings.as_deref());
         let assumed = Assumed::at_first(&input, frames.len(), mountings);
         let assumed = match after {
-            Some(state) => assumed.with(state.local[0], state.departure.value()),
-            None => assumed,
+            Some(state) => state.departure.taken(assumed.bent(state.local[0])),
+            None => Departure::assumed().taken(assumed),
         };
         Flight::new(input, frames, assumed)
     }

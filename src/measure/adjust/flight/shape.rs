@@ -1,14 +1,18 @@
 //! The shape of bending that a flight's frames share, and how far a frame may leave it.
 //!
-//! `c_k = (r_k + progress * change_k + lever * shortening_k * (c_0 - middle)^2) c_0 + departure`, for every coefficient of
-//! the curvature from the second on.
+//! `c_k = (r_k + progress * change_k + lever * shortening_k * (a - middle)^2) a + departure`, for every coefficient of the curvature from
+//! the second on. The amplitude `a` is `c_0`; where frames swing, it is what of all coefficients bends the wing in its first mode: `c_0`
+//! has a part in a swing of the second mode, which would pass for a change of the shape with the load.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::assumed::Assumed;
+use super::assumed::{Assumed, USUAL_CURVATURE_PER_M};
 use crate::adjust::ground::Axis;
 use crate::adjust::layout::Layout;
-use crate::adjust::shapes::{RATIOS, burning_covariance, shape_covariance, shortening};
+use crate::adjust::shapes::{
+    Integrals, MAX_CURVATURE_TERMS, RATIOS, beyond_fleet_covariance, burning_covariance, first_mode_shares,
+    shape_covariance, shortening,
+};
 use crate::adjust::term::Columns;
 use crate::estimation::{Block, GroupPoint, Linearised, Prior};
 
@@ -22,6 +26,13 @@ const SMALLEST_RANGE: f64 = 0.1;
 /// turns with the wing.
 const VERTICAL_SHARE: f64 = 0.5;
 const VERTICAL_SHARE_SIGMA: f64 = 0.5;
+
+/// The amplitude where no frame swings.
+const FIRST_COEFFICIENT: Integrals = {
+    let mut first = [0.0; MAX_CURVATURE_TERMS];
+    first[0] = 1.0;
+    first
+};
 
 /// How much of the ratios' changes a frame has.
 #[derive(Clone, Debug)]
@@ -80,6 +91,8 @@ pub struct SharedShape {
     middle_per_m: f64,
     /// Where a frame stands between the two, -0.5 to 0.5.
     progress: Progress,
+    /// What of a frame's coefficients is its amplitude `a`.
+    amplitude: Integrals,
 }
 
 impl SharedShape {
@@ -97,7 +110,8 @@ impl SharedShape {
         let range = (high - low).max(SMALLEST_RANGE * high);
         let middle_per_m = 0.5 * (low + high);
         let progress = Progress::OfFrames(amplitudes.iter().map(|a| (a - middle_per_m) / range).collect());
-        Self { columns, shortening, middle_per_m, progress }
+        let amplitude = if assumed.swing > 0.0 { *first_mode_shares() } else { FIRST_COEFFICIENT };
+        Self { columns, shortening, middle_per_m, progress, amplitude }
     }
 
     /// The same for frames whose amplitude nobody knows before.
@@ -106,9 +120,17 @@ impl SharedShape {
     }
 
     /// A frame's departures, as observations.
-    pub fn block(terms: usize, departure_per_m: f64) -> Block {
-        let covariance = shape_covariance(terms) * (departure_per_m * departure_per_m);
-        Block { observed: DVector::zeros(terms - 1), covariance }
+    pub fn block(terms: usize, assumed: &Assumed, frame: usize) -> Block {
+        let [loads, swings] = Self::components(terms, assumed, frame);
+        Block { observed: DVector::zeros(terms - 1), covariance: loads + swings }
+    }
+
+    /// What the covariance of a frame's departures is the sum of: other loads, and swings.
+    pub fn components(terms: usize, assumed: &Assumed, frame: usize) -> [DMatrix<f64>; 2] {
+        let Assumed { departure, swing, .. } = assumed;
+        let loads = (departure * assumed.amplitudes_per_m[frame]).powi(2);
+        let swings = (swing * USUAL_CURVATURE_PER_M).powi(2);
+        [shape_covariance(terms) * loads, beyond_fleet_covariance(terms) * swings]
     }
 
     /// Conditions of the departures, less the derivatives that change.
@@ -118,7 +140,6 @@ impl SharedShape {
         let columns = (ratios..ratios + n).chain(changes..changes + n).chain([lever]).collect();
         let mut empty = Linearised::empty(n, columns, layout.local, n);
         empty.observations = -DMatrix::identity(n, n);
-        (0..n).for_each(|k| empty.local[(k, k + 1)] = 1.0);
         empty
     }
 
@@ -132,7 +153,9 @@ impl SharedShape {
     ) {
         let n = layout.curvature_terms - 1;
         let ShapeColumns { ratios, changes, lever } = self.columns;
-        let (amplitude, lever) = (at.local[0], at.global[lever]);
+        let by: Vec<f64> = self.amplitude.iter().take(n + 1).copied().collect();
+        let amplitude: f64 = by.iter().zip(at.local.iter()).map(|(by, c)| by * c).sum();
+        let lever = at.global[lever];
         let off = amplitude - self.middle_per_m;
         let (progress, grows) = match &self.progress {
             Progress::OfFrames(list) => (list[at.group], 0.0),
@@ -144,7 +167,9 @@ impl SharedShape {
             let change = at.global[changes + k];
             let ratio = at.global[ratios + k] + progress * change + lever * shortened;
             out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
-            out.local[(k, 0)] = -ratio - (grows * change + lever * by_amplitude) * amplitude;
+            let by_all = -ratio - (grows * change + lever * by_amplitude) * amplitude;
+            by.iter().enumerate().for_each(|(j, by)| out.local[(k, j)] = by_all * by);
+            out.local[(k, k + 1)] += 1.0;
             out.global[(k, k)] = -amplitude;
             out.global[(k, n + k)] = -amplitude * progress;
             out.global[(k, 2 * n)] = -amplitude * shortened;

@@ -37,15 +37,31 @@ pub fn bounded_departure(departure: f64) -> f64 {
 }
 
 impl Solved {
-    /// What a frame's departures from the shared shape show.
-    pub fn departure_shown(&self, frame: usize) -> Option<Shown> {
+    /// Covariance of a frame's departures from the shared shape.
+    fn departures(&self, frame: usize) -> &DMatrix<f64> {
+        let block = self.setting.members[frame].len();
+        &self.setting.problem.groups[frame].blocks[block].covariance
+    }
+
+    /// What a frame's departures from the shared shape show of parts of their covariance (Förstner's estimate of variance
+    /// components; of one part Koch's).
+    pub fn departure_shown<const N: usize>(
+        &self,
+        frame: usize,
+        parts: [&DMatrix<f64>; N],
+    ) -> Option<[Shown; N]> {
         let Self { setting, fit, .. } = self;
         let block = setting.members[frame].len();
-        let factor = setting.problem.groups[frame].blocks[block].covariance.clone().cholesky()?;
-        let residuals = &fit.groups[frame].blocks[block].residuals;
-        let adjusted = factor.solve(&fit.adjusted_covariance(frame, block));
-        let redundancy = residuals.len() as f64 - adjusted.trace();
-        Some(Shown { square: residuals.dot(&factor.solve(residuals)), redundancy })
+        let covariance = self.departures(frame);
+        let factor = covariance.clone().cholesky()?;
+        let weighted = factor.solve(&fit.groups[frame].blocks[block].residuals);
+        let of_residuals = covariance - fit.adjusted_covariance(frame, block);
+        let weights = factor.solve(&factor.solve(&of_residuals).transpose());
+        let shown = |part: &DMatrix<f64>| Shown {
+            square: weighted.dot(&(part * &weighted)),
+            redundancy: part.component_mul(&weights).sum(),
+        };
+        Some(parts.map(shown))
     }
 
     /// A frame's rotation about what its mounting's frames have in common, and the gradient that picks it.
@@ -86,7 +102,8 @@ impl Flight<'_> {
     pub fn tune(&mut self, mut last: Solved, rounds: usize) -> Result<Solved, AdjustError> {
         for round in 1..=rounds {
             let (mut omega, mut redundancy) = (0.0, 0.0);
-            for shown in (0..self.frames.len()).filter_map(|frame| last.departure_shown(frame)) {
+            let shown = |frame: usize| last.departure_shown(frame, [last.departures(frame)]);
+            for [shown] in (0..self.frames.len()).filter_map(shown) {
                 omega += shown.square;
                 redundancy += shown.redundancy;
             }

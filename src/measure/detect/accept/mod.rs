@@ -5,6 +5,7 @@ pub mod consistency;
 pub mod correlated;
 pub mod dirt;
 pub mod found;
+pub mod lost_contrast;
 pub mod options;
 pub mod pattern;
 pub mod verdict;

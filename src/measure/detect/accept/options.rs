@@ -173,6 +173,17 @@ numbers! {
         floor: f64 = 0.3,
     }
 
+    /// Contrast that quadrants have lost against the frame's others.
+    LOST: LostContrastOptions {
+        /// Quadrants that tell what is usual. Chosen: of fewer one decides.
+        least: usize = 4,
+        /// Share that is chance. Derived: on the clear frames of five rendered sets quadrants' darkness lies up to 0.09 below the
+        /// upper quartile of their frame.
+        chance: f64 = 0.1,
+        /// Quadrants that must have lost some for all of the frame's markers to be doubted: on one something may lie.
+        several: usize = 2,
+    }
+
     /// Which of two answers for one thing is kept.
     BETTER: BetterOptions {
         /// Size of one over the other's, products of their semi-axes, from which on the smaller one is a part: a decal or glare that

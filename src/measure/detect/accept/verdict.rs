@@ -46,6 +46,8 @@ pub struct Measured {
     pub blur: f64,
     /// Contrast over the grey of white or skin.
     pub darkness: f64,
+    /// Share of the light that black takes away.
+    pub dark: f64,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub correlation: f64,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
@@ -65,8 +67,8 @@ impl Measured {
     /// A whole marker of a test.
     #[cfg(test)]
     pub fn whole(detection: Detection) -> Self {
-        let (blur, darkness, correlation, length) = (1.5, 0.6, 1.0, 0.0);
-        Self { detection, blur, darkness, correlation, length, through_glare: false, is_whole: true }
+        let (blur, darkness, dark, correlation, length) = (1.5, 0.6, 0.87, 1.0, 0.0);
+        Self { detection, blur, darkness, dark, correlation, length, through_glare: false, is_whole: true }
     }
 }
 
@@ -110,6 +112,7 @@ pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> 
         },
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
+        dark: m[DARK],
         correlation: fit.correlation,
         length: if is_disc { fit.covariance[(MAJOR, MAJOR)].max(0.0).sqrt() } else { 0.0 },
         through_glare: false,

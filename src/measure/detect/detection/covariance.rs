@@ -28,6 +28,8 @@ pub enum Source {
     SaturatedEnd,
     /// What lies on the skin beside an edge or across it, as dirt that the air draws along a disc, a streak, another light.
     Beside,
+    /// What takes contrast from quadrants, as frost, drops and dirt on the pane: light that comes another way.
+    LostContrast,
     /// A thin disc is longer or shorter than its neighbours predict.
     NeighbourLength,
     /// A disc is thinner than the one beside it, whose decal may hide a part of it.

@@ -37,9 +37,11 @@ impl Detection {
         Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad }
     }
 
-    /// Sum of the place's variances, px^2, without what is for things beside it.
+    /// Sum of the place's variances, px^2, without what is for things beside it and before it.
     pub(super) fn variance(&self) -> f64 {
-        self.covariance_px2.trace() - self.covariance_px2.of(Source::Beside).trace()
+        let foreign =
+            [Source::Beside, Source::LostContrast].map(|source| self.covariance_px2.of(source).trace());
+        self.covariance_px2.trace() - foreign.iter().sum::<f64>()
     }
 }
 
@@ -131,6 +133,8 @@ pub struct Detections {
     pub noise: f64,
     /// By how much the markers' variances were raised because residuals hang together, as JPEG leaves them; at least 1.
     pub inflation: f64,
+    /// By how much any place is doubted because several quadrants have lost contrast, px.
+    pub lost_contrast_px: f64,
     /// How the frame was sharpened, where its markers show that.
     pub overshoot: Option<Overshoot>,
 }

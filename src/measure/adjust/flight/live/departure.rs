@@ -1,6 +1,7 @@
 //! How far a frame's shape leaves the one that frames share, learnt as they come.
 
-use crate::adjust::flight::assumed::DEPARTURE;
+use crate::adjust::flight::assumed::{Assumed, DEPARTURE};
+use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::Solved;
 use crate::adjust::flight::tuning::{Shown, bounded_departure};
 
@@ -8,30 +9,44 @@ use crate::adjust::flight::tuning::{Shown, bounded_departure};
 const DEPARTURE_MEMORY_S: f64 = 600.0;
 /// The departure to begin with counts as so many observations: with fewer, the first frames' chance would rule.
 const DEPARTURE_WEIGHT: f64 = 2.0;
+/// A swing to begin with, a share of what no fleet explains: 1 mm at the tip of 30 m in the second mode.
+const SWING: f64 = 0.05;
+/// Bounds of it: 0.05 mm, below what any frame shows, and 80 mm.
+const SWING_BOUNDS: (f64, f64) = (0.002, 3.0);
 
-/// Sums that the departure from the shared shape is learnt from.
+/// Sums that the departures from the shared shape are learnt from.
 #[derive(Clone, Copy, Debug)]
 pub struct Departure {
-    square: f64,
-    redundancy: f64,
+    loads: Shown,
+    swings: Shown,
 }
 
 impl Departure {
     /// Before the first frame.
     pub fn assumed() -> Self {
-        Self { square: DEPARTURE_WEIGHT * DEPARTURE * DEPARTURE, redundancy: DEPARTURE_WEIGHT }
+        let of =
+            |share: f64| Shown { square: DEPARTURE_WEIGHT * share * share, redundancy: DEPARTURE_WEIGHT };
+        Self { loads: of(DEPARTURE), swings: of(SWING) }
     }
 
-    /// As a share of the usual width of shapes.
-    pub fn value(&self) -> f64 {
-        bounded_departure((self.square / self.redundancy).sqrt())
+    /// Takes for granted of the next frame what is learnt.
+    pub fn taken<'a>(&self, assumed: Assumed<'a>) -> Assumed<'a> {
+        let share = |Shown { square, redundancy }: Shown| (square / redundancy).sqrt();
+        let (least, most) = SWING_BOUNDS;
+        assumed.departing(bounded_departure(share(self.loads)), share(self.swings).clamp(least, most))
     }
 
-    /// Adds this share of what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
-    pub fn learn(&mut self, solved: &Solved, used: f64, elapsed_s: f64, share: f64) {
-        let Some(Shown { square, redundancy }) = solved.departure_shown(0) else { return };
+    /// Adds this share of what a frame's departures show, solved with what was `assumed`.
+    pub fn learn(&mut self, solved: &Solved, assumed: &Assumed, elapsed_s: f64, share: f64) {
+        let terms = solved.setting.layouts[0].curvature_terms;
+        let [loads, swings] = SharedShape::components(terms, assumed, 0);
+        let Some([of_loads, of_swings]) = solved.departure_shown(0, [&loads, &swings]) else { return };
         let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        self.square = self.square * kept + share * square * used * used;
-        self.redundancy = self.redundancy * kept + share * redundancy;
+        let add = |sum: &mut Shown, shown: Shown, used: f64| {
+            sum.square = sum.square * kept + share * shown.square * used * used;
+            sum.redundancy = sum.redundancy * kept + share * shown.redundancy;
+        };
+        add(&mut self.loads, of_loads, assumed.departure);
+        add(&mut self.swings, of_swings, assumed.swing);
     }
 }

@@ -119,7 +119,7 @@ impl State {
         if let Some(before) = before.filter(|_| share < 1.0) {
             fade(&mut next.known, before, share)?;
         }
-        next.departure.learn(&attempt.solved, flight.assumed.departure, elapsed_s, share);
+        next.departure.learn(&attempt.solved, &flight.assumed, elapsed_s, share);
         Ok(next)
     }
 

@@ -1,0 +1,205 @@
+//! The Huffman codes of a sequential scan (ITU-T T.81, F.2.2), of blocks that are wanted and of those that are passed over: of
+//! the latter only where each ends, and luma's mean, on which the next block's rests.
+
+use libjpeg_turbo_rs::JpegError;
+use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
+use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
+
+use super::coefficients::{out_of_step, signed};
+
+/// Coefficients of a block.
+const ALL: usize = 64;
+/// Bits of the coded data that are looked at together.
+const AHEAD: u32 = 12;
+/// No code and its number together have more bits.
+const LONGEST: u32 = 32;
+/// Of a symbol that is no coefficient: so many zeros. Any other ends the block.
+const ZEROS: u8 = 0xf0;
+
+/// Coded bytes without what is stuffed between them.
+pub fn unstuffed(coded: &[u8], into: &mut Vec<u8>) {
+    into.clear();
+    let mut rest = coded;
+    while let Some(at) = memchr::memchr(0xff, rest) {
+        let (own, more) = rest.split_at(at + 1);
+        into.extend_from_slice(own);
+        rest = more.get(1..).unwrap_or_default();
+    }
+    into.extend_from_slice(rest);
+}
+
+/// The codes of a component's coefficients, with what several of them come to.
+pub struct Table<'a> {
+    one: &'a HuffmanTable,
+    several: Vec<Several>,
+}
+
+/// Whole codes at the head of some bits: how many bits they and their numbers have, how many coefficients they tell, and whether
+/// the block ends then. Without any bits where the first is not whole.
+#[derive(Clone, Copy, Default)]
+struct Several {
+    bits: u8,
+    told: u8,
+    ends: bool,
+}
+
+impl<'a> Table<'a> {
+    /// For a scan.
+    pub fn new(one: &'a HuffmanTable) -> Self {
+        Self { one, several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
+    }
+}
+
+impl Several {
+    fn of(table: &HuffmanTable, bits: u32) -> Self {
+        let mut out = Self::default();
+        let known = AHEAD as u8;
+        while !out.ends && out.bits < known {
+            let ahead = (bits << (16 - AHEAD) << out.bits) as u16;
+            let Ok((symbol, length)) = table.lookup(ahead) else { break };
+            let (zeros, size) = (symbol >> 4, symbol & 15);
+            let bits = out.bits + length + size;
+            if bits > known {
+                break;
+            }
+            (out.bits, out.ends) = (bits, size == 0 && symbol != ZEROS);
+            out.told += if out.ends { 0 } else { zeros + 1 };
+        }
+        out
+    }
+}
+
+/// Coded data that are read; ones follow their end. No code is all ones (ITU-T T.81, C), so that data which end early are an
+/// error and not grey blocks.
+pub struct Codes<'a> {
+    data: &'a [u8],
+    /// Bytes that were taken, also beyond the end.
+    at: usize,
+    /// The bits that were taken and not read, the first in the highest place, and how many they are; what stands after them is
+    /// taken once more.
+    ahead: u64,
+    left: u32,
+}
+
+impl<'a> Codes<'a> {
+    /// From the start of an interval's data, without stuffed bytes.
+    pub fn new(data: &'a [u8]) -> Self {
+        Self { data, at: 0, ahead: 0, left: 0 }
+    }
+
+    /// Bits that were not read; negative beyond the end.
+    pub fn bits_left(&self) -> i64 {
+        8 * (self.data.len() as i64 - self.at as i64) + i64::from(self.left)
+    }
+
+    /// At least [`LONGEST`] bits.
+    #[inline(always)]
+    fn fill(&mut self) {
+        if self.left < LONGEST {
+            let next = match self.data.get(self.at..).and_then(|rest| rest.first_chunk()) {
+                Some(eight) => u64::from_be_bytes(*eight),
+                None => self.last(),
+            };
+            self.ahead |= next >> self.left;
+            let bytes = (63 - self.left) / 8;
+            self.at += bytes as usize;
+            self.left += 8 * bytes;
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn last(&self) -> u64 {
+        let rest = self.data.get(self.at..).unwrap_or_default();
+        let mut eight = [u8::MAX; 8];
+        eight.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
+        u64::from_be_bytes(eight)
+    }
+
+    #[inline(always)]
+    fn pass(&mut self, bits: u32) {
+        self.ahead <<= bits;
+        self.left -= bits;
+    }
+
+    /// The next symbol.
+    #[inline(always)]
+    fn symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
+        self.fill();
+        let (symbol, length) = table.lookup((self.ahead >> 48) as u16)?;
+        self.pass(u32::from(length));
+        Ok(symbol)
+    }
+
+    /// The number of `size` bits that follows its symbol.
+    #[inline(always)]
+    fn number(&mut self, size: u8) -> i16 {
+        let bits = (self.ahead >> 48 >> (16 - u32::from(size))) as u16;
+        self.pass(u32::from(size));
+        signed(bits, size)
+    }
+
+    /// By how much the block's mean differs from the last one's.
+    #[inline(always)]
+    pub fn mean(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
+        match self.symbol(table)? {
+            0 => Ok(0),
+            size @ 1..=15 => Ok(self.number(size)),
+            _ => Err(out_of_step()),
+        }
+    }
+
+    /// The block's other coefficients.
+    #[inline(always)]
+    pub fn coefficients(&mut self, table: &Table, block: &mut [i16; ALL]) -> Result<(), JpegError> {
+        let mut k = 1;
+        while k < ALL {
+            self.fill();
+            let ahead = (self.ahead >> 48) as u16;
+            let (whole, mut symbol, mut length) = table.one.lookup_combined(ahead);
+            // Code and number at once: total bits, zeros, the number.
+            let (zeros, number) = if whole != 0 {
+                self.pass((whole & 15) as u32);
+                (usize::from((whole >> 4) as u16 & 15), whole >> 8)
+            } else {
+                if length == 0 {
+                    (symbol, length) = table.one.lookup(ahead)?;
+                }
+                self.pass(u32::from(length));
+                match symbol & 15 {
+                    0 if symbol == ZEROS => {
+                        k += 16;
+                        continue;
+                    }
+                    0 => return Ok(()),
+                    size => (usize::from(symbol >> 4), self.number(size)),
+                }
+            };
+            k += zeros;
+            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? = number;
+            k += 1;
+        }
+        if k == ALL { Ok(()) } else { Err(out_of_step()) }
+    }
+
+    /// The same, of which nothing is wanted.
+    #[inline(always)]
+    pub fn pass_over(&mut self, table: &Table) -> Result<(), JpegError> {
+        let mut k = 1;
+        while k < ALL {
+            self.fill();
+            let Several { bits, told, ends } = table.several[(self.ahead >> (64 - AHEAD)) as usize];
+            let then = k + usize::from(told);
+            // Whole codes of this block alone.
+            if bits > 0 && then + usize::from(ends) <= ALL {
+                self.pass(u32::from(bits));
+                k = if ends { ALL } else { then };
+                continue;
+            }
+            let symbol = self.symbol(table.one)?;
+            self.pass(u32::from(symbol & 15));
+            k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
+        }
+        if k == ALL { Ok(()) } else { Err(out_of_step()) }
+    }
+}

@@ -1,0 +1,143 @@
+//! Promise: `wingd stress --live` counts cycles where live results tell them, and says where they do not: frames that were skipped, a
+//! hole of twenty minutes. (Through the recorder, with rendered frames: tests/live/stress.py.)
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use wingd::store::{Column, Kind, LiveTable, RealDisk, Row, Store, StoreConfig, catalogue, live};
+
+use crate::common::report_store::stamp;
+use crate::program::{run, stdout};
+
+const STRUCTURE: &str = "s_m,ei_n_m2,sigma_ei_n_m2\n3,1e9,0\n8,4e8,0\n";
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn table(provenance: &Value) -> LiveTable {
+    let column = |name: &str, unit: &str, kind, width| {
+        let (name, unit) = (name.to_owned(), unit.to_owned());
+        Column { name, unit, kind, width }
+    };
+    let columns = vec![
+        column(live::names::UTC, wingd::store::columns::UTC, Kind::U64, 1),
+        column(live::names::SINCE_BOOT, "s", Kind::F64, 1),
+        column(live::names::NUMBER, "", Kind::U32, 1),
+        column(live::names::CURVATURE, "1/m", Kind::F64, 2),
+        column(live::names::CURVATURE_COVARIANCE, "1/m2", Kind::F64, 3),
+    ];
+    LiveTable { source: json!({"provenance": provenance}), columns }
+}
+
+/// Curvature that swings, of a known size; ten rows a second.
+fn row(n: u32, hz: f64) -> Row {
+    let s = f64::from(n) / 10.0;
+    let swing = 1.0 + 0.5 * (std::f64::consts::TAU * hz * s).sin();
+    vec![1.772e15 + 1e6 * s, 100.0 + s, f64::from(n), 4e-3 * swing, -1e-3 * swing, 1e-12, 0.0, 1e-12]
+}
+
+fn with_flight(store: &Store, provenance: &Value, rows: &[Row]) {
+    store.want_new_flight();
+    for block in rows.chunks(20) {
+        store.append_live(&table(provenance), block, &stamp((block[0][1] - 100.0) as u64)).unwrap();
+    }
+    store.close_live().unwrap();
+}
+
+/// A demonstration's store, whose installation and provenance are there, with a flight of such rows.
+struct Flown {
+    dir: tempfile::TempDir,
+    store: Store,
+    provenance: Value,
+}
+
+impl Flown {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        stdout(&["demo", "--output", text(&dir.path().join("demo"))]);
+        std::fs::write(dir.path().join("structure.csv"), STRUCTURE).unwrap();
+        let root = dir.path().join("demo/store");
+        let flight = catalogue::flights(&RealDisk, &root).unwrap().remove(0);
+        let series = catalogue::series(&RealDisk, &flight).unwrap().remove(0);
+        let provenance = json!(catalogue::results(&RealDisk, &series).unwrap().remove(0).provenance);
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(&root) };
+        let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
+        Self { dir, store, provenance }
+    }
+
+    fn fly(&self, rows: &[Row]) {
+        with_flight(&self.store, &self.provenance, rows);
+    }
+
+    /// What is said of the last flight, and beside it.
+    fn stress(&self, hz: &str) -> (Value, String) {
+        let (root, structure) = (self.dir.path().join("demo/store"), self.dir.path().join("structure.csv"));
+        let asked = ["stress", text(&root), "--live", "--structure", text(&structure), "--json"];
+        let output = run(&[&asked[..], &["--bending-hz", hz]].concat());
+        let line = output.stdout.trim_ascii().rsplit(|byte| *byte == b'\n').next().unwrap();
+        crate::json_schemas::holds("stress", line);
+        (serde_json::from_slice(line).unwrap(), String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+}
+
+/// As many cycles as swings, of the moment's range.
+#[test]
+fn stress_counts_the_cycles_of_live_results() {
+    let flown = Flown::new();
+    let mut rows: Vec<Row> = (0..300).map(|n| row(n, 1.0)).collect();
+    rows[77][3] = f64::NAN;
+    flown.fly(&rows);
+    let (load, said) = flown.stress("0.5");
+    assert!(said.contains(": 1 live results were not solved"), "{said}");
+    assert_eq!(
+        (&load["frames"], &load["no_cycles_because"], &load["live"]),
+        (&json!(299), &Value::Null, &json!(true))
+    );
+    let station = &load["stations"][0];
+    let cycles: Vec<(f64, f64)> = station["cycles"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| (c["range_n_m"].as_f64().unwrap(), c["count"].as_f64().unwrap()))
+        .collect();
+    let (most, least) = (&station["greatest"]["moment_n_m"], &station["smallest"]["moment_n_m"]);
+    let swing = most.as_f64().unwrap() - least.as_f64().unwrap();
+    let swings: f64 =
+        cycles.iter().filter(|(range, _)| (range - swing).abs() < 1e-6 * swing).map(|(_, n)| n).sum();
+    assert!((28.0..=30.0).contains(&swings), "{swings} of {cycles:?}");
+    let ratio = most.as_f64().unwrap() / least.as_f64().unwrap();
+    let sampled = 0.5 * (0.3 * std::f64::consts::TAU).sin();
+    assert!((ratio - (1.0 + sampled) / (1.0 - sampled)).abs() < 1e-6, "{ratio}");
+    let slow = flown.stress("3").0;
+    assert!(slow["no_cycles_because"].as_str().unwrap().contains("frames a second tell no cycles"), "{slow}");
+}
+
+#[test]
+fn gaps_of_live_results_are_said_and_their_damage_is_in_its_sigma() {
+    const TWENTY_MINUTES: u32 = 12_000;
+    // No frame is always at the same place of a swing.
+    const SWINGS_HZ: f64 = 0.97;
+    let rows =
+        |numbers: &mut dyn Iterator<Item = u32>| -> Vec<Row> { numbers.map(|n| row(n, SWINGS_HZ)).collect() };
+    // Every 33rd frame is skipped; or the camera is gone for twenty minutes of half an hour.
+    let skipped = rows(&mut (0..3000).filter(|n| n % 33 != 7));
+    let hole = rows(&mut (0..3000).chain(3000 + TWENTY_MINUTES..6000 + TWENTY_MINUTES));
+    // Swings from 0.5 to 1.5, the flight from 0 to 1.5 and back: by hand.
+    let damage = |seconds: f64| 1.0 + (seconds * SWINGS_HZ - 1.0) * (1.0_f64 / 1.5).powi(3);
+    for (rows, seconds, gaps, longest_s) in [(skipped, 300.0, 91, 0.2), (hole, 1800.0, 1, 1200.1)] {
+        let flown = Flown::new();
+        flown.fly(&rows);
+        let (load, _) = flown.stress("0.97");
+        let said = &load["gaps"];
+        assert_eq!((&load["no_cycles_because"], &said["count"]), (&Value::Null, &json!(gaps)), "{said}");
+        assert!((said["longest_s"].as_f64().unwrap() - longest_s).abs() < 0.01, "{said}");
+        let of_slope_3 = &load["stations"][0]["damage"][0];
+        let of = |name: &str| of_slope_3[name].as_f64().unwrap();
+        let off = (of("relative") - damage(seconds)) / of("sigma_relative");
+        // The time that is not told is taken to be like the other, as it is here: what it does is one standard deviation.
+        let told = if gaps == 1 { -1.05..-0.95 } else { -1.0..1.0 };
+        assert!(of("slope") == 3.0 && told.contains(&off), "{off} of {of_slope_3}, {}", damage(seconds));
+    }
+}
