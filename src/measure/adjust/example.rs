@@ -5,7 +5,8 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::geometry::Lens;
 use crate::setup::{
-    GroundSight, Orientation, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal, Uncertainty,
+    Air, GroundSight, Orientation, Pane, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal, Uncertainty,
+    Window,
 };
 
 /// Nine markers on 30 m.
@@ -61,4 +62,22 @@ pub fn orientation() -> Orientation {
         covariance_px2: Matrix2::identity(),
     };
     Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(sight).collect() }
+}
+
+/// A bowed pane in flight.
+pub fn window() -> Window {
+    let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
+    let pane = Pane {
+        thickness_m: 0.0145,
+        thickness_sigma_m: 1e-3,
+        index: 1.49,
+        index_sigma: 0.01,
+        normal_sigma_rad: 0.02,
+        bow_radius_m: Some(3.0),
+        bow_sigma: 0.25,
+        distance_m: 0.15,
+        same_on_ground: false,
+    };
+    let normal = Some(Vector3::new(1.0, 0.15, 0.1).normalize());
+    Window { normal, cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) }
 }

@@ -44,7 +44,9 @@ pub struct Fit {
     pub global: DVector<f64>,
     /// Their covariance, a priori (variance factor 1).
     pub covariance: DMatrix<f64>,
-    /// Its inverse: the normal matrix.
+    /// Their answer to the right side of the normal equations.
+    pub(super) response: DMatrix<f64>,
+    /// Its inverse: the normal matrix, where that is near the second derivatives.
     pub information: DMatrix<f64>,
     /// The groups.
     pub groups: Vec<GroupFit>,

@@ -16,7 +16,8 @@
 //! | subject | file |
 //! |---|---|
 //! | observations, conditions, priors | `problem.rs`, `prior.rs` |
-//! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `system.rs`, `solve.rs`, `fit.rs` |
+//! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `state.rs`, `system.rs`, `solve.rs`, `secants.rs`, `fit.rs` |
+//! | what the noise of many groups' own parameters feigns | `second.rs` |
 //! | few shared parameters of a fixed number, thousands of points | `arrow.rs` |
 //! | global test, redundancy, w, minimal detectable bias | `quality.rs` |
 //! | what a variance comes from | `shares.rs` |
@@ -35,9 +36,12 @@ mod prior;
 mod problem;
 pub mod quality;
 pub mod robust;
+mod secants;
+mod second;
 mod shares;
 mod solve;
 mod stack;
+mod state;
 mod system;
 
 pub use components::{Components, VarianceComponent, VarianceGroup, variance_components};

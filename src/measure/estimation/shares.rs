@@ -151,10 +151,10 @@ impl<'a> Sources<'a> {
         by.columns.iter().enumerate().for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
         let local = by.local.column(0);
         if local.is_empty() {
-            return Answer { global: &self.fit.covariance * function, local: DVector::zeros(0) };
+            return Answer { global: &self.fit.response * function, local: DVector::zeros(0) };
         }
         function += solved.sensitivity.tr_mul(&local);
-        let global = &self.fit.covariance * function;
+        let global = &self.fit.response * function;
         Answer { local: &solved.sensitivity * &global + &solved.conditional * local, global }
     }
 

@@ -1,4 +1,4 @@
-//! The iteration: Gauss's steps, relaxed where they repeat themselves; where two of them lead up (Chamberlain et al. 1982),
+//! The iteration: Gauss's steps, corrected by what the steps behind show; where two of them lead up (Chamberlain et al. 1982),
 //! shortened and at last damped.
 
 use nalgebra::{DMatrix, DVector};
@@ -6,12 +6,17 @@ use nalgebra::{DMatrix, DVector};
 use super::error::EstimationError;
 use super::fit::Fit;
 use super::problem::{GroupPoint, Linearised, Point, Problem};
-use super::system::{State, System, residual_change};
+use super::secants::Secants;
+use super::second;
+use super::state::{State, residual_change};
+use super::system::System;
 
 /// The usual flight takes some twenty; one of a short wing whose frames all lack markers in glare took more than sixty.
 const MAX_ITERATIONS: usize = 400;
 /// Squared length of the last step in standard deviations, and of the unclosed conditions.
 const CONVERGED: f64 = 1e-10;
+/// The same where steps follow those behind: the last one is no measure of what it leaves.
+const CLOSELY: f64 = 1e-12;
 /// The same for a solution that only decides what the next one looks like: the last step is a tenth
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
@@ -20,15 +25,18 @@ const ROUGH: f64 = 1e-2;
 /// thousandth of a standard deviation, after more of them a hundredth and at last a tenth, which is half a percent of a
 /// variance: a damped one may be as short on its way along a valley.
 const LATE: [(usize, f64); 3] = [(60, 1e-6), (120, 1e-4), (180, 1e-2)];
-/// A step that leads up is tried again at such a share of its length: it points down, and what Gauss's method leaves out of the
-/// second derivatives makes it too long. Damping would turn it away from what little tells, and creep.
-const SHORTER: f64 = 0.25;
+/// A step that leads up is tried again at such a share of its length: it points down, and what is left out of the second
+/// derivatives makes it too long. Damping would turn it away from what little tells, and creep.
+const USUALLY_SHORTER: f64 = 0.25;
+/// The same at least and at most, where a parabola tells it.
+const SHORTER: (f64, f64) = (0.1, 0.5);
+/// Damping beyond which nothing leads down.
+const MOST_DAMPING: f64 = 1e12;
 /// Share of a step below which its direction is no longer believed, and it is damped.
 const SHORTEST: f64 = 0.01;
-/// Rise of the sum of squares that a step may cause, over the sum that is still open.
-const OPEN_SHARE: f64 = 0.1;
-/// Relative rise of the sum of squares that rounding may cause.
-const ROUNDING: f64 = 1e-9;
+/// Where the groups' own parameters alone have more to gain than such a share of what a whole step gains, they settle first:
+/// only then is the global right side the gradient of what is left.
+const UNSETTLED: f64 = 0.1;
 
 /// Minimises the problem. `linearise` gives a block's conditions at a point.
 pub fn solve(
@@ -75,69 +83,159 @@ pub fn solve_from(
     course: &Course,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
 ) -> Result<Fit, EstimationError> {
-    let converged = if course.rough { ROUGH } else { CONVERGED };
-    let mut state = State::start(problem, course.residuals);
-    let mut next = state.clone();
-    let mut system = System::new(problem)?;
-    system.assemble(problem, &state, &linearise)?;
-    let (mut damping, mut length) = (0.0, 1.0);
-    let mut relaxation = Relaxation::default();
-    // Where a whole step led up from, and the sum of squares that the next one must not pass.
-    let mut astray: Option<(State, f64)> = None;
+    let mut way = Way::begin(problem, course, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
-        let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
-        if let Some(enough) = late.filter(|enough| system.unclosed <= *enough) {
-            let undamped = system.step(problem, 0.0)?;
-            if undamped.dot(&(&system.normal * &undamped)) <= enough {
-                return system.finish(problem, state, iteration);
-            }
+        if way.step(iteration)? {
+            let second = if course.rough { None } else { way.second_derivative()? };
+            return way.system.finish(problem, way.state, iteration, second);
         }
-        let step = system.step(problem, damping)?;
-        // A damped step says nothing of others.
-        let step = if damping > 0.0 { step } else { relaxation.of(step, &system.normal, length) };
-        system.moved(problem, &state, &step, &mut next);
-        let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
-        // By what a whole step would move.
-        let settled = moved <= converged * length * length;
-        // The sum of squares holds to first order in the conditions that are still open, and rounding
-        // lets it waver far below what a standard deviation can tell.
-        let here = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
-        let limit = astray.as_ref().map_or(here, |(_, limit)| *limit);
-        let tried = system.assemble(problem, &next, &linearise);
-        let exists = tried.is_ok() && system.omega.is_finite();
-        let led_up = system.omega > limit && (!settled || astray.is_some());
-        if exists && led_up && astray.is_none() && damping == 0.0 && length == 1.0 {
-            // A valley that bends: the next step may lead back to its floor, and farther down (the watchdog technique).
-            relaxation = Relaxation::default();
-            std::mem::swap(&mut state, &mut next);
-            astray = Some((next.clone(), limit));
-            continue;
-        }
-        if !exists || led_up {
-            relaxation = Relaxation::default();
-            if let Some((before, _)) = astray.take() {
-                state = before;
-            }
-            if damping == 0.0 && SHORTER * length >= SHORTEST {
-                length *= SHORTER;
-            } else {
-                (damping, length) = (if damping == 0.0 { 1e-3 } else { damping * 10.0 }, 1.0);
-            }
-            if damping > 1e12 {
-                return Err(tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration }));
-            }
-            system.assemble(problem, &state, &linearise)?;
-            continue;
-        }
-        std::mem::swap(&mut state, &mut next);
-        astray = None;
-        length = 1.0;
-        if settled && system.unclosed <= converged {
-            return system.finish(problem, state, iteration);
-        }
-        damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
     }
     Err(EstimationError::NoConvergence { iterations: MAX_ITERATIONS })
+}
+
+/// A solution on its way.
+struct Way<'a, L> {
+    problem: &'a Problem,
+    linearise: L,
+    converged: f64,
+    state: State,
+    /// Room for the next one.
+    next: State,
+    /// At the state.
+    system: System,
+    damping: f64,
+    /// Share of the next step that is gone.
+    length: f64,
+    relaxation: Relaxation,
+    secants: Secants,
+    /// Whether the last step was of the groups' own parameters alone.
+    groups_alone: bool,
+    /// Where a whole step led up from, and the sum of squares that the next one must not pass.
+    astray: Option<(State, f64)>,
+}
+
+impl<'a, L> Way<'a, L>
+where
+    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+{
+    fn begin(problem: &'a Problem, course: &Course, linearise: L) -> Result<Self, EstimationError> {
+        let state = State::start(problem, course.residuals);
+        let mut system = System::new(problem)?;
+        system.assemble(problem, &state, &linearise)?;
+        Ok(Self {
+            problem,
+            linearise,
+            converged: if course.rough {
+                ROUGH
+            } else if system.several_own {
+                CLOSELY
+            } else {
+                CONVERGED
+            },
+            next: state.clone(),
+            state,
+            system,
+            damping: 0.0,
+            length: 1.0,
+            relaxation: Relaxation::default(),
+            secants: Secants::default(),
+            groups_alone: false,
+            astray: None,
+        })
+    }
+
+    /// One iteration. Whether the state is the solution.
+    fn step(&mut self, iteration: usize) -> Result<bool, EstimationError> {
+        let usual = self.system.step(self.problem, self.damping)?;
+        let undamped = if self.damping > 0.0 { &self.system.step(self.problem, 0.0)? } else { &usual };
+        let gain = undamped.dot(&self.system.right);
+        let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
+        if late.is_some_and(|enough| self.system.unclosed.max(gain) <= enough) {
+            return Ok(true);
+        }
+        let step = self.chosen(usual, gain)?;
+        let slope = step.dot(&self.system.right);
+        self.system.moved(self.problem, &self.state, &step, &mut self.next);
+        let changed = residual_change(self.problem, &self.state, &self.next);
+        let moved = step.dot(&(&self.system.normal * &step)) + changed;
+        // By what a whole step would move.
+        let settled = !self.groups_alone && moved <= self.converged * self.length * self.length;
+        let (here, slack) = (self.system.left(), self.system.slack());
+        let limit = self.astray.as_ref().map_or(here + slack, |(_, limit)| *limit);
+        let tried = self.system.assemble(self.problem, &self.next, &self.linearise);
+        let exists = tried.is_ok() && self.system.omega.is_finite();
+        if exists && (self.system.left() <= limit || settled && self.astray.is_none()) {
+            std::mem::swap(&mut self.state, &mut self.next);
+            self.astray = None;
+            if !self.groups_alone {
+                self.length = 1.0;
+                self.damping = if self.damping < 1e-6 { 0.0 } else { self.damping * 0.1 };
+            }
+            return Ok(settled && self.system.unclosed <= self.converged);
+        }
+        let is_plain = self.damping == 0.0 && self.length == 1.0 && self.secants.are_none();
+        if exists && is_plain && self.astray.is_none() && !self.groups_alone {
+            self.relaxation = Relaxation::default();
+            // A valley that bends: the next step may lead back to its floor, and farther down (the watchdog technique).
+            std::mem::swap(&mut self.state, &mut self.next);
+            self.astray = Some((self.next.clone(), limit));
+            return Ok(false);
+        }
+        let risen = exists.then(|| self.system.left() - here);
+        let error = || tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration });
+        if self.shorten(slope, risen) > MOST_DAMPING {
+            return Err(error());
+        }
+        self.system.assemble(self.problem, &self.state, &self.linearise)?;
+        Ok(false)
+    }
+
+    /// The next step, of which the usual one would lower the sum of squares by `gain`.
+    fn chosen(&mut self, usual: DVector<f64>, gain: f64) -> Result<DVector<f64>, EstimationError> {
+        self.groups_alone =
+            !self.groups_alone && self.system.unsettled > (UNSETTLED * gain).max(self.converged);
+        if self.groups_alone {
+            return Ok(usual * 0.0);
+        }
+        if self.damping > 0.0 {
+            // A damped step says nothing of others.
+            return Ok(usual);
+        }
+        // Where conditions hold observations, the right side is not the gradient.
+        if !self.system.several_own {
+            return Ok(self.relaxation.of(usual, &self.system.normal, self.length));
+        }
+        Ok(self.secants.step(&self.system, self.problem, &self.state.global)? * self.length)
+    }
+
+    /// Where the steps showed that the normal matrix is not near it, and amplitudes of many groups are behind that.
+    fn second_derivative(&self) -> Result<Option<DMatrix<f64>>, EstimationError> {
+        let Some(start) = self.secants.unlike(&self.system.normal) else { return Ok(None) };
+        second::derivative(&self.system, self.problem, &self.state, start, &self.linearise).map(Some)
+    }
+
+    /// Goes back behind a step that led up, and makes the next one shorter: by the parabola through both ends with the slope
+    /// at the first, and at last by damping, which it returns. `risen`: by what the sum of squares rose, where it exists.
+    fn shorten(&mut self, slope: f64, risen: Option<f64>) -> f64 {
+        let was_astray = self.astray.take().map(|(before, _)| self.state = before).is_some();
+        if self.groups_alone && !was_astray {
+            return self.damping;
+        }
+        self.relaxation = Relaxation::default();
+        let bent = risen
+            .filter(|_| self.system.several_own)
+            .map(|risen| risen + 2.0 * slope)
+            .filter(|bent| *bent > 0.0);
+        let shorter = bent.map_or(USUALLY_SHORTER, |bent| (slope / bent).clamp(SHORTER.0, SHORTER.1));
+        if self.damping == 0.0 && shorter * self.length >= SHORTEST {
+            self.length *= shorter;
+        } else {
+            self.secants.clear();
+            self.damping = if self.damping == 0.0 { 1e-3 } else { self.damping * 10.0 };
+            self.length = 1.0;
+        }
+        self.damping
+    }
 }
 
 /// Steps that repeat themselves, turning back or not, are too long or too short by a factor that two of them tell

@@ -8,54 +8,12 @@ use super::linear::{add_scaled, cholesky, dot, factor, invert_lower, singular};
 use super::prior::{add_prior, weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
 use super::stack::{BlockSystem, Room, Stack, Target};
+use super::state::State;
 
-/// Current values of everything unknown.
-#[derive(Clone)]
-pub(super) struct State {
-    global: DVector<f64>,
-    local: Vec<DVector<f64>>,
-    residuals: Vec<Vec<DVector<f64>>>,
-    /// Adjusted observations.
-    observed: Vec<Vec<DVector<f64>>>,
-}
-
-impl State {
-    pub(super) fn start(problem: &Problem, before: Option<&Fit>) -> Self {
-        let residuals = |(index, group): (usize, &Group)| -> Vec<DVector<f64>> {
-            let before = before.and_then(|fit| fit.groups.get(index));
-            let before = before.filter(|b| b.blocks.len() == group.blocks.len());
-            let of_block = |(k, block): (usize, &Block)| {
-                let old = before.map(|b| &b.blocks[k].residuals).filter(|v| v.len() == block.observed.len());
-                old.cloned().unwrap_or_else(|| DVector::zeros(block.observed.len()))
-            };
-            group.blocks.iter().enumerate().map(of_block).collect()
-        };
-        let residuals: Vec<_> = problem.groups.iter().enumerate().map(residuals).collect();
-        let observed = |(group, residuals): (&Group, &Vec<DVector<f64>>)| {
-            group.blocks.iter().zip(residuals).map(|(b, v)| &b.observed + v).collect()
-        };
-        Self {
-            global: problem.start.clone(),
-            local: problem.groups.iter().map(|g| g.local.clone()).collect(),
-            observed: problem.groups.iter().zip(&residuals).map(observed).collect(),
-            residuals,
-        }
-    }
-}
-
-/// Squared change of the residuals, in standard deviations: they steer where the conditions are
-/// linearised, so parameters at rest are not enough.
-pub(super) fn residual_change(problem: &Problem, a: &State, b: &State) -> f64 {
-    let mut sum = 0.0;
-    for (group, (ra, rb)) in problem.groups.iter().zip(a.residuals.iter().zip(&b.residuals)) {
-        for (block, (va, vb)) in group.blocks.iter().zip(ra.iter().zip(rb)) {
-            for k in 0..va.len() {
-                sum += (va[k] - vb[k]).powi(2) / block.covariance[(k, k)];
-            }
-        }
-    }
-    sum
-}
+/// Rise of the sum of squares that a step may cause, over what of the sum is still open.
+const OPEN_SHARE: f64 = 0.1;
+/// Relative rise of the sum of squares that rounding may cause.
+const ROUNDING: f64 = 1e-9;
 
 /// One group's part, local parameters eliminated: `L' M^-1 L = C C'` with its priors.
 struct GroupSystem {
@@ -75,11 +33,15 @@ struct GroupSystem {
 /// The normal equations at a point.
 pub(super) struct System {
     pub(super) normal: DMatrix<f64>,
-    right: DVector<f64>,
+    pub(super) right: DVector<f64>,
     pub(super) omega: f64,
     omega_priors: f64,
     /// f' M^-1 f at the adjusted observations: 0 where the conditions hold exactly.
     pub(super) unclosed: f64,
+    /// Whether several groups have parameters of their own.
+    pub(super) several_own: bool,
+    /// By how much, where they have, the groups' own parameters may lower the sum of squares by themselves.
+    pub(super) unsettled: f64,
     /// What rounding may change of the sum of squares: where much is known of differences, large terms cancel in it.
     pub(super) rounding: f64,
     /// Inverses of the priors' covariances.
@@ -109,6 +71,8 @@ impl System {
             omega: 0.0,
             omega_priors: 0.0,
             unclosed: 0.0,
+            several_own: problem.groups.iter().filter(|group| !group.local.is_empty()).count() > 1,
+            unsettled: 0.0,
             rounding: 0.0,
             weights: weights(&problem.priors)?,
             groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
@@ -126,7 +90,7 @@ impl System {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
         self.room.clear();
-        (self.omega, self.omega_priors, self.unclosed) = (0.0, 0.0, 0.0);
+        (self.omega, self.omega_priors, self.unclosed, self.unsettled) = (0.0, 0.0, 0.0, 0.0);
         for index in 0..problem.groups.len() {
             self.add_group(&problem.groups[index], state, index, linearise)?;
         }
@@ -187,6 +151,9 @@ impl System {
         }
         if q > 0 {
             part.eliminate(&mut self.right)?;
+            if self.several_own {
+                self.unsettled += part.right.norm_squared();
+            }
             self.room.gather(&part.coupling, &mut self.normal);
         }
         Ok(())
@@ -199,6 +166,26 @@ impl System {
             normal[(i, i)] *= 1.0 + damping;
         }
         Ok(factor(&normal, &problem.missing)?.solve(&self.right))
+    }
+
+    /// Sum of squares that is left when the groups' own parameters have settled, to first order in them.
+    pub(super) fn left(&self) -> f64 {
+        self.omega - self.unsettled
+    }
+
+    /// What of that is not told: it holds to first order in what is still open, and rounding lets it waver far below what a
+    /// standard deviation can tell.
+    pub(super) fn slack(&self) -> f64 {
+        OPEN_SHARE * (self.unclosed + self.unsettled) + ROUNDING * (1.0 + self.omega)
+    }
+
+    /// The undamped step for another right side.
+    pub(super) fn solve(
+        &self,
+        problem: &Problem,
+        right: &DVector<f64>,
+    ) -> Result<DVector<f64>, EstimationError> {
+        Ok(factor(&self.normal, &problem.missing)?.solve(right))
     }
 
     /// All unknowns after a global step: local parameters and residuals follow from it.
@@ -221,13 +208,25 @@ impl System {
         }
     }
 
+    /// The solution at a state. `second`: half the second derivative of what is left of the sum of squares, where it is not
+    /// near the normal matrix: a parameter answers to an error by its inverse, while errors are as large as the normal matrix
+    /// says (White 1982).
     pub(super) fn finish(
         self,
         problem: &Problem,
         state: State,
         iterations: usize,
+        second: Option<DMatrix<f64>>,
     ) -> Result<Fit, EstimationError> {
-        let covariance = factor(&self.normal, &problem.missing)?.inverse();
+        let usual = factor(&self.normal, &problem.missing)?.inverse();
+        let (response, covariance, information) = match second {
+            Some(second) => {
+                let response = factor(&second, &problem.missing)?.inverse();
+                let covariance = &response * &self.normal * &response;
+                (response, covariance, &second * usual * &second)
+            }
+            None => (usual.clone(), usual, self.normal),
+        };
         let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
         conditions += problem.known.as_ref().map_or(0, |known| known.conditions);
@@ -242,7 +241,8 @@ impl System {
         Ok(Fit {
             global: state.global,
             covariance,
-            information: self.normal,
+            response,
+            information,
             groups,
             omega: self.omega,
             omega_priors: self.omega_priors,

@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use nalgebra::{DMatrix, DVector};
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
 
 use super::*;
 
@@ -120,6 +122,49 @@ fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
     assert!((&before.global - &at_once.global).norm() < 1e-6);
     assert!((&before.covariance - &at_once.covariance).norm() < 1e-5 * at_once.covariance.norm());
     assert!((omega - at_once.omega).abs() < 1e-5 * at_once.omega, "{omega} {}", at_once.omega);
+}
+
+/// y = m x, both observed with the same noise, x of each group its own and scattering by half the noise: the normal matrix
+/// counts the noise of x as signal, three times what there is (Fuller 1987, 1.3).
+#[test]
+fn amplitudes_of_many_groups_feign_nothing() {
+    const GROUPS: usize = 400;
+    let mut errors = vec![];
+    for seed in 0..60 {
+        let mut rng = StdRng::seed_from_u64(seed);
+        // Variance 1, near enough to normal.
+        let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+        let group = |_| {
+            let (x, noise) = (0.5 * normal(), [normal(), normal()]);
+            let observed = DVector::from_vec(vec![x + noise[0], x + noise[1]]);
+            let start = DVector::from_element(1, observed[0]);
+            let block = Block { observed, covariance: DMatrix::identity(2, 2) };
+            Group { local: start, priors: vec![], blocks: vec![block] }
+        };
+        let problem = Problem {
+            start: DVector::from_element(1, 0.5),
+            missing: vec!["slope"],
+            priors: vec![],
+            known: None,
+            groups: (0..GROUPS).map(group).collect(),
+        };
+        let fit = solve(&problem, |p| {
+            let (m, x) = (p.global[0], p.local[0]);
+            Ok(Linearised {
+                misclosure: DVector::from_vec(vec![x - p.observed[0], m * x - p.observed[1]]),
+                columns: vec![0],
+                global: DMatrix::from_column_slice(2, 1, &[0.0, x]),
+                local: DMatrix::from_column_slice(2, 1, &[1.0, m]),
+                observations: -DMatrix::identity(2, 2),
+            })
+        });
+        let fit = fit.unwrap();
+        assert!(fit.iterations < 40, "seed {seed}: {} iterations", fit.iterations);
+        errors.push((fit.global[0] - 1.0) / fit.covariance[(0, 0)].sqrt());
+    }
+    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+    // 60 draws tell it to a tenth. By the normal matrix' inverse it is 3.
+    assert!((0.75..1.3).contains(&rms), "{rms}");
 }
 
 #[test]

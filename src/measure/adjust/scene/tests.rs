@@ -6,7 +6,7 @@ use num_dual::{Dual64, DualNum};
 
 use super::*;
 use crate::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
-use crate::adjust::example::{orientation, setup};
+use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::shapes_at;
 
 const STEPS: usize = 4000;
@@ -150,22 +150,7 @@ fn derivatives_match_dual_numbers() {
 
 #[test]
 fn derivatives_through_a_bowed_pane_match_differences() {
-    use crate::setup::{Air, Pane, Setup, Window};
-    let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
-    let pane = Pane {
-        thickness_m: 0.0145,
-        thickness_sigma_m: 1e-3,
-        index: 1.49,
-        index_sigma: 0.01,
-        normal_sigma_rad: 0.02,
-        bow_radius_m: Some(3.0),
-        bow_sigma: 0.25,
-        distance_m: 0.15,
-        same_on_ground: false,
-    };
-    let normal = Some(Vector3::new(1.0, 0.15, 0.1).normalize());
-    let window = Window { normal, cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) };
-    let scene = Scene::new(&Setup { window: Some(window), ..setup() }, &orientation()).unwrap();
+    let scene = Scene::new(&Setup { window: Some(window()), ..setup() }, &orientation()).unwrap();
     let pose = Pose {
         mount_rad: Vector3::new(2e-3, -1e-3, 3e-3),
         ground_rad: Vector3::new(1e-3, 2e-3, -1e-3),

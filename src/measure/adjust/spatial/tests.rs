@@ -3,7 +3,11 @@
 use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;
-use crate::adjust::example::{orientation, setup};
+use crate::adjust::example::{orientation, setup, window};
+use crate::adjust::layout::Motions;
+use crate::adjust::taught::{LASTING, MARKS, SKIN};
+use crate::adjust::term::Columns;
+use crate::adjust::terms;
 use crate::estimation::GroupPoint;
 use crate::setup::{InFlight, Uncertainty};
 
@@ -17,6 +21,31 @@ fn derivatives_match_differences() {
     (all.markers[0].fixed, all.markers[0].flight_motion_m) = (true, 5e-4);
     (3..5).for_each(|k| all.markers[k].part = Some("aileron".into()));
     hold(all);
+}
+
+/// What flights teach is bound by names: each is that of a term, or of a prior on markers' motions.
+#[test]
+fn what_flights_have_in_common_bears_the_terms_names() {
+    let uncertainty = Uncertainty {
+        lens: Some(SMatrix::identity() * 1e-8),
+        in_flight: InFlight::USUAL,
+        ..Uncertainty::default()
+    };
+    let mut setup = Setup { uncertainty, window: Some(window()), ..setup() };
+    (setup.markers[0].fixed, setup.markers[0].flight_motion_m) = (true, 5e-4);
+    let orientation = orientation();
+    let scene = Scene::new(&setup, &orientation).unwrap();
+    let options = Options::default();
+    let input = Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
+    let mut columns = Columns::default();
+    let shared = terms::shared(&input, &mut columns);
+    for name in LASTING {
+        assert!(shared.placed.iter().any(|placed| placed.term.name == name), "no term is called {name}");
+    }
+    Motions::place(&input, &Factors::default(), &mut columns);
+    for name in [SKIN, MARKS] {
+        assert!(columns.priors.iter().any(|prior| prior.name == name), "no prior is called {name}");
+    }
 }
 
 fn hold(setup: Setup) {

@@ -1,0 +1,98 @@
+//! Steps that follow what the steps behind showed of the second derivatives.
+
+use std::collections::VecDeque;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::EstimationError;
+use super::problem::Problem;
+use super::system::System;
+
+/// A step, and what it changed of the right side.
+type Pair = (DVector<f64>, DVector<f64>);
+
+/// What Gauss's method leaves out of the second derivatives, as the steps behind show it: limited-memory steps after Broyden,
+/// Fletcher, Goldfarb and Shanno (Nocedal 1980) that begin with the normal matrix. Where little tells two unknowns apart, as
+/// principal point and rotation, or amplitudes of many frames enter their own weights, what is left out is as large as what is
+/// taken, and the steps of the method repeat themselves, too long or too short.
+#[derive(Default)]
+pub(super) struct Secants {
+    /// Global parameters and right side that the last step began with.
+    from: Option<(DVector<f64>, DVector<f64>)>,
+    /// The last one last.
+    pairs: VecDeque<Pair>,
+}
+
+impl Secants {
+    /// Pairs that are kept: more than there are directions that little tells.
+    const MEMORY: usize = 8;
+    /// Curvature along a step over that of the normal matrix, at least (Powell's damping): no step is more than the inverse too
+    /// short.
+    const LEAST: f64 = 0.05;
+    /// Squared length in standard deviations beyond which a step says nothing of the next.
+    const NEAR: f64 = 100.0;
+    /// Share of the normal matrix' curvature that says that it is not near.
+    const UNLIKE: f64 = 0.8;
+
+    /// Forgets them: a step led up.
+    pub(super) fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The next step.
+    pub(super) fn step(
+        &mut self,
+        system: &System,
+        problem: &Problem,
+        global: &DVector<f64>,
+    ) -> Result<DVector<f64>, EstimationError> {
+        if let Some((before, right)) = self.from.take() {
+            self.learn(&system.normal, global - before, right - &system.right);
+        }
+        self.from = Some((global.clone(), system.right.clone()));
+        let mut step = system.right.clone();
+        let mut parts = Vec::with_capacity(self.pairs.len());
+        for (moved, turned) in self.pairs.iter().rev() {
+            let part = moved.dot(&step) / moved.dot(turned);
+            step.axpy(-part, turned, 1.0);
+            parts.push(part);
+        }
+        step = system.solve(problem, &step)?;
+        for ((moved, turned), part) in self.pairs.iter().zip(parts.into_iter().rev()) {
+            let back = turned.dot(&step) / moved.dot(turned);
+            step.axpy(part - back, moved, 1.0);
+        }
+        Ok(step)
+    }
+
+    /// The step along which the normal matrix is farthest from what the steps showed, a standard deviation long; `None` where
+    /// it is near.
+    pub(super) fn unlike(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
+        let own = |moved: &DVector<f64>| moved.dot(&(normal * moved));
+        let share = |(moved, turned): &Pair| moved.dot(turned) / own(moved);
+        let least = self.pairs.iter().min_by(|a, b| share(a).total_cmp(&share(b)))?;
+        (share(least) < Self::UNLIKE).then(|| &least.0 / own(&least.0).sqrt())
+    }
+
+    /// Whether the next step is Gauss's.
+    pub(super) fn are_none(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    fn learn(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut turned: DVector<f64>) {
+        let usual = normal * &moved;
+        let (curved, own) = (moved.dot(&turned), moved.dot(&usual));
+        if own <= 0.0 || own > Self::NEAR {
+            return;
+        }
+        let least = Self::LEAST * own;
+        if curved < least {
+            let share = (own - least) / (own - curved);
+            turned = turned * share + usual * (1.0 - share);
+        }
+        if self.pairs.len() == Self::MEMORY {
+            self.pairs.pop_front();
+        }
+        self.pairs.push_back((moved, turned));
+    }
+}
