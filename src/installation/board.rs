@@ -114,10 +114,7 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
         }
     };
     let kind = need("target_type")?;
-    if matches!(kind.text(), Some("aprilgrid" | "checkerboard")) {
-        known(tree)?;
-    }
-    match kind.text().unwrap_or("a list") {
+    let table = match kind.text().unwrap_or("a list") {
         "aprilgrid" => Ok(Table::Aprilgrid(Aprilgrid {
             _pattern: Pattern::Aprilgrid,
             family: None,
@@ -149,7 +146,9 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
             let problem = format!("\"{other}\" is another target");
             Err(Trouble::new(kind.line, "target_type", problem, "show an aprilgrid or a checkerboard"))
         }
-    }
+    }?;
+    known(tree)?;
+    Ok(table)
 }
 
 /// Keys of Kalibr's targets; `codeOffset` moves the tags' numbers, and those from 0 on are read.

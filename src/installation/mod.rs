@@ -248,7 +248,8 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
     let kind = |f: &Fault| {
         let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
         let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
-        (f.file.clone(), place.map_or(marker, |(_, column)| column).to_owned(), f.mend.clone())
+        let whole = if f.place.starts_with("line ") { "line" } else { marker };
+        (f.file.clone(), place.map_or(whole, |(_, column)| column).to_owned(), f.mend.clone())
     };
     let kinds: Vec<_> = faults.iter().map(kind).collect();
     let mut kept: Vec<Fault> = vec![];

@@ -35,7 +35,7 @@ impl Mountings {
 pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
     let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name);
-    found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
 }
 
 fn read(reader: &mut Reader, name: &Path) -> Option<Mountings> {
@@ -49,6 +49,11 @@ fn read(reader: &mut Reader, name: &Path) -> Option<Mountings> {
                 "give every frame the name of its mounting, ground where the camera stayed as on ground";
             reader.fault(&file, &format!("line {line}"), "has an empty cell", mend);
             continue;
+        }
+        if mounting != OF_THE_GROUND && mounting.eq_ignore_ascii_case(OF_THE_GROUND) {
+            let place = format!("line {line}, column mounting");
+            let mend = "write ground in small letters, or give another mounting another name";
+            reader.fault(&file, &place, format!("is \"{mounting}\""), mend);
         }
         let next = numbers.len();
         let of = match mounting.as_str() {
@@ -90,6 +95,8 @@ mod tests {
     #[test]
     fn a_frame_that_stands_twice_and_an_empty_cell_are_named() {
         let faults = mountings("image,mounting\n1.jpg,x\n1.jpg,y\n2.jpg,\n").unwrap_err();
+        let capital = mountings("image,mounting\n1.jpg,Ground\n").unwrap_err();
+        assert!(capital[0].problem.contains("Ground") && capital[0].mend.contains("small letters"));
         assert_eq!(faults.len(), 2);
         assert!(faults[0].place.contains("line 3") && faults[1].place.contains("line 4"));
     }

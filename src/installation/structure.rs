@@ -43,7 +43,7 @@ pub fn read_stiffness(file: &Path) -> Result<Vec<Section>, Vec<Fault>> {
     let (mut reader, name) = Reader::of_file(file);
     let mend = format!("name a file with the columns {},{},{}", COLUMNS[0], COLUMNS[1], COLUMNS[2]);
     let found = sections(&mut reader, &name, &mend);
-    found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
 }
 
 fn sections(reader: &mut Reader, name: impl AsRef<Path>, mend: &str) -> Option<Vec<Section>> {

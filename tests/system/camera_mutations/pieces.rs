@@ -110,17 +110,11 @@ impl Pieces {
             }
             // Keys and values as blocks without the commas between, which [`Pieces::framed`] sets.
             Format::OpencvJson => {
-                let matrix = |name: &str, rows: usize, cols: usize, data: &str| {
-                    format!(
-                        "    \"{name}\": {{\n        \"type_id\": \"opencv-matrix\",\n        \"rows\": {rows},\n        \
-                         \"cols\": {cols},\n        \"dt\": \"d\",\n        \"data\": [ {data} ]\n    }}\n"
-                    )
-                };
                 vec![
                     format!("    \"image_width\": {}\n", size(0)),
                     format!("    \"image_height\": {}\n", size(1)),
-                    matrix("camera_matrix", 3, 3, &m),
-                    matrix("distortion_coefficients", 1, n, &d),
+                    json_matrix("camera_matrix", 3, 3, &m),
+                    json_matrix("distortion_coefficients", 1, n, &d),
                 ]
             }
             Format::Kalibr => vec![
@@ -170,4 +164,11 @@ impl Pieces {
         }
         self
     }
+}
+
+fn json_matrix(name: &str, rows: usize, cols: usize, data: &str) -> String {
+    format!(
+        "    \"{name}\": {{\n        \"type_id\": \"opencv-matrix\",\n        \"rows\": {rows},\n        \
+                         \"cols\": {cols},\n        \"dt\": \"d\",\n        \"data\": [ {data} ]\n    }}\n"
+    )
 }
