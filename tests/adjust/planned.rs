@@ -63,10 +63,8 @@ fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
     let last = solutions.last().unwrap();
     let truth = &scene.truth(&shots[FRAMES - 1]).markers;
     let before = &scene.truth(&on_ground).markers;
-    let tip = (0..truth.len())
-        .filter(|&k| !planned.markers[k].fixed)
-        .max_by(|&a, &b| truth[a].lift_m.abs().total_cmp(&truth[b].lift_m.abs()))
-        .unwrap();
+    let tip = truth.iter().zip(&last.markers).enumerate().filter(|(_, (_, told))| told.lift_m.is_some());
+    let tip = tip.max_by(|(_, (a, _)), (_, (b, _))| a.lift_m.abs().total_cmp(&b.lift_m.abs())).unwrap().0;
     let of = |estimate: Option<adjust::Estimate>| estimate.map(|e| (e.value, e.sigma.unwrap())).unwrap();
     let (survey, ground) = (of(last.markers[tip].lift_m), of(last.markers[tip].lift_ground_m));
     let of_truth = truth[tip].lift_m;
