@@ -31,8 +31,8 @@ impl Secants {
     const LEAST: f64 = 0.05;
     /// Squared length in standard deviations beyond which a step says nothing of the next.
     const NEAR: f64 = 100.0;
-    /// Share of the normal matrix' curvature that says that it is not near.
-    const UNLIKE: f64 = 0.8;
+    /// Departure from the normal matrix' curvature, as a share of it, that says nothing: its own steps end quickly then.
+    const FORETOLD: f64 = 0.2;
 
     /// Forgets them: a step led up.
     pub(super) fn clear(&mut self) {
@@ -65,13 +65,13 @@ impl Secants {
         Ok(step)
     }
 
-    /// The step along which the normal matrix is farthest from what the steps showed, a standard deviation long; `None` where
+    /// The step along which the normal matrix is farthest above what the steps showed, a standard deviation long; `None` where
     /// it is near.
     pub(super) fn unlike(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
         let own = |moved: &DVector<f64>| moved.dot(&(normal * moved));
         let share = |(moved, turned): &Pair| moved.dot(turned) / own(moved);
         let least = self.pairs.iter().min_by(|a, b| share(a).total_cmp(&share(b)))?;
-        (share(least) < Self::UNLIKE).then(|| &least.0 / own(&least.0).sqrt())
+        (share(least) < 1.0).then(|| &least.0 / own(&least.0).sqrt())
     }
 
     /// Whether the next step is Gauss's.
@@ -82,7 +82,7 @@ impl Secants {
     fn learn(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut turned: DVector<f64>) {
         let usual = normal * &moved;
         let (curved, own) = (moved.dot(&turned), moved.dot(&usual));
-        if own <= 0.0 || own > Self::NEAR {
+        if own <= 0.0 || own > Self::NEAR || (curved / own - 1.0).abs() < Self::FORETOLD {
             return;
         }
         let least = Self::LEAST * own;

@@ -88,7 +88,8 @@ fn local_parameters_give_the_same_answer_as_conditions() {
     };
     let a = solve(&problem, with_local).unwrap();
     let b = solve(&line(&POINTS, 0.1, 0.3), line_block).unwrap();
-    assert!((&a.global - &b.global).norm() < 1e-9);
+    // The conditions' iteration ends 6e-9 from its limit: the step before was within 1e-5 standard deviations.
+    assert!((&a.global - &b.global).norm() < 1e-8);
     assert!((a.omega - b.omega).abs() < 1e-8 && a.redundancy == b.redundancy);
     // Covariances agree to first order in the residuals.
     assert!((&a.covariance - &b.covariance).norm() < 1e-2 * b.covariance.norm());
