@@ -205,7 +205,7 @@ pub fn solve_flight(
         record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
-    places::name(&mut records);
+    places::name(&mut records, setup.lens.focal_px());
     records
 }
 

@@ -8,10 +8,10 @@ use nalgebra::Vector2;
 
 use crate::record::ImageRecord;
 
-/// How far a place reaches, px, radius. Derived: what lies on a pane half a metre away is as far out of focus as the aperture is wide,
-/// 12 mm at a focal length of 50 mm and f/4, which is 190 px where a radian has 7700 px.
-const REACH_PX: f64 = 100.0;
-/// Frames that must show it, and as many that show a marker elsewhere. Derived: of two one may be a blunder.
+/// How far a place reaches, rad, radius. Derived: what lies on a pane half a metre away is as far out of focus as the aperture is wide,
+/// 12 mm at a focal length of 50 mm and f/4; half of that.
+const REACH_RAD: f64 = 0.012;
+/// Frames that must show it, and as many sights of its markers elsewhere. Derived: of two one may be a blunder.
 const FRAMES: usize = 3;
 /// Level of the test, of all places of a flight together.
 const ALPHA: f64 = 0.001;
@@ -40,10 +40,11 @@ struct Place<'a> {
     markers: BTreeSet<&'a str>,
 }
 
-/// Says of the frames of a flight which places of the picture shift what passes them.
-pub fn name(records: &mut [ImageRecord]) {
+/// Says of the frames of a flight which places of the picture shift what passes them; `focal_px` is the camera constant.
+pub fn name(records: &mut [ImageRecord], focal_px: f64) {
+    let found = found(sights(records), REACH_RAD * focal_px);
     let places: Vec<(BTreeSet<usize>, String)> =
-        found(sights(records)).into_iter().map(|place| (place.frames.clone(), place.sentence())).collect();
+        found.into_iter().map(|place| (place.frames.clone(), place.sentence())).collect();
     for (frames, sentence) in places {
         for frame in frames {
             records.get_mut(frame).into_iter().for_each(|r| r.remarks.push(sentence.clone()));
@@ -71,35 +72,36 @@ fn sights(records: &[ImageRecord]) -> Vec<Sight<'_>> {
 }
 
 /// The places that no chance explains, the surest first.
-fn found(mut sights: Vec<Sight<'_>>) -> Vec<Place<'_>> {
-    let cell = |s: &Sight<'_>| [s.at.x, s.at.y].map(|v| (v / REACH_PX).floor() as i64);
+fn found(mut sights: Vec<Sight<'_>>, reach_px: f64) -> Vec<Place<'_>> {
+    let cell = |s: &Sight<'_>| [s.at.x, s.at.y].map(|v| (v / reach_px).floor() as i64);
     let cells: BTreeSet<[i64; 2]> = sights.iter().map(cell).collect();
     // Of two degrees of freedom a share exp(-T / 2) exceeds T.
     let least = 2.0 * (cells.len().max(1) as f64 / ALPHA).ln();
     let mut out = Vec::new();
     loop {
-        let centres = cells.iter().map(|c| Vector2::from(c.map(|v| (v as f64 + 0.5) * REACH_PX)));
-        let all = centres.filter_map(|centre| place(&sights, centre));
+        let centres = cells.iter().map(|c| Vector2::from(c.map(|v| (v as f64 + 0.5) * reach_px)));
+        let all = centres.filter_map(|centre| place(&sights, centre, reach_px));
         let Some(best) = all.max_by(|a, b| a.square.total_cmp(&b.square)).filter(|p| p.square > least) else {
             return out;
         };
-        sights.retain(|s| (s.at - best.at).norm() > REACH_PX);
+        sights.retain(|s| (s.at - best.at).norm() > reach_px);
         out.push(best);
     }
 }
 
 /// What a place does to the markers that pass it, against what they show elsewhere.
-fn place<'a>(sights: &[Sight<'a>], at: Vector2<f64>) -> Option<Place<'a>> {
+fn place<'a>(sights: &[Sight<'a>], at: Vector2<f64>, reach_px: f64) -> Option<Place<'a>> {
     let mut by_marker: BTreeMap<&str, [Vec<&Sight<'a>>; 2]> = BTreeMap::new();
     for sight in sights {
         let far = (sight.at - at).norm();
-        if !(REACH_PX..=2.0 * REACH_PX).contains(&far) {
-            by_marker.entry(sight.id).or_default()[usize::from(far > REACH_PX)].push(sight);
+        if !(reach_px..=2.0 * reach_px).contains(&far) {
+            by_marker.entry(sight.id).or_default()[usize::from(far > reach_px)].push(sight);
         }
     }
-    by_marker.retain(|_, [here, elsewhere]| !here.is_empty() && elsewhere.len() >= FRAMES);
+    by_marker.retain(|_, [here, elsewhere]| !here.is_empty() && !elsewhere.is_empty());
     let frames: BTreeSet<usize> = by_marker.values().flat_map(|[here, _]| here).map(|s| s.frame).collect();
-    if frames.len() < FRAMES {
+    let elsewhere: usize = by_marker.values().map(|[_, elsewhere]| elsewhere.len()).sum();
+    if frames.len().min(elsewhere) < FRAMES {
         return None;
     }
     let (mut sum, mut weight) = (Vector2::zeros(), Vector2::zeros());
@@ -163,7 +165,7 @@ mod tests {
     }
 
     fn remarks(mut records: Vec<ImageRecord>) -> Vec<usize> {
-        name(&mut records);
+        name(&mut records, 7700.0);
         (0..records.len()).filter(|&k| !records[k].remarks.is_empty()).collect()
     }
 
