@@ -18,6 +18,7 @@ mod long_flights;
 mod modes;
 mod mountings;
 mod plan;
+mod planned;
 mod profile_figures;
 mod spatial;
 mod stress;

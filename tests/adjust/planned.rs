@@ -1,0 +1,94 @@
+//! Layouts that `wingd plan --want` proposed, in aircraft that their widths allow: what `tests/validation/planned_wings.py` does
+//! with rendered frames, with points, so that many are drawn.
+
+use std::path::Path;
+
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
+use wingd::installation;
+use wingd::measure::adjust::{self, Observation, Options};
+use wingd::measure::plan::{self, PlanOptions};
+use wingd::measure::render::{Drawn, Light, Random, Scene, Shot};
+use wingd::measure::setup::{GroundSight, Orientation, Setup};
+
+/// As well as a rendered frame's markers are found, px.
+const PIXEL_SIGMA: f64 = 0.08;
+const TIP_LIFT_M: f64 = 2.5;
+const FRAMES: usize = 10;
+
+/// Where a frame shows the markers.
+fn sights(scene: &Scene, shot: &Shot, random: &mut Random) -> Vec<Observation> {
+    let covariance_px2 = Matrix2::identity() * PIXEL_SIGMA.powi(2);
+    let truth = scene.truth(shot).markers;
+    let seen = truth.iter().enumerate().filter(|(_, m)| m.visible).filter_map(|(k, m)| Some((k, m.pixel?)));
+    let mut noise = || Vector2::new(random.normal(), random.normal()) * PIXEL_SIGMA;
+    seen.map(|(marker, pixel)| Observation { marker, pixel: pixel + noise(), covariance_px2 }).collect()
+}
+
+/// The rotation from the scene's survey frame to that which is stated of it.
+fn tilt(of: &Setup, stated: &Setup) -> Rotation3<f64> {
+    let mean = |setup: &Setup| {
+        setup.markers.iter().map(|m| m.position_m).sum::<nalgebra::Vector3<f64>>()
+            / setup.markers.len() as f64
+    };
+    let (a, b) = (mean(of), mean(stated));
+    let pairs = of.markers.iter().zip(&stated.markers);
+    let moments: Matrix3<f64> = pairs.map(|(m, s)| (s.position_m - b) * (m.position_m - a).transpose()).sum();
+    let svd = moments.svd(true, true);
+    Rotation3::from_matrix_unchecked(svd.u.unwrap() * svd.v_t.unwrap())
+}
+
+/// Errors over standard deviations of the tip's lift against survey and ground frame in the last frame of a flight, and the latter, m.
+fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
+    let options = PlanOptions { tip_lift_m: TIP_LIFT_M, ..PlanOptions::default() };
+    let attitude = plan::attitude(planned, None, &options).unwrap().camera_from_survey;
+    let scene = Scene::fitted(planned, Some(attitude), seed, TIP_LIFT_M).unwrap();
+    let mut random = Random::new(seed, 21);
+    let aircraft = Drawn::new(&scene, &mut random);
+    let stated = Drawn::stated(&scene, &mut random);
+    let on_ground = aircraft.on_ground(scene.ground_shot(seed));
+    let sight = |Observation { marker, pixel, covariance_px2 }| GroundSight { marker, pixel, covariance_px2 };
+    let orientation = Orientation {
+        camera_from_survey: scene.truth(&on_ground).camera_from_survey
+            * tilt(&scene.setup, &stated).inverse(),
+        covariance_rad2: Some(Matrix3::identity() * 1e-9),
+        ground: sights(&scene, &on_ground, &mut random).into_iter().map(sight).collect(),
+    };
+    let lift = |k: usize| TIP_LIFT_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
+    let shots: Vec<Shot> = (0..FRAMES)
+        .map(|k| aircraft.in_flight(scene.flight_shot(lift(k), Light::Plain, seed), &mut random))
+        .collect();
+    let frames: Vec<Vec<Observation>> = shots.iter().map(|shot| sights(&scene, shot, &mut random)).collect();
+    let options = Options { sigma: adjust::SigmaKind::Prior, ..Options::default() };
+    let solutions = adjust::flight(&stated, &orientation, &frames, &options).unwrap();
+    let last = solutions.last().unwrap();
+    let truth = &scene.truth(&shots[FRAMES - 1]).markers;
+    let before = &scene.truth(&on_ground).markers;
+    let tip = truth.iter().zip(&last.markers).enumerate().filter(|(_, (_, told))| told.lift_m.is_some());
+    let tip = tip.max_by(|(_, (a, _)), (_, (b, _))| a.lift_m.abs().total_cmp(&b.lift_m.abs())).unwrap().0;
+    let of = |estimate: Option<adjust::Estimate>| estimate.map(|e| (e.value, e.sigma.unwrap())).unwrap();
+    let (survey, ground) = (of(last.markers[tip].lift_m), of(last.markers[tip].lift_ground_m));
+    let of_truth = truth[tip].lift_m;
+    [
+        [(survey.0 - of_truth) / survey.1, survey.1],
+        [(ground.0 - of_truth + before[tip].lift_m) / ground.1, ground.1],
+    ]
+}
+
+#[test]
+#[ignore = "a table: LAYOUT=DIR AIRCRAFT=N"]
+fn aircraft_of_a_layout() {
+    let folder = std::env::var("LAYOUT").unwrap();
+    let count = std::env::var("AIRCRAFT").unwrap().parse().unwrap();
+    let setup = installation::load_without_orientation(Path::new(&folder)).unwrap().setup;
+    let all: Vec<_> = (0..count).map(|seed| drawn(&setup, 1000 + seed)).collect();
+    let rms = |which: usize, of: usize| {
+        (all.iter().map(|a| a[which][of].powi(2)).sum::<f64>() / count as f64).sqrt()
+    };
+    println!(
+        "{folder}: normalised {:.2} against the survey (sigma {:.1} mm), {:.2} against the ground frame (sigma {:.1} mm)",
+        rms(0, 0),
+        1e3 * rms(0, 1),
+        rms(1, 0),
+        1e3 * rms(1, 1)
+    );
+}
