@@ -182,6 +182,12 @@ where
             return Ok(false);
         }
         let risen = exists.then(|| self.system.left() - here);
+        if !self.groups_alone && self.astray.is_none() && !self.secants.are_none() && self.length == 1.0 {
+            // What steps farther away showed does not hold here: Gauss's step instead.
+            self.secants.clear();
+            self.system.assemble(self.problem, &self.state, &self.linearise)?;
+            return Ok(false);
+        }
         let error = || tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration });
         if self.shorten(slope, risen) > MOST_DAMPING {
             return Err(error());
