@@ -6,9 +6,10 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use wingd::installation;
 use wingd::measure::adjust::{self, Observation, Options};
+use wingd::measure::geometry::{PointPair, TransformFit};
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::render::{Drawn, Light, Random, Scene, Shot};
-use wingd::measure::setup::{GroundSight, Orientation, Setup};
+use wingd::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
 /// As well as a rendered frame's markers are found, px.
 const PIXEL_SIGMA: f64 = 0.08;
@@ -26,15 +27,13 @@ fn sights(scene: &Scene, shot: &Shot, random: &mut Random) -> Vec<Observation> {
 
 /// The rotation from the scene's survey frame to that which is stated of it.
 fn tilt(of: &Setup, stated: &Setup) -> Rotation3<f64> {
-    let mean = |setup: &Setup| {
-        setup.markers.iter().map(|m| m.position_m).sum::<nalgebra::Vector3<f64>>()
-            / setup.markers.len() as f64
+    let pair = |(m, s): (&SurveyMarker, &SurveyMarker)| PointPair {
+        source_m: m.position_m,
+        target_m: s.position_m,
+        sigma_m: s.sigma_m,
     };
-    let (a, b) = (mean(of), mean(stated));
-    let pairs = of.markers.iter().zip(&stated.markers);
-    let moments: Matrix3<f64> = pairs.map(|(m, s)| (s.position_m - b) * (m.position_m - a).transpose()).sum();
-    let svd = moments.svd(true, true);
-    Rotation3::from_matrix_unchecked(svd.u.unwrap() * svd.v_t.unwrap())
+    let pairs: Vec<PointPair> = of.markers.iter().zip(&stated.markers).map(pair).collect();
+    TransformFit::estimate(&pairs, false).unwrap().transform.rotation
 }
 
 /// Errors over standard deviations of the tip's lift against survey and ground frame in the last frame of a flight, and the latter, m.

@@ -182,12 +182,6 @@ where
             return Ok(false);
         }
         let risen = exists.then(|| self.system.left() - here);
-        if !self.groups_alone && self.astray.is_none() && !self.secants.are_none() && self.length == 1.0 {
-            // What steps farther away showed does not hold here: Gauss's step instead.
-            self.secants.clear();
-            self.system.assemble(self.problem, &self.state, &self.linearise)?;
-            return Ok(false);
-        }
         let error = || tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration });
         if self.shorten(slope, risen) > MOST_DAMPING {
             return Err(error());
@@ -220,11 +214,16 @@ where
         second::derivative(&self.system, self.problem, &self.state, start, &self.linearise).map(Some)
     }
 
-    /// Goes back behind a step that led up, and makes the next one shorter: by the parabola through both ends with the slope
-    /// at the first, and at last by damping, which it returns. `risen`: by what the sum of squares rose, where it exists.
+    /// Goes back behind a step that led up, and makes the next one Gauss's where it was none, else shorter: by the parabola through
+    /// both ends with the slope at the first, and at last by damping, which it returns. `risen`: by what the sum of squares rose, where it exists.
     fn shorten(&mut self, slope: f64, risen: Option<f64>) -> f64 {
         let was_astray = self.astray.take().map(|(before, _)| self.state = before).is_some();
         if self.groups_alone && !was_astray {
+            return self.damping;
+        }
+        if !was_astray && self.length == 1.0 && !self.secants.are_none() {
+            // What steps farther away showed does not hold here: Gauss's step instead.
+            self.secants.clear();
             return self.damping;
         }
         self.relaxation = Relaxation::default();

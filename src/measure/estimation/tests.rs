@@ -129,6 +129,7 @@ fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
 /// counts the noise of x as signal, three times what there is (Fuller 1987, 1.3).
 #[test]
 fn amplitudes_of_many_groups_feign_nothing() {
+    // As in a long flight: what noise feigns adds up with them.
     const GROUPS: usize = 400;
     let mut errors = vec![];
     for seed in 0..60 {

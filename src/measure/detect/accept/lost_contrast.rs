@@ -102,6 +102,7 @@ mod tests {
         )
     }
 
+    /// White and black of a clear frame's quadrants, grey levels: two lights, and the scatter of rendered frames.
     const CLEAR: [(f64, f64); 6] =
         [(203.0, 88.0), (186.0, 80.0), (204.0, 90.0), (184.0, 78.0), (205.0, 89.0), (183.0, 80.0)];
 
