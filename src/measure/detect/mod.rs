@@ -49,7 +49,7 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast};
+use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast, misfit};
 use crate::detect::detection::by_place;
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
@@ -160,6 +160,7 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
     for measured in &mut found.measured {
         correlated::raise(measured, inflation);
         dirt::inflate(image, measured, &ellipses);
+        misfit::inflate(measured, noise);
     }
     let lost_contrast_px = lost_contrast::inflate(&mut found.measured);
     // Markers are larger than dirt.

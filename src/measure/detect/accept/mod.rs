@@ -6,6 +6,7 @@ pub mod correlated;
 pub mod dirt;
 pub mod found;
 pub mod lost_contrast;
+pub mod misfit;
 pub mod options;
 pub mod pattern;
 pub mod verdict;

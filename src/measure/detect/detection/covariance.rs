@@ -30,6 +30,8 @@ pub enum Source {
     Beside,
     /// What takes contrast from quadrants, as frost, drops and dirt on the pane: light that comes another way.
     LostContrast,
+    /// Residuals larger than noise: what the image formula leaves may be a bias of edges.
+    Misfit,
     /// A thin disc is longer or shorter than its neighbours predict.
     NeighbourLength,
     /// A disc is thinner than the one beside it, whose decal may hide a part of it.

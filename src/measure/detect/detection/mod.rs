@@ -37,10 +37,10 @@ impl Detection {
         Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad }
     }
 
-    /// Sum of the place's variances, px^2, without what is for things beside it and before it.
+    /// Sum of the place's variances, px^2, without what is for things beside it, before it and in its own light.
     pub(super) fn variance(&self) -> f64 {
-        let foreign =
-            [Source::Beside, Source::LostContrast].map(|source| self.covariance_px2.of(source).trace());
+        let foreign = [Source::Beside, Source::LostContrast, Source::Misfit]
+            .map(|source| self.covariance_px2.of(source).trace());
         self.covariance_px2.trace() - foreign.iter().sum::<f64>()
     }
 }

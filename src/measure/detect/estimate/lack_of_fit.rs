@@ -10,6 +10,7 @@ use super::prior::Unknowns;
 use super::residuals::analyse;
 use crate::detect::appearance::parameters::{X, Y};
 use crate::detect::estimate::{options::LACK_OF_FIT, terms::light_field::fit_light_field};
+use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 
 /// The fit as it is, with the covariance that its residuals deserve; or a better one. What is left of
@@ -40,10 +41,13 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
         let share =
             ((gain - LACK_OF_FIT.doubtful) / (LACK_OF_FIT.certain - LACK_OF_FIT.doubtful)).clamp(0.0, 1.0);
         let between = |one: f64, other: f64| one + share * (other - one);
-        let apart = [X, Y].map(|k| freed.parameters[k] - out.parameters[k]);
-        let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
+        let apart = Vector2::from([X, Y].map(|k| freed.parameters[k] - out.parameters[k]));
+        // What the field leaves of the residuals that it is for may take the place as far as what it took, by its share of them.
+        let beyond = |rms: f64| (rms * rms - floor * floor).max(0.0);
+        let left = (beyond(freed.rms) / beyond(out.rms).max(TINY)).min(1.0);
+        let doubt = share * (1.0 - share) + (share * left).powi(2);
         let own = freed.covariance.fixed_view::<2, 2>(X, X).into_owned();
-        centre = centre.zip_map(&own, between) + apart * apart.transpose();
+        centre = centre.zip_map(&own, between) + apart * apart.transpose() * doubt;
         // The field was fitted without that ground.
         out.beside *= 1.0 - share;
         out.white = out.white.zip_map(&freed.white, between);

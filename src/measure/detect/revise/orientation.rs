@@ -6,7 +6,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::detect::accept::{better::is_better, options::CONSISTENCY, verdict::Measured};
-use crate::detect::accept::{correlated, dirt, lost_contrast};
+use crate::detect::accept::{correlated, dirt, lost_contrast, misfit};
 use crate::detect::appearance::parameters::Pattern;
 use crate::detect::attempt::{ladder::Ladder, measure::Bounds};
 use crate::detect::detection::covariance::{Source, mahalanobis};
@@ -266,6 +266,7 @@ impl Closer<'_> {
         let mut measured = self.ladder.measure(&hypothesis).ok()?;
         correlated::raise(&mut measured, self.found.inflation);
         dirt::inflate(self.ladder.image, &mut measured, others);
+        misfit::inflate(&mut measured, self.found.noise);
         lost_contrast::doubt(&mut measured, self.found.lost_contrast_px);
         if prediction.shape == Shape::Quadrant {
             measured.detection.semi_major_px /= ORIENTATION.inner;

@@ -1,0 +1,68 @@
+//! What the image formula leaves of a marker beyond noise: a phone's processing, another light within it, a streak of fluid, paint.
+//!
+//! A bias of some grey levels at an edge shifts it by that part of its width which they are of the contrast. The fit follows what
+//! all edges have in common; that its parts are biased each by its own shows as residuals, and to which side does not.
+
+use std::f64::consts::TAU;
+
+use super::verdict::Measured;
+use crate::detect::accept::options::MISFIT;
+use crate::detect::detection::covariance::Source;
+use crate::detect::estimate::options::WEIGHT;
+
+/// Adds that to the covariance, in a frame with some noise, grey levels: along and across the marker as its own fit tells the two.
+pub fn inflate(marker: &mut Measured, noise: f64) {
+    let px = shift_px(marker, noise);
+    let covariance = &mut marker.detection.covariance_px2;
+    let fit = covariance.of(Source::Fit);
+    let least = fit.symmetric_eigenvalues().min();
+    if px > 0.0 && least > 0.0 {
+        covariance.add(Source::Misfit, fit * (px * px / least));
+    }
+}
+
+/// Standard deviation of the centre where the fit tells it best, px.
+fn shift_px(marker: &Measured, noise: f64) -> f64 {
+    let (rms, contrast) = (marker.detection.fit_rms, marker.detection.contrast);
+    let beyond = rms * rms - noise * noise - (WEIGHT.floor * contrast).powi(2);
+    // The width of a blurred edge: contrast over its slope.
+    let width = TAU.sqrt() * marker.blur;
+    MISFIT.of_width * width * beyond.max(0.0).sqrt() / contrast
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Vector2};
+
+    use super::*;
+    use crate::detect::detection::Detection;
+    use crate::detect::detection::covariance::Covariance;
+    use crate::setup::Shape;
+
+    /// What a disc's place is doubted by along and across it, px, whose fit leaves so many grey levels.
+    fn doubts(fit_rms: f64) -> [f64; 2] {
+        let fit = Matrix2::new(0.0025, 0.0, 0.0, 0.0001);
+        let detection = Detection {
+            shape: Shape::Circle,
+            centre_px: Vector2::new(300.0, 200.0),
+            covariance_px2: Covariance::of_fit(fit, fit),
+            semi_major_px: 60.0,
+            semi_minor_px: 8.0,
+            angle_rad: 0.0,
+            fit_rms,
+            contrast: 100.0,
+        };
+        let mut disc = Measured { blur: 0.8, ..Measured::whole(detection) };
+        inflate(&mut disc, 1.0);
+        let doubt = disc.detection.covariance_px2.of(Source::Misfit);
+        [doubt[(0, 0)].sqrt(), doubt[(1, 1)].sqrt()]
+    }
+
+    #[test]
+    fn what_noise_and_the_formula_explain_costs_nothing_and_more_does() {
+        assert_eq!(doubts(2.2), [0.0; 2]);
+        let [along, across] = doubts(6.0);
+        // A quarter of 5.6 % of an edge of 2 px.
+        assert!((across - 0.028).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
+    }
+}
