@@ -1,7 +1,6 @@
 //! A frame is searched where an earlier one says.
 
 use super::decode;
-use super::located::holds;
 use super::stages::{Sighting, Work, unseen};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, Prediction};
@@ -44,9 +43,9 @@ pub(super) fn look_guided(
     if predictions.is_empty() {
         return whole(sighting, bytes, format);
     }
-    let columns = |width, height| detect::columns_read(predictions, width, height);
+    let tiles = |width, height| detect::tiles_read(predictions, width, height);
     let part = sighting.look(
-        || decode::decode_part(bytes, format, &columns),
+        || decode::decode_part(bytes, format, &tiles),
         |raster| detect::detect_guided(raster, predictions),
     );
     if part.is_none() {
@@ -68,8 +67,8 @@ fn look_again(
 ) -> (Option<Raster>, Search) {
     let lies_there = |raster: &Raster, better: &[Prediction]| {
         let [read, needed] =
-            [predictions, better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
-        holds(&read, &needed)
+            [predictions, better].map(|p| detect::tiles_read(p, raster.width(), raster.height()));
+        read.hold(&needed)
     };
     let Some(better) = better.filter(|better| !better.is_empty()) else {
         return whole(sighting, bytes, format);

@@ -1,13 +1,12 @@
 //! Markers where the installation says to look, and closer looks at them when they have names.
 
-use std::ops::Range;
-
 use nalgebra::Vector2;
 
 use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
+use crate::measure::tiles::Tiles;
 
 /// How far aside of its place a missing marker is looked for, px: ten times as far as a simple beam's predictions fail.
 const ASIDE_PX: f64 = 100.0;
@@ -15,17 +14,10 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
-/// Whether what is needed of each row is among what was read.
-pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
-    let holds =
-        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-    needed.iter().zip(read).all(holds)
-}
-
-/// A picture of which of each row some columns were decoded.
+/// A picture of which some was decoded.
 pub(super) struct Part {
     pub raster: Raster,
-    pub read: Vec<Range<usize>>,
+    pub read: Tiles,
 }
 
 impl Part {
@@ -38,8 +30,7 @@ impl Part {
 
     /// Whether all was decoded that is looked at where markers are predicted.
     fn holds(&self, predictions: &[Prediction]) -> bool {
-        let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
-        holds(&self.read, &needed)
+        self.read.hold(&detect::tiles_read(predictions, self.raster.width(), self.raster.height()))
     }
 
     /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is

@@ -14,6 +14,7 @@ use crate::measure::detect::{self, Detection, Detections};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::measure::tiles::Tiles;
 use crate::record::Reason;
 
 pub use super::located::identified;
@@ -199,9 +200,10 @@ fn look_located(
     orientation: &Orientation,
 ) -> Option<()> {
     let size = (setup.lens.width as usize, setup.lens.height as usize);
-    let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
-    let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
-    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
+    let read = detect::tiles_read(&identify::anywhere(setup, orientation), size.0, size.1);
+    let tiles =
+        |width, height| if (width, height) == size { read.clone() } else { Tiles::none(width, height) };
+    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &tiles)).ok()?;
     sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
     sighting.size?;
     let part = located::Part { raster, read };

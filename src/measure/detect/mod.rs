@@ -47,8 +47,6 @@ mod search;
 mod segment;
 mod simd;
 
-use std::ops::Range;
-
 use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast};
 use crate::detect::detection::by_place;
 use crate::detect::estimate::overshoot::Sharpening;
@@ -59,6 +57,7 @@ use crate::detect::search::{Look, Progress, is_faint};
 use crate::detect::segment::background;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Overshoot, Prediction, RejectReason, Rejected};
@@ -144,7 +143,7 @@ fn find(image: &Raster, look: Look) -> All {
 
 /// A frame without most of its noise, of which only that is seen which is read.
 fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
-    noise::smoothed(image, &scope.columns(image.width(), image.height()))
+    noise::smoothed(image, &scope.tiles(image.width(), image.height()))
 }
 
 /// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
@@ -181,10 +180,9 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
     }
 }
 
-/// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere
-/// need not be decoded.
-pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
-    Scope::Around(predictions).columns(width, height)
+/// What of a frame of `width` x `height` px [`detect_guided`] reads: what lies elsewhere need not be decoded.
+pub fn tiles_read(predictions: &[Prediction], width: usize, height: usize) -> Tiles {
+    Scope::Around(predictions).tiles(width, height)
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.

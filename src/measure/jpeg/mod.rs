@@ -10,8 +10,6 @@
 //! | `dnl` | a height that stands behind the first scan |
 //! | `intervals` | a scan, cut at its restart markers |
 
-use std::ops::Range;
-
 mod codes;
 mod coefficients;
 mod dnl;
@@ -21,6 +19,7 @@ pub mod scans;
 pub mod sequential;
 
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 /// Why a JPEG is not read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -36,8 +35,8 @@ pub enum JpegFault {
 /// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
 pub const LARGEST_SIDE: usize = 30_000;
 
-/// Of each pixel row of a picture of some width and height, px, the columns that are wanted.
-pub type Wanted<'a> = dyn Fn(usize, usize) -> Vec<Range<usize>> + 'a;
+/// What is wanted of a picture of some width and height, px.
+pub type Wanted<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 
 /// The grey values; where it cannot be read as it is, perhaps its height stands behind its first scan.
 pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, JpegFault> {
