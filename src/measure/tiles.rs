@@ -58,10 +58,12 @@ impl Tiles {
         }
     }
 
-    /// Whether all that are marked in another are marked here.
-    pub fn hold(&self, other: &Self) -> bool {
-        let sizes = (self.width, self.height) == (other.width, other.height);
-        sizes && other.marked.iter().zip(&self.marked).all(|(needed, marked)| *marked || !needed)
+    /// Marks those of another of the same picture, and leaves in that what was not marked here.
+    pub fn take_up(&mut self, new: &mut Self) {
+        for (own, new) in self.marked.iter_mut().zip(&mut new.marked) {
+            *new &= !*own;
+            *own |= *new;
+        }
     }
 }
 
@@ -97,7 +99,11 @@ mod tests {
         assert_eq!([tiles.row(0), tiles.row(2)], [[false; 8]; 2]);
         assert_eq!([tiles.columns(8), tiles.columns(42), tiles.columns(0)], [0..16, 40..61, 0..0]);
         assert!(tiles.row(9).is_empty());
-        assert!(Tiles::all(61, 43).hold(&tiles) && !tiles.hold(&Tiles::all(61, 43)));
-        assert!(tiles.hold(&Tiles::none(61, 43)) && !tiles.hold(&Tiles::none(8, 8)));
+        let mut new = Tiles::none(61, 43);
+        new.mark(0..24, 8..16);
+        tiles.take_up(&mut new);
+        assert_eq!((tiles.columns(8), new.columns(8)), (0..24, 16..24));
+        tiles.take_up(&mut new);
+        assert_eq!(new, Tiles::none(61, 43));
     }
 }

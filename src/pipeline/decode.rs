@@ -1,10 +1,11 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
 use crate::camera::Format;
-pub use crate::measure::jpeg::Wanted;
 use crate::measure::jpeg::{self, JpegFault, LARGEST_SIDE};
+pub use crate::measure::jpeg::{Part, Wanted};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
+use crate::measure::tiles::Tiles;
 use crate::pipeline::guard::guarded;
 
 mod picture;
@@ -59,20 +60,12 @@ impl From<JpegFault> for DecodeError {
 
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
-    decode_into(bytes, format, None)
+    decode_part(bytes, format, &Tiles::all).map(Part::into_raster)
 }
 
-/// The same, but of a camera's JPEG only what is `wanted` need be there: elsewhere it may be black. The whole file is
-/// read all the same, and damage anywhere noticed.
-pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Raster, DecodeError> {
-    decode_into(bytes, format, Some(wanted))
-}
-
-fn decode_into(
-    bytes: &[u8],
-    format: Option<&Format>,
-    wanted: Option<&Wanted>,
-) -> Result<Raster, DecodeError> {
+/// The same, but of a camera's JPEG only what is `wanted` need be decoded, until more is ([`Part::read`]). The whole file is read
+/// all the same, and damage anywhere noticed.
+pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
@@ -86,7 +79,7 @@ pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
     #[cfg(test)]
     assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
@@ -95,19 +88,20 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     if let Some(Format::Raw { fourcc, width, height, stride }) = format {
         let size = (*width as usize, *height as usize, *stride as usize);
         return samples::luma(fourcc, size.0, size.1, size.2, bytes)
+            .map(Part::whole)
             .map_err(|e| DecodeError::Raw(e.to_string()));
     }
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return Ok(jpeg::luma(&bytes[zeros..], wanted)?);
+        return Ok(jpeg::part(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
         return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture::luma(bytes, format),
+        (Ok(format), _) => picture::luma(bytes, format).map(Part::whole),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -117,7 +111,6 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
 mod tests {
 
     use super::*;
-    use crate::measure::tiles::Tiles;
     use proptest::prelude::*;
 
     /// Files of every kind that cameras write, of one picture: sequential, grey and in colour, with and without restart
@@ -155,9 +148,7 @@ mod tests {
             let (header, colour) = jpeg::kind::header(bytes).unwrap();
             let general = jpeg::scans::luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            assert!(jpeg::luma(bytes, None).unwrap().luma() == general.luma(), "file {k}");
-            let one = jpeg::sequential::one_scan(bytes, &header, colour, None);
-            assert_eq!(one.is_none(), k == 7, "only the progressive file has several scans");
+            assert!(jpeg::luma(bytes).unwrap().luma() == general.luma(), "file {k}");
         }
     }
 
@@ -175,14 +166,21 @@ mod tests {
     fn a_part_is_as_in_the_whole() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
             let whole = decode(bytes, None).unwrap();
-            let part = decode_part(bytes, None, &slanted).unwrap();
+            let mut part = decode_part(bytes, None, &slanted).unwrap();
             let tiles = slanted(61, 43);
             for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
                 let known = if tiles.row(y / 8)[x / 8] || k == 7 { whole.row(y)[x] } else { 0 };
-                assert_eq!(part.row(y)[x], known, "file {k}, row {y}, column {x}");
+                // Only the progressive file has several scans.
+                assert_eq!(part.raster().row(y)[x], known, "file {k}, row {y}, column {x}");
             }
-            // Nothing else is transformed, but of several scans.
-            assert_eq!(part.row(20) == [0; 61], k != 7, "file {k}");
+            let mut more = Tiles::none(61, 43);
+            more.mark(20..21, 20..21);
+            more.mark(9..61, 8..40);
+            part.read(more);
+            assert_eq!(part.raster().row(20)[9..], whole.row(20)[9..], "file {k}");
+            assert!(k == 7 || part.raster().row(20)[..8] == [0; 8], "file {k}");
+            part.read(Tiles::all(61, 43));
+            assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
             assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
             assert!(decode_part(bytes, None, &|_, _| Tiles::none(1, 1)).is_ok());

@@ -74,39 +74,39 @@ pub fn detect(image: &Raster) -> Detections {
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    Looker::new(image).closely(predictions)
+    Looker::new(image).closely(image, predictions)
 }
 
-/// Looks at a frame where markers are predicted, once or several times.
-pub struct Looker<'a> {
-    image: &'a Raster,
+/// What is known of a frame that is looked at where markers are predicted, once or several times. Of the picture only what
+/// [`tiles_read`] says need be there at each look.
+pub struct Looker {
     noise: f64,
     sharpening: Sharpening,
 }
 
-impl<'a> Looker<'a> {
+impl Looker {
     /// At a frame in which nothing has been found.
-    pub fn new(image: &'a Raster) -> Self {
-        Self { image, noise: noise::estimate(image), sharpening: Sharpening::Open }
+    pub fn new(image: &Raster) -> Self {
+        Self { noise: noise::estimate(image), sharpening: Sharpening::Open }
     }
 
     /// At one in which something has been found.
-    pub fn again(image: &'a Raster, found: &Detections) -> Self {
+    pub fn again(found: &Detections) -> Self {
         let sharpening = found.overshoot.map_or(Sharpening::None, Sharpening::Of);
-        Self { image, noise: found.noise, sharpening }
+        Self { noise: found.noise, sharpening }
     }
 
     /// The predicted markers, as [`detect_guided`] finds them.
-    pub fn closely(&self, predictions: &[Prediction]) -> Detections {
-        let mut all = find(self.image, self.look(Scope::Around(predictions)));
+    pub fn closely(&self, image: &Raster, predictions: &[Prediction]) -> Detections {
+        let mut all = find(image, self.look(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
-        detections(self.image, all)
+        detections(image, all)
     }
 
     /// Those that show without effort, to some tenths of a pixel.
-    pub fn roughly(&mut self, predictions: &[Prediction]) -> Vec<Detection> {
+    pub fn roughly(&mut self, image: &Raster, predictions: &[Prediction]) -> Vec<Detection> {
         let look = Look { rough: true, ..self.look(Scope::Around(predictions)) };
-        let All { mut found, sharpening, .. } = find(self.image, look);
+        let All { mut found, sharpening, .. } = find(image, look);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
