@@ -182,7 +182,7 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
 
 /// What of a frame of `width` x `height` px [`detect_guided`] reads: what lies elsewhere need not be decoded.
 pub fn tiles_read(predictions: &[Prediction], width: usize, height: usize) -> Tiles {
-    Scope::Around(predictions).tiles(width, height)
+    Scope::Around(predictions).tiles_read(width, height)
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.

@@ -111,10 +111,15 @@ impl Scope<'_> {
         predictions.iter().map(long).fold(0.0, f64::max)
     }
 
-    /// What of a frame of `width` x `height` px is read: what lies about the markers, and all of the rows that tell the noise.
+    /// What of a frame of `width` x `height` px is looked at: what lies about the markers.
     pub fn tiles(&self, width: usize, height: usize) -> Tiles {
-        let Some(windows) = self.windows() else { return Tiles::all(width, height) };
-        let mut tiles = background::tiles(&windows, width, height, MARGIN);
+        let all = || Tiles::all(width, height);
+        self.windows().map_or_else(all, |windows| background::tiles(&windows, width, height, MARGIN))
+    }
+
+    /// What is read, beside that the rows that tell the noise.
+    pub fn tiles_read(&self, width: usize, height: usize) -> Tiles {
+        let mut tiles = self.tiles(width, height);
         noise::sampled(height).for_each(|y| tiles.mark(0..width, y..y + 1));
         tiles
     }
@@ -273,7 +278,7 @@ mod tests {
 
     #[test]
     fn what_is_read_lies_about_the_predictions() {
-        let tiles = |sought: &[Prediction]| Scope::Around(sought).tiles(4000, 3000);
+        let tiles = |sought: &[Prediction]| Scope::Around(sought).tiles_read(4000, 3000);
         let about = tiles(&[prediction(1000.0)]);
         let read = (0..375).map(|row| about.row(row).iter().filter(|m| **m).count()).sum::<usize>();
         let none = tiles(&[]);
