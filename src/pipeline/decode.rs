@@ -236,6 +236,29 @@ mod tests {
             let _ = decode(&bytes, None);
         }
 
+        /// However it is asked for, what is decoded is that of the whole picture, and nothing else is.
+        #[test]
+        fn parts_are_read_in_any_order(
+            kind in 0usize..8,
+            boxes in proptest::collection::vec((0usize..70, 0usize..20, 0usize..50, 0usize..20), 1..6),
+        ) {
+            let bytes = &jpeg_files(61, 43)[kind];
+            let whole = decode(bytes, None).unwrap();
+            let mut part = decode_part(bytes, None, &Tiles::none).unwrap();
+            let mut all = Tiles::none(61, 43);
+            for (x, across, y, down) in boxes {
+                let mut wanted = Tiles::none(61, 43);
+                for tiles in [&mut wanted, &mut all] {
+                    tiles.mark(x..x + across, y..y + down);
+                }
+                part.read(wanted);
+                for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
+                    let known = kind == 7 || all.row(y / 8)[x / 8];
+                    prop_assert_eq!(part.raster().row(y)[x], if known { whole.row(y)[x] } else { 0 });
+                }
+            }
+        }
+
         #[test]
         fn random_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
             let _ = decode(&bytes, None);

@@ -221,7 +221,8 @@ impl Passed {
             for column in scan.wanted_units(row, wanted) {
                 let unit = row * scan.columns + column;
                 let from = unit / stride;
-                if next > unit || next < from * stride {
+                // What came last may end at a restart marker, behind which the bits begin anew.
+                if next > unit || next <= from * stride {
                     let Some(place) = self.places.get(from) else { return };
                     (codes, mean, next) = (Codes::at(&self.data, place.bit), place.mean, from * stride);
                 }
