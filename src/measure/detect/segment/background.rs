@@ -25,6 +25,8 @@ type Span = (usize, Range<usize>);
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
+    /// Whether something thick may lie in it, which is seen against the far background.
+    has_thick: bool,
 }
 
 /// A box about what is sought: first and last column and row, and how thick that shows at most, px.
@@ -38,17 +40,21 @@ pub struct Window {
 type Area = [Range<usize>; 2];
 
 impl Window {
+    /// Whether what is sought may be so thick that it is seen against the far background.
+    fn is_thick(&self, factor: usize) -> bool {
+        // Both rims may cover a part of a reduced pixel.
+        self.thick / factor as f64 + 2.0 >= BACKGROUND.thick as f64
+    }
+
     /// What it holds of a frame of `width` x `height` reduced pixels, and what its background is told by: the same, wider and
     /// higher. As far as what is thick needs it only where something may be thick.
     fn boxes(&self, factor: usize, [width, height]: [usize; 2]) -> [Area; 3] {
-        let Self { low, high, thick } = self;
+        let Self { low, high, .. } = self;
         let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
         let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
         let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
         let (near, far) = (BACKGROUND.reach.last(), BACKGROUND.far.last());
-        // Both rims may cover a part of a reduced pixel.
-        let is_thick = thick / factor as f64 + 2.0 >= BACKGROUND.thick as f64;
-        let reach = *if is_thick { far } else { near }.unwrap_or(&0);
+        let reach = *if self.is_thick(factor) { far } else { near }.unwrap_or(&0);
         let (wider, higher) = (wider(&columns, reach, width), wider(&rows, reach, height));
         [[columns.clone(), rows.clone()], [wider, rows], [columns, higher]]
     }
@@ -80,7 +86,7 @@ impl Part {
     pub fn all(width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
-        Self { wanted: rows.clone(), means: rows }
+        Self { wanted: rows.clone(), means: rows, has_thick: true }
     }
 
     /// What the windows hold of a frame of `width` x `height` px.
@@ -94,7 +100,8 @@ impl Part {
             means.extend([wide, high]);
         }
         let [wanted, means] = [wanted, means].map(|boxes| spans(&boxes, height));
-        Self { wanted, means }
+        let has_thick = windows.iter().any(|window| window.is_thick(factor));
+        Self { wanted, means, has_thick }
     }
 
     /// What is known of reduced pixels, `width` to a row, 0 elsewhere: of windows most of a frame is never touched.
@@ -149,13 +156,16 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// With its background raised to that of the farther distances.
-    pub fn seen_far(&self) -> Self {
+    /// With its background raised to that of the farther distances; `None` where nothing thick is sought.
+    pub fn seen_far(&self) -> Option<Self> {
+        if !self.part.has_thick {
+            return None;
+        }
         let Self { factor, width, height, ref mean, ref part, .. } = *self;
         let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copied(&self.background, width));
         let mut far = Self { factor, width, height, mean, background, part };
         far.raise_by(&BACKGROUND.far);
-        far
+        Some(far)
     }
 }
 
