@@ -159,7 +159,7 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
     for measured in &mut found.measured {
         correlated::raise(measured, inflation);
         dirt::inflate(image, measured, &ellipses);
-        misfit::inflate(measured, noise);
+        misfit::inflate(image, measured, noise);
     }
     let lost_contrast_px = lost_contrast::inflate(&mut found.measured);
     // Markers are larger than dirt.

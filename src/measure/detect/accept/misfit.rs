@@ -6,13 +6,16 @@
 use std::f64::consts::TAU;
 
 use super::verdict::Measured;
-use crate::detect::accept::options::MISFIT;
+use crate::detect::accept::options::{MISFIT, VERDICT};
 use crate::detect::detection::covariance::Source;
 use crate::detect::estimate::options::WEIGHT;
+use crate::detect::image::noise;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// Adds that to the covariance, in a frame with some noise, grey levels: along and across the marker as its own fit tells the two.
-pub fn inflate(marker: &mut Measured, noise: f64) {
-    let px = shift_px(marker, noise);
+pub fn inflate(image: &Raster, marker: &mut Measured, noise: f64) {
+    let px = shift_px(image, marker, noise);
     let covariance = &mut marker.detection.covariance_px2;
     let fit = covariance.of(Source::Fit);
     let least = fit.symmetric_eigenvalues().min();
@@ -21,13 +24,25 @@ pub fn inflate(marker: &mut Measured, noise: f64) {
     }
 }
 
-/// Standard deviation of the centre where the fit tells it best, px.
-fn shift_px(marker: &Measured, noise: f64) -> f64 {
-    let (rms, contrast) = (marker.detection.fit_rms, marker.detection.contrast);
-    let beyond = rms * rms - noise * noise - (WEIGHT.floor * contrast).powi(2);
+/// Standard deviation of the centre where the fit tells it best, px; 0 where residuals are noise alone, of which JPEG leaves
+/// more at edges than elsewhere.
+fn shift_px(image: &Raster, marker: &Measured, noise: f64) -> f64 {
+    if !marker.is_systematic {
+        return 0.0;
+    }
+    let detection = &marker.detection;
+    let contrast = detection.contrast;
+    let beyond = |noise: f64| {
+        let explained = (VERDICT.poor.0 * noise).powi(2) + (WEIGHT.floor * contrast).powi(2);
+        (detection.fit_rms.powi(2) - explained).max(0.0)
+    };
+    let mut left = beyond(noise);
+    if left > 0.0 && detection.shape == Shape::Circle {
+        let about = noise::about(image, &detection.ellipse()).max(VERDICT.lost_noise);
+        left = left.min(beyond(about));
+    }
     // The width of a blurred edge: contrast over its slope.
-    let width = TAU.sqrt() * marker.blur;
-    MISFIT.of_width * width * beyond.max(0.0).sqrt() / contrast
+    MISFIT.of_width * TAU.sqrt() * marker.blur * left.sqrt() / contrast
 }
 
 #[cfg(test)]
@@ -39,8 +54,8 @@ mod tests {
     use crate::detect::detection::covariance::Covariance;
     use crate::setup::Shape;
 
-    /// What a disc's place is doubted by along and across it, px, whose fit leaves so many grey levels.
-    fn doubts(fit_rms: f64) -> [f64; 2] {
+    /// What a disc's place is doubted by along and across it, px, whose fit leaves so many grey levels, of noise alone or not.
+    fn doubts(fit_rms: f64, is_systematic: bool) -> [f64; 2] {
         let fit = Matrix2::new(0.0025, 0.0, 0.0, 0.0001);
         let detection = Detection {
             shape: Shape::Circle,
@@ -52,17 +67,18 @@ mod tests {
             fit_rms,
             contrast: 100.0,
         };
-        let mut disc = Measured { blur: 0.8, ..Measured::whole(detection) };
-        inflate(&mut disc, 1.0);
+        let mut disc = Measured { blur: 0.8, is_systematic, ..Measured::whole(detection) };
+        let even = Raster::new(600, 400, vec![160; 600 * 400]).expect("a value for each pixel");
+        inflate(&even, &mut disc, 1.0);
         let doubt = disc.detection.covariance_px2.of(Source::Misfit);
         [doubt[(0, 0)].sqrt(), doubt[(1, 1)].sqrt()]
     }
 
     #[test]
     fn what_noise_and_the_formula_explain_costs_nothing_and_more_does() {
-        assert_eq!(doubts(2.2), [0.0; 2]);
-        let [along, across] = doubts(6.0);
-        // A quarter of 5.6 % of an edge of 2 px.
-        assert!((across - 0.028).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
+        assert_eq!([doubts(2.5, true), doubts(6.0, false)], [[0.0; 2]; 2]);
+        let [along, across] = doubts(6.0, true);
+        // A third of 5.4 % of an edge of 2 px.
+        assert!((across - 0.038).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
     }
 }

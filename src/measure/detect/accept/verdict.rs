@@ -52,6 +52,8 @@ pub struct Measured {
     pub correlation: f64,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
     pub length: f64,
+    /// Whether its residuals are no noise alone: they hang together, or are those of a sharpened picture.
+    pub is_systematic: bool,
     /// Whether glare lies over it, through which it was measured.
     pub through_glare: bool,
     /// Whether no part of it was taken for hidden.
@@ -68,7 +70,8 @@ impl Measured {
     #[cfg(test)]
     pub fn whole(detection: Detection) -> Self {
         let (blur, darkness, dark, correlation, length) = (1.5, 0.6, 0.87, 1.0, 0.0);
-        Self { detection, blur, darkness, dark, correlation, length, through_glare: false, is_whole: true }
+        let (is_systematic, through_glare, is_whole) = (false, false, true);
+        Self { detection, blur, darkness, dark, correlation, length, is_systematic, through_glare, is_whole }
     }
 }
 
@@ -115,6 +118,7 @@ pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> 
         dark: m[DARK],
         correlation: fit.correlation,
         length: if is_disc { fit.covariance[(MAJOR, MAJOR)].max(0.0).sqrt() } else { 0.0 },
+        is_systematic: fit.is_systematic || m[OVERSHOOT] > 0.0,
         through_glare: false,
         is_whole: hypothesis.is_whole(),
     })

@@ -33,6 +33,8 @@ pub struct Fit {
     pub white: Matrix2<f64>,
     /// What foreign ground beside its edges makes doubtful, px^2.
     pub beside: Matrix2<f64>,
+    /// Whether residuals hang together along the outline, or pixels do not fit: they are no noise alone.
+    pub is_systematic: bool,
 }
 
 impl Fit {
@@ -53,6 +55,7 @@ impl Fit {
             correlation: 1.0,
             white,
             beside: Matrix2::zeros(),
+            is_systematic: false,
         }
     }
 
@@ -138,6 +141,7 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
         correlation: 1.0,
         white,
         beside,
+        is_systematic: false,
     })
 }
 

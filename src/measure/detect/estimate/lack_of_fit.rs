@@ -21,19 +21,22 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let left_out = seen.biweights.iter().zip(&pixels.batches);
     let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
     let foreign = left_out as f64 / pixels.count() as f64;
-    let suspect = whole
-        && (seen.uneven > LACK_OF_FIT.uneven
-            || seen.ratio > LACK_OF_FIT.correlated
-            || foreign > LACK_OF_FIT.foreign);
+    let is_systematic = seen.uneven > LACK_OF_FIT.uneven
+        || seen.ratio > LACK_OF_FIT.correlated
+        || foreign > LACK_OF_FIT.foreign;
     // With few foreign pixels the first step tells.
     let least = (foreign <= LACK_OF_FIT.foreign).then_some(LACK_OF_FIT.hopeless);
-    let freed = if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
+    let freed = if whole && is_systematic {
+        fit_light_field(pixels, &fit, &seen, unknowns, floor, least)
+    } else {
+        None
+    };
     let beside = if foreign > LACK_OF_FIT.foreign {
         foreign_ground::doubt(pixels, &fit, &seen, unknowns, scale)
     } else {
         Matrix2::zeros()
     };
-    let mut out = Fit { correlation: seen.mean, beside, ..fit };
+    let mut out = Fit { correlation: seen.mean, beside, is_systematic, ..fit };
     let mut centre = seen.covariance;
     if let Some(freed) = freed {
         let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();

@@ -266,7 +266,7 @@ impl Closer<'_> {
         let mut measured = self.ladder.measure(&hypothesis).ok()?;
         correlated::raise(&mut measured, self.found.inflation);
         dirt::inflate(self.ladder.image, &mut measured, others);
-        misfit::inflate(&mut measured, self.found.noise);
+        misfit::inflate(self.ladder.image, &mut measured, self.found.noise);
         lost_contrast::doubt(&mut measured, self.found.lost_contrast_px);
         if prediction.shape == Shape::Quadrant {
             measured.detection.semi_major_px /= ORIENTATION.inner;

@@ -128,6 +128,7 @@ impl Centre {
             correlation,
             white: self.white,
             beside: Matrix2::zeros(),
+            is_systematic: false,
         })
     }
 }
