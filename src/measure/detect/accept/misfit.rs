@@ -78,7 +78,7 @@ mod tests {
     fn what_noise_and_the_formula_explain_costs_nothing_and_more_does() {
         assert_eq!([doubts(2.5, true), doubts(6.0, false)], [[0.0; 2]; 2]);
         let [along, across] = doubts(6.0, true);
-        // A third of 5.4 % of an edge of 2 px.
-        assert!((across - 0.038).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
+        // Half of 5.4 % of an edge of 2 px.
+        assert!((across - 0.054).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
     }
 }
