@@ -9,6 +9,9 @@ use crate::geometry::skew;
 /// the span (rad).
 pub const ESTIMATED: usize = 3;
 
+/// Per marker: d position / d each of these.
+pub type Answers = Vec<[Vector3<f64>; ESTIMATED]>;
+
 /// A marker in flight with the derivatives of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerState {
@@ -28,6 +31,8 @@ pub struct MarkerState {
     pub by_raise: [Vector3<f64>; RAISE_TERMS],
     /// d position / d what the user can only estimate; 0 for what is held.
     pub by_estimated: [Vector3<f64>; ESTIMATED],
+    /// d position / d rotation about the span of the plane that the wing bends in, m/rad.
+    pub by_plane: Vector3<f64>,
 }
 
 impl MarkerState {
@@ -48,6 +53,7 @@ impl MarkerState {
             by_scale: none,
             by_raise: [none; RAISE_TERMS],
             by_estimated: [none; ESTIMATED],
+            by_plane: none,
         }
     }
 
@@ -69,7 +75,18 @@ impl MarkerState {
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
         let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));
-        Self { marker: 0, from_root_m, carried, by_curvature, by_twist, by_scale, by_raise, by_estimated }
+        let by_plane = Vector3::zeros();
+        Self {
+            marker: 0,
+            from_root_m,
+            carried,
+            by_curvature,
+            by_twist,
+            by_scale,
+            by_raise,
+            by_estimated,
+            by_plane,
+        }
     }
 
     /// Moves position and derivatives by a share of the way from one wing to another.
@@ -86,6 +103,25 @@ impl MarkerState {
         for k in 0..RAISE_TERMS {
             self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
         }
+    }
+
+    /// Moves it by what is off of what the user can only estimate.
+    pub fn answer(&mut self, by_estimated: &[Vector3<f64>; ESTIMATED], estimated: &[f64; ESTIMATED]) {
+        let moved_m: Vector3<f64> = by_estimated.iter().zip(estimated).map(|(by, off)| by * *off).sum();
+        self.by_estimated = *by_estimated;
+        self.carried.position_m += moved_m;
+        self.from_root_m = self.from_root_m.map(|from| from + moved_m);
+    }
+
+    /// Turns the plane that the wing bends in about the span by a small rotation, rad: what bending does to the marker's
+    /// place on ground (wing frame, m) is done in a wing that is turned back, and turned.
+    pub fn lean(&mut self, turn_rad: f64, ground_m: &Vector3<f64>) {
+        let Some(from_root_m) = self.from_root_m else { return };
+        let root_m = self.carried.position_m - from_root_m;
+        let about_span = |v: Vector3<f64>| Vector3::x().cross(&v);
+        self.by_plane = about_span(from_root_m) - self.carried.by_ground * about_span(ground_m - root_m);
+        self.carried.position_m += self.by_plane * turn_rad;
+        self.by_curvature.iter_mut().for_each(|v| *v += about_span(*v) * turn_rad);
     }
 
     /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
@@ -121,6 +157,7 @@ impl MarkerState {
             by_scale: turn * self.by_scale,
             by_raise: self.by_raise.map(|v| turn * v),
             by_estimated: self.by_estimated,
+            by_plane: turn * self.by_plane,
         }
     }
 }

@@ -6,10 +6,11 @@ use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
-use crate::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::adjust::beam::{Bending, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::adjust::budget::Blocks;
 use crate::adjust::input::Input;
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
+use crate::adjust::marker_state::Answers;
 use crate::adjust::scene::Scene;
 use crate::adjust::taught::{LASTING, Lasting, MARKS, SHAPE, SKIN, SURVEY};
 use crate::adjust::term::{Columns, Place, Placed};
@@ -64,6 +65,15 @@ fn own_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
     }
 }
 
+/// How a frame's markers answer to what the user can only estimate, where other frames tell of its twist; see
+/// [`Assumed::usual_bending`](super::assumed::Assumed::usual_bending).
+fn answers(flight: &Flight, frame: usize, scale: f64) -> Option<Arc<Answers>> {
+    let usual = flight.assumed.usual_bending(frame)?;
+    let (curvature_per_m, twist_rad) = (&usual.curvature_per_m[..], &usual.twist_rad[..]);
+    let bending = Bending { curvature_per_m, twist_rad, scale, ..Bending::NONE };
+    Some(Arc::new(flight.input.scene.answers(&bending)))
+}
+
 /// All unknowns of a flight, placed.
 struct Unknowns {
     columns: Columns,
@@ -110,6 +120,7 @@ impl Unknowns {
         let mounting = &self.mountings[flight.assumed.mountings.of(frame)];
         let own = self.own(flight, frame);
         let [curvature, twist, rotation] = [0, 1, 2].map(|k| &own[k]);
+        let expected_scale = flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale);
         Layout {
             terms: [&own[..], &mounting.placed, &self.shared.placed].concat(),
             curvature: curvature.place,
@@ -118,9 +129,10 @@ impl Unknowns {
             twist_terms: twist.term.size,
             rotation: vec![rotation.place, Place::Global(mounting.columns.first)],
             axis_height: self.shared.axis_height,
-            expected_scale: flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
+            expected_scale,
             survey: Survey::Global(self.survey),
             motions: self.motions.clone(),
+            answers: answers(flight, frame, expected_scale),
             root: self.shared.root.clone(),
             head: self.head,
             own: mounting.columns,

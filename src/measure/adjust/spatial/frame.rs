@@ -129,6 +129,7 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
         motions,
+        answers: None,
         root: shared.root,
         head,
         own: Own { first: first_own, count: cause.len() },
