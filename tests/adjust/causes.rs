@@ -185,18 +185,24 @@ fn where_many_are_out_the_test_judges_them_all() {
     assert!(met >= 4, "{met} of 8");
 }
 
-/// Skin that moves by four times what is usual: what snooping leaves of it is said where it is twice as much, and never
+/// Skin that moves by six times what is usual: what snooping leaves of it is said where it is twice as much, and never
 /// where nothing moves or where the width is stated.
 #[test]
 fn a_flight_says_what_moves_more_than_usual() {
     let says = |effects: Effects, width: InFlight, word: &str| {
-        let flights = (7320..7324).map(|seed| frames_of(seed, 5, (effects, width), |_| ()));
+        let flights = (7320..7332).map(|seed| frames_of(seed, 5, (effects, width), |_| ())).inspect(|f| {
+            println!(
+                "{:?} {}",
+                f[0].global_test,
+                f[0].remarks.iter().filter(|r| r.contains("left out")).count()
+            )
+        });
         flights.filter(|flight| flight[0].remarks.iter().any(|r| r.contains(word))).count()
     };
-    let skin = Effects { skin_m: 1.2e-3, ..Effects::default() };
+    let skin = Effects { skin_m: 1.8e-3, ..Effects::default() };
     let (moved, held) =
         (says(skin, InFlight::USUAL, "skin moved"), says(skin, InFlight::USUAL.held(), "skin moved"));
     let still = says(Effects::default(), InFlight::USUAL, "are usual");
-    println!("skin: said in {moved} of 4, held in {held}; nothing: {still}");
-    assert!(moved >= 1 && held == 0 && still == 0, "{moved} {held} {still}");
+    println!("skin: said in {moved} of 12, held in {held}; nothing: {still}");
+    assert!(moved >= 6 && held == 0 && still == 0, "{moved} {held} {still}");
 }

@@ -113,15 +113,31 @@ impl MarkerState {
         self.from_root_m = self.from_root_m.map(|from| from + moved_m);
     }
 
-    /// Turns the plane that the wing bends in about the span by a small rotation, rad: what bending does to the marker's
-    /// place on ground (wing frame, m) is done in a wing that is turned back, and turned.
-    pub fn lean(&mut self, turn_rad: f64, ground_m: &Vector3<f64>) {
-        let Some(from_root_m) = self.from_root_m else { return };
-        let root_m = self.carried.position_m - from_root_m;
-        let about_span = |v: Vector3<f64>| Vector3::x().cross(&v);
-        self.by_plane = about_span(from_root_m) - self.carried.by_ground * about_span(ground_m - root_m);
+    /// Turns the plane that the wing bends in about the span by a small rotation, rad: bent is a wing that is turned back, and
+    /// turned then. `nominal`: the marker on the wing as it is stated; `turned`: the same with its place on ground turned about
+    /// the span by one radian, to first order.
+    pub fn lean(&mut self, turn_rad: f64, nominal: &Self, turned: &Self) {
+        let Some(from_root_m) = &mut self.from_root_m else { return };
+        let about_span = skew(&Vector3::x());
+        let by = |v: &Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| about_span * v - (t - n);
+        let place = |state: &Self| state.carried.position_m;
+        self.by_plane = by(from_root_m, &place(nominal), &place(turned));
+        *from_root_m += self.by_plane * turn_rad;
         self.carried.position_m += self.by_plane * turn_rad;
-        self.by_curvature.iter_mut().for_each(|v| *v += about_span(*v) * turn_rad);
+        let lean = |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
+        lean(&mut self.carried.by_slope, &nominal.carried.by_slope, &turned.carried.by_slope);
+        lean(&mut self.carried.by_twist, &nominal.carried.by_twist, &turned.carried.by_twist);
+        lean(&mut self.by_scale, &nominal.by_scale, &turned.by_scale);
+        (0..MAX_CURVATURE_TERMS).for_each(|k| {
+            lean(&mut self.by_curvature[k], &nominal.by_curvature[k], &turned.by_curvature[k]);
+        });
+        (0..TWIST_BASIS).for_each(|k| lean(&mut self.by_twist[k], &nominal.by_twist[k], &turned.by_twist[k]));
+        (0..RAISE_TERMS).for_each(|k| lean(&mut self.by_raise[k], &nominal.by_raise[k], &turned.by_raise[k]));
+        self.by_estimated.iter_mut().for_each(|v| *v += about_span * *v * turn_rad);
+        // The root, about which it turns, rises with the axis.
+        let by_ground = nominal.carried.by_ground;
+        self.by_raise[0] += (by_ground * Vector3::z() - Vector3::z()) * turn_rad;
+        self.carried.by_ground += (about_span * self.carried.by_ground - by_ground * about_span) * turn_rad;
     }
 
     /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
@@ -135,7 +151,7 @@ impl MarkerState {
         self.carried.by_ground = turn * self.carried.by_ground;
         self.by_scale = turn * self.by_scale;
         let vectors = self.by_curvature.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
-        vectors.chain(&mut self.by_estimated).for_each(|v| *v = turn * *v);
+        vectors.chain(&mut self.by_estimated).chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
         // The root rises with the axis, about which it turns.
         self.by_raise[0] -= small * Vector3::y();
     }

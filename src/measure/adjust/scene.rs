@@ -222,15 +222,17 @@ impl Scene {
         values: &Values,
     ) -> MarkerState {
         let bending = values.bending();
-        let mut state = match &values.answers {
-            Some(answers) => {
-                let mut state = self.on_beam(marker, &bent.sections[marker], ground_m, &bending);
-                state.answer(&answers[marker], &values.estimated);
-                state
-            }
-            None => self.marker(marker, bent, ground_m, &bending, &values.estimated),
-        };
-        state.lean(values.plane_rad, ground_m);
+        let nominal = self.on_beam(marker, &bent.sections[marker], ground_m, &bending);
+        let mut state = nominal;
+        match &values.answers {
+            Some(answers) => state.answer(&answers[marker], &values.estimated),
+            None => state = self.marker(marker, bent, ground_m, &bending, &values.estimated),
+        }
+        if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
+            let root_m = nominal.carried.position_m - from_root_m;
+            let there_m = ground_m + Vector3::x().cross(&(ground_m - root_m));
+            state.lean(turn_rad, &nominal, &self.on_beam(marker, &bent.sections[marker], &there_m, &bending));
+        }
         state.carry_with_root(&values.root_turn_rad, &values.root_shift_m);
         state.carried.position_m += moved(&values.moved_m, marker);
         state

@@ -33,8 +33,8 @@ pub struct Values {
     pub root_turn_rad: Vector3<f64>,
     /// Shift of the root since then, m.
     pub root_shift_m: Vector3<f64>,
-    /// Rotation about the span of the plane that the wing bends in, which is upright in an upright survey, rad.
-    pub plane_rad: f64,
+    /// Rotation about the span of the plane that the wing bends in, which is upright in an upright survey, rad; `None`: held.
+    pub plane_rad: Option<f64>,
     /// How markers answer to corrections of what the user can only estimate, where that is taken for granted.
     pub answers: Option<Arc<Answers>>,
 }
@@ -54,7 +54,7 @@ impl Values {
             moved_at_row_m: vec![],
             root_turn_rad: Vector3::zeros(),
             root_shift_m: Vector3::zeros(),
-            plane_rad: 0.0,
+            plane_rad: None,
             answers: None,
         }
     }

@@ -277,7 +277,7 @@ pub fn vertical(sigma_rad: f64) -> Term {
         missing: "the survey's vertical cannot be determined",
         size: 2,
         priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
-        enter: |x, values| values.plane_rad += x[0],
+        enter: |x, values| values.plane_rad = Some(x[0]),
         effect: Effect::Vertical {
             lift: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
             position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
