@@ -19,4 +19,5 @@ pub mod render;
 pub mod samples;
 pub mod setup;
 pub mod stress;
+pub mod tiles;
 pub mod time_code;

@@ -10,6 +10,12 @@ pub struct Raster {
     luma: Vec<u8>,
 }
 
+impl AsRef<Self> for Raster {
+    fn as_ref(&self) -> &Self {
+        self
+    }
+}
+
 impl Raster {
     /// `luma` holds `width * height` values; `None` where it does not, or where a side is 0.
     pub fn new(width: usize, height: usize, luma: Vec<u8>) -> Option<Self> {
@@ -30,6 +36,11 @@ impl Raster {
     /// All values, row by row.
     pub fn luma(&self) -> &[u8] {
         &self.luma
+    }
+
+    /// The same, to be filled in.
+    pub(crate) fn luma_mut(&mut self) -> &mut [u8] {
+        &mut self.luma
     }
 
     /// One row of `width` values; empty where `y` is outside.

@@ -1,10 +1,11 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
 use crate::camera::Format;
-pub use crate::measure::jpeg::Wanted;
 use crate::measure::jpeg::{self, JpegFault, LARGEST_SIDE};
+pub use crate::measure::jpeg::{Part, Wanted};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
+use crate::measure::tiles::Tiles;
 use crate::pipeline::guard::guarded;
 
 mod picture;
@@ -59,20 +60,12 @@ impl From<JpegFault> for DecodeError {
 
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
-    decode_into(bytes, format, None)
+    decode_part(bytes, format, &Tiles::all).map(Part::into_raster)
 }
 
-/// The same, but of a camera's JPEG only what is `wanted` need be there: elsewhere it may be black. The whole file is
-/// read all the same, and damage anywhere noticed.
-pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Raster, DecodeError> {
-    decode_into(bytes, format, Some(wanted))
-}
-
-fn decode_into(
-    bytes: &[u8],
-    format: Option<&Format>,
-    wanted: Option<&Wanted>,
-) -> Result<Raster, DecodeError> {
+/// The same, but of a camera's JPEG only what is `wanted` need be decoded, until more is ([`Part::read`]). The whole file is read
+/// all the same, and damage anywhere noticed.
+pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
@@ -86,7 +79,7 @@ pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
     #[cfg(test)]
     assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
@@ -95,19 +88,20 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     if let Some(Format::Raw { fourcc, width, height, stride }) = format {
         let size = (*width as usize, *height as usize, *stride as usize);
         return samples::luma(fourcc, size.0, size.1, size.2, bytes)
+            .map(Part::whole)
             .map_err(|e| DecodeError::Raw(e.to_string()));
     }
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return Ok(jpeg::luma(&bytes[zeros..], wanted)?);
+        return Ok(jpeg::part(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
         return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture::luma(bytes, format),
+        (Ok(format), _) => picture::luma(bytes, format).map(Part::whole),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -115,7 +109,6 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
 
 #[cfg(test)]
 mod tests {
-    use std::ops::Range;
 
     use super::*;
     use proptest::prelude::*;
@@ -155,31 +148,42 @@ mod tests {
             let (header, colour) = jpeg::kind::header(bytes).unwrap();
             let general = jpeg::scans::luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            assert!(jpeg::luma(bytes, None).unwrap().luma() == general.luma(), "file {k}");
-            let one = jpeg::sequential::one_scan(bytes, &header, colour, None);
-            assert_eq!(one.is_none(), k == 7, "only the progressive file has several scans");
+            assert!(jpeg::luma(bytes).unwrap().luma() == general.luma(), "file {k}");
         }
     }
 
-    /// Columns that move from row to row, and rows of which nothing is wanted.
-    fn slanted(width: usize, height: usize) -> Vec<Range<usize>> {
-        let columns = |y: usize| (y / 2).min(width)..(y / 2 + 13).min(width);
-        (0..height).map(|y| if (16..27).contains(&y) { 0..0 } else { columns(y) }).collect()
+    /// Columns that move from row to row, two stretches of them, and rows of which nothing is wanted.
+    fn slanted(width: usize, height: usize) -> Tiles {
+        let mut tiles = Tiles::none(width, height);
+        for y in (0..height).filter(|y| !(16..27).contains(y)) {
+            tiles.mark(y / 2..y / 2 + 13, y..y + 1);
+            tiles.mark(y / 2 + 37..y / 2 + 38, y..y + 1);
+        }
+        tiles
     }
 
     #[test]
     fn a_part_is_as_in_the_whole() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
             let whole = decode(bytes, None).unwrap();
-            let part = decode_part(bytes, None, &slanted).unwrap();
-            for (y, columns) in slanted(61, 43).into_iter().enumerate() {
-                assert_eq!(part.row(y)[columns.clone()], whole.row(y)[columns], "file {k}, row {y}");
+            let mut part = decode_part(bytes, None, &slanted).unwrap();
+            let tiles = slanted(61, 43);
+            for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
+                let known = if tiles.row(y / 8)[x / 8] || k == 7 { whole.row(y)[x] } else { 0 };
+                // Only the progressive file has several scans.
+                assert_eq!(part.raster().row(y)[x], known, "file {k}, row {y}, column {x}");
             }
-            // Nothing else is transformed, but of several scans.
-            assert_eq!(part.row(20) == [0; 61], k != 7, "file {k}");
+            let mut more = Tiles::none(61, 43);
+            more.mark(20..21, 20..21);
+            more.mark(9..61, 8..40);
+            part.read(more);
+            assert_eq!(part.raster().row(20)[9..], whole.row(20)[9..], "file {k}");
+            assert!(k == 7 || part.raster().row(20)[..8] == [0; 8], "file {k}");
+            part.read(Tiles::all(61, 43));
+            assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
             assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
-            assert!(decode_part(bytes, None, &|_, _| Vec::new()).is_ok());
+            assert!(decode_part(bytes, None, &|_, _| Tiles::none(1, 1)).is_ok());
         }
     }
 
@@ -230,6 +234,29 @@ mod tests {
             bytes[at % n] = value;
             bytes.truncate(cut.max(1));
             let _ = decode(&bytes, None);
+        }
+
+        /// However it is asked for, what is decoded is that of the whole picture, and nothing else is.
+        #[test]
+        fn parts_are_read_in_any_order(
+            kind in 0usize..8,
+            boxes in proptest::collection::vec((0usize..70, 0usize..20, 0usize..50, 0usize..20), 1..6),
+        ) {
+            let bytes = &jpeg_files(61, 43)[kind];
+            let whole = decode(bytes, None).unwrap();
+            let mut part = decode_part(bytes, None, &Tiles::none).unwrap();
+            let mut all = Tiles::none(61, 43);
+            for (x, across, y, down) in boxes {
+                let mut wanted = Tiles::none(61, 43);
+                for tiles in [&mut wanted, &mut all] {
+                    tiles.mark(x..x + across, y..y + down);
+                }
+                part.read(wanted);
+                for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
+                    let known = kind == 7 || all.row(y / 8)[x / 8];
+                    prop_assert_eq!(part.raster().row(y)[x], if known { whole.row(y)[x] } else { 0 });
+                }
+            }
         }
 
         #[test]

@@ -1,13 +1,14 @@
 //! A frame is searched where an earlier one says.
 
-use super::decode;
-use super::located::holds;
+use super::decode::{self, Part};
+use super::located::Picture;
 use super::stages::{Sighting, Work, unseen};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, Prediction};
 #[cfg(doc)]
 use crate::measure::identify;
 use crate::measure::raster::Raster;
+use crate::measure::tiles::Tiles;
 
 /// The markers of a frame that an earlier one foretells ([`identify::predict`]), without names: only what lies about them is
 /// decoded and searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
@@ -40,66 +41,30 @@ pub(super) fn look_guided(
     format: Option<&Format>,
     predictions: &[Prediction],
     onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
-) -> (Option<Raster>, Search) {
+) -> (Option<Part>, Search) {
     if predictions.is_empty() {
-        return whole(sighting, bytes, format);
+        let all = |raster: &Raster| detect::detect(raster);
+        let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), all);
+        return (part, Search::Whole);
     }
-    let columns = |width, height| detect::columns_read(predictions, width, height);
-    let part = sighting.look(
-        || decode::decode_part(bytes, format, &columns),
-        |raster| detect::detect_guided(raster, predictions),
-    );
-    if part.is_none() {
+    let tiles = |width, height| detect::tiles_read(predictions, width, height);
+    let guided = |raster: &Raster| detect::detect_guided(raster, predictions);
+    let Some(mut part) = sighting.look(|| decode::decode_part(bytes, format, &tiles), guided) else {
         return (None, Search::Guided);
-    }
+    };
     if detect::is_complete(&sighting.detections, predictions) {
-        return (part, Search::Guided);
+        return (Some(part), Search::Guided);
     }
-    let better = onwards(&sighting.detections.markers);
-    look_again(sighting, bytes, format, (part, predictions, better))
-}
-
-/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
-fn look_again(
-    sighting: &mut Sighting,
-    bytes: &[u8],
-    format: Option<&Format>,
-    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
-) -> (Option<Raster>, Search) {
-    let lies_there = |raster: &Raster, better: &[Prediction]| {
-        let [read, needed] =
-            [predictions, better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
-        holds(&read, &needed)
-    };
-    let Some(better) = better.filter(|better| !better.is_empty()) else {
-        return whole(sighting, bytes, format);
-    };
-    let again = |raster: &Raster, sighting: &mut Sighting| {
+    if let Some(better) = onwards(&sighting.detections.markers).filter(|better| !better.is_empty()) {
+        let raster = sighting.timed(Work::Decode, || part.about(&better));
         let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
-        let complete = detect::is_complete(&found, &better);
-        if complete {
+        if detect::is_complete(&found, &better) {
             sighting.detections = found;
+            return (Some(part), Search::Guided);
         }
-        complete
-    };
-    if let Some(raster) = part.filter(|raster| lies_there(raster, &better)) {
-        if again(&raster, sighting) {
-            return (Some(raster), Search::Guided);
-        }
-        return whole(sighting, bytes, format);
     }
-    let raster = match sighting.timed(Work::Decode, || decode::decode(bytes, format)) {
-        Ok(raster) => raster,
-        Err(error) => return (sighting.look(|| Err(error), detect::detect), Search::Whole),
-    };
-    if again(&raster, sighting) {
-        return (Some(raster), Search::Guided);
-    }
-    sighting.detections = sighting.timed(Work::Detect, || detect::detect(&raster));
-    (Some(raster), Search::Whole)
-}
-
-/// The whole frame is searched.
-fn whole(sighting: &mut Sighting, bytes: &[u8], format: Option<&Format>) -> (Option<Raster>, Search) {
-    (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole)
+    let all = Tiles::all(part.raster().width(), part.raster().height());
+    sighting.timed(Work::Decode, || part.read(all));
+    sighting.detections = sighting.timed(Work::Detect, || detect::detect(part.raster()));
+    (Some(part), Search::Whole)
 }

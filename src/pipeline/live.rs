@@ -171,16 +171,15 @@ impl Tracker {
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
         // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
         let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
-        let (raster, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
-        if let Some(raster) = &raster {
-            sighting.failure = stages::size_fault(raster, &self.installation);
+        let (part, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
+        if let Some(part) = &part {
+            sighting.failure = stages::size_fault(part.raster(), &self.installation);
         }
-        if let (None, Some(raster)) = (&sighting.failure, &raster) {
+        if let (None, Some(mut part)) = (&sighting.failure, part) {
             let (installation, orientation) = (&self.installation, &self.orientation);
-            let known = stages::recognise_for_next(&mut sighting, raster, installation, orientation);
+            let known = stages::recognise_for_next(&mut sighting, &mut part, installation, orientation);
             self.seen = known.map(|(detections, identities)| Seen { detections, identities, at_s });
         }
-        drop(raster);
         let before = self.live.mountings();
         let started = std::time::Instant::now();
         let outcome = corrected(&sighting, &self.installation, &self.orientation);

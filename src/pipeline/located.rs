@@ -1,11 +1,10 @@
 //! Markers where the installation says to look, and closer looks at them when they have names.
 
-use std::ops::Range;
-
 use nalgebra::Vector2;
 
 use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
+use crate::measure::jpeg::Part;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
 
@@ -15,65 +14,68 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
-/// Whether what is needed of each row is among what was read.
-pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
-    let holds =
-        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-    needed.iter().zip(read).all(holds)
+/// A picture that is looked at where markers are predicted.
+pub trait Picture {
+    /// What is looked at about them is there.
+    fn about(&mut self, predictions: &[Prediction]) -> &Raster;
 }
 
-/// A picture of which of each row some columns were decoded.
-pub(super) struct Part {
-    pub raster: Raster,
-    pub read: Vec<Range<usize>>,
+impl Picture for &Raster {
+    fn about(&mut self, _: &[Prediction]) -> &Raster {
+        self
+    }
 }
 
-impl Part {
-    /// Its markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere, or out of what was decoded.
-    pub(super) fn detected(&self, setup: &Setup, orientation: &Orientation) -> Option<Detections> {
-        let mut looker = Looker::new(&self.raster);
-        let predictions = identify::locate(setup, orientation, |sought| looker.roughly(sought))?;
-        self.holds(&predictions).then(|| looker.closely(&predictions))
+impl Picture for Part {
+    fn about(&mut self, predictions: &[Prediction]) -> &Raster {
+        let (width, height) = (self.raster().width(), self.raster().height());
+        self.read(detect::tiles_read(predictions, width, height));
+        self.raster()
     }
+}
 
-    /// Whether all was decoded that is looked at where markers are predicted.
-    fn holds(&self, predictions: &[Prediction]) -> bool {
-        let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
-        holds(&self.read, &needed)
-    }
+/// A picture's markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere.
+pub(super) fn detected(
+    picture: &mut impl Picture,
+    setup: &Setup,
+    orientation: &Orientation,
+) -> Option<Detections> {
+    let mut looker = Looker::new(picture.about(&[]));
+    let look = |sought: &[Prediction]| looker.roughly(picture.about(sought), sought);
+    let predictions = identify::locate(setup, orientation, look)?;
+    Some(looker.closely(picture.about(&predictions), &predictions))
+}
 
-    /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is
-    /// bent. What the ground frames did not show, no frame need show.
-    pub(super) fn aside(
-        &self,
-        setup: &Setup,
-        orientation: &Orientation,
-        (found, identities): &(Detections, Identities),
-    ) -> Vec<Detection> {
-        let mut missing = identify::expect(setup, orientation, &found.markers, identities);
-        let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
-        missing.retain(|e| e.found.is_none() && on_ground(e));
-        let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-        let mut missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
-        missing.retain(|p| self.holds(std::slice::from_ref(p)));
-        let mut looker = Looker::again(&self.raster, found);
-        let same =
-            |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
-        let search_px = Vector2::repeat(identify::SAME_PX);
-        let like = |m: &Detection| {
-            let like = missing
-                .iter()
-                .find(|p| is_like(m, p))
-                .filter(|_| !found.markers.iter().any(|known| same(known, m)));
-            like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
-        };
-        let there: Vec<Prediction> = if missing.is_empty() {
-            Vec::new()
-        } else {
-            looker.roughly(&missing).iter().filter_map(like).collect()
-        };
-        if there.is_empty() { Vec::new() } else { looker.closely(&there).markers }
+/// What shows aside of the places of markers that are missing and is like them, however the wing is bent. What the ground frames
+/// did not show, no frame need show.
+pub(super) fn aside(
+    picture: &mut impl Picture,
+    setup: &Setup,
+    orientation: &Orientation,
+    (found, identities): &(Detections, Identities),
+) -> Vec<Detection> {
+    let mut missing = identify::expect(setup, orientation, &found.markers, identities);
+    let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
+    missing.retain(|e| e.found.is_none() && on_ground(e));
+    let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+    let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+    if missing.is_empty() {
+        return Vec::new();
     }
+    let mut looker = Looker::again(found);
+    let same =
+        |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
+    let search_px = Vector2::repeat(identify::SAME_PX);
+    let like = |m: &Detection| {
+        let like = missing
+            .iter()
+            .find(|p| is_like(m, p))
+            .filter(|_| !found.markers.iter().any(|known| same(known, m)));
+        like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
+    };
+    let shown = looker.roughly(picture.about(&missing), &missing);
+    let there: Vec<Prediction> = shown.iter().filter_map(like).collect();
+    if there.is_empty() { Vec::new() } else { looker.closely(picture.about(&there), &there).markers }
 }
 
 /// Whether something has a marker's shape and size.
@@ -85,32 +87,33 @@ fn is_like(found: &Detection, marker: &Prediction) -> bool {
 /// Closer looks at most.
 pub(super) const LOOKS: usize = 3;
 
-/// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
+/// Detections, some of them after closer looks at `picture`, and who is who; perspective bias is not removed.
 ///
 /// # Errors
 /// Where no consensus names the markers.
 pub fn identified(
     setup: &Setup,
     orientation: &Orientation,
-    raster: &Raster,
+    picture: &mut impl Picture,
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
     let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, found, identities))
+    Ok(looked_closer(setup, orientation, picture, found, identities))
 }
 
 pub(super) fn looked_closer(
     setup: &Setup,
     orientation: &Orientation,
-    raster: &Raster,
+    picture: &mut impl Picture,
     mut found: Detections,
     mut identities: Identities,
 ) -> (Detections, Identities) {
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
         let expected = identify::expect(setup, orientation, &found.markers, &identities);
+        let places: Vec<Prediction> = expected.iter().map(|e| e.prediction.clone()).collect();
         let mut closer = found.clone();
-        if !detect::look_closer(raster, &mut closer, &expected) {
+        if !detect::look_closer(picture.about(&places), &mut closer, &expected) {
             return (closer, identities);
         }
         let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };

@@ -5,13 +5,14 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::decode;
-use super::located::{self, looked_closer};
+use super::located::{self, Picture, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
 use crate::installation::{HandObservation, HandPlace, Installation};
 use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
+use crate::measure::jpeg::Part;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 use crate::record::Reason;
@@ -118,20 +119,21 @@ impl Sighting {
     }
 
     /// Takes up what is detected in a picture, which comes back, or why there is none.
-    pub(super) fn look(
+    pub(super) fn look<P: AsRef<Raster>>(
         &mut self,
-        decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
+        decode: impl FnOnce() -> Result<P, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
-    ) -> Option<Raster> {
+    ) -> Option<P> {
         match self.timed(Work::Decode, decode) {
             Err(error) => {
                 self.failure = Some(Reason::of(error));
                 None
             }
-            Ok(raster) => {
+            Ok(picture) => {
+                let raster = picture.as_ref();
                 self.size = Some((raster.width(), raster.height()));
-                self.detections = self.timed(Work::Detect, || detect(&raster));
-                Some(raster)
+                self.detections = self.timed(Work::Detect, || detect(raster));
+                Some(picture)
             }
         }
     }
@@ -199,19 +201,21 @@ fn look_located(
     orientation: &Orientation,
 ) -> Option<()> {
     let size = (setup.lens.width as usize, setup.lens.height as usize);
-    let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
-    let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
-    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
-    sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
+    let first = |width, height| {
+        let fits = (width, height) == size;
+        let nearest = if fits { identify::nearest(setup, orientation) } else { Vec::new() };
+        detect::tiles_read(&nearest, width, height)
+    };
+    let mut part = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &first)).ok()?;
+    sighting.size = Some(size).filter(|size| *size == (part.raster().width(), part.raster().height()));
     sighting.size?;
-    let part = located::Part { raster, read };
-    let found = sighting.timed(Work::Detect, || part.detected(setup, orientation))?;
-    let name = |found| identified(setup, orientation, &part.raster, found);
-    let mut known = sighting.timed(Work::Identify, || name(found)).ok()?;
-    let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known));
+    let found = sighting.timed(Work::Detect, || located::detected(&mut part, setup, orientation))?;
+    let name = |found, part: &mut Part| identified(setup, orientation, part, found);
+    let mut known = sighting.timed(Work::Identify, || name(found, &mut part)).ok()?;
+    let aside = sighting.timed(Work::Detect, || located::aside(&mut part, setup, orientation, &known));
     if !aside.is_empty() {
         known.0.add(aside);
-        known = sighting.timed(Work::Identify, || name(known.0)).ok()?;
+        known = sighting.timed(Work::Identify, || name(known.0, &mut part)).ok()?;
     }
     take_up(sighting, setup, orientation, Ok(known));
     Some(())
@@ -257,7 +261,7 @@ pub fn recognise(
 ) {
     let setup = &installation.setup;
     let found = sighting.detections.clone();
-    let known = sighting.timed(Work::Identify, || identified(setup, orientation, raster, found));
+    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &mut { raster }, found));
     take_up(sighting, setup, orientation, known);
 }
 
@@ -265,7 +269,7 @@ pub fn recognise(
 /// find what only a closer look shows: were it promised, the whole frame would be searched each time.
 pub(super) fn recognise_for_next(
     sighting: &mut Sighting,
-    raster: &Raster,
+    picture: &mut impl Picture,
     installation: &Installation,
     orientation: &Orientation,
 ) -> Option<(Vec<Detection>, Identities)> {
@@ -275,7 +279,7 @@ pub(super) fn recognise_for_next(
     let known = sighting.timed(Work::Identify, || {
         let first = identify::identify(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
-        Ok(looked_closer(setup, orientation, raster, found, first))
+        Ok(looked_closer(setup, orientation, picture, found, first))
     });
     take_up(sighting, setup, orientation, known);
     plainly

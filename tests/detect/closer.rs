@@ -106,7 +106,7 @@ fn looks(seed: u64, Case { shape, light, lift_m, length_m }: Case) -> [Tally; 2]
         (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
 
     let first = detect(&image);
-    let (closer, _) = identified(&scene.setup, &orientation, &image, first.clone()).unwrap();
+    let (closer, _) = identified(&scene.setup, &orientation, &mut &image, first.clone()).unwrap();
     for (i, one) in closer.markers.iter().enumerate() {
         let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
         assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");

@@ -47,8 +47,6 @@ mod search;
 mod segment;
 mod simd;
 
-use std::ops::Range;
-
 use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast};
 use crate::detect::detection::by_place;
 use crate::detect::estimate::overshoot::Sharpening;
@@ -59,6 +57,7 @@ use crate::detect::search::{Look, Progress, is_faint};
 use crate::detect::segment::background;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Overshoot, Prediction, RejectReason, Rejected};
@@ -75,39 +74,39 @@ pub fn detect(image: &Raster) -> Detections {
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    Looker::new(image).closely(predictions)
+    Looker::new(image).closely(image, predictions)
 }
 
-/// Looks at a frame where markers are predicted, once or several times.
-pub struct Looker<'a> {
-    image: &'a Raster,
+/// What is known of a frame that is looked at where markers are predicted, once or several times. Of the picture only what
+/// [`tiles_read`] says need be there at each look.
+pub struct Looker {
     noise: f64,
     sharpening: Sharpening,
 }
 
-impl<'a> Looker<'a> {
+impl Looker {
     /// At a frame in which nothing has been found.
-    pub fn new(image: &'a Raster) -> Self {
-        Self { image, noise: noise::estimate(image), sharpening: Sharpening::Open }
+    pub fn new(image: &Raster) -> Self {
+        Self { noise: noise::estimate(image), sharpening: Sharpening::Open }
     }
 
     /// At one in which something has been found.
-    pub fn again(image: &'a Raster, found: &Detections) -> Self {
+    pub fn again(found: &Detections) -> Self {
         let sharpening = found.overshoot.map_or(Sharpening::None, Sharpening::Of);
-        Self { image, noise: found.noise, sharpening }
+        Self { noise: found.noise, sharpening }
     }
 
     /// The predicted markers, as [`detect_guided`] finds them.
-    pub fn closely(&self, predictions: &[Prediction]) -> Detections {
-        let mut all = find(self.image, self.look(Scope::Around(predictions)));
+    pub fn closely(&self, image: &Raster, predictions: &[Prediction]) -> Detections {
+        let mut all = find(image, self.look(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
-        detections(self.image, all)
+        detections(image, all)
     }
 
     /// Those that show without effort, to some tenths of a pixel.
-    pub fn roughly(&mut self, predictions: &[Prediction]) -> Vec<Detection> {
+    pub fn roughly(&mut self, image: &Raster, predictions: &[Prediction]) -> Vec<Detection> {
         let look = Look { rough: true, ..self.look(Scope::Around(predictions)) };
-        let All { mut found, sharpening, .. } = find(self.image, look);
+        let All { mut found, sharpening, .. } = find(image, look);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
@@ -144,7 +143,7 @@ fn find(image: &Raster, look: Look) -> All {
 
 /// A frame without most of its noise, of which only that is seen which is read.
 fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
-    noise::smoothed(image, &scope.columns(image.width(), image.height()))
+    noise::smoothed(image, &scope.tiles(image.width(), image.height()))
 }
 
 /// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
@@ -181,10 +180,9 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
     }
 }
 
-/// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere
-/// need not be decoded.
-pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
-    Scope::Around(predictions).columns(width, height)
+/// What of a frame of `width` x `height` px [`detect_guided`] reads: what lies elsewhere need not be decoded.
+pub fn tiles_read(predictions: &[Prediction], width: usize, height: usize) -> Tiles {
+    Scope::Around(predictions).tiles_read(width, height)
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.

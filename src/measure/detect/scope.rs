@@ -1,7 +1,5 @@
 //! What of a frame is searched: all of it, or the surroundings of predicted markers.
 
-use std::ops::Range;
-
 use nalgebra::Vector2;
 
 use crate::detect::accept::{found::Found, verdict::Measured};
@@ -9,8 +7,9 @@ use crate::detect::appearance::parameters::Pattern;
 use crate::detect::detection::{Detection, Prediction};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, noise};
-use crate::detect::segment::background::{Part, Window};
+use crate::detect::segment::background::{self, Part, Window};
 use crate::setup::Shape;
+use crate::tiles::Tiles;
 
 /// How much a marker's axes may differ from their prediction, a ratio. Chosen; `tests/detect/guided.rs` holds this and the
 /// next ones.
@@ -88,18 +87,21 @@ impl Scope<'_> {
         }
     }
 
-    /// The part of a frame of `width` x `height` px in which markers may lie.
-    pub fn part(&self, width: usize, height: usize) -> Part {
+    /// Where markers may lie; `None` where that is anywhere.
+    fn windows(&self) -> Option<Vec<Window>> {
         let window = |p: &Prediction| {
             let ellipse = p.ellipse()?;
             let extent = ellipse.extent() * LARGER;
             let half = (extent + p.reach()).add_scalar(SKIRT);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
-            Some(Window { low: low.into(), high: high.into() })
+            Some(Window { low: low.into(), high: high.into(), thick: 2.0 * extent.min() })
         };
-        let Some(predictions) = self.predictions() else { return Part::all(width, height) };
-        let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
-        Part::about(&windows, width, height)
+        Some(self.predictions()?.iter().filter_map(window).collect())
+    }
+
+    /// The part of a frame of `width` x `height` px in which markers may lie.
+    pub fn part(&self, width: usize, height: usize) -> Part {
+        self.windows().map_or_else(|| Part::all(width, height), |w| Part::about(&w, width, height))
     }
 
     /// How long a thing may look that is sought, px.
@@ -109,18 +111,17 @@ impl Scope<'_> {
         predictions.iter().map(long).fold(0.0, f64::max)
     }
 
-    /// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
-    pub fn columns(&self, width: usize, height: usize) -> Vec<Range<usize>> {
-        if self.predictions().is_none() {
-            return vec![0..width; height];
-        }
-        let mut out = self.part(width, height).columns(width, height, MARGIN);
-        for y in noise::sampled(height) {
-            if let Some(row) = out.get_mut(y) {
-                *row = 0..width;
-            }
-        }
-        out
+    /// What of a frame of `width` x `height` px is looked at: what lies about the markers.
+    pub fn tiles(&self, width: usize, height: usize) -> Tiles {
+        let all = || Tiles::all(width, height);
+        self.windows().map_or_else(all, |windows| background::tiles(&windows, width, height, MARGIN))
+    }
+
+    /// What is read, beside that the rows that tell the noise.
+    pub fn tiles_read(&self, width: usize, height: usize) -> Tiles {
+        let mut tiles = self.tiles(width, height);
+        noise::sampled(height).for_each(|y| tiles.mark(0..width, y..y + 1));
+        tiles
     }
 
     /// Whether a hypothesis may be a marker that is sought, or what is seen of it.
@@ -277,16 +278,16 @@ mod tests {
 
     #[test]
     fn what_is_read_lies_about_the_predictions() {
-        let columns = |sought: &[Prediction]| Scope::Around(sought).columns(4000, 3000);
-        let about = columns(&[prediction(1000.0)]);
-        let read: usize = about.iter().map(|c| c.len()).sum();
-        assert!(about[50].contains(&920) && about[50].contains(&1080) && !about[50].contains(&2000));
-        assert!(about[2000].is_empty() && read < 4000 * 3000 / 20, "{read} px are read");
+        let tiles = |sought: &[Prediction]| Scope::Around(sought).tiles_read(4000, 3000);
+        let about = tiles(&[prediction(1000.0)]);
+        let read = (0..375).map(|row| about.row(row).iter().filter(|m| **m).count()).sum::<usize>();
+        let none = tiles(&[]);
+        let rows = (0..375).filter(|row| none.row(*row)[0]).count();
+        assert!(about.row(6)[115..135].iter().all(|m| *m) && !about.row(6)[250]);
+        assert!(read < rows * 500 + 375 * 500 / 20, "{read} tiles are read");
         // What lies outside, or is no number, asks for nothing.
         let absent = Prediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
         let outside = Prediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
-        let noise = columns(&[]);
-        assert_eq!(columns(&[absent, outside]), noise);
-        assert_eq!(noise.iter().filter(|c| !c.is_empty()).count(), noise::sampled(3000).count());
+        assert!(tiles(&[absent, outside]) == none && rows == noise::sampled(3000).count());
     }
 }

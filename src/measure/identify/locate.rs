@@ -60,17 +60,12 @@ fn expected(scene: &Scene<'_>, state: &State, covariance: &Matrix8, sigmas: f64)
         .collect()
 }
 
-/// See [`super::anywhere`].
-pub(super) fn anywhere(scene: &Scene<'_>) -> Vec<Prediction> {
+/// See [`super::nearest`].
+pub(super) fn nearest(scene: &Scene<'_>) -> Vec<Prediction> {
     let prior = before(scene);
-    // A marker that lies outside in the middle of the range may come into the frame.
-    let [low, high] = [-1.0, 1.0].map(|side| {
-        let mut state = prior.mean;
-        state[0] += side * SIGMAS.0 * prior.sigma[0];
-        expected(scene, &state, &prior.covariance(), 1.0)
-    });
-    let middle = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
-    [low, middle, high].into_iter().flatten().flatten().collect()
+    let where_to = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
+    let first = next(&where_to, &vec![false; where_to.len()], FIRST);
+    first.into_iter().filter_map(|j| where_to[j].clone()).collect()
 }
 
 /// See [`super::locate`].

@@ -285,9 +285,9 @@ pub fn onwards(
     locate::onwards(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
 }
 
-/// Where the markers may be at all, however the wing is bent: what [`locate`] may look at.
-pub fn anywhere(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
-    locate::anywhere(&scene::Scene::new(setup, orientation, true))
+/// The markers that [`locate`] looks for first.
+pub fn nearest(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
+    locate::nearest(&scene::Scene::new(setup, orientation, true))
 }
 
 /// How far the wing may move from one frame to the next: change of the tip's lift, m.

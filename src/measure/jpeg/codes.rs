@@ -16,9 +16,8 @@ const LONGEST: u32 = 32;
 /// Of a symbol that is no coefficient: so many zeros. Any other ends the block.
 const ZEROS: u8 = 0xf0;
 
-/// Coded bytes without what is stuffed between them.
-pub fn unstuffed(coded: &[u8], into: &mut Vec<u8>) {
-    into.clear();
+/// Adds coded bytes without what is stuffed between them.
+pub fn unstuff(coded: &[u8], into: &mut Vec<u8>) {
     let mut rest = coded;
     while let Some(at) = memchr::memchr(0xff, rest) {
         let (own, more) = rest.split_at(at + 1);
@@ -29,8 +28,8 @@ pub fn unstuffed(coded: &[u8], into: &mut Vec<u8>) {
 }
 
 /// The codes of a component's coefficients, with what several of them come to.
-pub struct Table<'a> {
-    one: &'a HuffmanTable,
+pub struct Table {
+    one: HuffmanTable,
     several: Vec<Several>,
 }
 
@@ -43,10 +42,10 @@ struct Several {
     ends: bool,
 }
 
-impl<'a> Table<'a> {
+impl Table {
     /// For a scan.
-    pub fn new(one: &'a HuffmanTable) -> Self {
-        Self { one, several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
+    pub fn new(one: &HuffmanTable) -> Self {
+        Self { one: one.clone(), several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
     }
 }
 
@@ -85,6 +84,19 @@ impl<'a> Codes<'a> {
     /// From the start of an interval's data, without stuffed bytes.
     pub fn new(data: &'a [u8]) -> Self {
         Self { data, at: 0, ahead: 0, left: 0 }
+    }
+
+    /// From a bit on.
+    pub fn at(data: &'a [u8], bit: usize) -> Self {
+        let mut out = Self { at: bit / 8, ..Self::new(data) };
+        out.fill();
+        out.pass((bit % 8) as u32);
+        out
+    }
+
+    /// The bit that is read next.
+    pub fn bit(&self) -> usize {
+        8 * self.at - self.left as usize
     }
 
     /// Bits that were not read; negative beyond the end.
@@ -196,7 +208,7 @@ impl<'a> Codes<'a> {
                 k = if ends { ALL } else { then };
                 continue;
             }
-            let symbol = self.symbol(table.one)?;
+            let symbol = self.symbol(&table.one)?;
             self.pass(u32::from(symbol & 15));
             k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
         }

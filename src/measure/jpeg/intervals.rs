@@ -5,9 +5,10 @@ use std::ops::Range;
 use libjpeg_turbo_rs::decode::bitstream::BitReader;
 
 use super::JpegFault;
+use crate::tiles;
 
 /// Side of a block, px.
-pub const BLOCK: usize = 8;
+pub const BLOCK: usize = tiles::SIDE;
 /// Markers: the picture's end, and the first of the eight that follow intervals in turn.
 pub const END: u8 = 0xd9;
 const FIRST_RESTART: u8 = 0xd0;

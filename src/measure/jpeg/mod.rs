@@ -3,24 +3,27 @@
 //! | file | subject |
 //! |---|---|
 //! | `kind` | which JPEGs are read; a header that is sound |
-//! | `sequential` | one sequential scan, as cameras write it: one pass |
+//! | `part` | what is wanted of a picture, now and later |
+//! | `sequential` | one sequential scan, as cameras write it |
 //! | `codes` | its codes, read or passed over |
 //! | `scans` | progressive pictures, and scans of one component each |
 //! | `coefficients` | what scans have given until the last of them is read |
 //! | `dnl` | a height that stands behind the first scan |
 //! | `intervals` | a scan, cut at its restart markers |
 
-use std::ops::Range;
-
 mod codes;
 mod coefficients;
 mod dnl;
 mod intervals;
 pub mod kind;
+mod part;
 pub mod scans;
-pub mod sequential;
+mod sequential;
+
+pub use part::Part;
 
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 /// Why a JPEG is not read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -36,15 +39,27 @@ pub enum JpegFault {
 /// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
 pub const LARGEST_SIDE: usize = 30_000;
 
-/// Of each pixel row of a picture of some width and height, px, the columns that are wanted.
-pub type Wanted<'a> = dyn Fn(usize, usize) -> Vec<Range<usize>> + 'a;
+/// What is wanted of a picture of some width and height, px.
+pub type Wanted<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 
-/// The grey values; where it cannot be read as it is, perhaps its height stands behind its first scan.
-pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, JpegFault> {
-    let read = sequential::luma(bytes, wanted);
+/// The grey values.
+///
+/// # Errors
+/// Where it is damaged, or of a kind that is not read.
+pub fn luma(bytes: &[u8]) -> Result<Raster, JpegFault> {
+    part(bytes, &Tiles::all).map(Part::into_raster)
+}
+
+/// The same, but only what is `wanted` need be decoded; all is read, and damage anywhere noticed.
+///
+/// # Errors
+/// As [`luma`].
+pub fn part(bytes: &[u8], wanted: &Wanted) -> Result<Part, JpegFault> {
+    let read = Part::of(bytes, wanted);
     let damaged = matches!(read, Err(JpegFault::Damaged(_)));
+    // Where it cannot be read as it is, perhaps its height stands behind its first scan.
     match if damaged { dnl::resolved(bytes) } else { None } {
-        Some(whole) => sequential::luma(&whole?, wanted),
+        Some(whole) => Part::of(&whole?, wanted),
         None => read,
     }
 }

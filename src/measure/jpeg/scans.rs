@@ -15,6 +15,7 @@ use super::coefficients::{self, Band, Block, Runs};
 use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
 use super::kind::Colour;
 use crate::raster::Raster;
+use crate::tiles;
 
 /// A component's coefficients, and how far they are known.
 struct Plane {
@@ -107,11 +108,7 @@ impl Plane {
         for (row, blocks) in self.blocks.chunks_exact(self.across).enumerate().take(height.div_ceil(BLOCK)) {
             for (column, block) in blocks.iter().enumerate().take(width.div_ceil(BLOCK)) {
                 transform(block, steps, &mut pixels);
-                let (x, y) = (column * BLOCK, row * BLOCK);
-                let wide = BLOCK.min(width - x);
-                for (line, from) in (y..height).zip(pixels.chunks_exact(BLOCK)) {
-                    picture[line * width + x..][..wide].copy_from_slice(&from[..wide]);
-                }
+                tiles::put(&pixels, [column, row], &mut picture, width);
             }
         }
         picture

@@ -1,72 +1,36 @@
-//! A JPEG's grey values are decoded: sequential in one scan, as cameras write it, here. Header, tables and transform come from
-//! a library, no colour is made, nothing that is not wanted, and no code of a missing stretch is taken for picture.
+//! A sequential JPEG in one scan, as cameras write it. Header, tables and transform come from a library, no colour is made,
+//! nothing that is not wanted, and no code of a missing stretch is taken for picture. What is wanted later is found by places
+//! that are taken down on the way.
 
 use std::ops::Range;
-use std::slice::ChunksExactMut;
 
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
-use libjpeg_turbo_rs::decode::entropy::resolve_mcu_plan;
+use libjpeg_turbo_rs::decode::entropy::{McuComponentPlan, resolve_mcu_plan};
 use libjpeg_turbo_rs::decode::marker::JpegMetadata;
 use libjpeg_turbo_rs::simd;
 
-use super::codes::{Codes, Table, unstuffed};
+use super::JpegFault;
+use super::codes::{Codes, Table, unstuff};
 use super::intervals::{BLOCK, END, Intervals, damaged};
-use super::kind::{self, Colour};
-use super::{JpegFault, Wanted, scans};
+use super::kind::Colour;
 use crate::raster::Raster;
+use crate::tiles::{self, Tiles};
 
 /// Bits after the last block that are taken for padding: webcams are known to leave a few bytes before the end marker.
 const PADDING_BITS: i64 = 64;
-
-/// The picture, or of its pixel rows at least those columns that `wanted` tells for its width and height, and black
-/// elsewhere.
-pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, JpegFault> {
-    let (header, colour) = kind::header(bytes)?;
-    one_scan(bytes, &header, colour, wanted).unwrap_or_else(|| scans::luma(bytes, &header, colour))
-}
-
-/// The same of a sequential picture in one scan, grey or luma with colour; `None` where it is of another kind.
-pub fn one_scan(
-    bytes: &[u8],
-    header: &JpegMetadata,
-    colour: Colour,
-    wanted: Option<&Wanted>,
-) -> Option<Result<Raster, JpegFault>> {
-    let mut layout = Layout::new(header, colour)?;
-    if let Some(wanted) = wanted {
-        layout.keep(&wanted(layout.width, layout.height));
-    }
-    let tables = (&header.dc_huffman_tables, &header.ac_huffman_tables);
-    let plan = resolve_mcu_plan(&header.frame, &header.scan, tables.0, tables.1).ok()?;
-    if plan.len() != header.frame.components.len() || plan.first()?.comp_idx != 0 {
-        return None;
-    }
-    let quantisation = header.frame.components[0].quant_table_index;
-    let steps = &header.quant_tables.get(usize::from(quantisation))?.as_ref()?.values;
-    let scan = bytes.get(header.entropy_data_offset..)?;
-    let parts =
-        plan.iter().map(|p| Part { blocks: p.num_blocks, means: p.dc_table, others: Table::new(p.ac_table) });
-    let coding = Coding { parts: parts.collect(), steps, transform: simd::detect().idct_islow };
-    Some(layout.decode(scan, &coding, usize::from(header.restart_interval)))
-}
+/// Units from one place that is taken down to the next at most: so many are passed over at most to come to one.
+const STRIDE: usize = 16;
 
 /// How a component's blocks are coded: how many there are in a unit, and the codes of their coefficients.
-struct Part<'a> {
+struct Component {
     blocks: usize,
-    means: &'a HuffmanTable,
-    others: Table<'a>,
+    means: HuffmanTable,
+    others: Table,
 }
 
-/// How the blocks are coded: each component's, luma's quantisation, and the inverse transform.
-struct Coding<'a> {
-    parts: Vec<Part<'a>>,
-    steps: &'a [u16; BLOCK * BLOCK],
-    transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
-}
-
-/// How the blocks lie in the picture.
-struct Layout {
+/// How a picture's blocks lie and are coded.
+pub struct Scan {
     width: usize,
     height: usize,
     /// Luma blocks of a unit (the blocks that are coded together), across and down.
@@ -75,12 +39,33 @@ struct Layout {
     /// Units of a row, and rows of them.
     columns: usize,
     rows: usize,
-    /// Of each row of blocks those that are wanted.
-    wanted: Vec<Range<usize>>,
+    /// Units between restart markers, 0 without any.
+    interval: usize,
+    luma: Component,
+    colour: Vec<Component>,
+    /// Luma's quantisation, and the inverse transform.
+    steps: [u16; BLOCK * BLOCK],
+    transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
 }
 
-impl Layout {
-    fn new(header: &JpegMetadata, colour: Colour) -> Option<Self> {
+/// Where a unit begins: its first bit, and luma's mean before it.
+struct Place {
+    bit: usize,
+    mean: i16,
+}
+
+/// A picture that was read, and of which more may be decoded.
+pub struct Passed {
+    scan: Scan,
+    /// The coded bytes, without what is stuffed between them.
+    data: Vec<u8>,
+    /// Of every [`Scan::stride`]th unit.
+    places: Vec<Place>,
+}
+
+impl Scan {
+    /// Of a sequential picture in one scan, grey or luma with colour; `None` where it is of another kind.
+    pub fn of(header: &JpegMetadata, colour: Colour) -> Option<Self> {
         let frame = &header.frame;
         if frame.is_progressive || header.scans.len() > 1 || colour != Colour::Luma {
             return None;
@@ -91,101 +76,164 @@ impl Layout {
             [first, ..] => (usize::from(first.horizontal_sampling), usize::from(first.vertical_sampling)),
             [] => return None,
         };
+        let tables = (&header.dc_huffman_tables, &header.ac_huffman_tables);
+        let plan = resolve_mcu_plan(frame, &header.scan, tables.0, tables.1).ok()?;
+        if plan.len() != frame.components.len() || plan.first()?.comp_idx != 0 {
+            return None;
+        }
+        let component = |part: &McuComponentPlan| Component {
+            blocks: part.num_blocks,
+            means: part.dc_table.clone(),
+            others: Table::new(part.ac_table),
+        };
+        let mut components = plan.iter().map(component);
+        let quantisation = frame.components[0].quant_table_index;
         let (width, height) = (frame.width(), frame.height());
-        let (columns, rows) = (width.div_ceil(BLOCK * across), height.div_ceil(BLOCK * down));
-        let wanted = vec![0..columns * across; rows * down];
-        Some(Self { width, height, across, down, columns, rows, wanted })
+        Some(Self {
+            width,
+            height,
+            across,
+            down,
+            columns: width.div_ceil(BLOCK * across),
+            rows: height.div_ceil(BLOCK * down),
+            interval: usize::from(header.restart_interval),
+            luma: components.next()?,
+            colour: components.collect(),
+            steps: header.quant_tables.get(usize::from(quantisation))?.as_ref()?.values,
+            transform: simd::detect().idct_islow,
+        })
     }
 
-    /// Leaves out the blocks that hold none of some columns of each pixel row.
-    fn keep(&mut self, columns: &[Range<usize>]) {
-        let mut rows = columns.chunks(BLOCK);
-        for blocks in &mut self.wanted {
-            let some = rows.next().unwrap_or_default().iter().filter(|c| c.start < c.end);
-            let (from, to) = some.fold((usize::MAX, 0), |(f, t), c| (f.min(c.start), t.max(c.end)));
-            let last = to.div_ceil(BLOCK).min(blocks.end);
-            *blocks = (from / BLOCK).min(last)..last;
-        }
+    /// Width and height, px.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
     }
 
-    /// Every interval between restart markers (the whole scan where there are none).
-    fn decode(&self, scan: &[u8], coding: &Coding, interval: usize) -> Result<Raster, JpegFault> {
+    /// Units from one place that is taken down to the next; none crosses a restart marker on the way to another.
+    fn stride(&self) -> usize {
+        let whole = |stride: &usize| self.interval.is_multiple_of(*stride);
+        (1..=STRIDE).rev().find(whole).unwrap_or(1)
+    }
+
+    /// The wanted grey values, from the scan's coded bytes and what follows them: every interval between restart markers (the
+    /// whole scan where there are none).
+    pub fn decode(self, coded: &[u8], wanted: &Tiles) -> Result<(Raster, Passed), JpegFault> {
         let mut luma = vec![0; self.width * self.height];
-        let mut rows = luma.chunks_exact_mut(self.width);
-        let mut line = vec![[0; BLOCK * BLOCK]; self.columns * self.across * self.down];
-        let mut intervals = Intervals::new(scan, self.columns * self.rows, interval, Some(END));
-        let mut data = Vec::new();
+        let units = self.columns * self.rows;
+        let mut data = Vec::with_capacity(coded.len());
+        let mut places = Vec::with_capacity(units.div_ceil(self.stride()));
+        let mut intervals = Intervals::new(coded, units, self.interval, Some(END));
         while let Some(units) = intervals.next()? {
-            unstuffed(intervals.coded(), &mut data);
-            self.interval(&data, units, coding, &mut line, &mut rows)
-                .map_err(|e| JpegFault::Damaged(format!("{e} near row {}", self.height - rows.len())))?;
+            let start = data.len();
+            unstuff(intervals.coded(), &mut data);
+            let mut codes = Codes::at(&data, 8 * start);
+            self.interval(units, &mut codes, &mut places, wanted, &mut luma)?;
         }
-        Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))
+        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))?;
+        Ok((raster, Passed { scan: self, data, places }))
     }
 
-    /// The units of one interval into `line`, the blocks of one row of units, and every full line into `rows`.
+    /// The units of one interval.
     fn interval(
         &self,
-        data: &[u8],
         units: Range<usize>,
-        coding: &Coding,
-        line: &mut [[u8; BLOCK * BLOCK]],
-        rows: &mut ChunksExactMut<u8>,
-    ) -> Result<(), JpegError> {
-        let wide = self.columns * self.across;
-        let mut codes = Codes::new(data);
-        let Some((luma, colour)) = coding.parts.split_first() else { return Ok(()) };
-        let mut mean = 0_i16;
+        codes: &mut Codes,
+        places: &mut Vec<Place>,
+        wanted: &Tiles,
+        luma: &mut [u8],
+    ) -> Result<(), JpegFault> {
+        let (mut mean, stride) = (0_i16, self.stride());
         let (mut column, mut row) = (units.start % self.columns, units.start / self.columns);
+        let mut until_place = 0;
         for _ in units {
-            for down in 0..self.down {
-                let wanted = &self.wanted[row * self.down + down];
-                let first = column * self.across;
-                for (k, block) in line[down * wide + first..][..self.across].iter_mut().enumerate() {
-                    mean = mean.wrapping_add(codes.mean(luma.means)?);
-                    if wanted.contains(&(first + k)) {
-                        let mut coefficients = [0; BLOCK * BLOCK];
-                        coefficients[0] = mean;
-                        codes.coefficients(&luma.others, &mut coefficients)?;
-                        (coding.transform)(&coefficients, coding.steps, block);
-                    } else {
-                        codes.pass_over(&luma.others)?;
-                    }
-                }
+            if until_place == 0 {
+                places.push(Place { bit: codes.bit(), mean });
+                until_place = stride;
             }
-            for part in colour {
-                for _ in 0..part.blocks {
-                    codes.mean(part.means)?;
-                    codes.pass_over(&part.others)?;
-                }
-            }
-            if codes.bits_left() < 0 {
-                return Err(JpegError::UnexpectedEof);
-            }
+            until_place -= 1;
+            let near = |e: JpegError| JpegFault::Damaged(format!("{e} near row {}", row * self.down * BLOCK));
+            self.unit([column, row], codes, &mut mean, wanted, luma).map_err(near)?;
             column += 1;
             if column == self.columns {
-                let wanted = &self.wanted[row * self.down..];
-                line.chunks_exact(wide).zip(wanted).for_each(|(blocks, wanted)| write(blocks, wanted, rows));
                 (column, row) = (0, row + 1);
             }
         }
         if codes.bits_left() > PADDING_BITS {
-            return Err(JpegError::CorruptData("data are missing or in the wrong place".into()));
+            return Err(damaged("data are missing or in the wrong place"));
         }
         Ok(())
     }
+
+    /// The blocks of a unit, of which luma's that are wanted come to their places.
+    #[inline(always)]
+    fn unit(
+        &self,
+        [column, row]: [usize; 2],
+        codes: &mut Codes,
+        mean: &mut i16,
+        wanted: &Tiles,
+        luma: &mut [u8],
+    ) -> Result<(), JpegError> {
+        for row in row * self.down..(row + 1) * self.down {
+            let wanted = wanted.row(row);
+            for column in column * self.across..(column + 1) * self.across {
+                *mean = mean.wrapping_add(codes.mean(&self.luma.means)?);
+                if wanted.get(column).is_some_and(|wanted| *wanted) {
+                    let (mut coefficients, mut pixels) = ([0; BLOCK * BLOCK], [0; BLOCK * BLOCK]);
+                    coefficients[0] = *mean;
+                    codes.coefficients(&self.luma.others, &mut coefficients)?;
+                    (self.transform)(&coefficients, &self.steps, &mut pixels);
+                    tiles::put(&pixels, [column, row], luma, self.width);
+                } else {
+                    codes.pass_over(&self.luma.others)?;
+                }
+            }
+        }
+        for part in &self.colour {
+            for _ in 0..part.blocks {
+                codes.mean(&part.means)?;
+                codes.pass_over(&part.others)?;
+            }
+        }
+        if codes.bits_left() < 0 { Err(JpegError::UnexpectedEof) } else { Ok(()) }
+    }
+
+    /// Of a row of units those that hold wanted blocks.
+    fn wanted_units(&self, row: usize, wanted: &Tiles) -> Vec<usize> {
+        let mut units = Vec::new();
+        for row in row * self.down..(row + 1) * self.down {
+            let blocks = wanted.row(row).iter().enumerate().filter(|(_, wanted)| **wanted);
+            units.extend(blocks.map(|(block, _)| block / self.across));
+        }
+        units.sort_unstable();
+        units.dedup();
+        units
+    }
 }
 
-/// The wanted part of the pixel rows of one row of blocks, as far as they lie in the picture.
-fn write(blocks: &[[u8; BLOCK * BLOCK]], wanted: &Range<usize>, rows: &mut ChunksExactMut<u8>) {
-    for (y, row) in rows.take(BLOCK).enumerate() {
-        let line = |block: &[u8; BLOCK * BLOCK]| block.as_chunks::<BLOCK>().0[y];
-        let (whole, part) = row.as_chunks_mut();
-        for (pixels, block) in whole.iter_mut().zip(blocks).take(wanted.end).skip(wanted.start) {
-            *pixels = line(block);
-        }
-        if let Some(block) = blocks.get(whole.len()).filter(|_| wanted.contains(&whole.len())) {
-            part.copy_from_slice(&line(block)[..part.len()]);
+impl Passed {
+    /// Decodes what is wanted. That the codes are sound was seen when they were read.
+    pub fn decode(&self, wanted: &Tiles, luma: &mut [u8]) {
+        let (scan, stride) = (&self.scan, self.scan.stride());
+        for row in 0..scan.rows {
+            let mut next = usize::MAX;
+            let (mut codes, mut mean) = (Codes::new(&self.data), 0);
+            for column in scan.wanted_units(row, wanted) {
+                let unit = row * scan.columns + column;
+                let from = unit / stride;
+                // What came last may end at a restart marker, behind which the bits begin anew.
+                if next > unit || next <= from * stride {
+                    let Some(place) = self.places.get(from) else { return };
+                    (codes, mean, next) = (Codes::at(&self.data, place.bit), place.mean, from * stride);
+                }
+                for unit in next..=unit {
+                    let at = [unit % scan.columns, unit / scan.columns];
+                    if scan.unit(at, &mut codes, &mut mean, wanted, luma).is_err() {
+                        return;
+                    }
+                }
+                next = unit + 1;
+            }
         }
     }
 }

@@ -109,6 +109,7 @@ impl Model {
 pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
     let (s, t) = model.along_and_across(batch);
     let share = model.share(&s, &t);
+    let mut slopes = Slopes::default();
     for i in 0..LANES {
         let (at, c) = ([batch.p[i], batch.q[i]], share.c[i]);
         let dark = model.dark(at);
@@ -119,56 +120,56 @@ pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
         let open = if clipped { 0.0 } else { 1.0 };
         let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
-        let slopes =
-            Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: open * value * log };
-        slopes.put(i, model, &share, [&s, &t], at, &mut out.gradient);
+        (slopes.share[i], slopes.dark[i]) = (-slope * dark, -slope * c);
+        (slopes.light[i], slopes.gamma[i]) = (through, open * value * log);
     }
+    slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
 }
 
-/// Derivatives of one pixel's grey value by its share of black, its darkness, the light and the exponent.
+/// Derivatives of a batch's grey values by their share of black, their darkness, the light and the exponent.
+#[derive(Default)]
 pub struct Slopes {
-    pub share: f32,
-    pub dark: f32,
-    pub light: f32,
-    pub gamma: f32,
+    pub share: Lanes,
+    pub dark: Lanes,
+    pub light: Lanes,
+    pub gamma: Lanes,
 }
 
 impl Slopes {
-    /// The derivatives by the parameters, into lane `i`: from those of the share, and the pixel's place along and across the
-    /// marker, in px and in semi-axes.
+    /// The derivatives by the parameters: from those of the share, and the pixels' places along and across the marker, px.
     #[inline(always)]
     pub fn put(
         &self,
-        i: usize,
         model: &Model,
         share: &Share,
         [s, t]: [&Lanes; 2],
-        [p, q]: [f32; 2],
+        batch: &Batch,
         gradient: &mut [Lanes; COMMON],
     ) {
-        let [by_x, by_y, by_angle] = model.moved([share.s[i], share.t[i]], [s[i], t[i]]);
-        gradient[X][i] = self.share * by_x;
-        gradient[Y][i] = self.share * by_y;
-        gradient[ANGLE][i] = self.share * by_angle;
-        gradient[SHAPE][i] = self.share * share.first[i];
-        gradient[SHAPE + 1][i] = self.share * share.second[i];
-        gradient[SHAPE + 2][i] = self.share * share.third[i];
-        gradient[BLUR][i] = self.share * share.blur[i];
-        self.put_light(i, [p, q], gradient);
-        gradient[TAPER][i] = self.share * share.taper[i];
+        // One slot at a time: a loop that writes all of them is not always compiled with wide registers.
+        let moved = |i: usize| model.moved([share.s[i], share.t[i]], [s[i], t[i]]);
+        gradient[X] = each(|i| self.share[i] * moved(i)[0]);
+        gradient[Y] = each(|i| self.share[i] * moved(i)[1]);
+        gradient[ANGLE] = each(|i| self.share[i] * moved(i)[2]);
+        gradient[SHAPE] = each(|i| self.share[i] * share.first[i]);
+        gradient[SHAPE + 1] = each(|i| self.share[i] * share.second[i]);
+        gradient[SHAPE + 2] = each(|i| self.share[i] * share.third[i]);
+        gradient[BLUR] = each(|i| self.share[i] * share.blur[i]);
+        self.put_light(batch, gradient);
+        gradient[TAPER] = each(|i| self.share[i] * share.taper[i]);
     }
 
-    /// The derivatives by light, darkness and exponent, into lane `i`, for a place in semi-axes.
+    /// The derivatives by light, darkness and exponent.
     #[inline(always)]
-    pub fn put_light(&self, i: usize, [p, q]: [f32; 2], gradient: &mut [Lanes; COMMON]) {
-        gradient[LIGHT][i] = self.light;
-        gradient[LIGHT + 1][i] = self.light * p;
-        gradient[LIGHT + 2][i] = self.light * q;
-        gradient[LIGHT + 3][i] = self.light * p * p;
-        gradient[DARK][i] = self.dark;
-        gradient[DARK + 1][i] = self.dark * p;
-        gradient[DARK + 2][i] = self.dark * q;
-        gradient[GAMMA][i] = self.gamma;
+    pub fn put_light(&self, Batch { p, q, .. }: &Batch, gradient: &mut [Lanes; COMMON]) {
+        gradient[LIGHT] = self.light;
+        gradient[LIGHT + 1] = each(|i| self.light[i] * p[i]);
+        gradient[LIGHT + 2] = each(|i| self.light[i] * q[i]);
+        gradient[LIGHT + 3] = each(|i| self.light[i] * p[i] * p[i]);
+        gradient[DARK] = self.dark;
+        gradient[DARK + 1] = each(|i| self.dark[i] * p[i]);
+        gradient[DARK + 2] = each(|i| self.dark[i] * q[i]);
+        gradient[GAMMA] = self.gamma;
     }
 }
 

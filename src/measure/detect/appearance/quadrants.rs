@@ -240,6 +240,7 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
     let Grey { value: grey, gradient, outline_gradient } = out;
     let outline_gradient: &mut OutlineGradient =
         outline_gradient.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
+    let mut slopes = Slopes::default();
     for i in 0..LANES {
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
@@ -265,16 +266,13 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
             outline_gradient[j][i] = sum(of_between[i], of_own[i]);
         }
         let light = open * through;
-        Slopes { share: by_between, dark: -slope * black, light, gamma: open * value * log }.put_light(
-            i,
-            [p, q],
-            gradient,
-        );
+        (slopes.dark[i], slopes.light[i], slopes.gamma[i]) = (-slope * black, light, open * value * log);
         let by_skin = slope * (1.0 - own.c[i]);
         outline_gradient[SKIN - COMMON][i] = by_skin;
         outline_gradient[SKIN - COMMON + 1][i] = by_skin * p;
         outline_gradient[SKIN - COMMON + 2][i] = by_skin * q;
     }
+    slopes.put_light(batch, gradient);
 }
 
 #[cfg(test)]

@@ -1,23 +1,23 @@
 //! The frame's noise, from second differences along sampled rows; and a picture without most of it.
 
-use std::ops::Range;
-
 use super::ellipse::Ellipse;
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 /// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
 pub const FRAYING: f64 = 3.0;
 /// The same at the levels of faint frames, whose contrast is a third of that.
 pub const FRAYING_FAINT: f64 = 1.0;
 
-/// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise, of each row in some columns;
-/// rims as they are, 0 elsewhere.
-pub fn smoothed(image: &Raster, columns: &[Range<usize>]) -> Option<Raster> {
+/// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise, of each row from the first of
+/// some tiles to the last; rims as they are, 0 elsewhere.
+pub fn smoothed(image: &Raster, tiles: &Tiles) -> Option<Raster> {
     let (width, height) = (image.width(), image.height());
     let mut luma = vec![0; width * height];
     let mut sums = vec![0u16; width];
-    for (y, (out, columns)) in luma.chunks_exact_mut(width).zip(columns).enumerate() {
+    for (y, out) in luma.chunks_exact_mut(width).enumerate() {
+        let columns = tiles.columns(y);
         if columns.is_empty() {
             continue;
         }
@@ -51,7 +51,9 @@ fn smoothed_row([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8
 
 /// The rows of a frame that tell its noise.
 pub fn sampled(height: usize) -> impl Iterator<Item = usize> {
-    let step = (height / 48).max(1);
+    /// Of a camera's frame they hold some ten thousand differences, which tell it to a hundredth; each has a row of tiles decoded.
+    const ROWS: usize = 16;
+    let step = (height / ROWS).max(1);
     (step / 2..height).step_by(step)
 }
 

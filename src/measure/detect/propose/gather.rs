@@ -13,9 +13,9 @@ use crate::raster::Raster;
 
 /// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
 pub struct Gathered {
-    /// Of the near background, and of the far one, against which only thick regions are seen.
+    /// Of the near background, and of the far one, against which only thick regions are seen; `None` where none are sought.
     near: Levels,
-    far: Levels,
+    far: Option<Levels>,
     once: Once,
     /// Regions without a disc's shape whose background is uneven.
     pub uneven: Vec<DarkRegion>,
@@ -51,7 +51,7 @@ impl Gathered {
         let factor = near.factor as f64;
         Self {
             near: Levels::new(near, 0),
-            far: Levels::new(far, BACKGROUND.thick),
+            far: far.map(|far| Levels::new(far, BACKGROUND.thick)),
             once: Once::default(),
             uneven: Vec::new(),
             late: Vec::new(),
@@ -59,9 +59,9 @@ impl Gathered {
         }
     }
 
-    /// Against the far background.
+    /// Against the far background, where there is one.
     pub fn coarse(&self) -> &Coarse {
-        &self.far.coarse
+        &self.far.as_ref().unwrap_or(&self.near).coarse
     }
 
     /// Takes up the levels of a usual or a faint frame that were not looked at before; whether there are any: what more regions
@@ -79,8 +79,8 @@ impl Gathered {
         let Self { near, far, once, uneven, late, longest } = self;
         let budget = GATHER.frames * near.coarse.width * near.coarse.height;
         let mut findings = Findings { once, uneven, late, budget, laxest: end - 1, longest: *longest };
-        for (levels, darkness) in [(near, Some(darkness)), (far, None)] {
-            let darkness = darkness.unwrap_or_else(|| levels.coarse.darkness(faint));
+        let far = far.as_mut().map(|far| (far.coarse.darkness(faint), far));
+        for (darkness, levels) in std::iter::once((darkness, near)).chain(far) {
             for level in levels.next..end {
                 let regions = levels.coarse.regions(&darkness, level, faint);
                 findings.look(image, levels, level, regions);

@@ -9,6 +9,7 @@ use super::components::Run;
 use crate::detect::segment::{components, options::BACKGROUND};
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
+use crate::tiles::Tiles;
 
 /// How many levels a frame is searched at.
 const USUAL: usize = BACKGROUND.usual;
@@ -24,12 +25,60 @@ type Span = (usize, Range<usize>);
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
+    /// Whether something thick may lie in it, which is seen against the far background.
+    has_thick: bool,
 }
 
-/// A box about what is sought: first and last column and row, px.
+/// A box about what is sought: first and last column and row, and how thick that shows at most, px.
 pub struct Window {
     pub low: [f64; 2],
     pub high: [f64; 2],
+    pub thick: f64,
+}
+
+/// Some columns and rows, reduced pixels.
+type Area = [Range<usize>; 2];
+
+impl Window {
+    /// Whether what is sought may be so thick that it is seen against the far background.
+    fn is_thick(&self, factor: usize) -> bool {
+        // Both rims may cover a part of a reduced pixel.
+        self.thick / factor as f64 + 2.0 >= BACKGROUND.thick as f64
+    }
+
+    /// What it holds of a frame of `width` x `height` reduced pixels, and what its background is told by: the same, wider and
+    /// higher. As far as what is thick needs it only where something may be thick.
+    fn boxes(&self, factor: usize, [width, height]: [usize; 2]) -> [Area; 3] {
+        let Self { low, high, .. } = self;
+        let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
+        let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
+        let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
+        let (near, far) = (BACKGROUND.reach.last(), BACKGROUND.far.last());
+        let reach = *if self.is_thick(factor) { far } else { near }.unwrap_or(&0);
+        let (wider, higher) = (wider(&columns, reach, width), wider(&rows, reach, height));
+        [[columns.clone(), rows.clone()], [wider, rows], [columns, higher]]
+    }
+}
+
+/// What is read of a frame of `width` x `height` px where windows are searched, and about what is wanted a margin, px.
+pub fn tiles(windows: &[Window], width: usize, height: usize, margin: usize) -> Tiles {
+    let factor = factor(width, height);
+    let mut tiles = Tiles::none(width, height);
+    for window in windows {
+        // A smoothed frame is smoothed from one pixel more than the means take.
+        let margins = [margin, 1, 1];
+        for ([columns, rows], margin) in
+            window.boxes(factor, [width, height].map(|v| v / factor)).into_iter().zip(margins)
+        {
+            if columns.is_empty() || rows.is_empty() {
+                continue;
+            }
+            let [columns, rows] =
+                [columns, rows].map(|r| (r.start * factor).saturating_sub(margin)..r.end * factor + margin);
+            tiles.mark(columns, rows);
+        }
+    }
+    tiles
 }
 
 impl Part {
@@ -37,7 +86,7 @@ impl Part {
     pub fn all(width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
-        Self { wanted: rows.clone(), means: rows }
+        Self { wanted: rows.clone(), means: rows, has_thick: true }
     }
 
     /// What the windows hold of a frame of `width` x `height` px.
@@ -45,17 +94,14 @@ impl Part {
         let factor = factor(width, height);
         let (width, height) = (width / factor, height / factor);
         let (mut wanted, mut means) = (Vec::new(), Vec::new());
-        for Window { low, high } in windows {
-            let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
-            let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
-            let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
-            let reach = BACKGROUND.far[BACKGROUND.far.len() - 1];
-            means.push([rows.clone(), wider(&columns, reach, width)]);
-            means.push([wider(&rows, reach, height), columns.clone()]);
-            wanted.push([rows, columns]);
+        for window in windows {
+            let [own, wide, high] = window.boxes(factor, [width, height]);
+            wanted.push(own);
+            means.extend([wide, high]);
         }
         let [wanted, means] = [wanted, means].map(|boxes| spans(&boxes, height));
-        Self { wanted, means }
+        let has_thick = windows.iter().any(|window| window.is_thick(factor));
+        Self { wanted, means, has_thick }
     }
 
     /// What is known of reduced pixels, `width` to a row, 0 elsewhere: of windows most of a frame is never touched.
@@ -67,27 +113,6 @@ impl Part {
         }
         out
     }
-
-    /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
-    pub fn columns(&self, width: usize, height: usize, margin: usize) -> Vec<Range<usize>> {
-        let factor = factor(width, height);
-        let mut out = vec![0..0; height];
-        // A smoothed frame is smoothed from one pixel more than the means take.
-        for (spans, margin) in [(&self.wanted, margin), (&self.means, 1)] {
-            for (y, span) in spans {
-                let pixels = wider(&(span.start * factor..span.end * factor), margin, width);
-                for row in &mut out[wider(&(y * factor..(y + 1) * factor), margin, height)] {
-                    let first = row.start >= row.end;
-                    *row = if first {
-                        pixels.clone()
-                    } else {
-                        row.start.min(pixels.start)..row.end.max(pixels.end)
-                    };
-                }
-            }
-        }
-        out
-    }
 }
 
 /// A range with a margin on both sides, as far as there is something.
@@ -95,12 +120,12 @@ fn wider(range: &Range<usize>, margin: usize, most: usize) -> Range<usize> {
     range.start.saturating_sub(margin)..(range.end + margin).min(most)
 }
 
-/// What boxes (rows and columns) hold, row by row, none twice.
-fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
+/// What boxes hold, row by row, none twice.
+fn spans(boxes: &[Area], height: usize) -> Vec<Span> {
     let mut out: Vec<Span> = Vec::new();
     let mut row: Vec<&Range<usize>> = Vec::new();
     for y in 0..height {
-        row.extend(boxes.iter().filter(|[rows, _]| rows.contains(&y)).map(|[_, columns]| columns));
+        row.extend(boxes.iter().filter(|[_, rows]| rows.contains(&y)).map(|[columns, _]| columns));
         row.sort_unstable_by_key(|columns| columns.start);
         for columns in row.drain(..).filter(|columns| columns.start < columns.end) {
             match out.last_mut() {
@@ -131,13 +156,16 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// With its background raised to that of the farther distances.
-    pub fn seen_far(&self) -> Self {
+    /// With its background raised to that of the farther distances; `None` where nothing thick is sought.
+    pub fn seen_far(&self) -> Option<Self> {
+        if !self.part.has_thick {
+            return None;
+        }
         let Self { factor, width, height, ref mean, ref part, .. } = *self;
         let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copied(&self.background, width));
         let mut far = Self { factor, width, height, mean, background, part };
         far.raise_by(&BACKGROUND.far);
-        far
+        Some(far)
     }
 }
 

@@ -163,7 +163,7 @@ impl Term<ABOUT> for Field {
         let (s, t) = model.along_and_across(batch);
         let share = model.share(&s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
-        let mut out = Rows::new();
+        let (mut out, mut slopes) = (Rows::new(), Slopes::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
@@ -178,12 +178,13 @@ impl Term<ABOUT> for Field {
             let (value, through) = (open * value, open * through);
             let slope = model.k[GAMMA] * value / linear;
             let (by_share, by_dark) = (-slope * dark, -slope * c);
-            let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: value * log };
-            slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
+            (slopes.share[i], slopes.dark[i]) = (by_share, by_dark);
+            (slopes.light[i], slopes.gamma[i]) = (through, value * log);
             for (k, hat) in hats.into_iter().enumerate() {
                 out.knots[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
             }
         }
+        slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
         let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| batch.root[i] * tukey[i]);
         out

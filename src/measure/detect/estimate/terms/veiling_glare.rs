@@ -167,13 +167,13 @@ impl Term<ABOUT> for State<'_> {
         let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / TERM.knot_px) as f32);
         let from = (glare.first / TERM.knot_px + first as f64) as f32;
-        let mut out = Rows::new();
+        let (mut out, mut slopes) = (Rows::new(), Slopes::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let across = q * minor;
-            let (shares, slopes) = spline(((p * major - slant * across) * by_spacing - from).clamp(0.0, 1.0));
+            let (shares, steps) = spline(((p * major - slant * across) * by_spacing - from).clamp(0.0, 1.0));
             let (mut over, mut rise) = (0.0, 0.0);
-            for (height, (share, slope)) in heights.iter().zip(shares.iter().zip(slopes)) {
+            for (height, (share, slope)) in heights.iter().zip(shares.iter().zip(steps)) {
                 over += height * share;
                 rise += height * slope * by_spacing;
             }
@@ -181,9 +181,8 @@ impl Term<ABOUT> for State<'_> {
             let Tone { linear, log, through } = model.tone(1.0 - dark * c + over);
             let value = model.light([p, q]) * through;
             let slope = model.k[GAMMA] * value / linear;
-            let slopes =
-                Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: value * log };
-            slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
+            (slopes.share[i], slopes.dark[i]) = (-slope * dark, -slope * c);
+            (slopes.light[i], slopes.gamma[i]) = (through, value * log);
             out.shared[i] = -slope * across * rise;
             for (knot, share) in out.knots.iter_mut().zip(shares) {
                 knot[i] = slope * share;
@@ -195,6 +194,7 @@ impl Term<ABOUT> for State<'_> {
             out.r[i] = if lighter { 0.0 } else { seen - value };
             out.root[i] = if lighter { 0.0 } else { batch.root[i] };
         }
+        slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
         let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| out.root[i] * if batch.value[i] >= TERM.saturated { 1.0 } else { tukey[i] });
         out
