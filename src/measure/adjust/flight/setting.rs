@@ -38,6 +38,8 @@ pub struct Setting {
     pub lasting: Vec<(Lasting, usize)>,
     /// What is stated of each global parameter.
     pub stated: DVector<f64>,
+    /// Column of what many markers have in common.
+    pub cause: Option<usize>,
     ground: Option<Layout>,
 }
 
@@ -78,6 +80,7 @@ fn answers(flight: &Flight, frame: usize, scale: f64) -> Option<Arc<Answers>> {
 struct Unknowns {
     columns: Columns,
     shared: Shared,
+    cause: Option<usize>,
     head: usize,
     shape: ShapeColumns,
     mountings: Vec<OfMounting>,
@@ -94,13 +97,18 @@ impl Unknowns {
         let mut columns = Columns::default();
         let mut shared = terms::shared(input, &mut columns);
         shared.placed.extend(terms::of_flight(input).into_iter().map(|term| columns.place(term)));
+        let cause = flight.cause.as_ref().map(|cause| {
+            let first = columns.missing.len();
+            shared.placed.push(columns.place(cause.term(input)));
+            first
+        });
         let head = columns.missing.len();
         let shape = ShapeColumns::take(&mut columns, curvature_terms);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
         let motions = Arc::new(Motions::place(input, &flight.factors, &mut columns));
-        Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
+        Self { columns, shared, cause, head, shape, mountings, survey, motions, curvature_terms }
     }
 
     /// A frame's own: coefficients of curvature and twist, a rotation about its mounting's, and what moves it.
@@ -200,14 +208,14 @@ impl Setting {
         groups.push(ground);
         let start = unknowns.start(flight, from);
         let (lasting, stated) = (unknowns.lasting(&flight.input), unknowns.stated(&flight.input));
-        let taught = flight.input.options.taught.as_deref();
+        let (cause, taught) = (unknowns.cause, flight.input.options.taught.as_deref());
         let known = taught.and_then(|taught| taught.known(&lasting, &stated));
         let axis = &flight.input.scene.ground.axis;
         let shape = SharedShape::new(unknowns.shape, &flight.assumed, axis, from.is_none());
         let Columns { missing, priors, .. } = unknowns.columns;
         let problem = Problem { start, missing, priors, known, groups };
         let ground = layouts.first().map(Layout::on_ground_only);
-        Self { layouts, members, ground_members, problem, shape, lasting, stated, ground }
+        Self { layouts, members, ground_members, problem, shape, lasting, stated, cause, ground }
     }
 
     /// One frame beside what is known of all that frames share; `problem`: without its groups.
@@ -221,7 +229,17 @@ impl Setting {
         let problem = Problem { groups: vec![group], ..problem };
         let (layouts, members) = (vec![layout], vec![members]);
         let (lasting, stated) = (vec![], DVector::zeros(0));
-        Self { layouts, members, ground_members: vec![], problem, shape, lasting, stated, ground: None }
+        Self {
+            layouts,
+            members,
+            ground_members: vec![],
+            problem,
+            shape,
+            lasting,
+            stated,
+            cause: None,
+            ground: None,
+        }
     }
 
     /// Whose images the blocks are.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::causes::Cause;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
+use crate::adjust::causes::Cause;
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
