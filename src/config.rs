@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::camera::section::CameraSection;
 use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
 use crate::http::section::ServeConfig;
-use crate::installation::{Fault, KeyFault};
+use crate::installation::{Fault, KeyFault, text_of};
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
 use crate::store::StoreConfig;
@@ -119,15 +119,10 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
 }
 
 fn read(file: &Path) -> Result<String, Vec<Fault>> {
-    std::fs::read_to_string(file).map_err(|e| {
-        let problem = format!("cannot be read ({e})");
-        vec![Fault::new(
-            file,
-            "file",
-            problem,
-            "name it with --config; config/wingd.toml is a commented default",
-        )]
-    })
+    let mend = "name it with --config; config/wingd.toml is a commented default";
+    let bytes = std::fs::read(file)
+        .map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), mend)])?;
+    text_of(bytes).map_err(|(problem, mend)| vec![Fault::new(file, "file", problem, mend)])
 }
 
 /// A path of the configuration as seen from its folder.

@@ -192,5 +192,9 @@ fn check_and_run_agree_about_a_configuration() {
         assert!(words.iter().all(|w| checked.1.contains(w)), "{words:?}: {}", checked.1);
         assert_eq!(checked.1, run.1);
         assert!(!folder.path().join("store").exists());
+        let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        std::fs::write(&file, [&[0xff, 0xfe], &wide[..]].concat()).unwrap();
+        let (status, said) = outcome(&["check", "--config", file.to_str().unwrap()]);
+        assert!(status == Some(78) && said.contains("UTF-16") && said.contains("save it as UTF-8"), "{said}");
     }
 }

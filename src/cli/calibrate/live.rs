@@ -4,13 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::Deserialize;
-
 use super::pictures::{Picture, picture};
 use super::{Args, Failure, judged};
 use crate::camera::freshness::Freshness;
-use crate::camera::section::CameraSection;
 use crate::clock::System;
+use crate::config;
 use crate::installation::DescribedBoard;
 use crate::measure::calibrate::Verdict;
 use crate::report::number::count;
@@ -18,21 +16,10 @@ use crate::report::number::count;
 /// Longest time for a shot.
 const DEADLINE: Duration = Duration::from_secs(20);
 
-/// Other sections are not looked at here.
-#[derive(Deserialize)]
-struct Config {
-    camera: CameraSection,
-}
-
 /// Pictures until the verdict is good, the camera has no more, or enough were taken.
-pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Result<Vec<Picture>, Failure> {
-    let name = config.display();
-    let mend = "give a configuration with a [camera] section";
-    let text = std::fs::read_to_string(config)
-        .map_err(|e| Failure::Undone(format!("{name} cannot be read ({e}); {mend}")))?;
-    let config: Config =
-        toml::from_str(&text).map_err(|e| Failure::Undone(format!("{name}: {e}; {mend}")))?;
-    let mut camera = config.camera.factory(Arc::new(System::new()), Duration::ZERO)();
+pub(super) fn pictures(args: &Args, file: &Path, board: &DescribedBoard) -> Result<Vec<Picture>, Failure> {
+    let section = config::load_camera(file)?;
+    let mut camera = section.factory(Arc::new(System::new()), Duration::ZERO)();
     let opened = camera.open().map_err(|e| Failure::Undone(e.to_string()))?;
     eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
     let mut freshness = Freshness::default();

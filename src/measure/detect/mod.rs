@@ -54,7 +54,7 @@ use crate::detect::image::{ellipse, noise};
 use crate::detect::revise::neighbours::inflate_unlike;
 use crate::detect::scope::Scope;
 use crate::detect::search::{Look, Progress, is_faint};
-use crate::detect::segment::background;
+use crate::detect::segment::windows;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
@@ -127,7 +127,7 @@ fn find(image: &Raster, look: Look) -> All {
     progress.search(seen, false);
     let missing = look.scope.missing(&progress.found.measured);
     let is_done = look.rough || missing.as_ref().is_some_and(Vec::is_empty);
-    if !is_done && is_faint(&progress.found, background::factor(image.width(), image.height())) {
+    if !is_done && is_faint(&progress.found, windows::factor(image.width(), image.height())) {
         let scope = missing.as_deref().map_or(look.scope, Scope::Around);
         let faint = if usual.is_none() { smooth(scope, noise::FRAYING_FAINT) } else { None };
         let seen = faint.as_ref().unwrap_or(seen);

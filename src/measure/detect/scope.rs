@@ -7,7 +7,7 @@ use crate::detect::appearance::parameters::Pattern;
 use crate::detect::detection::{Detection, Prediction};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, noise};
-use crate::detect::segment::background::{self, Part, Window};
+use crate::detect::segment::windows::{self, Part, Window};
 use crate::setup::Shape;
 use crate::tiles::Tiles;
 
@@ -114,7 +114,7 @@ impl Scope<'_> {
     /// What of a frame of `width` x `height` px is looked at: what lies about the markers.
     pub fn tiles(&self, width: usize, height: usize) -> Tiles {
         let all = || Tiles::all(width, height);
-        self.windows().map_or_else(all, |windows| background::tiles(&windows, width, height, MARGIN))
+        self.windows().map_or_else(all, |sought| windows::tiles(&sought, width, height, MARGIN))
     }
 
     /// What is read, beside that the rows that tell the noise.

@@ -1,11 +1,9 @@
-//! The Huffman codes of a sequential scan (ITU-T T.81, F.2.2), of blocks that are wanted and of those that are passed over: of
-//! the latter only where each ends, and luma's mean, on which the next block's rests.
+//! The Huffman codes of a scan (ITU-T T.81, F.2.2); of a sequential one those of blocks that are wanted, and of those that are
+//! passed over only where each ends, and luma's mean, on which the next block's rests.
 
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
-
-use super::coefficients::{out_of_step, signed};
 
 /// Coefficients of a block.
 const ALL: usize = 64;
@@ -136,19 +134,32 @@ impl<'a> Codes<'a> {
 
     /// The next symbol.
     #[inline(always)]
-    fn symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
+    pub fn symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
         self.fill();
         let (symbol, length) = table.lookup((self.ahead >> 48) as u16)?;
         self.pass(u32::from(length));
         Ok(symbol)
     }
 
+    /// The next `size` bits, at most 16.
+    #[inline(always)]
+    pub fn bits(&mut self, size: u8) -> u16 {
+        self.fill();
+        self.taken(size)
+    }
+
+    /// The same of bits that are there.
+    #[inline(always)]
+    fn taken(&mut self, size: u8) -> u16 {
+        let bits = (self.ahead >> 48 >> (16 - u32::from(size))) as u16;
+        self.pass(u32::from(size));
+        bits
+    }
+
     /// The number of `size` bits that follows its symbol.
     #[inline(always)]
     fn number(&mut self, size: u8) -> i16 {
-        let bits = (self.ahead >> 48 >> (16 - u32::from(size))) as u16;
-        self.pass(u32::from(size));
-        signed(bits, size)
+        signed(self.taken(size), size)
     }
 
     /// By how much the block's mean differs from the last one's.
@@ -214,4 +225,14 @@ impl<'a> Codes<'a> {
         }
         if k == ALL { Ok(()) } else { Err(out_of_step()) }
     }
+}
+
+/// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
+pub fn signed(bits: u16, size: u8) -> i16 {
+    let (bits, size) = (i32::from(bits), i32::from(size));
+    (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
+}
+
+pub fn out_of_step() -> JpegError {
+    JpegError::CorruptData("codes are out of step".into())
 }

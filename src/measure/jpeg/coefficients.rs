@@ -4,7 +4,8 @@
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
-use libjpeg_turbo_rs::decode::bitstream::BitReader;
+
+use super::codes::{Codes, out_of_step, signed};
 
 /// Coefficients in the order of their rows.
 pub type Block = [i16; 64];
@@ -66,7 +67,7 @@ impl Runs {
 
 /// Takes up the band's part of a block.
 pub fn decode(
-    reader: &mut BitReader,
+    codes: &mut Codes,
     table: &HuffmanTable,
     band: Band,
     runs: &mut Runs,
@@ -75,20 +76,20 @@ pub fn decode(
     let (start, end) = (usize::from(band.first), usize::from(band.last) + 1);
     let (mut k, mut zeros) = (start, false);
     while k < end && runs.left == 0 {
-        let symbol = symbol(reader, table)?;
+        let symbol = codes.symbol(table)?;
         let (run, size) = (symbol >> 4, symbol & 15);
         let value = match size {
             0 if run == 15 => None,
             // Sixteen zeros are only told of where more follows.
             0 if zeros => return Err(out_of_step()),
             0 => {
-                runs.begin((1 << run) + reader.read_bits(run), k == start);
+                runs.begin((1 << run) + codes.bits(run), k == start);
                 break;
             }
             _ if band.refines && size != 1 => return Err(out_of_step()),
-            _ => Some(signed(reader.read_bits(size), size) << band.low),
+            _ => Some(signed(codes.bits(size), size) << band.low),
         };
-        k = skip(reader, band, k..end, run, block).0;
+        k = skip(codes, band, k..end, run, block).0;
         let place = ZIGZAG_ORDER[..end].get(k).ok_or_else(out_of_step)?;
         zeros = value.is_none();
         if let Some(value) = value {
@@ -97,7 +98,7 @@ pub fn decode(
         k += 1;
     }
     if runs.left > 0 {
-        let (_, refined) = skip(reader, band, k..end, u8::MAX, block);
+        let (_, refined) = skip(codes, band, k..end, u8::MAX, block);
         runs.next(refined);
     } else {
         runs.open = false;
@@ -107,7 +108,7 @@ pub fn decode(
 
 /// The place after `run` zeros, the band's end where there are fewer; what is not zero on the way is refined, and counted.
 fn skip(
-    reader: &mut BitReader,
+    codes: &mut Codes,
     band: Band,
     range: std::ops::Range<usize>,
     run: u8,
@@ -121,7 +122,7 @@ fn skip(
         let value = &mut block[ZIGZAG_ORDER[k]];
         if *value != 0 {
             refined += 1;
-            if reader.read_bits(1) != 0 {
+            if codes.bits(1) != 0 {
                 *value = value.wrapping_add(value.signum() << band.low);
             }
         } else if left == 0 {
@@ -131,24 +132,4 @@ fn skip(
         }
     }
     (range.end, refined)
-}
-
-fn symbol(reader: &mut BitReader, table: &HuffmanTable) -> Result<u8, JpegError> {
-    let ahead = reader.peek_bits(16);
-    let (symbol, length) = match table.lookup_fast(ahead) {
-        (_, 0) => table.lookup(ahead)?,
-        found => found,
-    };
-    reader.skip_bits(length);
-    Ok(symbol)
-}
-
-/// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
-pub(super) fn signed(bits: u16, size: u8) -> i16 {
-    let (bits, size) = (i32::from(bits), i32::from(size));
-    (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
-}
-
-pub(super) fn out_of_step() -> JpegError {
-    JpegError::CorruptData("codes are out of step".into())
 }

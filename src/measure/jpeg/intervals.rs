@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use libjpeg_turbo_rs::decode::bitstream::BitReader;
-
 use super::JpegFault;
 use crate::tiles;
 
@@ -12,11 +10,8 @@ pub const BLOCK: usize = tiles::SIDE;
 /// Markers: the picture's end, and the first of the eight that follow intervals in turn.
 pub const END: u8 = 0xd9;
 const FIRST_RESTART: u8 = 0xd0;
-/// What follows an interval's data instead of its marker: as many one bits as the reader reads ahead. No
-/// Huffman code is all ones (ITU-T T.81, C), so that data which end early are an error and not grey blocks.
-const ONES: [u8; 16] = [0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0];
 
-/// The intervals between restart markers of a scan, each with what follows it.
+/// The intervals between restart markers of a scan.
 pub struct Intervals<'a> {
     rest: &'a [u8],
     /// Units of the scan, and of an interval.
@@ -65,21 +60,6 @@ impl<'a> Intervals<'a> {
     pub fn coded(&self) -> &'a [u8] {
         self.coded
     }
-
-    /// The same, and ones after them.
-    pub fn with_ones(&self) -> Vec<u8> {
-        [self.coded, &ONES].concat()
-    }
-}
-
-/// Bits of an interval's data that were not read; negative where some of the ones after them were.
-pub fn bits_left(reader: &BitReader, data: &[u8]) -> i64 {
-    let state = reader.state();
-    let rest = data.get(state.pos..).unwrap_or_default();
-    // A byte 0xff is followed by a stuffed zero.
-    let bytes = rest.len() - memchr::memchr_iter(0xff, rest).count();
-    let ahead = i64::from(state.bits_left) - i64::from(state.stuffed_bits);
-    ahead + 8 * bytes as i64 - 8 * (ONES.len() / 2) as i64
 }
 
 /// Bytes until the next marker, its code, and what follows it.

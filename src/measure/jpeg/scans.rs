@@ -5,14 +5,13 @@ use std::ops::Range;
 
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
-use libjpeg_turbo_rs::decode::bitstream::BitReader;
-use libjpeg_turbo_rs::decode::huffman::decode_dc_coefficient;
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader, ScanInfo};
 use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
+use super::codes::{Codes, unstuff};
 use super::coefficients::{self, Band, Block, Runs};
-use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
+use super::intervals::{BLOCK, END, Intervals, damaged};
 use super::kind::Colour;
 use crate::raster::Raster;
 use crate::tiles;
@@ -187,27 +186,28 @@ impl<'a> Scan<'a> {
     }
 
     fn decode(&mut self, bytes: &[u8]) -> Result<(), JpegFault> {
-        let data = bytes.get(self.offset..).unwrap_or_default();
-        let mut intervals = Intervals::new(data, self.units[0] * self.units[1], self.interval, None);
+        let (coded, mut data) = (bytes.get(self.offset..).unwrap_or_default(), Vec::new());
+        let mut intervals = Intervals::new(coded, self.units[0] * self.units[1], self.interval, None);
         while let Some(units) = intervals.next()? {
             self.runs.restart();
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
             let near = |what: String| JpegFault::Damaged(format!("{what} near block row {row}"));
-            let data = intervals.with_ones();
-            let mut reader = BitReader::new(&data);
+            data.clear();
+            unstuff(intervals.coded(), &mut data);
+            let mut codes = Codes::new(&data);
             for unit in units {
-                self.unit(&mut reader, unit).map_err(|e| near(e.to_string()))?;
+                self.unit(&mut codes, unit).map_err(|e| near(e.to_string()))?;
             }
             // Neither more nor less than the last byte's rest: nothing is missing between.
-            if self.runs.left > 0 || !(0..8).contains(&bits_left(&reader, &data)) {
+            if self.runs.left > 0 || !(0..8).contains(&codes.bits_left()) {
                 return Err(near("data are missing or in the wrong place".into()));
             }
         }
         Ok(())
     }
 
-    fn unit(&mut self, reader: &mut BitReader, unit: usize) -> Result<(), JpegError> {
+    fn unit(&mut self, codes: &mut Codes, unit: usize) -> Result<(), JpegError> {
         let (column, row) = (unit % self.units[0], unit / self.units[0]);
         let alone = self.parts.len() == 1;
         for k in 0..self.parts.len() {
@@ -216,28 +216,28 @@ impl<'a> Scan<'a> {
             let across = plane.across;
             for b in 0..wide * high {
                 let at = (row * high + b / wide) * across + column * wide + b % wide;
-                self.block(reader, k, at)?;
+                self.block(codes, k, at)?;
             }
         }
         Ok(())
     }
 
-    fn block(&mut self, reader: &mut BitReader, k: usize, at: usize) -> Result<(), JpegError> {
+    fn block(&mut self, codes: &mut Codes, k: usize, at: usize) -> Result<(), JpegError> {
         let Part { plane, dc, ac, last } = &mut self.parts[k];
         let missing = || JpegError::CorruptData("a Huffman table is missing".into());
         let block = &mut plane.blocks[at];
         let mut band = self.band;
         if band.first == 0 {
             if band.refines {
-                block[0] |= (reader.read_bits(1) << band.low) as i16;
+                block[0] |= (codes.bits(1) << band.low) as i16;
             } else {
-                *last = last.wrapping_add(decode_dc_coefficient(reader, dc.ok_or_else(missing)?)?);
+                *last = last.wrapping_add(codes.mean(dc.ok_or_else(missing)?)?);
                 block[0] = *last << band.low;
             }
             band.first = 1;
         }
         if band.last > 0 {
-            coefficients::decode(reader, ac.ok_or_else(missing)?, band, self.runs, block)?;
+            coefficients::decode(codes, ac.ok_or_else(missing)?, band, self.runs, block)?;
         }
         if !self.progressive {
             // Each block ends for itself.

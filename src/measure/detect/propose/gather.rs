@@ -7,7 +7,8 @@ use nalgebra::Vector2;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::propose::moments;
 use crate::detect::propose::options::{GATHER, MOMENTS};
-use crate::detect::segment::background::{Coarse, DarkRegion, Part};
+use crate::detect::segment::background::{Coarse, DarkRegion};
+use crate::detect::segment::windows::Part;
 use crate::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
 use crate::raster::Raster;
 

@@ -5,3 +5,4 @@ pub mod bitmask;
 pub mod blob;
 pub mod components;
 pub mod options;
+pub mod windows;
