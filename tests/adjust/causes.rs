@@ -121,33 +121,83 @@ fn each_width_counts_alone() {
     }
 }
 
-/// Frames of a wing that nothing happens to but this, camera stayed; `spoil` changes the first frame's images.
-fn frames_of(
+/// Frames of a wing that nothing happens to but this, which survey.csv does not name, camera stayed; `spoil` changes the first
+/// frame's images. With the errors of the lifts against the ground frame over their standard deviations.
+fn solved_frames(
     seed: u64,
     count: usize,
     (effects, width): (Effects, InFlight),
     spoil: impl Fn(&mut [Observation]),
-) -> Vec<Solution> {
+) -> (Vec<Solution>, Vec<f64>) {
     let mut rng = rng(seed);
     let truth = Truth::new(random_wing(&mut rng), 21);
     let aircraft = Aircraft::new(&mut rng, truth, effects);
     let mut setup = aircraft.surveyed(&mut rng, 0.002);
     setup.uncertainty = Uncertainty { in_flight: width, ..Uncertainty::default() };
+    setup.markers.iter_mut().for_each(|m| m.part = None);
     let orientation = aircraft.orientation(&mut rng, 0.05);
     let fuel = aircraft.truth.fuel();
+    let when = |k: usize| When::Flight { lift_m: 3.0 - 0.2 * k as f64, fuel };
     let mut seen: Vec<_> = (0..count)
         .map(|k| {
-            let when = When::Flight { lift_m: 3.0 - 0.2 * k as f64, fuel };
+            let when = when(k);
             let mount = normal3(&mut rng) * 2e-5;
             aircraft.frame(&mut rng, when, (mount, Vector3::zeros()), 0.05)
         })
         .collect();
     spoil(&mut seen[0]);
     let options = Options { mountings: Some(vec![Mounting::OfTheGround; count]), ..Options::default() };
-    match count {
+    let solutions = match count {
         1 => vec![adjust::spatial(&setup, &orientation, &seen[0], &options).unwrap()],
         _ => adjust::flight(&setup, &orientation, &seen, &options).unwrap(),
+    };
+    let of_frame = |(k, solution): (usize, &Solution)| -> Vec<f64> {
+        let truth = aircraft.lifts_m(when(k));
+        let error = |m: &adjust::MarkerSolution| {
+            let lift = m.lift_ground_m?;
+            Some((lift.value - truth.get(m.marker)?[1]) / lift.sigma?)
+        };
+        solution.markers.iter().filter(|m| m.used).filter_map(error).collect()
+    };
+    let errors = solutions.iter().enumerate().flat_map(of_frame).collect();
+    (solutions, errors)
+}
+
+fn frames_of(
+    seed: u64,
+    count: usize,
+    of: (Effects, InFlight),
+    spoil: impl Fn(&mut [Observation]),
+) -> Vec<Solution> {
+    solved_frames(seed, count, of, spoil).0
+}
+
+/// The same aileron in all frames of a flight: its cause is named in each, or the test says so, or lifts hold all the same; where
+/// nothing is wrong none is named.
+#[test]
+fn a_cause_that_the_frames_of_a_flight_share_is_named() {
+    let width = InFlight { torque_rad: 0.0, ..InFlight::USUAL };
+    let flights =
+        |effects: Effects| (7330..7342).map(move |seed| solved_frames(seed, 4, (effects, width), |_| ()));
+    let named = |solutions: &[Solution]| {
+        solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains("lie together")))
+    };
+    let (mut said, mut caused, mut errors, mut unsaid) = (0, 0, vec![], vec![]);
+    for (solutions, of_lifts) in flights(Effects { aileron_rad: 0.026, ..Effects::default() }) {
+        caused += usize::from(named(&solutions));
+        errors.extend(&of_lifts);
+        match named(&solutions) || solutions[0].global_test == GlobalTest::Rejected {
+            true => said += 1,
+            false => unsaid.extend(of_lifts),
+        }
     }
+    let clean = flights(Effects::default()).filter(|(solutions, _)| named(solutions)).count();
+    let (all, silent) = (rms(&errors), if unsaid.is_empty() { 0.0 } else { rms(&unsaid) });
+    println!(
+        "aileron: said in {said} of 12, named in {caused}, normalised {all:.2}, unsaid {silent:.2}; nothing: {clean}"
+    );
+    assert!(caused >= 6 && all < 2.0 && silent < 2.0, "{caused} {all} {silent}");
+    assert_eq!(clean, 0);
 }
 
 /// Five images that lie off by 1.5 px, up and down in turn: no cause has them in common, and none is gross.
@@ -185,18 +235,24 @@ fn where_many_are_out_the_test_judges_them_all() {
     assert!(met >= 4, "{met} of 8");
 }
 
-/// Skin that moves by four times what is usual: what snooping leaves of it is said where it is twice as much, and never
+/// Skin that moves by six times what is usual: what snooping leaves of it is said where it is twice as much, and never
 /// where nothing moves or where the width is stated.
 #[test]
 fn a_flight_says_what_moves_more_than_usual() {
     let says = |effects: Effects, width: InFlight, word: &str| {
-        let flights = (7320..7324).map(|seed| frames_of(seed, 5, (effects, width), |_| ()));
+        let flights = (7320..7332).map(|seed| frames_of(seed, 5, (effects, width), |_| ())).inspect(|f| {
+            println!(
+                "{:?} {}",
+                f[0].global_test,
+                f[0].remarks.iter().filter(|r| r.contains("left out")).count()
+            )
+        });
         flights.filter(|flight| flight[0].remarks.iter().any(|r| r.contains(word))).count()
     };
-    let skin = Effects { skin_m: 1.2e-3, ..Effects::default() };
+    let skin = Effects { skin_m: 1.8e-3, ..Effects::default() };
     let (moved, held) =
         (says(skin, InFlight::USUAL, "skin moved"), says(skin, InFlight::USUAL.held(), "skin moved"));
     let still = says(Effects::default(), InFlight::USUAL, "are usual");
-    println!("skin: said in {moved} of 4, held in {held}; nothing: {still}");
-    assert!(moved >= 1 && held == 0 && still == 0, "{moved} {held} {still}");
+    println!("skin: said in {moved} of 12, held in {held}; nothing: {still}");
+    assert!(moved >= 6 && held == 0 && still == 0, "{moved} {held} {still}");
 }

@@ -181,26 +181,62 @@ fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
     assert!(rms(&taught.twist) < 1.4 && rms(&taught.moments) < 1.4);
 }
 
+/// Rows by so much lower that the wing's ends are bent in the picture by some pixels, as a pane does.
+fn through_other_panes(seen: &[Observation]) -> Vec<Observation> {
+    let off = |o: &Observation| 8e-6 * (o.pixel.x - 2000.0).powi(2);
+    let other = |o: &Observation| Observation { pixel: o.pixel + nalgebra::Vector2::new(0.0, off(o)), ..*o };
+    seen.iter().map(other).collect()
+}
+
+/// The tenth marker of the survey some centimetres from where it was.
+fn with_another_marker(seen: &[Observation]) -> Vec<Observation> {
+    let moved =
+        |o: &Observation| if o.marker == 9 { nalgebra::Vector2::new(3.0, 9.0) } else { nalgebra::zero() };
+    seen.iter().map(|o| Observation { pixel: o.pixel + moved(o), ..*o }).collect()
+}
+
+fn says(solutions: &[Solution], words: &str) -> bool {
+    solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains(words)))
+}
+
+/// What earlier flights taught contradicts it, or the global test rejects.
+fn is_noticed(solutions: &[Solution]) -> bool {
+    says(solutions, "contradicts this") || solutions.iter().all(|s| s.global_test == GlobalTest::Rejected)
+}
+
+/// Of eight aircraft whose installation changed after three flights: single frames and flights.
 #[test]
-fn a_camera_that_looks_through_another_window_is_noticed() {
-    let mut rng = rng(8300);
-    let mut drawn = Drawn::new(&mut rng, SetUp::Default);
-    let flights: Vec<Flown> = (0..3).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
-    let taught = together(&drawn.lessons(&flights), &drawn.setup).unwrap();
-    let contradicts = |solution: &Solution| solution.remarks.iter().any(|r| r.contains("contradicts this"));
-    let last = drawn.flies(&mut rng, FRAMES);
-    assert!(!contradicts(&drawn.single(&last.seen[0], Some(taught.clone()))));
-    // The wing's outer half is bent in the picture by some pixels, as a pane does.
-    let through = |seen: &[Observation]| -> Vec<Observation> {
-        let off = |o: &Observation| 3e-6 * (o.pixel.x - 2000.0).powi(2);
-        let other =
-            |o: &Observation| Observation { pixel: o.pixel + nalgebra::Vector2::new(0.0, off(o)), ..*o };
-        seen.iter().map(other).collect()
-    };
-    let changed = through(&last.seen[0]);
-    let solution = drawn.single(&changed, Some(taught));
-    let noticed = contradicts(&solution) || solution.global_test == GlobalTest::Rejected;
-    assert!(noticed, "{:?}", solution.remarks);
+fn what_changed_since_flights_taught_is_noticed() {
+    let (mut alone, mut together_seen, mut taught_nothing, mut replaced, mut falsely) = (0, 0, 0, 0, 0);
+    for seed in 8300..8308 {
+        let mut rng = rng(seed);
+        let mut drawn = Drawn::new(&mut rng, SetUp::Default);
+        let flights: Vec<Flown> = (0..3).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
+        let taught = together(&drawn.lessons(&flights), &drawn.setup).unwrap();
+        let last = drawn.flies(&mut rng, FRAMES);
+        let flight = |seen: &[Vec<Observation>]| {
+            let options = drawn.options(FRAMES, Some(taught.clone()));
+            adjust::flight(&drawn.setup, &drawn.orientation, seen, &options).unwrap()
+        };
+        let single = |seen: &[Observation]| [drawn.single(seen, Some(taught.clone()))];
+        falsely += usize::from(is_noticed(&single(&last.seen[0])) || is_noticed(&flight(&last.seen)));
+        let panes = Flown { seen: last.seen.iter().map(|seen| through_other_panes(seen)).collect() };
+        alone += usize::from(is_noticed(&single(&panes.seen[0])));
+        together_seen += usize::from(is_noticed(&flight(&panes.seen)));
+        taught_nothing += usize::from(drawn.learn(&panes, Some(taught.clone())).is_none());
+        let other: Vec<_> = last.seen.iter().map(|seen| with_another_marker(seen)).collect();
+        let left_out = "marker M10 was left out";
+        replaced += usize::from(says(&single(&other[0]), left_out) && says(&flight(&other), left_out));
+    }
+    println!(
+        "other panes: noticed in {alone} frames, {together_seen} flights of 8, {taught_nothing} taught nothing; another marker: \
+         {replaced} of 8; nothing changed: {falsely}"
+    );
+    assert!(
+        alone >= 6 && together_seen >= 7 && taught_nothing >= 7,
+        "{alone} {together_seen} {taught_nothing}"
+    );
+    assert!(replaced == 8 && falsely == 0, "{replaced} {falsely}");
 }
 
 #[test]

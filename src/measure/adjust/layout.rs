@@ -6,7 +6,7 @@ use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::factors::Factors;
 use super::input::{Input, Sights};
-use super::marker_state::MarkerState;
+use super::marker_state::{Answers, MarkerState};
 use super::scene::{Bent, Camera, Scene, moved};
 use super::taught::{MARKS, SKIN};
 use super::term::{Columns, Place, Placed, Term};
@@ -103,6 +103,8 @@ pub struct Layout {
     pub survey: Survey,
     /// How each marker may move in flight by itself.
     pub motions: Arc<Motions>,
+    /// How markers answer to what the user can only estimate, where a frame's own noise is to be kept out of it.
+    pub answers: Option<Arc<Answers>>,
     /// The root's motion, without which a lift is counted from the root's tangent.
     pub root: Vec<Placed>,
     /// Number of leading global parameters that all blocks depend on.
@@ -116,7 +118,7 @@ pub struct Layout {
 impl Layout {
     /// Reads a frame's unknowns.
     pub fn values(&self, global: &DVector<f64>, local: &DVector<f64>) -> Values {
-        let mut values = Values::expected(self.expected_scale);
+        let mut values = Values { answers: self.answers.clone(), ..Values::expected(self.expected_scale) };
         self.terms.iter().for_each(|placed| placed.enter(global, local, &mut values));
         values
     }
@@ -161,6 +163,7 @@ impl Layout {
             rotation: vec![],
             motions: self.motions.clone(),
             root: vec![],
+            answers: None,
             ..*self
         }
     }
@@ -268,7 +271,7 @@ impl Layout {
     ) -> Result<(), EstimationError> {
         let values = self.values(at.global, at.local);
         let frame = Evaluated {
-            bent: scene.bend(&values.bending()),
+            bent: scene.bent(&values),
             in_flight: scene.camera(&values.pose),
             on_ground: scene.ground_camera(&values.pose),
             scene,

@@ -9,6 +9,9 @@ use crate::geometry::skew;
 /// the span (rad).
 pub const ESTIMATED: usize = 3;
 
+/// Per marker: d position / d each of these.
+pub type Answers = Vec<[Vector3<f64>; ESTIMATED]>;
+
 /// A marker in flight with the derivatives of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerState {
@@ -28,6 +31,8 @@ pub struct MarkerState {
     pub by_raise: [Vector3<f64>; RAISE_TERMS],
     /// d position / d what the user can only estimate; 0 for what is held.
     pub by_estimated: [Vector3<f64>; ESTIMATED],
+    /// d position / d rotation about the span of the plane that the wing bends in, m/rad.
+    pub by_plane: Vector3<f64>,
 }
 
 impl MarkerState {
@@ -48,6 +53,7 @@ impl MarkerState {
             by_scale: none,
             by_raise: [none; RAISE_TERMS],
             by_estimated: [none; ESTIMATED],
+            by_plane: none,
         }
     }
 
@@ -69,7 +75,18 @@ impl MarkerState {
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
         let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));
-        Self { marker: 0, from_root_m, carried, by_curvature, by_twist, by_scale, by_raise, by_estimated }
+        let by_plane = Vector3::zeros();
+        Self {
+            marker: 0,
+            from_root_m,
+            carried,
+            by_curvature,
+            by_twist,
+            by_scale,
+            by_raise,
+            by_estimated,
+            by_plane,
+        }
     }
 
     /// Moves position and derivatives by a share of the way from one wing to another.
@@ -88,6 +105,41 @@ impl MarkerState {
         }
     }
 
+    /// Moves it by what is off of what the user can only estimate.
+    pub fn answer(&mut self, by_estimated: &[Vector3<f64>; ESTIMATED], estimated: &[f64; ESTIMATED]) {
+        let moved_m: Vector3<f64> = by_estimated.iter().zip(estimated).map(|(by, off)| by * *off).sum();
+        self.by_estimated = *by_estimated;
+        self.carried.position_m += moved_m;
+        self.from_root_m = self.from_root_m.map(|from| from + moved_m);
+    }
+
+    /// Turns the plane that the wing bends in about the span by a small rotation, rad: bent is a wing that is turned back, and
+    /// turned then. `nominal`: the marker on the wing as it is stated; `turned`: the same with its place on ground turned about
+    /// the span by one radian, to first order.
+    pub fn lean(&mut self, turn_rad: f64, nominal: &Self, turned: &Self) {
+        let Some(from_root_m) = &mut self.from_root_m else { return };
+        let about_span = skew(&Vector3::x());
+        let by = |v: &Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| about_span * v - (t - n);
+        let place = |state: &Self| state.carried.position_m;
+        self.by_plane = by(from_root_m, &place(nominal), &place(turned));
+        *from_root_m += self.by_plane * turn_rad;
+        self.carried.position_m += self.by_plane * turn_rad;
+        let lean = |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
+        lean(&mut self.carried.by_slope, &nominal.carried.by_slope, &turned.carried.by_slope);
+        lean(&mut self.carried.by_twist, &nominal.carried.by_twist, &turned.carried.by_twist);
+        lean(&mut self.by_scale, &nominal.by_scale, &turned.by_scale);
+        (0..MAX_CURVATURE_TERMS).for_each(|k| {
+            lean(&mut self.by_curvature[k], &nominal.by_curvature[k], &turned.by_curvature[k]);
+        });
+        (0..TWIST_BASIS).for_each(|k| lean(&mut self.by_twist[k], &nominal.by_twist[k], &turned.by_twist[k]));
+        (0..RAISE_TERMS).for_each(|k| lean(&mut self.by_raise[k], &nominal.by_raise[k], &turned.by_raise[k]));
+        self.by_estimated.iter_mut().for_each(|v| *v += about_span * *v * turn_rad);
+        // The root, about which it turns, rises with the axis.
+        let by_ground = nominal.carried.by_ground;
+        self.by_raise[0] += (by_ground * Vector3::z() - Vector3::z()) * turn_rad;
+        self.carried.by_ground += (about_span * self.carried.by_ground - by_ground * about_span) * turn_rad;
+    }
+
     /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
     pub fn carry_with_root(&mut self, turn_rad: &Vector3<f64>, shift_m: &Vector3<f64>) {
         let Some(from_root_m) = self.from_root_m else { return };
@@ -99,7 +151,7 @@ impl MarkerState {
         self.carried.by_ground = turn * self.carried.by_ground;
         self.by_scale = turn * self.by_scale;
         let vectors = self.by_curvature.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
-        vectors.chain(&mut self.by_estimated).for_each(|v| *v = turn * *v);
+        vectors.chain(&mut self.by_estimated).chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
         // The root rises with the axis, about which it turns.
         self.by_raise[0] -= small * Vector3::y();
     }
@@ -121,6 +173,7 @@ impl MarkerState {
             by_scale: turn * self.by_scale,
             by_raise: self.by_raise.map(|v| turn * v),
             by_estimated: self.by_estimated,
+            by_plane: turn * self.by_plane,
         }
     }
 }

@@ -3,6 +3,7 @@
 pub mod beam;
 mod blocks;
 mod budget;
+mod causes;
 mod curve;
 mod estimated;
 #[cfg(test)]

@@ -58,7 +58,7 @@ impl<'a> Outcome<'a> {
         members: &'a [Member],
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
-        let bent = input.scene.bend(&values.bending());
+        let bent = input.scene.bent(&values);
         let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
         let (judged, before_removal) = (Judged::of(fit), false);
         let new = Self {

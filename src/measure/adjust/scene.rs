@@ -5,7 +5,7 @@ use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use super::beam::{Bending, Grid, Mount, Section};
 use super::estimated::Neighbour;
 use super::ground::GroundShape;
-use super::marker_state::{ESTIMATED, MarkerState};
+use super::marker_state::{Answers, ESTIMATED, MarkerState};
 use super::values::{Pose, Values};
 use super::{AdjustError, Observation};
 use crate::environment::Plate;
@@ -221,10 +221,53 @@ impl Scene {
         ground_m: &Vector3<f64>,
         values: &Values,
     ) -> MarkerState {
-        let mut state = self.marker(marker, bent, ground_m, &values.bending(), &values.estimated);
+        let bending = values.bending();
+        let nominal = self.on_beam(marker, &bent.sections[marker], ground_m, &bending);
+        let mut state = nominal;
+        match &values.answers {
+            Some(answers) => state.answer(&answers[marker], &values.estimated),
+            None => state = self.marker(marker, bent, ground_m, &bending, &values.estimated),
+        }
+        if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
+            let root_m = nominal.carried.position_m - from_root_m;
+            let there_m = ground_m + Vector3::x().cross(&(ground_m - root_m));
+            state.lean(turn_rad, &nominal, &self.on_beam(marker, &bent.sections[marker], &there_m, &bending));
+        }
         state.carry_with_root(&values.root_turn_rad, &values.root_shift_m);
         state.carried.position_m += moved(&values.moved_m, marker);
         state
+    }
+
+    /// A frame's wing: with its neighbours, unless it is taken for granted how markers answer to these.
+    pub fn bent(&self, values: &Values) -> Bent {
+        match values.answers {
+            Some(_) => Bent { sections: self.grid.bend(&values.bending()), neighbours: Default::default() },
+            None => self.bend(&values.bending()),
+        }
+    }
+
+    /// How markers answer in a wing that bends so to what the user can only estimate.
+    pub fn answers(&self, bending: &Bending) -> Answers {
+        let bent = self.bend(bending);
+        let stations = self.ground.stations.iter().enumerate();
+        stations
+            .map(|(k, s)| self.marker(k, &bent, &s.surveyed_m, bending, &[0.0; ESTIMATED]).by_estimated)
+            .collect()
+    }
+
+    /// A marker on the wing as it is stated.
+    fn on_beam(
+        &self,
+        index: usize,
+        section: &Section,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> MarkerState {
+        let state = match self.fixed[index] {
+            true => MarkerState::fixed(ground_m),
+            false => MarkerState::of(&self.grid, &self.mounts[index], section, ground_m, bending),
+        };
+        MarkerState { marker: index, ..state }
     }
 
     /// Carries a marker from its place on ground (wing frame, m) into flight. `estimated`: by how much what
@@ -237,12 +280,10 @@ impl Scene {
         bending: &Bending,
         estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
+        let mut state = self.on_beam(index, &bent.sections[index], ground_m, bending);
         if self.fixed[index] {
-            return MarkerState { marker: index, ..MarkerState::fixed(ground_m) };
+            return state;
         }
-        let of_wing =
-            MarkerState::of(&self.grid, &self.mounts[index], &bent.sections[index], ground_m, bending);
-        let mut state = MarkerState { marker: index, ..of_wing };
         let nominal = state;
         for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
             let Some(neighbour) = neighbour else { continue };

@@ -1,16 +1,15 @@
 //! The rigid-section beam, one frame (docs/model.md).
 
-mod causes;
 mod frame;
 
 use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
-use self::causes::causes;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{Blocks, with_sources};
+use super::causes::causes;
 use super::factors::Factors;
 use super::flight;
 use super::input::{Input, by_marker, on_the_wing};

@@ -25,7 +25,7 @@ pub const SKIN: &str = "motion of the skin";
 pub const MARKS: &str = "motion of the fixed marks";
 /// Terms that all flights of an installation have in common: of survey, ground frame, camera, panes and drawings. Not
 /// here is what each flight has anew: mounting, temperature, the camera in flight, the root's motion, the panes' bow, loads.
-pub const LASTING: [&str; 9] = [
+pub const LASTING: [&str; 10] = [
     "rotation on ground",
     "projection centre",
     "panes' shift",
@@ -35,6 +35,7 @@ pub const LASTING: [&str; 9] = [
     "chord offset of the bending axis",
     "direction of the span",
     "bend between survey and ground frame",
+    "vertical of the survey",
 ];
 
 /// Share of the variance of what skin and marks move by in flight that repeats from flight to flight. Pressure, cold

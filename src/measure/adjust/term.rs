@@ -50,9 +50,13 @@ pub enum Effect {
     },
     /// Markers are moved by a little.
     Moves(Displacement),
-    /// The direction that lifts are counted along: d lift, m per its unit, where a marker is displaced by so much (wing
-    /// frame, m).
-    Vertical(fn(&Vector3<f64>, usize) -> f64),
+    /// The direction that lifts are counted along, in which the wing bends.
+    Vertical {
+        /// d lift, m per its unit, where a marker is displaced by so much (wing frame, m).
+        lift: fn(&Vector3<f64>, usize) -> f64,
+        /// d position of a marker, wing frame, m per its unit.
+        position: fn(&MarkerState, usize) -> Vector3<f64>,
+    },
 }
 
 /// When markers are displaced.
@@ -97,9 +101,9 @@ impl Term {
     /// d position of a marker in flight, wing frame, m per the unknown's unit.
     pub fn position(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {
-            Effect::Wing { position, .. } => position(state, k),
+            Effect::Wing { position, .. } | Effect::Vertical { position, .. } => position(state, k),
             Effect::Moves(ref moves) => moves.by(k, state.marker, Instant::InFlight),
-            Effect::Picture { .. } | Effect::Vertical(_) => Vector3::zeros(),
+            Effect::Picture { .. } => Vector3::zeros(),
         }
     }
 
@@ -115,7 +119,7 @@ impl Term {
     /// along, m per its unit.
     pub fn along_vertical(&self, k: usize, displacement_m: &Vector3<f64>) -> f64 {
         match &self.effect {
-            Effect::Vertical(by) => by(displacement_m, k),
+            Effect::Vertical { lift, .. } => lift(displacement_m, k),
             _ => 0.0,
         }
     }
@@ -139,13 +143,14 @@ impl Term {
     /// d pixel in flight, px per the unknown's unit.
     pub fn in_flight(&self, k: usize, state: &MarkerState, predicted: &Predicted) -> Vector2<f64> {
         match self.effect {
-            Effect::Wing { position, .. } => predicted.by_point * position(state, k),
+            Effect::Wing { position, .. } | Effect::Vertical { position, .. } => {
+                predicted.by_point * position(state, k)
+            }
             Effect::Picture { pixel, .. } => pixel(predicted, k),
             Effect::Moves(ref moves) => {
                 let at_row = moves.by(k, state.marker, Instant::AtItsRow);
                 predicted.by_point * (at_row + moves.by(k, state.marker, Instant::InFlight))
             }
-            Effect::Vertical(_) => Vector2::zeros(),
         }
     }
 

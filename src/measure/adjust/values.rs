@@ -1,9 +1,11 @@
 //! The unknowns of one frame as the model takes them.
 
+use std::sync::Arc;
+
 use nalgebra::{SVector, Vector2, Vector3};
 
 use super::beam::{Bending, RAISE_TERMS};
-use super::marker_state::ESTIMATED;
+use super::marker_state::{Answers, ESTIMATED};
 use crate::geometry::BROWN;
 
 /// A frame's unknowns, read from the vectors.
@@ -31,6 +33,10 @@ pub struct Values {
     pub root_turn_rad: Vector3<f64>,
     /// Shift of the root since then, m.
     pub root_shift_m: Vector3<f64>,
+    /// Rotation about the span of the plane that the wing bends in, which is upright in an upright survey, rad; `None`: held.
+    pub plane_rad: Option<f64>,
+    /// How markers answer to corrections of what the user can only estimate, where that is taken for granted.
+    pub answers: Option<Arc<Answers>>,
 }
 
 impl Values {
@@ -48,6 +54,8 @@ impl Values {
             moved_at_row_m: vec![],
             root_turn_rad: Vector3::zeros(),
             root_shift_m: Vector3::zeros(),
+            plane_rad: None,
+            answers: None,
         }
     }
 

@@ -38,6 +38,7 @@ where
     // What the normal matrix has too much along them.
     let mut feigned: Vec<DVector<f64>> = vec![];
     let mut next = start;
+    let mut there = System::new(problem)?;
     while directions.len() < DIRECTIONS {
         for direction in &directions {
             let along = direction.dot(&(normal * &next));
@@ -48,7 +49,7 @@ where
             break;
         }
         next /= length;
-        let too_much = normal * &next - turned(system, problem, state, &next, linearise)?;
+        let too_much = normal * &next - turned((system, &mut there), problem, state, &next, linearise)?;
         directions.push(next);
         next = system.solve(problem, &too_much)?;
         feigned.push(too_much);
@@ -61,9 +62,9 @@ where
     Ok(normal - &spanned * kept * spanned.transpose())
 }
 
-/// Half of what a direction changes of the gradient, the groups' own parameters settled.
+/// Half of what a direction changes of the gradient, the groups' own parameters settled; `there`: room.
 fn turned<L>(
-    system: &System,
+    (system, there): (&System, &mut System),
     problem: &Problem,
     state: &State,
     direction: &DVector<f64>,
@@ -73,7 +74,6 @@ where
     L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
 {
     let (mut near, mut settled) = (state.clone(), state.clone());
-    let mut there = System::new(problem)?;
     let mut side = |by: f64| {
         system.moved(problem, state, &(direction * by), &mut near);
         there.assemble(problem, &near, linearise)?;

@@ -7,6 +7,7 @@ use crate::adjust::input::Input;
 use crate::adjust::layout::Layout;
 use crate::adjust::term::Place;
 use crate::adjust::terms::stated_drift_rad;
+use crate::adjust::values::Values;
 use crate::estimation::Fit;
 
 /// Departure of a frame's shape from the shared one to begin with, a share of the usual width of shapes.
@@ -36,6 +37,17 @@ pub struct Assumed<'a> {
     pub drift_rad: f64,
     /// Per frame what its mounting's unknowns are with its own part of the rotation, which is the first three.
     of_mounting: Vec<DVector<f64>>,
+    /// How each frame bends and twists.
+    bendings: Vec<OfFrame>,
+}
+
+/// How a frame bends and twists; empty before the first solution.
+#[derive(Clone, Debug, Default)]
+pub struct OfFrame {
+    /// 1/m.
+    pub curvature_per_m: Vec<f64>,
+    /// Of the twist's basis, rad.
+    pub twist_rad: Vec<f64>,
 }
 
 impl<'a> Assumed<'a> {
@@ -48,6 +60,7 @@ impl<'a> Assumed<'a> {
             mountings,
             drift_rad: stated_drift_rad(input.setup),
             of_mounting: vec![DVector::zeros(3); frames],
+            bendings: vec![OfFrame::default(); frames],
         }
     }
 
@@ -71,6 +84,22 @@ impl<'a> Assumed<'a> {
             rotation += local.rows(first, 3);
         }
         self.of_mounting[frame] = own;
+        let Values { curvature_per_m, twist_rad, .. } = layout.values(&fit.global, local);
+        self.bendings[frame] = OfFrame { curvature_per_m, twist_rad };
+    }
+
+    /// How a frame bends, with the twist that all frames show together at its amplitude; `None` before the first solution and
+    /// of a frame alone. What all frames tell of the places of root and axis has an answer to each frame's twist in it, whose
+    /// noise passes for knowledge where frames are many.
+    pub fn usual_bending(&self, frame: usize) -> Option<OfFrame> {
+        let of = self.bendings.get(frame).filter(|of| self.bendings.len() > 1 && !of.twist_rad.is_empty())?;
+        let at = self.amplitudes_per_m[frame];
+        let one = |k: usize| {
+            let all = self.amplitudes_per_m.iter().zip(&self.bendings);
+            on_a_line(all.map(|(a, of)| (*a, of.twist_rad.get(k).copied().unwrap_or(0.0))), at)
+        };
+        let twist_rad = (0..of.twist_rad.len()).map(one).collect();
+        Some(OfFrame { twist_rad, ..of.clone() })
     }
 
     /// Mean of a mounting's unknowns over its frames.
@@ -101,6 +130,16 @@ impl<'a> Assumed<'a> {
         let more = pitch * pitch.transpose() * (PITCH_DRIFT * PITCH_DRIFT - 1.0);
         (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
     }
+}
+
+/// Value at a place of the straight line nearest to these.
+fn on_a_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
+    let count = points.clone().count().max(1) as f64;
+    let (x, y) = points.clone().fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x, sy + y));
+    let (x, y) = (x / count, y / count);
+    let (square, both) =
+        points.fold((0.0, 0.0), |(xx, xy), (px, py)| (xx + (px - x).powi(2), xy + (px - x) * (py - y)));
+    y + if square > 0.0 { both / square * (at - x) } else { 0.0 }
 }
 
 fn amplitude(curvature_per_m: f64) -> f64 {

@@ -12,6 +12,30 @@ const ROUNDS: usize = 4;
 const WORST_SHARE: f64 = 0.7;
 
 impl Flight<'_> {
+    /// A rough solution without blunders, and what they are; where these are many, with the cause that explains the markers best
+    /// in all frames, if but few are left out then.
+    pub fn without_blunders_or_cause(&mut self) -> Result<(Solved, Vec<Removed>), AdjustError> {
+        let all = self.clone();
+        let found = self.without_blunders()?;
+        if self.judged.is_none() {
+            return Ok(found);
+        }
+        // Judged before anything is left out.
+        let tried = all.causes().into_iter().filter_map(|cause| {
+            let mut with = Flight { cause: Some(cause), ..all.clone() };
+            let omega = with.solve(None).ok()?.fit.omega;
+            Some((omega, with))
+        });
+        let Some((_, mut with)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(found) };
+        match with.without_blunders() {
+            Ok(explained) if with.judged.is_none() => {
+                *self = with;
+                Ok(explained)
+            }
+            _ => Ok(found),
+        }
+    }
+
     /// A rough solution without blunders, and what they are.
     pub fn without_blunders(&mut self) -> Result<(Solved, Vec<Removed>), AdjustError> {
         let mut solved = self.solve(None)?;

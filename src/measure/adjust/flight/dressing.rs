@@ -45,6 +45,8 @@ pub fn of_frame(
     let solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
     remarks.extend(solution.remarks);
     remarks.extend(widened_marks(flight.factors.marks));
+    let caused = flight.cause.as_ref().zip(setting.cause);
+    remarks.extend(caused.map(|(cause, column)| cause.sentence(fit.global[column])));
     remarks.extend(flight.larger_than_usual());
     Solution { remarks, ..solution }
 }

@@ -6,6 +6,7 @@ use super::assumed::{Assumed, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
 use crate::adjust::blocks::{image_block, survey_block};
+use crate::adjust::causes::{Cause, causes};
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights, by_marker, on_the_wing};
 use crate::adjust::layout::{Layout, Member};
@@ -31,6 +32,8 @@ pub struct Flight<'a> {
     pub judged: Option<Judged>,
     /// By how much more or less than stated things are taken to move.
     pub factors: Factors,
+    /// What many markers have in common in all frames.
+    pub cause: Option<Cause>,
 }
 
 impl<'a> Flight<'a> {
@@ -52,7 +55,14 @@ impl<'a> Flight<'a> {
             return Err(AdjustError::Input("there must be one mounting for every frame".into()));
         }
         let usage = Usage::all(frames.len(), setup.markers.len());
-        Ok(Self { input, frames, usage, assumed, judged: None, factors: Factors::default() })
+        Ok(Self { input, frames, usage, assumed, judged: None, factors: Factors::default(), cause: None })
+    }
+
+    /// What many markers may have in common, as all frames together show them.
+    pub fn causes(&self) -> Vec<Cause> {
+        let seen = |marker: usize| self.frames.iter().find_map(|frame| frame[marker]);
+        let sights: Sights = (0..self.input.setup.markers.len()).map(seen).collect();
+        causes(&self.input, &sights)
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.

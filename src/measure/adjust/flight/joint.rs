@@ -27,7 +27,7 @@ impl<'a> Joint<'a> {
     pub fn new(input: Input<'a>, frames: &'a [Vec<Observation>]) -> Result<Self, AdjustError> {
         let stated = Mountings::unknown(input.options.mountings.as_deref());
         let mut flight = Flight::new(input, frames, Assumed::at_first(&input, frames.len(), stated))?;
-        let (solved, mut removed) = flight.without_blunders()?;
+        let (solved, mut removed) = flight.without_blunders_or_cause()?;
         let solved = flight.tune(solved, 1)?;
         flight.find_mountings(&solved);
         let solved = flight.solve(Some(&solved.fit))?;
@@ -39,7 +39,7 @@ impl<'a> Joint<'a> {
 
     /// Of one frame, which tells nothing of these.
     pub fn alone(mut flight: Flight<'a>) -> Result<Self, AdjustError> {
-        let (solved, mut removed) = flight.without_blunders()?;
+        let (solved, mut removed) = flight.without_blunders_or_cause()?;
         let rough = flight.readmit(solved, &mut removed)?;
         let solved = flight.finish(&rough.fit)?;
         Ok(Self { flight, solved, removed })

@@ -6,10 +6,11 @@ use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
-use crate::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::adjust::beam::{Bending, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::adjust::budget::Blocks;
 use crate::adjust::input::Input;
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
+use crate::adjust::marker_state::Answers;
 use crate::adjust::scene::Scene;
 use crate::adjust::taught::{LASTING, Lasting, MARKS, SHAPE, SKIN, SURVEY};
 use crate::adjust::term::{Columns, Place, Placed};
@@ -37,6 +38,8 @@ pub struct Setting {
     pub lasting: Vec<(Lasting, usize)>,
     /// What is stated of each global parameter.
     pub stated: DVector<f64>,
+    /// Column of what many markers have in common.
+    pub cause: Option<usize>,
     ground: Option<Layout>,
 }
 
@@ -64,10 +67,20 @@ fn own_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
     }
 }
 
+/// How a frame's markers answer to what the user can only estimate, where other frames tell of its twist; see
+/// [`Assumed::usual_bending`](super::assumed::Assumed::usual_bending).
+fn answers(flight: &Flight, frame: usize, scale: f64) -> Option<Arc<Answers>> {
+    let usual = flight.assumed.usual_bending(frame)?;
+    let (curvature_per_m, twist_rad) = (&usual.curvature_per_m[..], &usual.twist_rad[..]);
+    let bending = Bending { curvature_per_m, twist_rad, scale, ..Bending::NONE };
+    Some(Arc::new(flight.input.scene.answers(&bending)))
+}
+
 /// All unknowns of a flight, placed.
 struct Unknowns {
     columns: Columns,
     shared: Shared,
+    cause: Option<usize>,
     head: usize,
     shape: ShapeColumns,
     mountings: Vec<OfMounting>,
@@ -84,13 +97,18 @@ impl Unknowns {
         let mut columns = Columns::default();
         let mut shared = terms::shared(input, &mut columns);
         shared.placed.extend(terms::of_flight(input).into_iter().map(|term| columns.place(term)));
+        let cause = flight.cause.as_ref().map(|cause| {
+            let first = columns.missing.len();
+            shared.placed.push(columns.place(cause.term(input)));
+            first
+        });
         let head = columns.missing.len();
         let shape = ShapeColumns::take(&mut columns, curvature_terms);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
         let motions = Arc::new(Motions::place(input, &flight.factors, &mut columns));
-        Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
+        Self { columns, shared, cause, head, shape, mountings, survey, motions, curvature_terms }
     }
 
     /// A frame's own: coefficients of curvature and twist, a rotation about its mounting's, and what moves it.
@@ -110,6 +128,7 @@ impl Unknowns {
         let mounting = &self.mountings[flight.assumed.mountings.of(frame)];
         let own = self.own(flight, frame);
         let [curvature, twist, rotation] = [0, 1, 2].map(|k| &own[k]);
+        let expected_scale = flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale);
         Layout {
             terms: [&own[..], &mounting.placed, &self.shared.placed].concat(),
             curvature: curvature.place,
@@ -118,9 +137,10 @@ impl Unknowns {
             twist_terms: twist.term.size,
             rotation: vec![rotation.place, Place::Global(mounting.columns.first)],
             axis_height: self.shared.axis_height,
-            expected_scale: flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
+            expected_scale,
             survey: Survey::Global(self.survey),
             motions: self.motions.clone(),
+            answers: answers(flight, frame, expected_scale),
             root: self.shared.root.clone(),
             head: self.head,
             own: mounting.columns,
@@ -188,14 +208,14 @@ impl Setting {
         groups.push(ground);
         let start = unknowns.start(flight, from);
         let (lasting, stated) = (unknowns.lasting(&flight.input), unknowns.stated(&flight.input));
-        let taught = flight.input.options.taught.as_deref();
+        let (cause, taught) = (unknowns.cause, flight.input.options.taught.as_deref());
         let known = taught.and_then(|taught| taught.known(&lasting, &stated));
         let axis = &flight.input.scene.ground.axis;
         let shape = SharedShape::new(unknowns.shape, &flight.assumed, axis, from.is_none());
         let Columns { missing, priors, .. } = unknowns.columns;
         let problem = Problem { start, missing, priors, known, groups };
         let ground = layouts.first().map(Layout::on_ground_only);
-        Self { layouts, members, ground_members, problem, shape, lasting, stated, ground }
+        Self { layouts, members, ground_members, problem, shape, lasting, stated, cause, ground }
     }
 
     /// One frame beside what is known of all that frames share; `problem`: without its groups.
@@ -209,7 +229,17 @@ impl Setting {
         let problem = Problem { groups: vec![group], ..problem };
         let (layouts, members) = (vec![layout], vec![members]);
         let (lasting, stated) = (vec![], DVector::zeros(0));
-        Self { layouts, members, ground_members: vec![], problem, shape, lasting, stated, ground: None }
+        Self {
+            layouts,
+            members,
+            ground_members: vec![],
+            problem,
+            shape,
+            lasting,
+            stated,
+            cause: None,
+            ground: None,
+        }
     }
 
     /// Whose images the blocks are.

@@ -1,6 +1,8 @@
 //! The observation equation written a second time over dual numbers, with a quadrature of its own.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Vector3};
 use num_dual::{Dual64, DualNum};
 
@@ -8,6 +10,7 @@ use super::*;
 use crate::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
 use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::shapes_at;
+use crate::setup::{Setup, Uncertainty};
 
 const STEPS: usize = 4000;
 const C: usize = 5;
@@ -191,7 +194,6 @@ fn derivatives_through_a_bowed_pane_match_differences() {
 /// A root, an axis and a span that lie elsewhere, held against a scene that is built there; lens against differences.
 #[test]
 fn what_is_estimated_moves_markers_as_a_scene_built_elsewhere() {
-    use crate::setup::{Setup, Uncertainty};
     let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
     let scene = Scene::new(&free, &orientation()).unwrap();
     let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::NONE };
@@ -235,5 +237,57 @@ fn derivatives_by_the_lens_match_differences() {
         let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
         let error = (difference - seen.by_lens.column(k)).norm();
         assert!(error < 1e-6 * (1.0 + difference.norm()), "{k}: {difference}");
+    }
+}
+
+/// A frame's unknowns that all move a marker: a plane of bending that leans, a root that turned, what is only estimated.
+fn leaning() -> Values {
+    Values {
+        curvature_per_m: vec![4e-3, 1e-3],
+        twist_rad: vec![0.03, -0.02],
+        raise_m: [0.02, -0.01, 0.0, 0.0],
+        estimated: [0.1, 0.05, 0.005],
+        root_turn_rad: Vector3::new(1e-2, -2e-2, 1e-2),
+        plane_rad: Some(0.03),
+        ..Values::expected(0.999)
+    }
+}
+
+#[test]
+fn derivatives_of_a_wing_that_leans_match_differences() {
+    let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
+    let scene = Scene::new(&free, &orientation()).unwrap();
+    let usual = leaning();
+    let answers = Some(Arc::new(scene.answers(&usual.bending())));
+    for values in [usual.clone(), Values { answers, ..usual }] {
+        let marker = 5;
+        let ground = scene.ground.stations[marker].surveyed_m;
+        let at = |values: &Values, ground: &Vector3<f64>| {
+            scene.in_flight(marker, &scene.bent(values), ground, values)
+        };
+        let state = at(&values, &ground);
+        let close = |name: &str, found: Vector3<f64>, step: f64, change: &dyn Fn(&mut Values, f64)| {
+            let moved = |h: f64| {
+                let mut values = values.clone();
+                change(&mut values, h);
+                at(&values, &ground).carried.position_m
+            };
+            let expected = (moved(step) - moved(-step)) / (2.0 * step);
+            let error = (found - expected).norm();
+            assert!(error < 1e-5 * (1.0 + expected.norm()), "{name}: {found} {expected}");
+        };
+        close("plane", state.by_plane, 1e-3, &|v, h| v.plane_rad = v.plane_rad.map(|p| p + h));
+        close("scale", state.by_scale, 1e-4, &|v, h| v.scale += h);
+        for k in 0..2 {
+            close("curvature", state.by_curvature[k], 1e-6, &|v, h| v.curvature_per_m[k] += h);
+            close("twist", state.by_twist[k], 1e-4, &|v, h| v.twist_rad[k] += h);
+            close("raise", state.by_raise[k], 1e-4, &|v, h| v.raise_m[k] += h);
+        }
+        for k in 0..ESTIMATED {
+            close("estimated", state.by_estimated[k], 1e-4, &|v, h| v.estimated[k] += h);
+            let there = |h: f64| at(&values, &(ground + Vector3::ith(k, h))).carried.position_m;
+            let by_ground = (there(1e-4) - there(-1e-4)) / 2e-4;
+            assert!((by_ground - state.carried.by_ground.column(k)).norm() < 1e-5, "ground {k}: {by_ground}");
+        }
     }
 }

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::causes::Cause;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
+use crate::adjust::causes::Cause;
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
@@ -129,6 +129,7 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
         motions,
+        answers: None,
         root: shared.root,
         head,
         own: Own { first: first_own, count: cause.len() },

@@ -268,7 +268,8 @@ pub fn root(width: &InFlight) -> impl Iterator<Item = Term> {
     turn.into_iter().chain((width.root_shift_m > 0.0).then(|| root_shift(width.root_shift_m)))
 }
 
-/// The survey's vertical about the wing frame's X and Z, rad: it moves nothing, and lifts are counted along it.
+/// The survey's vertical about the wing frame's X and Z, rad: lifts are counted along it, and the wing bends in the plane that
+/// is upright by it.
 pub fn vertical(sigma_rad: f64) -> Term {
     let name = "vertical of the survey";
     Term {
@@ -276,7 +277,10 @@ pub fn vertical(sigma_rad: f64) -> Term {
         missing: "the survey's vertical cannot be determined",
         size: 2,
         priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
-        enter: |_, _| (),
-        effect: Effect::Vertical(|displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x }),
+        enter: |x, values| values.plane_rad = Some(x[0]),
+        effect: Effect::Vertical {
+            lift: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
+            position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
+        },
     }
 }

@@ -14,7 +14,7 @@ const PLACES: [f64; 3] = [0.4, 0.6, 0.8];
 
 /// A cause: markers that are displaced together along the skin's normal.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Cause {
+pub struct Cause {
     /// Which markers, for a person.
     what: String,
     markers: Vec<usize>,
@@ -41,7 +41,7 @@ impl Cause {
 }
 
 /// All that are looked at: aft of the axis, outboard of a place, both, and each quarter of the picture.
-pub(super) fn causes(input: &Input, sights: &Sights) -> Vec<Cause> {
+pub fn causes(input: &Input, sights: &Sights) -> Vec<Cause> {
     let ground = &input.scene.ground;
     let nose = if input.setup.side() == Some(Side::Left) { -1.0 } else { 1.0 };
     let aft = |k: usize| nose * (ground.stations[k].surveyed_m.z - ground.axis.root_m.z) > 0.0;
