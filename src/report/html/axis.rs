@@ -53,7 +53,8 @@ impl Axis {
         }
     }
 
-    /// From `low` to `high`, with ticks at the multiples of a step between them.
+    /// From `low` to `high`, with ticks at the multiples of a step between them: of a picture's sides.
+    #[cfg(any(test, feature = "boards"))]
     pub fn exactly(low: f64, high: f64, step: f64, label: &str) -> Self {
         Self {
             low,
