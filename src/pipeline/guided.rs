@@ -43,8 +43,7 @@ pub(super) fn look_guided(
     onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
 ) -> (Option<Part>, Search) {
     if predictions.is_empty() {
-        let all = |raster: &Raster| detect::detect(raster);
-        let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), all);
+        let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), detect::detect);
         return (part, Search::Whole);
     }
     let tiles = |width, height| detect::tiles_read(predictions, width, height);
@@ -63,8 +62,6 @@ pub(super) fn look_guided(
             return (Some(part), Search::Guided);
         }
     }
-    let all = Tiles::all(part.raster().width(), part.raster().height());
-    sighting.timed(Work::Decode, || part.read(all));
-    sighting.detections = sighting.timed(Work::Detect, || detect::detect(part.raster()));
+    sighting.look_at_all(&mut part);
     (Some(part), Search::Whole)
 }

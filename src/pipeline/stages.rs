@@ -15,6 +15,7 @@ use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::jpeg::Part;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::measure::tiles::Tiles;
 use crate::record::Reason;
 
 pub use super::located::identified;
@@ -124,6 +125,16 @@ impl Sighting {
         decode: impl FnOnce() -> Result<P, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
     ) -> Option<P> {
+        let picture = self.decoded(decode)?;
+        self.detections = self.timed(Work::Detect, || detect(picture.as_ref()));
+        Some(picture)
+    }
+
+    /// Takes up a picture's size, or why there is none.
+    fn decoded<P: AsRef<Raster>>(
+        &mut self,
+        decode: impl FnOnce() -> Result<P, decode::DecodeError>,
+    ) -> Option<P> {
         match self.timed(Work::Decode, decode) {
             Err(error) => {
                 self.failure = Some(Reason::of(error));
@@ -132,10 +143,16 @@ impl Sighting {
             Ok(picture) => {
                 let raster = picture.as_ref();
                 self.size = Some((raster.width(), raster.height()));
-                self.detections = self.timed(Work::Detect, || detect(raster));
                 Some(picture)
             }
         }
+    }
+
+    /// Decodes what was not yet, and takes up what is detected in all of it.
+    pub(super) fn look_at_all(&mut self, part: &mut Part) {
+        let all = Tiles::all(part.raster().width(), part.raster().height());
+        self.timed(Work::Decode, || part.read(all));
+        self.detections = self.timed(Work::Detect, || detect::detect(part.raster()));
     }
 
     pub(super) fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
@@ -162,13 +179,22 @@ pub fn sight(
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) -> Sighting {
-    let mut located = unseen(name, bytes);
-    let is_enough = |orientation| look_located(&mut located, bytes, format, &installation.setup, orientation);
-    if orientation.and_then(is_enough).is_some() {
-        return located;
+    let setup = &installation.setup;
+    let size = (setup.lens.width as usize, setup.lens.height as usize);
+    let mut sighting = unseen(name, bytes);
+    let first = |width, height| match orientation.filter(|_| (width, height) == size) {
+        Some(orientation) => detect::tiles_read(&identify::nearest(setup, orientation), width, height),
+        None => Tiles::all(width, height),
+    };
+    let Some(mut part) = sighting.decoded(|| decode::decode_part(bytes, format, &first)) else {
+        return sighting;
+    };
+    let fits = sighting.size == Some(size);
+    let located = |orientation| look_located(&mut sighting, &mut part, setup, orientation);
+    if orientation.filter(|_| fits).and_then(located).is_none() {
+        sighting.look_at_all(&mut part);
+        recognise_if_it_fits(&mut sighting, part.raster(), installation, orientation);
     }
-    let mut sighting = sight_whole(name, bytes, format, installation, orientation).0;
-    sighting.stages.splice(0..0, located.stages);
     sighting
 }
 
@@ -183,39 +209,39 @@ pub fn sight_whole(
 ) -> (Sighting, Option<Raster>) {
     let (mut sighting, raster) = detect_only(name, bytes, format);
     if let Some(raster) = &raster {
-        sighting.failure = size_fault(raster, installation);
-    }
-    if let (None, Some(raster), Some(orientation)) = (&sighting.failure, &raster, orientation) {
-        recognise(&mut sighting, raster, installation, orientation);
+        recognise_if_it_fits(&mut sighting, raster, installation, orientation);
     }
     (sighting, raster)
+}
+
+/// Names what was detected in a frame of the camera's size, where there is an orientation.
+fn recognise_if_it_fits(
+    sighting: &mut Sighting,
+    raster: &Raster,
+    installation: &Installation,
+    orientation: Option<&Orientation>,
+) {
+    sighting.failure = size_fault(raster, installation);
+    if let (None, Some(orientation)) = (&sighting.failure, orientation) {
+        recognise(sighting, raster, installation, orientation);
+    }
 }
 
 /// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
 /// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
     sighting: &mut Sighting,
-    bytes: &[u8],
-    format: Option<&Format>,
+    part: &mut Part,
     setup: &Setup,
     orientation: &Orientation,
 ) -> Option<()> {
-    let size = (setup.lens.width as usize, setup.lens.height as usize);
-    let first = |width, height| {
-        let fits = (width, height) == size;
-        let nearest = if fits { identify::nearest(setup, orientation) } else { Vec::new() };
-        detect::tiles_read(&nearest, width, height)
-    };
-    let mut part = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &first)).ok()?;
-    sighting.size = Some(size).filter(|size| *size == (part.raster().width(), part.raster().height()));
-    sighting.size?;
-    let found = sighting.timed(Work::Detect, || located::detected(&mut part, setup, orientation))?;
+    let found = sighting.timed(Work::Detect, || located::detected(part, setup, orientation))?;
     let name = |found, part: &mut Part| identified(setup, orientation, part, found);
-    let mut known = sighting.timed(Work::Identify, || name(found, &mut part)).ok()?;
-    let aside = sighting.timed(Work::Detect, || located::aside(&mut part, setup, orientation, &known));
+    let mut known = sighting.timed(Work::Identify, || name(found, part)).ok()?;
+    let aside = sighting.timed(Work::Detect, || located::aside(part, setup, orientation, &known));
     if !aside.is_empty() {
         known.0.add(aside);
-        known = sighting.timed(Work::Identify, || name(known.0, &mut part)).ok()?;
+        known = sighting.timed(Work::Identify, || name(known.0, part)).ok()?;
     }
     take_up(sighting, setup, orientation, Ok(known));
     Some(())

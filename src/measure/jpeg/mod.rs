@@ -22,7 +22,6 @@ mod sequential;
 
 pub use part::Part;
 
-use crate::raster::Raster;
 use crate::tiles::Tiles;
 
 /// Why a JPEG is not read.
@@ -42,18 +41,10 @@ pub const LARGEST_SIDE: usize = 30_000;
 /// What is wanted of a picture of some width and height, px.
 pub type Wanted<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 
-/// The grey values.
+/// The picture, of which what is `wanted` is decoded; all is read, and damage anywhere noticed.
 ///
 /// # Errors
 /// Where it is damaged, or of a kind that is not read.
-pub fn luma(bytes: &[u8]) -> Result<Raster, JpegFault> {
-    part(bytes, &Tiles::all).map(Part::into_raster)
-}
-
-/// The same, but only what is `wanted` need be decoded; all is read, and damage anywhere noticed.
-///
-/// # Errors
-/// As [`luma`].
 pub fn part(bytes: &[u8], wanted: &Wanted) -> Result<Part, JpegFault> {
     let read = Part::of(bytes, wanted);
     let damaged = matches!(read, Err(JpegFault::Damaged(_)));

@@ -187,7 +187,7 @@ numbers! {
     /// What the image formula leaves beyond what noise may (`VERDICT.poor`).
     MISFIT: MisfitOptions {
         /// Share of an edge's width by which a marker is shifted for residuals as large as its contrast. Chosen: about half of what is
-        /// left is a bias of the edge, the rest changes its form alone. Errors of 1100 markers of eight rendered sets are then 0.8
+        /// left is a bias of the edge, the rest changes its form alone. Errors of 1500 markers of eight rendered sets are then 0.8
         /// to 1.2 standard deviations (`docs/validation/2026-11-cabin.md`).
         of_width: f64 = 0.5,
     }
