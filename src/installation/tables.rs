@@ -64,6 +64,7 @@ pub(super) struct Wing {
     pub skin_motion_m: Option<f64>,
     pub root_turn_sigma_mrad: Option<f64>,
     pub root_heave_sigma_m: Option<f64>,
+    pub constant_bend_sigma_m: Option<f64>,
     pub in_plane_sigma_m: Option<f64>,
     pub torque_sigma_deg: Option<f64>,
     pub vibration: Option<Vec<Vibrating>>,

@@ -105,6 +105,7 @@ fn wing_widths(own: &Uncertainty, usual: &Uncertainty) -> String {
         ("span_direction_sigma_deg", degrees(own.span_direction_rad), degrees(usual.span_direction_rad)),
         ("root_turn_sigma_mrad", 1e3 * flight.root_turn_rad, 1e3 * flights.root_turn_rad),
         ("root_heave_sigma_m", flight.root_shift_m, flights.root_shift_m),
+        ("constant_bend_sigma_m", flight.constant_bend_m, flights.constant_bend_m),
         ("in_plane_sigma_m", flight.in_plane_m, flights.in_plane_m),
         ("torque_sigma_deg", degrees(flight.torque_rad), degrees(flights.torque_rad)),
     ]);

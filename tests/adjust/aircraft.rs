@@ -182,6 +182,7 @@ fn known(setup: &mut Setup) {
             "bend" => of.ground_bend_m = 0.0,
             "skin" => of.skin_motion_m = 0.0,
             "root" => (of.root_turn_rad, of.root_shift_m) = (0.0, 0.0),
+            "constant" => of.constant_bend_m = 0.0,
             "plane" => of.in_plane_m = 0.0,
             "torque" => of.torque_rad = 0.0,
             "camera" => (of.scale, of.principal_point_px) = (0.0, 0.0),
@@ -272,6 +273,11 @@ pub fn draw(
     drawn
 }
 
+/// What skin bulges by over many panels, over what each marker moves by itself.
+const BULGE: f64 = 2.5;
+/// From the kink at a third of the length to the tip, m.
+const KINK_ARM_M: f64 = 20.0;
+
 /// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
 /// meets (steps, kinks, engines) too.
 pub fn all_together(rng: &mut StdRng) -> Effects {
@@ -280,6 +286,7 @@ pub fn all_together(rng: &mut StdRng) -> Effects {
         ground_bend_m: width.ground_bend_m * normal(rng),
         root_turn_rad: normal3(rng) * width.root_turn_rad,
         root_shift_m: normal3(rng) * width.root_shift_m,
+        bulge_m: BULGE * width.skin_motion_m * normal(rng),
         skin_m: width.skin_motion_m,
         fixed_each_m: 5e-4,
         flight_scale: width.scale * normal(rng),
@@ -291,6 +298,7 @@ pub fn all_together(rng: &mut StdRng) -> Effects {
         pupil_m: 0.010 * normal(rng),
         tilt_rad: Vector2::new(normal(rng), normal(rng)) * width.vertical_rad,
         torque_rad: width.torque_rad * normal(rng),
+        kink_rad: width.constant_bend_m / KINK_ARM_M * normal(rng),
         ..Effects::default()
     }
 }

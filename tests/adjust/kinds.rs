@@ -210,3 +210,20 @@ fn table_of_kinds() {
         );
     }
 }
+
+/// Lifts alone: what passes for pitch, for bending, or for a root that turns, only widths hold.
+#[test]
+fn what_no_picture_tells_is_as_wide_as_it_may_be() {
+    let kinds = [
+        ("kink", SetUp::Default, 1.0, 1.3),
+        ("root turns", SetUp::Stayed, 5.0, 2.0),
+        ("skin bulges", SetUp::Stayed, 6.0, 2.0),
+    ];
+    for (name, set_up, times, most) in kinds {
+        let kind = KINDS.iter().find(|kind| kind.name.starts_with(name)).unwrap();
+        let shown = draw(9700, set_up, 5, 24, |rng| (kind.draw)(rng, times)).all;
+        let [lift, ..] = figures(&shown);
+        println!("{} times {times}, {set_up:?}: {lift:.2}", kind.name);
+        assert!(lift < most, "{} times {times}, {set_up:?}: {lift:.2}", kind.name);
+    }
+}

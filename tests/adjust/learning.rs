@@ -169,9 +169,10 @@ fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
     let bounds_mm = median_mm(&bounds_m);
     println!("bound: {bounds_mm:.1?} mm");
     let (alone_mm, taught_mm) = (median_mm(&alone.tip_sigmas_m), median_mm(&taught.tip_sigmas_m));
-    // Against ground frame and root; the survey's own bend stays with the first.
-    for k in [1, 2] {
-        assert!(taught_mm[k] < 0.65 * alone_mm[k], "{taught_mm:?} of {alone_mm:?}");
+    // Against ground frame and root; the survey's own bend stays with the first. The root's motion, which is each flight's own,
+    // stays with the ground frame's.
+    for (k, share) in [(1, 0.75), (2, 0.65)] {
+        assert!(taught_mm[k] < share * alone_mm[k], "{taught_mm:?} of {alone_mm:?}");
         assert!(taught_mm[k] < 1.15 * bounds_mm[k], "{taught_mm:?} of {bounds_mm:?}");
     }
     for lifts in &taught.lifts {
@@ -183,7 +184,9 @@ fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
 
 /// Rows by so much lower that the wing's ends are bent in the picture by some pixels, as a pane does.
 fn through_other_panes(seen: &[Observation]) -> Vec<Observation> {
-    let off = |o: &Observation| 8e-6 * (o.pixel.x - 2000.0).powi(2);
+    let off = |o: &Observation| {
+        12e-6 * (o.pixel.x - 2000.0).powi(2)
+    };
     let other = |o: &Observation| Observation { pixel: o.pixel + nalgebra::Vector2::new(0.0, off(o)), ..*o };
     seen.iter().map(other).collect()
 }

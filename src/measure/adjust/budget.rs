@@ -18,7 +18,7 @@ const GROUND_FRAME: &str = "ground frame";
 const SHAPE: &str = "shape of bending";
 
 /// Priors by the name of what is stated or measured for them; a name that is not here stands for itself.
-const WORDS: [(&str, &str); 28] = [
+const WORDS: [(&str, &str); 30] = [
     ("height of the bending axis", "axis"),
     ("chord offset of the bending axis", "chord offset"),
     ("root offset", "root"),
@@ -33,8 +33,10 @@ const WORDS: [(&str, &str); 28] = [
     ("shift of the mounting", "mounting"),
     ("projection centre", "projection centre"),
     ("bend between survey and ground frame", "ground bend"),
+    ("bend that does not go with the load", "constant bend"),
     ("vertical of the survey", "vertical"),
     ("motion of the skin", "skin"),
+    ("bulges of the skin", "skin"),
     ("motion of the fixed marks", "fixed marks"),
     ("rotation of the root", "root motion"),
     ("shift of the root", "root motion"),

@@ -57,6 +57,9 @@ const BEYOND_BURNING: f64 = 0.05;
 /// Mean square of the share of its fuel that a flight burns: any share is as likely as another.
 const BURNT: f64 = 1.0 / 3.0;
 
+/// Where a wing may have a kink, shares of the length: joints at the fuselage and at the trailing edge's break, engines.
+const KINKS: std::ops::RangeInclusive<f64> = 0.1..=0.6;
+
 /// Bending up to which the shortening is followed, 1/m: 4 m at the tip of 33 m.
 const STRONG_CURVATURE_PER_M: f64 = 0.01;
 /// Each gains two digits.
@@ -136,6 +139,35 @@ pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
 /// What of [`shape_covariance`] no load of a beam explains: any smooth shape, such as a swing in the second mode.
 pub fn beyond_fleet_covariance(terms: usize) -> DMatrix<f64> {
     leading(&beyond_fleet(1.0), terms.saturating_sub(1))
+}
+
+/// Covariance of the coefficients c_k, k = 1.., of a bend that does not go with the load and raises the tip by one length of
+/// a wing, times that length: skins of unlike temperature bend a box of even height or one that tapers as the chord does; a
+/// loose joint is a kink anywhere inboard.
+pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
+    leading(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
+}
+
+static CONSTANT_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(constant_covariance);
+
+fn constant_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
+    let fit = Ratios::new();
+    let count = fit.basis.len();
+    let step = 1.0 / (count - 1) as f64;
+    let thermal = [0.0, 1.0].map(|power| -> Vec<f64> {
+        (0..count).map(|k| REFERENCE.chord(k as f64 * step).powf(-power)).collect()
+    });
+    let kink = |at: usize| (0..count).map(|k| f64::from(u8::from(k == at))).collect();
+    let kinks: Vec<Vec<f64>> = (0..count).filter(|k| KINKS.contains(&(*k as f64 * step))).map(kink).collect();
+    let mut sum = SMatrix::zeros();
+    for (shapes, weight) in [(&thermal[..], 0.25), (&kinks, 0.5 / kinks.len() as f64)] {
+        for shape in shapes {
+            let rise = twice_integrated(step, shape)[count - 1];
+            let c = fit.coefficients(shape).fixed_rows::<RATIOS>(1) / rise;
+            sum += c * c.transpose() * weight;
+        }
+    }
+    sum
 }
 
 /// How far a curvature of each `m P_k` bends the reference beam in its first mode, over what `m` does. A swing in another mode has no

@@ -9,7 +9,7 @@ type Term = (&'static str, fn(&mut Setup));
 pub(super) const ALL: &str = "all of these";
 
 /// In the order of `docs/adjustment/installation.md`.
-const TERMS: [Term; 16] = [
+const TERMS: [Term; 17] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),
     ("chord offset of the axis", |s| s.uncertainty.axis_chord_offset_m = 0.0),
@@ -19,6 +19,7 @@ const TERMS: [Term; 16] = [
     ("camera calibration", |s| s.uncertainty.lens = None),
     ("panes", know_panes),
     ("bend on ground", |s| s.uncertainty.in_flight.ground_bend_m = 0.0),
+    ("bend without load", |s| s.uncertainty.in_flight.constant_bend_m = 0.0),
     ("motion of the skin", |s| s.uncertainty.in_flight.skin_motion_m = 0.0),
     ("motion of the root", know_root),
     ("bending in the plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),

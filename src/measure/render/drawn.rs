@@ -1,8 +1,9 @@
 //! Errors of what an installation states and what flight does to wing, cabin and camera, drawn by the installation's own widths:
 //! so that errors over standard deviations mean something.
 //!
-//! Not drawn, because no scene shows it: bending in the wing's plane, a control surface's torque, the skin's motion, turns of the
-//! root in the wing's plane, a rolling shutter. [`Drawn::undrawn`] gives the widths without them.
+//! Not drawn, because no scene shows it: a bend that does not go with the load, bending in the wing's plane, a control surface's
+//! torque, the skin's motion, turns of the root in the wing's plane, a rolling shutter. [`Drawn::undrawn`] gives the widths
+//! without them.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
@@ -106,6 +107,7 @@ impl Drawn {
     pub fn undrawn(widths: Uncertainty) -> Uncertainty {
         let none = InFlight::NONE.vibration;
         let in_flight = InFlight {
+            constant_bend_m: 0.0,
             skin_motion_m: 0.0,
             skin_by_frames: false,
             in_plane_m: 0.0,

@@ -103,7 +103,9 @@ impl Unknowns {
             first
         });
         let head = columns.missing.len();
-        let shape = ShapeColumns::take(&mut columns, curvature_terms);
+        let (axis, width) = (&input.scene.ground.axis, &input.setup.uncertainty.in_flight);
+        let constant_per_m = width.constant_bend_m / axis.length_m.powi(2);
+        let shape = ShapeColumns::take(&mut columns, curvature_terms, constant_per_m);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);

@@ -1,8 +1,8 @@
 //! The shape of bending that a flight's frames share, and how far a frame may leave it.
 //!
-//! `c_k = (r_k + progress * change_k + lever * shortening_k * (a - middle)^2) a + departure`, for every coefficient of the curvature from
-//! the second on. The amplitude `a` is `c_0`; where frames swing, it is what of all coefficients bends the wing in its first mode: `c_0`
-//! has a part in a swing of the second mode, which would pass for a change of the shape with the load.
+//! `c_k = (r_k + progress * change_k + lever * shortening_k * (a - middle)^2) a + constant_k + departure`, for every coefficient of the
+//! curvature from the second on. The amplitude `a` is `c_0`; where frames swing, it is what of all coefficients bends the wing in its
+//! first mode: `c_0` has a part in a swing of the second mode, which would pass for a change of the shape with the load.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,12 +10,14 @@ use super::assumed::{Assumed, USUAL_CURVATURE_PER_M};
 use crate::adjust::ground::Axis;
 use crate::adjust::layout::Layout;
 use crate::adjust::shapes::{
-    Integrals, MAX_CURVATURE_TERMS, RATIOS, beyond_fleet_covariance, burning_covariance, first_mode_shares,
-    shape_covariance, shortening,
+    Integrals, MAX_CURVATURE_TERMS, RATIOS, beyond_fleet_covariance, burning_covariance,
+    constant_bend_covariance, first_mode_shares, shape_covariance, shortening,
 };
 use crate::adjust::term::Columns;
 use crate::estimation::{Block, GroupPoint, Linearised, Prior};
 
+/// In a budget of variance.
+const CONSTANT_BEND: &str = "bend that does not go with the load";
 const MISSING_RATIO: &str =
     "the shape of bending cannot be determined; markers along the whole span are needed";
 
@@ -50,22 +52,30 @@ pub struct ShapeColumns {
     pub ratios: usize,
     /// Changes of the ratios from the heaviest frame to the lightest.
     pub changes: usize,
+    /// Coefficients of a bend that does not go with the load, from the second on, 1/m; `None`: held at 0.
+    pub constant: Option<usize>,
     /// Share of the load that stays vertical while the wing bends.
     pub lever: usize,
 }
 
 impl ShapeColumns {
-    /// Takes them, for so many terms of the curvature.
-    pub fn take(columns: &mut Columns, terms: usize) -> Self {
+    /// Takes them, for so many terms of the curvature. `constant_per_m`: a bend that does not go with the load, at the tip over
+    /// the square of the length.
+    pub fn take(columns: &mut Columns, terms: usize, constant_per_m: f64) -> Self {
         let ratios = columns.take(terms - 1, MISSING_RATIO);
         let changes = columns.take(terms - 1, MISSING_RATIO);
+        let constant = (constant_per_m > 0.0).then(|| columns.take(terms - 1, MISSING_RATIO));
         let lever = columns.take(1, MISSING_RATIO);
+        if let Some(first) = constant {
+            let covariance = constant_bend_covariance(terms) * constant_per_m.powi(2);
+            columns.priors.push(Prior::centred(CONSTANT_BEND, first, covariance));
+        }
         if terms > 1 {
             columns.priors.push(Prior::centred("shape of bending", ratios, shape_covariance(terms)));
         }
         columns.priors.push(Prior::centred("burning of fuel", changes, burning_covariance(terms)));
         columns.priors.push(Prior::scalar("load's turning", lever, VERTICAL_SHARE, VERTICAL_SHARE_SIGMA));
-        Self { ratios, changes, lever }
+        Self { ratios, changes, constant, lever }
     }
 
     /// Its start.
@@ -136,10 +146,15 @@ impl SharedShape {
     /// Conditions of the departures, less the derivatives that change.
     pub fn empty(&self, layout: &Layout) -> Linearised {
         let n = layout.curvature_terms - 1;
-        let ShapeColumns { ratios, changes, lever } = self.columns;
-        let columns = (ratios..ratios + n).chain(changes..changes + n).chain([lever]).collect();
+        let ShapeColumns { ratios, changes, constant, lever } = self.columns;
+        let constant = constant.map_or(0..0, |first| first..first + n);
+        let columns =
+            (ratios..ratios + n).chain(changes..changes + n).chain([lever]).chain(constant).collect();
         let mut empty = Linearised::empty(n, columns, layout.local, n);
         empty.observations = -DMatrix::identity(n, n);
+        if self.columns.constant.is_some() {
+            empty.global.columns_mut(2 * n + 1, n).copy_from(&empty.observations);
+        }
         empty
     }
 
@@ -152,7 +167,7 @@ impl SharedShape {
         out: &mut Linearised,
     ) {
         let n = layout.curvature_terms - 1;
-        let ShapeColumns { ratios, changes, lever } = self.columns;
+        let ShapeColumns { ratios, changes, constant, lever } = self.columns;
         let by: Vec<f64> = self.amplitude.iter().take(n + 1).copied().collect();
         let amplitude: f64 = by.iter().zip(at.local.iter()).map(|(by, c)| by * c).sum();
         let lever = at.global[lever];
@@ -166,7 +181,8 @@ impl SharedShape {
             let by_amplitude = 2.0 * self.shortening[k] * off;
             let change = at.global[changes + k];
             let ratio = at.global[ratios + k] + progress * change + lever * shortened;
-            out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
+            let constant = constant.map_or(0.0, |first| at.global[first + k]);
+            out.misclosure[k] = at.local[k + 1] - ratio * amplitude - constant - departure[k];
             let by_all = -ratio - (grows * change + lever * by_amplitude) * amplitude;
             by.iter().enumerate().for_each(|(j, by)| out.local[(k, j)] = by_all * by);
             out.local[(k, k + 1)] += 1.0;

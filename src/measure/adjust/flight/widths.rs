@@ -13,8 +13,8 @@ use crate::setup::InFlight;
 const USUAL_WEIGHT: f64 = 4.0;
 /// A flight that shows more than so many times what is usual is something else than a flight with larger motions.
 const WIDEST: f64 = 10.0;
-/// Motions so many times what is usual are remarked.
-const DOUBTED: f64 = 2.0;
+/// Motions so many times what is usual are remarked: aircraft differ by half.
+const DOUBTED: f64 = 1.5;
 
 /// The factor that residuals show, where they were taken with the factor before.
 fn told(before: f64, shown: Shown) -> f64 {

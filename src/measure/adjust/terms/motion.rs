@@ -77,6 +77,28 @@ pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
     (tip > 0.0).then(|| moves(name, Instant::OnGround, vec![field], &[sigma_m]))
 }
 
+/// Bulges of the skin along the wing.
+const BULGES: usize = 8;
+/// Standard deviation of what neighbouring markers move by together over that of what each moves by itself: bays of a tank
+/// under fuel and pressure against a panel between two stringers.
+const TOGETHER: f64 = 2.5;
+
+/// The skin over lengths of many panels, along its normal, m; `sigma_m`: of what each marker moves by itself.
+fn bulges(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    let mut fields = vec![empty(scene); BULGES];
+    let places = BULGES as f64;
+    let bulge = |k: usize, eta: f64| (-(eta * places - k as f64 - 0.5).powi(2)).exp();
+    for OnWing { marker, eta, .. } in wing(scene) {
+        let (sin, cos) = scene.ground.axis.slope_rad(scene.ground.stations[marker].arc_m).sin_cos();
+        let squares: f64 = (0..BULGES).map(|k| bulge(k, eta).powi(2)).sum();
+        for (k, field) in fields.iter_mut().enumerate() {
+            field[marker] = Vector3::new(-sin, cos, 0.0) * (bulge(k, eta) / squares.sqrt());
+        }
+    }
+    let sigmas = [TOGETHER * sigma_m; BULGES];
+    (sigma_m > 0.0).then(|| moves("bulges of the skin", Instant::InFlight, fields, &sigmas))
+}
+
 /// Second unknown of the bending in the wing's plane over the first.
 const SECOND_IN_PLANE: f64 = 0.4;
 
@@ -189,14 +211,17 @@ fn in_plane_and_torque(input: &Input, share: f64) -> Vec<Term> {
         .collect()
 }
 
-/// What a flight's frames have in common of what each has for itself.
+/// What a flight's frames have in common of what each has for itself, and the skin.
 pub fn of_flight(input: &Input) -> Vec<Term> {
-    in_plane_and_torque(input, OF_FLIGHT.0)
+    let skin = bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
+    in_plane_and_torque(input, OF_FLIGHT.0).into_iter().chain(skin).collect()
 }
 
 /// What each frame has for itself beside bending, twist and rotation; `in_flight`: beside [`of_flight`].
 pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bool) -> Vec<Term> {
     let mut terms = in_plane_and_torque(input, if in_flight { OF_FLIGHT.1 } else { 1.0 });
+    let skin_m = if in_flight { 0.0 } else { input.setup.uncertainty.in_flight.skin_motion_m };
+    terms.extend(bulges(input.scene, skin_m));
     terms.extend(parts(input.scene, &input.setup.markers));
     terms.extend(of_rows(input, sights, factors));
     terms
