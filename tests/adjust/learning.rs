@@ -184,9 +184,7 @@ fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
 
 /// Rows by so much lower that the wing's ends are bent in the picture by some pixels, as a pane does.
 fn through_other_panes(seen: &[Observation]) -> Vec<Observation> {
-    let off = |o: &Observation| {
-        12e-6 * (o.pixel.x - 2000.0).powi(2)
-    };
+    let off = |o: &Observation| 12e-6 * (o.pixel.x - 2000.0).powi(2);
     let other = |o: &Observation| Observation { pixel: o.pixel + nalgebra::Vector2::new(0.0, off(o)), ..*o };
     seen.iter().map(other).collect()
 }

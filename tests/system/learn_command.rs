@@ -69,6 +69,15 @@ fn what_flights_taught_helps_a_later_frame_and_no_flight_counts_twice() {
     );
     assert!(outcome(&["check", "--installation", &at]).1.contains("with what 2 flights taught"));
 
+    let planned: Value = serde_json::from_str(&stdout(&["plan", "--json", "--installation", &at])).unwrap();
+    let tip = |of: &Value| of["sigma_tip_lift_m"].as_f64().unwrap();
+    assert_eq!(planned["taught"]["flights"].as_u64(), Some(2));
+    let (without, with) = (&planned["prediction"]["expected"], &planned["taught"]["expected"]);
+    println!("planned: {:.4} m alone, {:.4} m beside", tip(without), tip(with));
+    assert!(tip(with) < 0.9 * tip(without));
+    let text = stdout(&["plan", "--frames", "5", "--installation", &at]);
+    assert!(text.contains("5 frames beside what 2 flights taught (learnt.json): tip lift"), "{text}");
+
     // A frame of a flight that taught stands beside the other alone; so does the flight.
     let own = solved(&at, 1);
     assert!(remarks(&own).contains("adjusted with what a flight taught"), "{}", remarks(&own));

@@ -71,15 +71,16 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
     }
     let together = want::together(&installation, &options, args.frames)?;
+    let beside = want::beside(&installation, &options, frames)?;
     let asked = args.want.map(|sigma_m| want::ask(&installation, &options, sigma_m, frames)).transpose()?;
     if let Some(folder) = &args.layout {
         want::write_layout(folder, &installation, &options, asked.as_ref())?;
     }
     if args.json {
-        print(&want::json(&plan, together.as_ref(), asked.as_ref())?)?;
+        print(&want::json(&plan, (together.as_ref(), beside.as_ref()), asked.as_ref())?)?;
     } else {
         let mut out = text(&plan, args.wide);
-        out.push_str(&want::text(together.as_ref(), asked.as_ref()));
+        out.push_str(&want::text(together.as_ref(), beside.as_ref(), asked.as_ref()));
         print(out.trim_end())?;
     }
     Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })

@@ -27,6 +27,12 @@ pub struct Together {
     expected: Expected,
 }
 
+/// What frames are worth beside what so many earlier flights taught.
+pub struct Beside {
+    flights: usize,
+    together: Together,
+}
+
 /// An answer with the layout that it proposes.
 pub struct Asked {
     answer: Answer,
@@ -47,6 +53,22 @@ pub fn together(
     let Some(frames) = frames.map(usize::from).filter(|n| *n > 1) else { return Ok(None) };
     let expected = plan::worth_of(&installation.setup, installation.orientation.as_ref(), options, frames);
     Ok(Some(Together { frames, expected: expected.map_err(|e| undone(&e))? }))
+}
+
+/// `None` where no flight taught, or where `--curvature-terms` are others than flights have.
+pub fn beside(
+    installation: &Installation,
+    options: &PlanOptions,
+    frames: usize,
+) -> Result<Option<Beside>, Failure> {
+    let Installation { setup, orientation, learnt, .. } = installation;
+    let taught = learnt.as_ref().and_then(|learnt| Some((learnt.sources.len(), learnt.beside(&[], setup)?)));
+    let Some((flights, taught)) = taught.filter(|(_, t)| t.holds_for(options.curvature_terms)) else {
+        return Ok(None);
+    };
+    let expected = plan::worth_beside(&taught, setup, orientation.as_ref(), options, frames);
+    let together = Together { frames, expected: expected.map_err(|e| undone(&e))? };
+    Ok(Some(Beside { flights, together }))
 }
 
 pub fn ask(
@@ -78,8 +100,12 @@ pub fn write_layout(
     }
 }
 
-/// The plan with `flight` and, of a wish, all that the answer says: `reached` first.
-pub fn json(plan: &Plan, together: Option<&Together>, asked: Option<&Asked>) -> Result<String, Failure> {
+/// The plan with `flight`, `taught` and, of a wish, all that the answer says: `reached` first.
+pub fn json(
+    plan: &Plan,
+    (together, beside): (Option<&Together>, Option<&Beside>),
+    asked: Option<&Asked>,
+) -> Result<String, Failure> {
     let fault = |e: serde_json::Error| Failure::Undone(format!("the plan cannot be written as JSON: {e}"));
     let mut all = serde_json::Map::new();
     if let Some(asked) = asked
@@ -98,6 +124,10 @@ pub fn json(plan: &Plan, together: Option<&Together>, asked: Option<&Asked>) -> 
     if let Some(together) = together {
         all.insert("flight".into(), json!({"frames": together.frames, "expected": together.expected}));
     }
+    if let Some(Beside { flights, together: Together { frames, expected } }) = beside {
+        let taught = json!({"flights": flights, "frames": frames, "expected": expected});
+        all.insert("taught".into(), taught);
+    }
     if let Value::Object(plan) = serde_json::to_value(plan).map_err(fault)? {
         all.extend(plan);
     }
@@ -109,14 +139,21 @@ fn mm(sigma_m: f64) -> String {
 }
 
 /// What stands below the plan.
-pub fn text(together: Option<&Together>, asked: Option<&Asked>) -> String {
+pub fn text(together: Option<&Together>, beside: Option<&Beside>, asked: Option<&Asked>) -> String {
     let mut out = String::new();
+    let mut worth = |what: String, expected: &Expected| {
+        let [tip, span] = [expected.sigma_tip_lift_m, expected.sigma_mean_lift_m].map(mm);
+        out.push_str(&format!("\n{what}: tip lift {tip}, lift along the span {span}\n"));
+    };
     if let Some(Together { frames, expected }) = together {
-        out.push_str(&format!(
-            "\n{frames} frames of a flight adjusted together (`wingd solve --flight`): tip lift {}, lift along the span {}\n",
-            mm(expected.sigma_tip_lift_m),
-            mm(expected.sigma_mean_lift_m)
-        ));
+        worth(format!("{frames} frames of a flight adjusted together (`wingd solve --flight`)"), expected);
+    }
+    if let Some(Beside { flights, together: Together { frames, expected } }) = beside {
+        let one = |n: usize, of: &str| if n == 1 { format!("one {of}") } else { format!("{n} {of}s") };
+        worth(
+            format!("{} beside what {} taught (learnt.json)", one(*frames, "frame"), one(*flights, "flight")),
+            expected,
+        );
     }
     if let Some(asked) = asked {
         out.push_str(&answered(&asked.answer, &asked.setup));

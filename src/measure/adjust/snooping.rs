@@ -183,18 +183,20 @@ pub fn worst(
     worst_of(input, problem, fit, group, blocks)
 }
 
-/// Whether fixed marks contradict each other in flight: they move, and none of few is the wrong one.
+/// Whether fixed marks contradict each other in flight: they move, and none of few is the wrong one. Of so many `frames` any
+/// may show it: each is tested at its share of the level, since what moves, moves in all of them.
 pub fn marks_contradict(
     input: &Input,
     problem: &Problem,
     fit: &Fit,
     group: usize,
     members: &[Member],
+    frames: usize,
 ) -> bool {
     if !marks_are_few(input) {
         return false;
     }
-    let limit = quality::critical_w(input.options.snooping_alpha);
+    let limit = quality::critical_w(input.options.snooping_alpha / frames as f64);
     let fixed = members.iter().enumerate().filter(|(_, m)| input.scene.is_fixed(m.marker));
     let beyond = |(block, member): (usize, &Member)| {
         let all = quality::reliability(problem, fit, group, block, input.options.snooping_alpha);

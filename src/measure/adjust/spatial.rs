@@ -111,7 +111,7 @@ fn rough<'a>(
 
 impl<'a> Single<'a> {
     fn marks_contradict(&self, Solved { frame, fit, .. }: &Solved<'a>) -> bool {
-        snooping::marks_contradict(&self.input, &frame.problem, fit, 0, &frame.members)
+        snooping::marks_contradict(&self.input, &frame.problem, fit, 0, &frame.members, 1)
     }
 }
 

@@ -208,6 +208,16 @@ impl Taught {
         Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: told.len(), flights }
     }
 
+    /// The same of an installation that is as stated: what it is worth before a flight is seen.
+    pub fn as_stated(&self) -> Self {
+        Self { mean: DVector::zeros(self.mean.len()), ..self.clone() }
+    }
+
+    /// Whether it is of a curvature of so many terms.
+    pub fn holds_for(&self, terms: usize) -> bool {
+        self.unknowns.iter().filter(|unknown| unknown.term == SHAPE).count() + 1 == terms
+    }
+
     /// What is said beside a result.
     pub fn remark(&self, used: bool) -> String {
         let flights = if self.flights == 1 { "a flight".into() } else { format!("{} flights", self.flights) };

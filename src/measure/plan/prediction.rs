@@ -1,11 +1,14 @@
 //! The adjustment rehearsed with exact observations: its covariance is the prediction.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix2, Vector3};
 use serde::Serialize;
 
 use super::view::{bent, looking_at, seen};
 use super::{PlanOptions, Skin, adjustment_options, fixed_marks, terms};
 use crate::adjust::ground::GroundShape;
+use crate::adjust::taught::Taught;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
 use crate::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
@@ -242,8 +245,8 @@ impl<'a> Rehearsal<'a> {
     }
 
     /// What so many frames of one mounting are worth together, their tips lifted from [`LEAST_LIFT`] of the lift to all of it:
-    /// that of the most lifted frame.
-    pub fn together(&self, frames: usize) -> Result<Expected, AdjustError> {
+    /// that of the most lifted frame; `taught`: beside what earlier flights told.
+    pub fn together(&self, frames: usize, taught: Option<&Taught>) -> Result<Expected, AdjustError> {
         let share = |k: usize| 1.0 - (1.0 - LEAST_LIFT) * k as f64 / (frames.max(2) - 1) as f64;
         let lifts = (0..frames.max(1)).map(|k| self.options.tip_lift_m * share(k));
         let seen = lifts.map(|tip_lift_m| {
@@ -253,11 +256,15 @@ impl<'a> Rehearsal<'a> {
         });
         let seen: Vec<Vec<Observation>> = seen.collect::<Result<_, AdjustError>>()?;
         let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
-        let options = Options { mountings, ..adjustment_options(self.options) };
+        let taught = taught.map(|taught| Arc::new(taught.as_stated()));
+        let options = Options { mountings, taught, ..adjustment_options(self.options) };
         // Observations without noise would tell that nothing moves.
         let mut setup = self.setup.clone();
         setup.uncertainty.in_flight = setup.uncertainty.in_flight.held();
-        let solutions = adjust::flight(&setup, &self.orientation, &seen, &options)?;
+        let solutions = match &seen[..] {
+            [one] => vec![adjust::spatial(&setup, &self.orientation, one, &options)?],
+            _ => adjust::flight(&setup, &self.orientation, &seen, &options)?,
+        };
         let first = solutions.first().and_then(|solution| expected(solution, self.setup));
         first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }

@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::prediction::{Expected, Rehearsal};
 use super::{PlanOptions, fixed_marks, terms};
 use crate::adjust::AdjustError;
+use crate::adjust::taught::Taught;
 use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// What is wanted of a campaign.
@@ -140,7 +141,21 @@ pub fn worth_of(
     frames: usize,
 ) -> Result<Expected, AdjustError> {
     let rehearsal = Rehearsal::new(setup, orientation, options)?;
-    if frames > 1 { rehearsal.together(frames) } else { rehearsal.alone() }
+    if frames > 1 { rehearsal.together(frames, None) } else { rehearsal.alone() }
+}
+
+/// The same beside what earlier flights taught.
+///
+/// # Errors
+/// As [`answer`].
+pub fn worth_beside(
+    taught: &Taught,
+    setup: &Setup,
+    orientation: Option<&Orientation>,
+    options: &PlanOptions,
+    frames: usize,
+) -> Result<Expected, AdjustError> {
+    Rehearsal::new(setup, orientation, options)?.together(frames, Some(taught))
 }
 
 /// How the camera stands where no orientation tells it: it looks at the middle of the wing, upright.

@@ -60,9 +60,9 @@ impl Flight<'_> {
     }
 
     fn marks_contradict(&self, Solved { setting, fit, .. }: &Solved) -> bool {
-        let frames = setting.members.iter().enumerate();
-        frames.into_iter().any(|(frame, members)| {
-            snooping::marks_contradict(&self.input, &setting.problem, fit, frame, members)
+        setting.members.iter().enumerate().any(|(frame, members)| {
+            let frames = setting.members.len();
+            snooping::marks_contradict(&self.input, &setting.problem, fit, frame, members, frames)
         })
     }
 
