@@ -44,6 +44,8 @@ ORDERS = range(4, 17, 2)
 STABLE = (0.02, 0.3, 0.98)
 # What is one mode in two orders or two parts of the data: difference of frequency as a share, and MAC.
 SAME = (0.1, 0.8)
+# Two poles that are no two modes, since those have different shapes: the same.
+BESIDE = (0.5, 0.95)
 # A mode of a wing in air is damped by less than this, and all its points swing together: modal phase collinearity.
 MOST_DAMPING, LEAST_COLLINEARITY = 0.3, 0.8
 # A frequency, or a shape as a whole, that is told worse than this share of itself is no mode that anybody could compare.
@@ -131,9 +133,9 @@ def _real(shape: np.ndarray) -> np.ndarray:
 
 
 def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
-    """Modes that two of the next three orders have again, each at the first order that has it, by frequency."""
-    accepted: list[tuple[int, Mode]] = []
+    """Modes that two of the next three orders have again, at every order that has them so."""
     far, damped, alike = STABLE
+    accepted = []
     for order in ORDERS[:-2]:
         for mode in poles[order]:
             again = [
@@ -146,14 +148,18 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
                 for further in ORDERS
                 if order < further <= order + 6
             ]
-            known = any(_same(one, mode) for _, one in accepted)
-            if sum(again) >= 2 and not known:
+            if sum(again) >= 2:
                 accepted.append((order, mode))
-    return sorted(accepted, key=lambda one: one[1].hz)
+    return accepted
 
 
 def _same(one: Mode, other: Mode) -> bool:
     far, alike = SAME
+    return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
+
+
+def _beside(one: Mode, other: Mode) -> bool:
+    far, alike = BESIDE
     return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
 
 
@@ -173,22 +179,29 @@ def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) ->
     stable = _stable(_poles(lifts, rate_hz, lowest_hz))
     parts = np.array_split(np.arange(len(lifts)), BLOCKS)
     without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
-    modes = []
-    for order, mode in stable:
-        found = [_again(one, order, mode) for one in without]
-        if None in found:
-            continue
-
-        def sigma(of):
-            values = np.array([of(one) for one in found])
-            return np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
-
-        mode.sigma_hz, mode.sigma_damping = float(sigma(lambda m: m.hz)), float(sigma(lambda m: m.damping))
-        mode.sigma_shape = sigma(lambda m: m.shape)
-        unsure = np.linalg.norm(mode.sigma_shape) / np.linalg.norm(mode.shape)
-        if mode.sigma_hz < MOST_SIGMA * mode.hz and unsure < MOST_SIGMA_SHAPE:
+    told = [mode for order, mode in stable if _is_told(order, mode, without)]
+    modes: list[Mode] = []
+    # Of one mode at several orders the one that is told best; a pole beside it that swings alike is a part of it.
+    for mode in sorted(told, key=lambda one: one.sigma_hz / one.hz):
+        if not any(_same(one, mode) or _beside(one, mode) for one in modes):
             modes.append(mode)
-    return modes[:count]
+    return sorted(modes, key=lambda one: one.hz)[:count]
+
+
+def _is_told(order: int, mode: Mode, without: list[dict[int, list[Mode]]]) -> bool:
+    """Gives a mode its standard deviations, and whether they leave something of it."""
+    found = [_again(one, order, mode) for one in without]
+    if None in found:
+        return False
+
+    def sigma(of):
+        values = np.array([of(one) for one in found])
+        return np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
+
+    mode.sigma_hz, mode.sigma_damping = float(sigma(lambda m: m.hz)), float(sigma(lambda m: m.damping))
+    mode.sigma_shape = sigma(lambda m: m.shape)
+    unsure = np.linalg.norm(mode.sigma_shape) / np.linalg.norm(mode.shape)
+    return mode.sigma_hz < MOST_SIGMA * mode.hz and unsure < MOST_SIGMA_SHAPE
 
 
 def even(times_s: np.ndarray, lifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, int]]:

@@ -15,7 +15,7 @@ use object_store::client::{
 
 /// A break should not cost more of an object than was sent in this time: more objects at a time only where each is
 /// through sooner.
-const OBJECT_TIME: Duration = Duration::from_secs(4);
+const OBJECT_TIME: Duration = Duration::from_secs(2);
 /// Objects that the rate is taken of.
 const REMEMBERED: usize = 8;
 /// Bytes that go at once where the rate is limited: 16 kB at 128 kbit/s are a second.

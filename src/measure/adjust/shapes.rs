@@ -143,7 +143,7 @@ pub fn beyond_fleet_covariance(terms: usize) -> DMatrix<f64> {
 
 /// Covariance of the coefficients c_k, k = 1.., of a bend that does not go with the load and raises the tip by one length of
 /// a wing, times that length: skins of unlike temperature bend a box of even height or one that tapers as the chord does; a
-/// loose joint is a kink anywhere inboard.
+/// loose joint is a kink anywhere inboard. Temperature and joints are taken to be as likely.
 pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
     leading(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
 }

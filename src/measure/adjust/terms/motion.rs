@@ -80,23 +80,26 @@ pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
 /// Bulges of the skin along the wing.
 const BULGES: usize = 8;
 /// Standard deviation of what neighbouring markers move by together over that of what each moves by itself: bays of a tank
-/// under fuel and pressure against a panel between two stringers.
+/// under fuel and pressure against a panel between two stringers. An assumption.
 const TOGETHER: f64 = 2.5;
 
 /// The skin over lengths of many panels, along its normal, m; `sigma_m`: of what each marker moves by itself.
 fn bulges(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    if sigma_m <= 0.0 {
+        return None;
+    }
     let mut fields = vec![empty(scene); BULGES];
-    let places = BULGES as f64;
-    let bulge = |k: usize, eta: f64| (-(eta * places - k as f64 - 0.5).powi(2)).exp();
+    let bulge = |k: usize, eta: f64| (-(eta * BULGES as f64 - k as f64 - 0.5).powi(2)).exp();
     for OnWing { marker, eta, .. } in wing(scene) {
         let (sin, cos) = scene.ground.axis.slope_rad(scene.ground.stations[marker].arc_m).sin_cos();
-        let squares: f64 = (0..BULGES).map(|k| bulge(k, eta).powi(2)).sum();
-        for (k, field) in fields.iter_mut().enumerate() {
-            field[marker] = Vector3::new(-sin, cos, 0.0) * (bulge(k, eta) / squares.sqrt());
+        let of_all: [f64; BULGES] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
+        // As wide everywhere.
+        let rms = of_all.iter().map(|b| b * b).sum::<f64>().sqrt();
+        for (field, share) in fields.iter_mut().zip(of_all) {
+            field[marker] = Vector3::new(-sin, cos, 0.0) * (share / rms);
         }
     }
-    let sigmas = [TOGETHER * sigma_m; BULGES];
-    (sigma_m > 0.0).then(|| moves("bulges of the skin", Instant::InFlight, fields, &sigmas))
+    Some(moves("bulges of the skin", Instant::InFlight, fields, &[TOGETHER * sigma_m; BULGES]))
 }
 
 /// Second unknown of the bending in the wing's plane over the first.
