@@ -153,13 +153,8 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
     return accepted
 
 
-def _same(one: Mode, other: Mode) -> bool:
-    far, alike = SAME
-    return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
-
-
-def _beside(one: Mode, other: Mode) -> bool:
-    far, alike = BESIDE
+def _same(one: Mode, other: Mode, within: tuple[float, float] = SAME) -> bool:
+    far, alike = within
     return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
 
 
@@ -179,17 +174,17 @@ def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) ->
     stable = _stable(_poles(lifts, rate_hz, lowest_hz))
     parts = np.array_split(np.arange(len(lifts)), BLOCKS)
     without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
-    told = [mode for order, mode in stable if _is_told(order, mode, without)]
+    told = [mode for order, mode in stable if _measure(mode, order, without)]
     modes: list[Mode] = []
     # Of one mode at several orders the one that is told best; a pole beside it that swings alike is a part of it.
     for mode in sorted(told, key=lambda one: one.sigma_hz / one.hz):
-        if not any(_same(one, mode) or _beside(one, mode) for one in modes):
+        if not any(_same(one, mode) or _same(one, mode, BESIDE) for one in modes):
             modes.append(mode)
     return sorted(modes, key=lambda one: one.hz)[:count]
 
 
-def _is_told(order: int, mode: Mode, without: list[dict[int, list[Mode]]]) -> bool:
-    """Gives a mode its standard deviations, and whether they leave something of it."""
+def _measure(mode: Mode, order: int, without: list[dict[int, list[Mode]]]) -> bool:
+    """Sets a mode's standard deviations from the parts of the data; whether it is in all of them and told well enough."""
     found = [_again(one, order, mode) for one in without]
     if None in found:
         return False

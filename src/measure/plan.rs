@@ -15,7 +15,7 @@ pub use optics::{Optics, OpticsPlan};
 pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
 use resolution::facing;
 pub use resolution::{Footprint, Skin, footprint};
-pub use want::{Answer, Remedy, Source, Wish, answer, attitude, worth_beside, worth_of};
+pub use want::{Answer, Remedy, Source, Wish, answer, attitude, worth_of};
 
 use nalgebra::Vector3;
 use serde::Serialize;

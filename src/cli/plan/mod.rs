@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         want::write_layout(folder, &installation, &options, asked.as_ref())?;
     }
     if args.json {
-        print(&want::json(&plan, (together.as_ref(), beside.as_ref()), asked.as_ref())?)?;
+        print(&want::json(&plan, together.as_ref(), beside.as_ref(), asked.as_ref())?)?;
     } else {
         let mut out = text(&plan, args.wide);
         out.push_str(&want::text(together.as_ref(), beside.as_ref(), asked.as_ref()));

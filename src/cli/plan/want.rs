@@ -10,7 +10,7 @@ use crate::installation::Installation;
 use crate::measure::plan::{self, Answer, Expected, Plan, PlanOptions, Wish};
 use crate::measure::setup::{Orientation, Setup};
 use crate::report::grid::Grid;
-use crate::report::number::fixed;
+use crate::report::number::{count, fixed};
 
 /// A length with its unit, as m.
 pub fn length(text: &str) -> Result<f64, String> {
@@ -51,7 +51,8 @@ pub fn together(
     frames: Option<u16>,
 ) -> Result<Option<Together>, Failure> {
     let Some(frames) = frames.map(usize::from).filter(|n| *n > 1) else { return Ok(None) };
-    let expected = plan::worth_of(&installation.setup, installation.orientation.as_ref(), options, frames);
+    let Installation { setup, orientation, .. } = installation;
+    let expected = plan::worth_of(setup, orientation.as_ref(), options, frames, None);
     Ok(Some(Together { frames, expected: expected.map_err(|e| undone(&e))? }))
 }
 
@@ -66,7 +67,7 @@ pub fn beside(
     let Some((flights, taught)) = taught.filter(|(_, t)| t.holds_for(options.curvature_terms)) else {
         return Ok(None);
     };
-    let expected = plan::worth_beside(&taught, setup, orientation.as_ref(), options, frames);
+    let expected = plan::worth_of(setup, orientation.as_ref(), options, frames, Some(&taught));
     let together = Together { frames, expected: expected.map_err(|e| undone(&e))? };
     Ok(Some(Beside { flights, together }))
 }
@@ -103,7 +104,8 @@ pub fn write_layout(
 /// The plan with `flight`, `taught` and, of a wish, all that the answer says: `reached` first.
 pub fn json(
     plan: &Plan,
-    (together, beside): (Option<&Together>, Option<&Beside>),
+    together: Option<&Together>,
+    beside: Option<&Beside>,
     asked: Option<&Asked>,
 ) -> Result<String, Failure> {
     let fault = |e: serde_json::Error| Failure::Undone(format!("the plan cannot be written as JSON: {e}"));
@@ -149,11 +151,8 @@ pub fn text(together: Option<&Together>, beside: Option<&Beside>, asked: Option<
         worth(format!("{frames} frames of a flight adjusted together (`wingd solve --flight`)"), expected);
     }
     if let Some(Beside { flights, together: Together { frames, expected } }) = beside {
-        let one = |n: usize, of: &str| if n == 1 { format!("one {of}") } else { format!("{n} {of}s") };
-        worth(
-            format!("{} beside what {} taught (learnt.json)", one(*frames, "frame"), one(*flights, "flight")),
-            expected,
-        );
+        let (frames, flights) = (count(*frames, "frame"), count(*flights, "flight"));
+        worth(format!("{frames} beside what {flights} taught (learnt.json)"), expected);
     }
     if let Some(asked) = asked {
         out.push_str(&answered(&asked.answer, &asked.setup));

@@ -160,6 +160,11 @@ impl Axis {
         interpolate(&self.arc_m, &self.slope_rad, arc_m)
     }
 
+    /// The skin's normal at an arc length, wing frame.
+    pub fn normal(&self, arc_m: f64) -> Vector3<f64> {
+        wing_from_section(self.slope_rad(arc_m)).column(1).into_owned()
+    }
+
     /// Arc length of the section that a point belongs to, m; not inboard of the root.
     fn foot(&self, p: &Vector3<f64>) -> f64 {
         let mut arc = interpolate(&self.x_m, &self.arc_m, p.x);

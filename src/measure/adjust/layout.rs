@@ -47,8 +47,7 @@ impl Motions {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
                 (MARKS, factors.marks * marker.flight_motion_m, all)
             } else {
-                let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
-                (SKIN, factors.skin * width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
+                (SKIN, factors.skin * width.skin_motion_m, vec![axis.normal(station.arc_m)])
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.take(directions.len(), MISSING_MOTION);

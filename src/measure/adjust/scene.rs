@@ -226,7 +226,7 @@ impl Scene {
         let mut state = nominal;
         match &values.answers {
             Some(answers) => state.answer(&answers[marker], &values.estimated),
-            None => state = self.marker(marker, bent, ground_m, &bending, &values.estimated),
+            None => state = self.estimated(nominal, bent, ground_m, &bending, &values.estimated),
         }
         if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
             let root_m = nominal.carried.position_m - from_root_m;
@@ -280,11 +280,24 @@ impl Scene {
         bending: &Bending,
         estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
-        let mut state = self.on_beam(index, &bent.sections[index], ground_m, bending);
+        let nominal = self.on_beam(index, &bent.sections[index], ground_m, bending);
+        self.estimated(nominal, bent, ground_m, bending, estimated)
+    }
+
+    /// Moves a marker on the wing as it is stated to the wing that differs from it by so much.
+    fn estimated(
+        &self,
+        nominal: MarkerState,
+        bent: &Bent,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+        estimated: &[f64; ESTIMATED],
+    ) -> MarkerState {
+        let index = nominal.marker;
+        let mut state = nominal;
         if self.fixed[index] {
             return state;
         }
-        let nominal = state;
         for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
             let Some(neighbour) = neighbour else { continue };
             let other = neighbour.marker(index, &bent.neighbours[k][index], ground_m, bending);

@@ -59,7 +59,7 @@ pub fn best(
     let mut failure = AdjustError::Input("no layout can be made of these numbers".into());
     for crowding in CROWDING {
         let setup = laid_out(draft, installation, options, crowding)?;
-        match want::worth_of(&setup, None, options, frames) {
+        match want::worth_of(&setup, None, options, frames, None) {
             Ok(worth) if best.as_ref().is_none_or(|(sigma, _)| worth.sigma_tip_lift_m < *sigma) => {
                 best = Some((worth.sigma_tip_lift_m, setup));
             }

@@ -130,7 +130,7 @@ pub fn answer(
 }
 
 /// What a layout is worth, its frames together where they are several. `orientation` tells the attitude alone; `None`: the
-/// camera looks at the middle of the wing.
+/// camera looks at the middle of the wing. `taught`: beside what earlier flights told.
 ///
 /// # Errors
 /// As [`answer`].
@@ -139,23 +139,13 @@ pub fn worth_of(
     orientation: Option<&Orientation>,
     options: &PlanOptions,
     frames: usize,
+    taught: Option<&Taught>,
 ) -> Result<Expected, AdjustError> {
     let rehearsal = Rehearsal::new(setup, orientation, options)?;
-    if frames > 1 { rehearsal.together(frames, None) } else { rehearsal.alone() }
-}
-
-/// The same beside what earlier flights taught.
-///
-/// # Errors
-/// As [`answer`].
-pub fn worth_beside(
-    taught: &Taught,
-    setup: &Setup,
-    orientation: Option<&Orientation>,
-    options: &PlanOptions,
-    frames: usize,
-) -> Result<Expected, AdjustError> {
-    Rehearsal::new(setup, orientation, options)?.together(frames, Some(taught))
+    match (frames, taught) {
+        (..=1, None) => rehearsal.alone(),
+        _ => rehearsal.together(frames, taught),
+    }
 }
 
 /// How the camera stands where no orientation tells it: it looks at the middle of the wing, upright.
@@ -171,7 +161,7 @@ pub fn attitude(
 }
 
 fn worth(state: &State, options: &PlanOptions) -> Result<Expected, AdjustError> {
-    worth_of(&state.setup, Some(&state.orientation), options, state.frames)
+    worth_of(&state.setup, Some(&state.orientation), options, state.frames, None)
 }
 
 /// The remedies with what each brings alone and after those before it, and the proposal that takes as many as it needs.

@@ -91,12 +91,12 @@ fn bulges(scene: &Scene, sigma_m: f64) -> Option<Term> {
     let mut fields = vec![empty(scene); BULGES];
     let bulge = |k: usize, eta: f64| (-(eta * BULGES as f64 - k as f64 - 0.5).powi(2)).exp();
     for OnWing { marker, eta, .. } in wing(scene) {
-        let (sin, cos) = scene.ground.axis.slope_rad(scene.ground.stations[marker].arc_m).sin_cos();
+        let normal = scene.ground.axis.normal(scene.ground.stations[marker].arc_m);
         let of_all: [f64; BULGES] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
         // As wide everywhere.
         let rms = of_all.iter().map(|b| b * b).sum::<f64>().sqrt();
         for (field, share) in fields.iter_mut().zip(of_all) {
-            field[marker] = Vector3::new(-sin, cos, 0.0) * (share / rms);
+            field[marker] = normal * (share / rms);
         }
     }
     Some(moves("bulges of the skin", Instant::InFlight, fields, &[TOGETHER * sigma_m; BULGES]))
@@ -214,17 +214,20 @@ fn in_plane_and_torque(input: &Input, share: f64) -> Vec<Term> {
         .collect()
 }
 
+/// What all frames have in common, with this share of what else each has for itself.
+fn in_common(input: &Input, share: f64) -> Vec<Term> {
+    let skin = bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
+    in_plane_and_torque(input, share).into_iter().chain(skin).collect()
+}
+
 /// What a flight's frames have in common of what each has for itself, and the skin.
 pub fn of_flight(input: &Input) -> Vec<Term> {
-    let skin = bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
-    in_plane_and_torque(input, OF_FLIGHT.0).into_iter().chain(skin).collect()
+    in_common(input, OF_FLIGHT.0)
 }
 
 /// What each frame has for itself beside bending, twist and rotation; `in_flight`: beside [`of_flight`].
 pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bool) -> Vec<Term> {
-    let mut terms = in_plane_and_torque(input, if in_flight { OF_FLIGHT.1 } else { 1.0 });
-    let skin_m = if in_flight { 0.0 } else { input.setup.uncertainty.in_flight.skin_motion_m };
-    terms.extend(bulges(input.scene, skin_m));
+    let mut terms = if in_flight { in_plane_and_torque(input, OF_FLIGHT.1) } else { in_common(input, 1.0) };
     terms.extend(parts(input.scene, &input.setup.markers));
     terms.extend(of_rows(input, sights, factors));
     terms
