@@ -13,7 +13,7 @@ use wingd::measure::setup::Orientation;
 
 fn stages(c: &mut Criterion) {
     let conditions =
-        Conditions { noise_px: 0.1, hidden: 0.1, false_ones: 10, mount_px: 20.0, lift_m: (2.0, 2.0) };
+        Conditions { noise_px: 0.1, hidden: 0.1, false_ones: 10, mount_px: 20.0, deflection_m: (2.0, 2.0) };
     let world = World::random(5, &conditions);
     let ground = vec![world.ground_view(5, &conditions).detections];
     let flight = world.flight_view(2.0, 5, &conditions).detections;

@@ -1,11 +1,11 @@
 //! `wingd` measures the shape of a wing in flight with one camera at a cabin window.
 //!
 //! A prepared directory, the *installation*, says what the camera is like and where the markers on the wing were surveyed.
-//! Pictures of the wing on ground give the camera's attitude; from then on each picture in flight gives the lift and twist
+//! Pictures of the wing on ground give the camera's attitude; from then on each picture in flight gives the deflection and twist
 //! of the wing, every number with its standard deviation. The program `wingd` is this library with a command line
 //! ([`cli`]); what scripts may rely on stands in `docs/interface.md`.
 //!
-//! The same by hand, from the files of an aircraft to the lift of the wing's tip:
+//! The same by hand, from the files of an aircraft to the deflection of the wing's tip:
 //!
 //! ```
 //! use std::path::Path;
@@ -29,8 +29,8 @@
 //! let job = pipeline::Job::default();
 //! let result = pipeline::solve_frame("flight-1.jpg", &flight, None, &wing, wing.require_orientation()?, &job);
 //! let tip = result.tip.expect("a frame that cannot be solved has a reason instead");
-//! let sigma_m = tip.sigma_lift_m.expect("lift is estimated, not held");
-//! assert!((tip.lift_m - 2.615).abs() < 4.0 * sigma_m, "{} m, sigma {sigma_m} m", tip.lift_m);
+//! let sigma_m = tip.sigma_deflection_m.expect("deflection is estimated, not held");
+//! assert!((tip.deflection_m - 2.615).abs() < 4.0 * sigma_m, "{} m, sigma {sigma_m} m", tip.deflection_m);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

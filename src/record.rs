@@ -4,7 +4,7 @@
 //! its field in [`MarkerRecord`], of the tip in [`Tip`], a parameter in [`Model`], and what says how good the adjustment
 //! is in [`Quality`]; an `Option` that is left out where it is `None` keeps the records of older programs readable.
 
-mod lift;
+mod deflection;
 mod model;
 mod provenance;
 mod quality;
@@ -13,7 +13,7 @@ mod reason;
 use serde::{Deserialize, Serialize};
 
 pub use crate::measure::setup::Shape;
-pub use lift::{BudgetShare, Reference, Tip};
+pub use deflection::{BudgetShare, Reference, Tip};
 pub use model::{Measured, Model, Term};
 pub use provenance::{Parameters, Provenance, Timing};
 pub use quality::{CadFit, Correlation, Panes, Quality, VarianceComponent};
@@ -96,7 +96,7 @@ pub struct ImageRecord {
     pub model: Model,
     /// The outermost marker.
     pub tip: Option<Tip>,
-    /// What the variance of the tip's lift comes from (of the one that [`Tip::shown`] names), the largest share first;
+    /// What the variance of the tip's deflection comes from (of the one that [`Tip::shown`] names), the largest share first;
     /// empty in results of older programs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetShare>,
@@ -156,7 +156,7 @@ pub struct MarkerRecord {
     pub used: bool,
     /// Its place is a person's, not the detector's.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub by_hand: bool,
+    pub manual: bool,
     /// Why it did not, one sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -189,17 +189,17 @@ pub struct MarkerRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma_position_cad_m: Option<[f64; 3]>,
     /// Vertical, against the survey, positive up, m.
-    pub lift_m: Option<f64>,
+    pub deflection_m: Option<f64>,
     /// m.
-    pub sigma_lift_m: Option<f64>,
+    pub sigma_deflection_m: Option<f64>,
     /// The same against the ground frame, m; `None` with the profile method and in results of older programs.
-    pub lift_ground_m: Option<f64>,
+    pub deflection_ground_m: Option<f64>,
     /// m.
-    pub sigma_lift_ground_m: Option<f64>,
+    pub sigma_deflection_ground_m: Option<f64>,
     /// The same from the root's tangent, m.
-    pub lift_root_m: Option<f64>,
+    pub deflection_root_m: Option<f64>,
     /// m.
-    pub sigma_lift_root_m: Option<f64>,
+    pub sigma_deflection_root_m: Option<f64>,
 }
 
 /// Torsion of one pair.
@@ -224,10 +224,10 @@ pub struct CurveRecord {
     pub arc_length_m: f64,
     /// Wing-frame X in flight, m.
     pub span_m: f64,
-    /// Lift of the bending axis, m.
-    pub lift_m: f64,
+    /// Deflection of the bending axis, m.
+    pub deflection_m: f64,
     /// m.
-    pub sigma_lift_m: Option<f64>,
+    pub sigma_deflection_m: Option<f64>,
     /// degrees.
     pub twist_deg: Option<f64>,
     /// degrees.

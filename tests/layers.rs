@@ -71,8 +71,8 @@ const STAGES: [&str; 16] = [
 ];
 
 /// Lines of a file, and of a function from its first to its last, at most.
-const LONGEST_FILE: usize = 400;
-const LONGEST_FUNCTION: usize = 70;
+const MAX_FILE_LINES: usize = 400;
+const MAX_FUNCTION_LINES: usize = 70;
 
 /// Modules and what each names.
 struct Sources(BTreeMap<Place, Read>);
@@ -228,14 +228,14 @@ fn too_long(files: &[(String, String)]) -> BTreeMap<String, Vec<String>> {
     for (path, text) in files {
         let lines: Vec<&str> = text.lines().collect();
         let mut note = |what: String| found.entry(path.clone()).or_default().push(what);
-        if lines.len() > LONGEST_FILE {
+        if lines.len() > MAX_FILE_LINES {
             note(format!("has {} lines", lines.len()));
         }
         for (first, line) in lines.iter().enumerate().filter(|(_, line)| begins_function(line)) {
             let indent = &line[..line.len() - line.trim_start().len()];
             let rest = lines[first..].iter().position(|line| *line == format!("{indent}}}"));
             let length = rest.map_or(0, |last| last + 1);
-            if length > LONGEST_FUNCTION && !line.ends_with(['}', ';']) {
+            if length > MAX_FUNCTION_LINES && !line.ends_with(['}', ';']) {
                 note(format!("line {}: a function of {length} lines", first + 1));
             }
         }

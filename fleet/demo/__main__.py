@@ -16,7 +16,7 @@ from .prepare import fly, recalibrated, record, recorder_of, weigh
 from .server import BUCKET, Server
 
 LAKE = f"s3://{BUCKET}/demo"
-# Lift of the tip by which the second aircraft differs from the first at the same load, m.
+# Deflection of the tip by which the second aircraft differs from the first at the same load, m.
 DIFFERS_M = 0.15
 
 
@@ -25,7 +25,7 @@ def prepared(wingd: str, folder: Path) -> dict[str, tuple[Path, str, str]]:
     stores = {
         "left": (record(wingd, folder / "recorder-left"), "D-DEMA", "left"),
         "right": (
-            fly(wingd, folder / "recorder-right", "--side", "right", "--seed", "7", "--tip-lifts", "2.4,2.2"),
+            fly(wingd, folder / "recorder-right", "--side", "right", "--seed", "7", "--tip-deflections", "2.4,2.2"),
             "D-DEMA",
             "right",
         ),
@@ -100,7 +100,7 @@ def main(wingd: str, folder: Path) -> None:
         ask("withdraw", trial, "--why", "a trial on ground, not a flight")
         damage(environment)
         asked = (
-            "SELECT aircraft, wing, flights, round(lift_m, 3) AS lift_m FROM lift_by_aircraft WHERE solve = 'onboard'"
+            "SELECT aircraft, wing, flights, round(deflection_m, 3) AS deflection_m FROM deflection_by_aircraft WHERE solve = 'onboard'"
         )
         ask("query", asked, check=False)
         ask("verify", check=False)
@@ -113,7 +113,7 @@ def main(wingd: str, folder: Path) -> None:
         )
         ask(
             "query",
-            "SELECT aircraft, wing, results, round(rate_hz, 1) AS rate_hz, round(lift_m, 3) AS lift_m FROM live_by_flight",
+            "SELECT aircraft, wing, results, round(rate_hz, 1) AS rate_hz, round(deflection_m, 3) AS deflection_m FROM live_by_flight",
         )
         ask("corrections")
         ask("report", "--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html"))

@@ -15,9 +15,9 @@ from wingd_fleet.lake import Lake
 from .prepare import call, fly, record, weigh
 
 SIZES = (20, 200, 2000)
-RIGHT = ("--side", "right", "--seed", "7", "--tip-lifts", "2.4,2.2")
+RIGHT = ("--side", "right", "--seed", "7", "--tip-deflections", "2.4,2.2")
 QUESTIONS = {
-    "lift by aircraft": "FROM lift_by_aircraft",
+    "deflection by aircraft": "FROM deflection_by_aircraft",
     "line of type": "FROM line_of_type",
     "aircraft against type": "FROM aircraft_against_type",
     "mount by aircraft": "FROM mount_by_aircraft",

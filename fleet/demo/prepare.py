@@ -17,8 +17,8 @@ from pathlib import Path
 FACTOR = 1.001
 # A flight in the simulated wing's own time: series, seconds between them, results a second between those.
 SERIES, INTERVAL_S, LIVE_HZ = 4, 3, 4
-# The invented aircraft: lift of the tip, m per t of weight times load factor, and at 60 t.
-SLOPE_M_PER_T, LIFT_AT_60_T_M = 0.060, 1.5
+# The invented aircraft: deflection of the tip, m per t of weight times load factor, and at 60 t.
+SLOPE_M_PER_T, DEFLECTION_AT_60_T_M = 0.060, 1.5
 # Of the simulated flight, kg.
 WEIGHT_KG = 72_000
 
@@ -40,7 +40,7 @@ rate_hz = {rate}
 socket = "live.sock"
 [live.keep]
 ring_mb = 16
-jolt = false
+mount_disturbed = false
 [live.aircraft_data]
 udp = "127.0.0.1:{port}"
 [[live.aircraft_data.column]]
@@ -121,14 +121,14 @@ def tell(port: int) -> None:
 
 
 def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
-    """Aircraft data for a store's flight: the weight that its lifts follow from, but for so many metres."""
+    """Aircraft data for a store's flight: the weight that its deflections follow from, but for so many metres."""
     if (store.parent / "weighed").exists():
         return
     text = call(wingd, "export", str(store), "--format", "csv", "--table", "shots").stdout
     lines = ["UTC,GW,NZ,MACH"]
     for number, row in enumerate(csv.DictReader(text.splitlines())):
-        if row["tip_lift_m"]:
-            load = 60 + (float(row["tip_lift_m"]) - off_m - LIFT_AT_60_T_M) / SLOPE_M_PER_T
+        if row["tip_deflection_m"]:
+            load = 60 + (float(row["tip_deflection_m"]) - off_m - DEFLECTION_AT_60_T_M) / SLOPE_M_PER_T
             factor = 1 + 0.02 * (number % 3 - 1)
             at = datetime.datetime.fromisoformat(row["exposure_time"] or row["utc"])
             for seconds in (-0.2, 0.2):

@@ -17,7 +17,7 @@ KEYS = {
     "parameters": "series, shot, parameter, index",
     "span": "series, shot, arc_length_m",
 }
-VALUES = {"shots": "tip_lift_m", "markers": "lift_m", "parameters": "value", "span": "lift_m"}
+VALUES = {"shots": "tip_deflection_m", "markers": "deflection_m", "parameters": "value", "span": "deflection_m"}
 
 
 class Died(BaseException):

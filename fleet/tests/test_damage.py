@@ -141,14 +141,14 @@ def test_another_processors_rounding_is_another_commit(wingd, solved, tmp_path, 
     def rounded(wingd, store, flight, table, inputs):
         content = export(wingd, store, flight, table, inputs)
         if table == "shots":
-            place = content.column_names.index("tip_lift_m")
-            lifts = np.nextafter(content["tip_lift_m"].to_numpy(), np.inf)
-            content = content.set_column(place, "tip_lift_m", pa.array(lifts))
+            place = content.column_names.index("tip_deflection_m")
+            deflections = np.nextafter(content["tip_deflection_m"].to_numpy(), np.inf)
+            content = content.set_column(place, "tip_deflection_m", pa.array(deflections))
         return content
 
     monkeypatch.setattr(program, "export", rounded)
     before = answers(solved)
-    key = next(key for key in solved.keys("tables/v2/shots/solve=onboard") if flight.recorder in key)
+    key = next(key for key in solved.keys("tables/v3/shots/solve=onboard") if flight.recorder in key)
     flip(solved.folder / key, random.Random(2))
     assert damage.repair(solved, damage.verify(solved), wingd, tmp_path / "work") == []
     assert len(task.commits(solved, "onboard", flight)) == 2
@@ -158,7 +158,7 @@ def test_another_processors_rounding_is_another_commit(wingd, solved, tmp_path, 
 def test_a_fault_that_nobody_can_mend_is_left_and_named(wingd, solved, tmp_path):
     flight = solves.flights(solved)[0]
     solved.delete([key for key in solved.keys(f"flights/{flight.place}") if key.endswith("results.jsonl")])
-    solved.delete([key for key in solved.keys("tables/v2/shots/solve=onboard") if flight.recorder in key])
+    solved.delete([key for key in solved.keys("tables/v3/shots/solve=onboard") if flight.recorder in key])
     left = damage.repair(solved, damage.verify(solved), wingd, tmp_path / "work")
     assert any("results.jsonl" in str(fault) and "wingd upload --repair" in str(fault) for fault in left)
     corrections.add(solved, "withdraw", {"recorder": flight.recorder, "flight": flight.flight}, "tests", "lost")

@@ -46,8 +46,8 @@ def shapes() -> list[np.ndarray]:
 def export(path: Path, seed: int, seconds: float = 300, true=TRUE, skipped: float = 0.0, hole: bool = False) -> Path:
     """As `wingd export --table live` writes it, of a curve with correlated noise of 2 mm at the tip."""
     random, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
-    lifts = 2.0 + sum(np.outer(swing(*one, count, random), shape) for one, shape in zip(true, shapes()))
-    lifts += 0.002 * random.standard_normal((count, 2)) @ np.vstack(shapes())
+    deflections = 2.0 + sum(np.outer(swing(*one, count, random), shape) for one, shape in zip(true, shapes()))
+    deflections += 0.002 * random.standard_normal((count, 2)) @ np.vstack(shapes())
     times = 1000 + np.arange(count) / RATE_HZ + 0.001 * random.standard_normal(count)
     kept = random.random(count) >= skipped
     if hole:
@@ -61,7 +61,7 @@ def export(path: Path, seed: int, seconds: float = 300, true=TRUE, skipped: floa
     }
     columns["exposure_time"] = pa.array((1e6 * times).astype(int), pa.timestamp("us", "UTC"))
     for k in range(STATIONS):
-        columns[f"lift_s{k + 1:02}_m"], columns[f"arc_length_s{k + 1:02}_m"] = lifts[:, k], np.full(count, arcs[k])
+        columns[f"deflection_s{k + 1:02}_m"], columns[f"arc_length_s{k + 1:02}_m"] = deflections[:, k], np.full(count, arcs[k])
     columns |= {"mach": np.full(count, 0.78), "sigma_mach": np.full(count, 0.002)}
     columns |= {"fuel_kg": np.linspace(20000, 19000, count), "sigma_fuel_kg": np.full(count, 50.0)}
     pq.write_table(pa.table(columns).filter(pa.array(kept)), path)
@@ -124,7 +124,7 @@ def test_noise_has_no_modes_and_wrong_exports_say_what_to_do(tmp_path, capsys):
     assert "no mode above 1 Hz" in capsys.readouterr().err
     pq.write_table(pa.table({"since_boot_s": [1.0, 2.0]}), tmp_path / "other.parquet")
     assert cli.main(["modes", str(tmp_path / "other.parquet")]) == 1
-    assert "no lifts of stations" in capsys.readouterr().err
+    assert "no deflections of stations" in capsys.readouterr().err
     with pytest.raises(FleetError, match="less than 20 swings"):
         modes.rows(pa.table({"since_boot_s": [1.0]}), 10, 1.0, 3, "stations")
     (tmp_path / "live.txt").write_text("")

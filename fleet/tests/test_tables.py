@@ -107,13 +107,13 @@ def test_columns_follow_the_rule(solved):
     """Added ones are kept, missing ones are null, another type is refused; those that identify a row must be there."""
     one = State(solved).published(["onboard"])[0]
     content = parquet.read(solved.need(one.tables["shots"].key)).drop_columns(["solve"])
-    whole = parquet.completed(content.append_column("gust_m_s", content["tip_lift_m"]), "shots", "s")
+    whole = parquet.completed(content.append_column("gust_m_s", content["tip_deflection_m"]), "shots", "s")
     assert list(parquet.schema("shots")) == whole.column_names[:-1] and whole.column_names[-1] == "gust_m_s"
     lacking = parquet.completed(content.drop_columns(["mach"]), "shots", "s")
     assert lacking["mach"].null_count == 10 and lacking.schema.equals(whole.drop_columns(["gust_m_s"]).schema)
-    with pytest.raises(FleetError, match="column tip_lift_m is string, not double"):
-        place = content.schema.get_field_index("tip_lift_m")
-        parquet.completed(content.set_column(place, "tip_lift_m", pa.array(["long"] * 10)), "shots", "s")
+    with pytest.raises(FleetError, match="column tip_deflection_m is string, not double"):
+        place = content.schema.get_field_index("tip_deflection_m")
+        parquet.completed(content.set_column(place, "tip_deflection_m", pa.array(["long"] * 10)), "shots", "s")
     with pytest.raises(FleetError, match="lacks flight"):
         parquet.completed(content.drop_columns(["flight"]), "shots", "s")
 
@@ -134,7 +134,7 @@ def test_aircraft_data_are_in_every_table_of_frames(solved, recorders):
 
 
 def test_live_results_have_tables(wingd, tmp_path):
-    store = fly(wingd, tmp_path / "recorder", "--seed", "7", "--tip-lifts", "2.4,2.2")
+    store = fly(wingd, tmp_path / "recorder", "--seed", "7", "--tip-deflections", "2.4,2.2")
     lake = Lake(f"file://{tmp_path / 'lake'}")
     call(wingd, "upload", str(store), "--to", lake.url)
     solves.define(lake, "onboard", None, [], "as recorded")
@@ -142,19 +142,19 @@ def test_live_results_have_tables(wingd, tmp_path):
     assert task.run(lake, "onboard", flight, wingd, tmp_path / "work") == "done"
     exported = call(wingd, "export", str(store), "--format", "csv", "--table", "live").stdout.splitlines()
     desk = Desk(lake)
-    (row,) = desk.rows("SELECT count(*) AS n, count(tip_lift_m) AS lifts, any_value(status) AS status FROM live")
-    assert row["n"] == len(exported) - 1 > 3 and row["lifts"] > 3
+    (row,) = desk.rows("SELECT count(*) AS n, count(tip_deflection_m) AS deflections, any_value(status) AS status FROM live")
+    assert row["n"] == len(exported) - 1 > 3 and row["deflections"] > 3
     # Rows of stations and markers agree with the columns that the export has for each.
     header = exported[0].split(",")
-    column, arc = "lift_s05_m", "arc_length_s05_m"
+    column, arc = "deflection_s05_m", "arc_length_s05_m"
     label = next(value for line in exported[1:] if (value := line.split(",")[header.index(arc)]))
     values = [
         float(line.split(",")[header.index(column)]) for line in exported[1:] if line.split(",")[header.index(column)]
     ]
     found = desk.rows(
-        "SELECT lift_m FROM live_span WHERE arc_length_m = ? AND lift_m IS NOT NULL ORDER BY number", [float(label)]
+        "SELECT deflection_m FROM live_span WHERE arc_length_m = ? AND deflection_m IS NOT NULL ORDER BY number", [float(label)]
     )
-    assert [row["lift_m"] for row in found] == pytest.approx(values, rel=1e-6)
+    assert [row["deflection_m"] for row in found] == pytest.approx(values, rel=1e-6)
     markers = sum(name.startswith("u_") for name in header)
     assert desk.rows("SELECT count(DISTINCT marker) AS n FROM live_markers") == [{"n": markers}]
     assert desk.rows("SELECT results FROM live_by_flight") == [{"results": row["n"]}]
@@ -177,9 +177,9 @@ def test_live_exports_of_old_and_new_programs_make_the_same_rows():
         "number": [1, 2],
         "solved": [1, 0],
     }
-    marker = {"u_M01_px": [10.0, None], "lift_M01_m": [0.5, None], "markers_x": [1, 1]}
+    marker = {"u_M01_px": [10.0, None], "deflection_M01_m": [0.5, None], "markers_x": [1, 1]}
     span = {"0.0": [0.0, 0.0], "31.00564147942904": [2.5, None]}
-    old = pa.table({**once, **marker, "twist_tip_deg": [1.5, None], **{f"lift_{arc}_m": v for arc, v in span.items()},
+    old = pa.table({**once, **marker, "twist_tip_deg": [1.5, None], **{f"deflection_{arc}_m": v for arc, v in span.items()},
                     **{f"span_{arc}_m": v for arc, v in span.items()}})  # fmt: skip
     new = {
         **once,
@@ -189,9 +189,9 @@ def test_live_exports_of_old_and_new_programs_make_the_same_rows():
         "torsion_tip_twist_deg": [1.5, None],
     }
     for k, (arc, values) in enumerate(span.items(), 1):
-        new |= {f"lift_s{k:02}_m": values, f"span_s{k:02}_m": values, f"arc_length_s{k:02}_m": [float(arc)] * 2}
+        new |= {f"deflection_s{k:02}_m": values, f"span_s{k:02}_m": values, f"arc_length_s{k:02}_m": [float(arc)] * 2}
     # A third station, of another installation.
-    new |= {f"{name}_s03_m": pa.nulls(2, pa.float64()) for name in ("lift", "span", "arc_length")}
+    new |= {f"{name}_s03_m": pa.nulls(2, pa.float64()) for name in ("deflection", "span", "arc_length")}
     old_rows, new_rows = parquet.live_rows(old), parquet.live_rows(pa.table(new))
     for table in ("live_span", "live_markers"):
         columns = old_rows[table].column_names
@@ -200,7 +200,7 @@ def test_live_exports_of_old_and_new_programs_make_the_same_rows():
     assert old_rows["live"]["status"].to_pylist() == new_rows["live"]["status"].to_pylist() == ["ok", "failed"]
     assert (
         new_rows["live"]["twist_tip_deg"].to_pylist() == [1.5, None]
-        and "lift_s01_m" not in new_rows["live"].column_names
+        and "deflection_s01_m" not in new_rows["live"].column_names
     )
     whole = [parquet.completed(rows["live"], "live", "kept") for rows in (old_rows, new_rows)]
     assert [one["result_id"].to_pylist() for one in whole] == [[None, None], ["b/1", "b/2"]]
@@ -211,7 +211,7 @@ def test_the_report_answers_and_says_what_is_absent(solved, tmp_path):
     report.write(Desk(solved), page, "recalibrated", "onboard")
     text = page.read_text()
     assert "D-DEMA" in text and "D-DEMB" in text and solves.flights(solved)[0].recorder in text
-    assert "recalibrated minus onboard, mm" in text and "lift against weight times load factor" in text
+    assert "recalibrated minus onboard, mm" in text and "deflection against weight times load factor" in text
     assert "<script" not in text and "http" not in text, "opens offline"
 
 
@@ -224,7 +224,7 @@ def test_the_report_draws_the_worst(solved, tmp_path):
         "SELECT aircraft, wing FROM aircraft_against_type WHERE solve = 'onboard' ORDER BY abs(over_sigma) DESC LIMIT 1"
     )
     (worst,) = desk.rows(sql)
-    (few,) = desk.rows("SELECT count(*) AS n FROM lift_by_aircraft WHERE solve = 'onboard' AND flights > 2")
+    (few,) = desk.rows("SELECT count(*) AS n FROM deflection_by_aircraft WHERE solve = 'onboard' AND flights > 2")
     assert few["n"] < 8
     drawn = report._worst(desk, "onboard", report._OF_TYPE)
     assert len(drawn) == 8 and (worst["aircraft"], worst["wing"]) in drawn

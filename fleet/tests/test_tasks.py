@@ -160,7 +160,7 @@ def test_the_tables_are_of_the_results_that_were_asked_for(wingd, lake, recorder
     assert set(column("profile", "method")) == {"profile"}
     assert set(column("recalibrated", "method")) == {"spatial"}
     assert column("own", "inputs") == column("onboard", "inputs") != column("recalibrated", "inputs")
-    assert column("own", "tip_lift_m") == column("onboard", "tip_lift_m")
+    assert column("own", "tip_deflection_m") == column("onboard", "tip_deflection_m")
 
 
 SAID = {

@@ -227,9 +227,9 @@ def test_two_wings_of_an_aircraft_have_their_own_installations(wingd, lake, reco
     solves.define(lake, "wings", rules, [], program.version(wingd))
     for flight in solves.flights(lake):
         task.run(lake, "wings", flight, wingd, tmp_path / "work")
-    rows = Desk(lake, ["wings"]).rows("SELECT aircraft, wing, lift_m FROM lift_by_aircraft ORDER BY wing")
+    rows = Desk(lake, ["wings"]).rows("SELECT aircraft, wing, deflection_m FROM deflection_by_aircraft ORDER BY wing")
     assert [(row["aircraft"], row["wing"]) for row in rows] == [("D-TWO", "left"), ("D-TWO", "right")]
-    assert abs(rows[0]["lift_m"] - rows[1]["lift_m"]) > 1e-4, "the other calibration is of the left one alone"
+    assert abs(rows[0]["deflection_m"] - rows[1]["deflection_m"]) > 1e-4, "the other calibration is of the left one alone"
 
 
 def test_a_re_survey_holds_from_a_flight_or_a_date_on(uploaded):

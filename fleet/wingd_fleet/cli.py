@@ -48,7 +48,7 @@ def _modes(subs) -> None:
     sub.add_argument("--seconds", type=float, default=300, help="of a window, which has modes of its own [300]")
     sub.add_argument("--lowest-hz", type=float, default=1.0, help="slower swings are the load's, not the wing's [1]")
     sub.add_argument("--count", type=int, default=3, help="modes of a window at most, the slowest first [3]")
-    sub.add_argument("--of", choices=("stations", "markers"), default="stations", help="whose lifts [stations]")
+    sub.add_argument("--of", choices=("stations", "markers"), default="stations", help="whose deflections [stations]")
     sub.add_argument("--output", type=Path, metavar="FILE", help=".csv or .parquet [default: CSV, to standard output]")
 
 
@@ -76,7 +76,7 @@ def _ask(command) -> None:
     _cache(sub)
     sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
     sub.add_argument("--csv", action="store_true", help="as CSV, all rows")
-    sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in the .sql files of the package')
+    sub.add_argument("sql", help='e.g. "FROM deflection_by_aircraft"; the views are in the .sql files of the package')
     sub = command("report", "One HTML file")
     _cache(sub)
     sub.add_argument("--solve", metavar="NAME", help="[default: the last by name]")

@@ -25,7 +25,7 @@ FETCHED = 10_000
 _FRAMES = """
 CREATE TABLE frames AS
 SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight, series, shot, image, utc, status, reason, camera_failures,
-       variance_factor, global_test, sigma_kind, tip_marker, tip_lift_m, tip_sigma_lift_m, program,
+       variance_factor, global_test, sigma_kind, tip_marker, tip_deflection_m, tip_sigma_deflection_m, program,
        weight_kg, load_factor, mach, weight_kg * load_factor / 1000 AS load_t
 FROM shots
 """

@@ -32,10 +32,10 @@ def _pandas(files: list[str]):
     import pandas
 
     frame = pandas.concat(
-        pandas.read_parquet(one, columns=["aircraft", "status", "tip_lift_m"], partitioning=None) for one in files
+        pandas.read_parquet(one, columns=["aircraft", "status", "tip_deflection_m"], partitioning=None) for one in files
     )
     frame = frame[frame.status == "ok"]
-    return frame.groupby("aircraft").tip_lift_m.agg(["count", "mean"]).itertuples(name=None)
+    return frame.groupby("aircraft").tip_deflection_m.agg(["count", "mean"]).itertuples(name=None)
 
 
 def _polars(files: list[str]):
@@ -44,7 +44,7 @@ def _polars(files: list[str]):
     frame = (
         polars.scan_parquet(files, hive_partitioning=False).filter(polars.col("status") == "ok").group_by("aircraft")
     )
-    mean = frame.agg(polars.col("tip_lift_m").count().alias("n"), polars.col("tip_lift_m").mean().alias("m"))
+    mean = frame.agg(polars.col("tip_deflection_m").count().alias("n"), polars.col("tip_deflection_m").mean().alias("m"))
     return mean.collect().iter_rows()
 
 
@@ -52,7 +52,7 @@ def _duckdb(files: list[str]):
     import duckdb
 
     listed = "read_parquet($files, hive_partitioning = false)"
-    sql = f"SELECT aircraft, count(tip_lift_m), avg(tip_lift_m) FROM {listed} WHERE status = 'ok' GROUP BY aircraft"
+    sql = f"SELECT aircraft, count(tip_deflection_m), avg(tip_deflection_m) FROM {listed} WHERE status = 'ok' GROUP BY aircraft"
     return duckdb.execute(sql, {"files": files}).fetchall()
 
 
@@ -60,10 +60,10 @@ def _pyarrow(files: list[str]):
     import pyarrow.compute as pc
     import pyarrow.dataset as ds
 
-    content = ds.dataset(files).to_table(["aircraft", "tip_lift_m"], filter=pc.field("status") == "ok")
-    grouped = content.group_by("aircraft").aggregate([("tip_lift_m", "count"), ("tip_lift_m", "mean")])
+    content = ds.dataset(files).to_table(["aircraft", "tip_deflection_m"], filter=pc.field("status") == "ok")
+    grouped = content.group_by("aircraft").aggregate([("tip_deflection_m", "count"), ("tip_deflection_m", "mean")])
     return [
-        tuple(row.values()) for row in grouped.select(["aircraft", "tip_lift_m_count", "tip_lift_m_mean"]).to_pylist()
+        tuple(row.values()) for row in grouped.select(["aircraft", "tip_deflection_m_count", "tip_deflection_m_mean"]).to_pylist()
     ]
 
 
@@ -71,10 +71,10 @@ ENGINES = {"pandas": _pandas, "polars": _polars, "duckdb": _duckdb, "pyarrow": _
 
 
 def compare(lake: Lake, solve: str, cache: Path, said=print) -> bool:
-    """Frames and mean lift of each aircraft by each engine; whether they agree."""
+    """Frames and mean deflection of each aircraft by each engine; whether they agree."""
     listed = [str(path) for path in files(lake, "shots", [solve], cache)]
     answers = {}
-    said(f"{'engine':12} {'version':10} {'aircraft':>8} {'frames':>8} {'mean lift, m':>13} {'seconds':>8}")
+    said(f"{'engine':12} {'version':10} {'aircraft':>8} {'frames':>8} {'mean deflection, m':>13} {'seconds':>8}")
     for name, ask in ENGINES.items():
         begun = time.perf_counter()
         rows = {str(a): (int(n), m) for a, n, m in ask(listed)}

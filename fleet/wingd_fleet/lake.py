@@ -7,10 +7,10 @@
     solves/NAME.json                                 what a solve is
     corrections/000001.json                          what was withdrawn or corrected, by whom and why
     copies/...                                       the same again of what has no other source
-    tables/v2/TABLE/solve=S/recorder=R/flight=F/DIGEST.parquet
-    commits/v2/solve=S/recorder=R/flight=F/0001.json which tables are a flight's; the highest number counts
-    failures/v2/solve=S/recorder=R/flight=F/DIGEST.json   why a task gave up
-    snapshots/v2/NUMBER-DIGEST/...                   all that is published, again in few files
+    tables/v3/TABLE/solve=S/recorder=R/flight=F/DIGEST.parquet
+    commits/v3/solve=S/recorder=R/flight=F/0001.json which tables are a flight's; the highest number counts
+    failures/v3/solve=S/recorder=R/flight=F/DIGEST.json   why a task gave up
+    snapshots/v3/NUMBER-DIGEST/...                   all that is published, again in few files
 
 What is published is what commits and corrections say, and nothing else. An object is created where there is none; only
 where its bytes are not the ones that its name or seal tells are they replaced by those.
@@ -31,7 +31,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError, GenericError
 from obstore.store import LocalStore, S3Store
 
 # Of layout and columns: columns may be added to it, never changed or removed.
-VERSION = "v2"
+VERSION = "v3"
 NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}")
 # Repeats of a request after the first one that was answered, and the first pause between them, s.
 REPEATS, PAUSE_S = 5, 0.25

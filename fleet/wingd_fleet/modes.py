@@ -86,20 +86,20 @@ def read(path: Path) -> pa.Table:
 
 
 def points(names: list[str], kind: str) -> dict[str, str]:
-    """Label -> column of the lifts of stations (`lift_s01_m`), or of markers."""
-    station = {name[5:-2] for name in names if re.fullmatch(r"lift_s\d\d_m", name) and f"arc_length{name[4:]}" in names}
-    label = re.compile(r"lift_(.+)_m")
+    """Label -> column of the deflections of stations (`deflection_s01_m`), or of markers."""
+    station = {name[5:-2] for name in names if re.fullmatch(r"deflection_s\d\d_m", name) and f"arc_length{name[4:]}" in names}
+    label = re.compile(r"deflection_(.+)_m")
     all_of = {match[1]: name for name in names if (match := label.fullmatch(name))}
     wanted = station if kind == "stations" else {name for name in all_of if f"u_{name}_px" in names}
     if len(wanted) < 2:
-        raise FleetError(f"the export has no lifts of {kind}; make it with wingd export --table live of this version")
+        raise FleetError(f"the export has no deflections of {kind}; make it with wingd export --table live of this version")
     return {name: all_of[name] for name in sorted(wanted)}
 
 
-def _poles(lifts: np.ndarray, rate_hz: float, lowest_hz: float) -> dict[int, list[Mode]]:
+def _poles(deflections: np.ndarray, rate_hz: float, lowest_hz: float) -> dict[int, list[Mode]]:
     """By order of the model the modes that may be some."""
     rows = max(10, round(2 * rate_hz / lowest_hz))
-    setup = SingleSetup(lifts, rate_hz)
+    setup = SingleSetup(deflections, rate_hz)
     run = SSI(name="live", method="dat", br=rows, ordmin=ORDERS[0], ordmax=ORDERS[-1], step=2)
     setup.add_algorithms(run)
     setup.run_by_name("live")
@@ -166,14 +166,14 @@ def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
     return None
 
 
-def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
-    """The first `count` modes of lifts, m, in rows of equal intervals, the points from the root outwards."""
-    # Differences have the same poles and shapes; in lifts the first mode hides the others, and manoeuvres hide both.
-    lifts = np.diff(lifts[:, lifts.std(axis=0) > 0], 2, axis=0)
-    lifts = lifts - lifts.mean(axis=0)
-    stable = _stable(_poles(lifts, rate_hz, lowest_hz))
-    parts = np.array_split(np.arange(len(lifts)), BLOCKS)
-    without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
+def identify(deflections: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
+    """The first `count` modes of deflections, m, in rows of equal intervals, the points from the root outwards."""
+    # Differences have the same poles and shapes; in deflections the first mode hides the others, and manoeuvres hide both.
+    deflections = np.diff(deflections[:, deflections.std(axis=0) > 0], 2, axis=0)
+    deflections = deflections - deflections.mean(axis=0)
+    stable = _stable(_poles(deflections, rate_hz, lowest_hz))
+    parts = np.array_split(np.arange(len(deflections)), BLOCKS)
+    without = [_poles(np.delete(deflections, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
     told = [mode for order, mode in stable if _measure(mode, order, without)]
     modes: list[Mode] = []
     # Of one mode at several orders the one that is told best; a pole beside it that swings alike is a part of it.
@@ -199,12 +199,12 @@ def _measure(mode: Mode, order: int, without: list[dict[int, list[Mode]]]) -> bo
     return mode.sigma_hz < MOST_SIGMA * mode.hz and unsure < MOST_SIGMA_SHAPE
 
 
-def even(times_s: np.ndarray, lifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, int]]:
-    """Pieces without a gap that cannot be bridged, at equal intervals: times, lifts, rate in Hz, results that were missing."""
+def even(times_s: np.ndarray, deflections: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, int]]:
+    """Pieces without a gap that cannot be bridged, at equal intervals: times, deflections, rate in Hz, results that were missing."""
     order = np.argsort(times_s)
-    times_s, lifts = times_s[order], lifts[order]
+    times_s, deflections = times_s[order], deflections[order]
     step = np.diff(times_s, prepend=-np.inf) > 0
-    times_s, lifts = times_s[step], lifts[step]
+    times_s, deflections = times_s[step], deflections[step]
     if len(times_s) < 2:
         return []
     interval = float(np.median(np.diff(times_s)))
@@ -215,7 +215,7 @@ def even(times_s: np.ndarray, lifts: np.ndarray) -> list[tuple[np.ndarray, np.nd
             continue
         own = times_s[part]
         grid = np.arange(own[0], own[-1], interval)
-        pieces.append((grid, CubicSpline(own, lifts[part])(grid), 1 / interval, max(0, len(grid) - len(part))))
+        pieces.append((grid, CubicSpline(own, deflections[part])(grid), 1 / interval, max(0, len(grid) - len(part))))
     return pieces
 
 
@@ -269,18 +269,18 @@ def _seconds(content: pa.Table) -> np.ndarray:
 
 def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
     columns = points(content.column_names, kind)
-    lifts = np.column_stack([content[name].to_numpy().astype(float) for name in columns.values()])
+    deflections = np.column_stack([content[name].to_numpy().astype(float) for name in columns.values()])
     times = _seconds(content)
     # Points that the table has of another installation are empty here.
-    there = np.isfinite(lifts).any(axis=0)
-    labels, lifts = [label for label, is_there in zip(columns, there) if is_there], lifts[:, there]
-    whole = np.isfinite(times) & np.isfinite(lifts).all(axis=1)
-    moving = [k for k in range(len(labels)) if lifts[whole, k].std() > 0] if whole.any() else []
+    there = np.isfinite(deflections).any(axis=0)
+    labels, deflections = [label for label, is_there in zip(columns, there) if is_there], deflections[:, there]
+    whole = np.isfinite(times) & np.isfinite(deflections).all(axis=1)
+    moving = [k for k in range(len(labels)) if deflections[whole, k].std() > 0] if whole.any() else []
     if len(moving) < 2:
         return []
     chosen = [moving[k] for k in sorted({round(k) for k in np.linspace(0, len(moving) - 1, min(POINTS, len(moving)))})]
     found = []
-    for grid, even_lifts, rate_hz, missing in even(times[whole], lifts[whole][:, chosen]):
+    for grid, even_deflections, rate_hz, missing in even(times[whole], deflections[whole][:, chosen]):
         windows = max(1, int((grid[-1] - grid[0] + 0.5) // seconds))
         for part in np.array_split(np.arange(len(grid)), windows):
             if len(part) < LEAST_SHARE * seconds * rate_hz:
@@ -290,7 +290,7 @@ def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind:
             about = _about(inside, began, ended, rate_hz, missing / len(grid), len(chosen))
             arcs = {labels[k]: _arc(inside, labels[k]) for k in chosen}
             try:
-                modes = identify(even_lifts[part], rate_hz, lowest_hz, count)
+                modes = identify(even_deflections[part], rate_hz, lowest_hz, count)
             except np.linalg.LinAlgError as error:
                 raise FleetError(f"{about['began']}: {error}; take a higher --lowest-hz or longer --seconds") from None
             for number, mode in enumerate(modes, 1):

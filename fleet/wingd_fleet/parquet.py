@@ -103,9 +103,9 @@ def live(export: Path, solve: str) -> dict[str, Path]:
 
 
 def live_rows(content: pa.Table) -> dict[str, pa.Table]:
-    """The three tables of so many results. Stations have round names and their arc length beside them (`lift_s01_m`,
-    `arc_length_s01_m`), in exports of programs before schema_version 2 their arc length as a name (`lift_31.5_m`)."""
-    # Torsion pairs are named as fleets have them since v2 began.
+    """The three tables of so many results. Stations have round names and their arc length beside them (`deflection_s01_m`,
+    `arc_length_s01_m`), in exports of programs before schema_version 2 their arc length as a name (`deflection_31.5_m`)."""
+    # Torsion pairs are named as fleets have them since v3 began.
     pair = re.compile(r"torsion_(.+)_((?:sigma_)?(?:angle|twist))_deg")
     content = content.rename_columns([pair.sub(r"\2_\1_deg", name) for name in content.column_names])
     names = content.column_names
@@ -121,7 +121,7 @@ def live_rows(content: pa.Table) -> dict[str, pa.Table]:
 
 
 def _part(name: str, labels: list[str]) -> tuple[str, str] | None:
-    """`sigma_lift_M01_m` -> (`sigma_lift_m`, `M01`)."""
+    """`sigma_deflection_M01_m` -> (`sigma_deflection_m`, `M01`)."""
     for label in labels:
         match = re.fullmatch(rf"(.+)_{re.escape(label)}((?:_[a-z]+)?)", name)
         if match:

@@ -27,7 +27,7 @@ def write(desk: Desk, output: Path, solve: str | None = None, against: str | Non
     if solve not in desk.solves or (against and against not in desk.solves):
         raise FleetError(f"solve {solve} or {against} is not among: {', '.join(desk.solves)}")
     against = against or next((one for one in desk.solves if one != solve), None)
-    parts = [_head(desk, solve, made), _lift(desk, solve), _mount(desk, solve), _detection(desk, solve)]
+    parts = [_head(desk, solve, made), _deflection(desk, solve), _mount(desk, solve), _detection(desk, solve)]
     parts += [_live(desk, solve), _failing(desk, solve), _compared(desk, against, solve)]
     style = Path(__file__).with_name("report.css").read_text()
     title = f"Wings of a fleet: {solve}"
@@ -36,7 +36,7 @@ def write(desk: Desk, output: Path, solve: str | None = None, against: str | Non
         f"<title>{html.escape(title)}</title><style>{style}</style></head><body><main>{''.join(parts)}"
         f"<footer>Written by wingd-fleet {__version__}. Lengths in metres or millimetres, angles in milliradians, image "
         f"coordinates in pixels; sigma is one standard deviation. Each table is a view: wingd-fleet query --lake LAKE "
-        f"&quot;FROM lift_by_aircraft&quot;.</footer></main></body></html>\n"
+        f"&quot;FROM deflection_by_aircraft&quot;.</footer></main></body></html>\n"
     )
 
 
@@ -99,22 +99,22 @@ def _head(desk: Desk, solve: str, made: bool) -> str:
     )
 
 
-def _lift(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM lift_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft, wing", [solve])
+def _deflection(desk: Desk, solve: str) -> str:
+    rows = desk.rows("FROM deflection_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft, wing", [solve])
     columns = [
         ("aircraft", "aircraft", None, 1),
         ("wing", "wing", None, 1),
         ("aircraft_type", "type", None, 1),
         ("flights", "flights", 0, 1),
         ("frames", "frames", 0, 1),
-        ("lift_m", "mean lift of the tip, m", 3, 1),
+        ("deflection_m", "mean deflection of the tip, m", 3, 1),
         ("sigma_mean_m", "its sigma by the flights' scatter, mm", 1, 1000),
         ("least_m", "least, m", 3, 1),
         ("most_m", "most, m", 3, 1),
         ("sigma_frame_m", "sigma of a frame, mm", 1, 1000),
     ]
     text = _load(desk, solve) if desk.has_load else _without_load(desk, solve)
-    return f"<h2>Lift</h2>{text}<h3>By aircraft</h3>{table(rows, columns)}"
+    return f"<h2>Deflection</h2>{text}<h3>By aircraft</h3>{table(rows, columns)}"
 
 
 def _worst(desk: Desk, solve: str, sql: str) -> list[tuple[str, str]]:
@@ -129,7 +129,7 @@ def _name(row) -> str:
 
 
 _OF_LEVEL = (
-    "SELECT aircraft, wing FROM (SELECT *, abs(lift_m - median(lift_m) OVER ()) AS off FROM lift_by_aircraft WHERE solve = ?) "
+    "SELECT aircraft, wing FROM (SELECT *, abs(deflection_m - median(deflection_m) OVER ()) AS off FROM deflection_by_aircraft WHERE solve = ?) "
     "ORDER BY off DESC, aircraft, wing"
 )
 _OF_TYPE = "SELECT aircraft, wing FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing"
@@ -143,23 +143,23 @@ def _without_load(desk: Desk, solve: str) -> str:
     series = []
     for aircraft, wing in _worst(desk, solve, _OF_LEVEL):
         rows = desk.rows(
-            "SELECT epoch(utc - min(utc) OVER (PARTITION BY recorder_id, flight)) / 3600 AS x, tip_lift_m AS y, "
-            "tip_sigma_lift_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND wing = ? AND status = 'ok' "
-            "AND tip_lift_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 400",
+            "SELECT epoch(utc - min(utc) OVER (PARTITION BY recorder_id, flight)) / 3600 AS x, tip_deflection_m AS y, "
+            "tip_sigma_deflection_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND wing = ? AND status = 'ok' "
+            "AND tip_deflection_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 400",
             [solve, aircraft, wing],
         )
         series.append(Series(_name((aircraft, wing)), [(r["x"], r["y"], r["s"]) for r in rows]))
     return (
-        '<p class="warning">The results have no weight and load factor (weight_kg and load_factor): a lift cannot be held '
-        "against its load, nor one aircraft against another. Below, lift over the hours of each flight. Record aircraft data, "
+        '<p class="warning">The results have no weight and load factor (weight_kg and load_factor): a deflection cannot be held '
+        "against its load, nor one aircraft against another. Below, deflection over the hours of each flight. Record aircraft data, "
         "and solve the flights again.</p>"
         + chart(
             series,
             "hours since the flight's first frame",
-            "lift of the tip, m",
-            "Lift over the hours of a flight, by wing",
+            "deflection of the tip, m",
+            "Deflection over the hours of a flight, by wing",
         )
-        + _caption("Bars: one standard deviation of a frame.", series, "whose mean lift is farthest from the usual")
+        + _caption("Bars: one standard deviation of a frame.", series, "whose mean deflection is farthest from the usual")
     )
 
 
@@ -180,8 +180,8 @@ def _load(desk: Desk, solve: str) -> str:
             series.append(Series(f"all {kind}", ends, line=True))
         slope = _number(line["slope_m_per_t"] and 1000 * line["slope_m_per_t"], 2)
         parts.append(
-            f"<h3>{html.escape(kind)}: lift against weight times load factor</h3>"
-            + chart(series, "weight times load factor, t", "lift of the tip, m", f"Lift against load, {kind}, by wing")
+            f"<h3>{html.escape(kind)}: deflection against weight times load factor</h3>"
+            + chart(series, "weight times load factor, t", "deflection of the tip, m", f"Deflection against load, {kind}, by wing")
             + _caption(
                 f"Means of {BINS} classes of load; bars: standard deviation of the class's frames about the line's slope. Line of all frames of "
                 f"the type: {slope} mm a tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
@@ -226,17 +226,17 @@ def _beside(line: dict, series: list[Series]) -> str:
         for one in series
         if not one.line
     ]
-    what = f"Lift beside the line of {line['aircraft_type']}, by wing"
-    return chart(off, "weight times load factor, t", "lift beside the line, mm", what)
+    what = f"Deflection beside the line of {line['aircraft_type']}, by wing"
+    return chart(off, "weight times load factor, t", "deflection beside the line, mm", what)
 
 
 def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
     rows = desk.rows(
-        "WITH f AS (SELECT aircraft, wing, load_t, tip_lift_m, tip_sigma_lift_m FROM frames WHERE solve = ? AND status = 'ok' AND "
-        "coalesce(aircraft_type, 'unknown') = ? AND load_t IS NOT NULL AND tip_lift_m IS NOT NULL), "
+        "WITH f AS (SELECT aircraft, wing, load_t, tip_deflection_m, tip_sigma_deflection_m FROM frames WHERE solve = ? AND status = 'ok' AND "
+        "coalesce(aircraft_type, 'unknown') = ? AND load_t IS NOT NULL AND tip_deflection_m IS NOT NULL), "
         "edges AS (SELECT min(load_t) AS low, (max(load_t) - min(load_t)) / ? AS step FROM f) "
-        "SELECT aircraft, wing, avg(load_t) AS x, avg(tip_lift_m) AS y, "
-        "coalesce(stddev_samp(tip_lift_m - ? * load_t), avg(tip_sigma_lift_m)) AS s FROM f, edges "
+        "SELECT aircraft, wing, avg(load_t) AS x, avg(tip_deflection_m) AS y, "
+        "coalesce(stddev_samp(tip_deflection_m - ? * load_t), avg(tip_sigma_deflection_m)) AS s FROM f, edges "
         "GROUP BY aircraft, wing, least(floor((load_t - low) / nullif(step, 0)), ? - 1) ORDER BY aircraft, wing, x",
         [solve, kind, BINS, slope, BINS],
     )
@@ -355,7 +355,7 @@ def _live(desk: Desk, solve: str) -> str:
         ("results", "results", 0, 1),
         ("rate_hz", "a second", 2, 1),
         ("solved_share", "solved, %", 1, 100),
-        ("lift_m", "mean lift of the tip, m", 3, 1),
+        ("deflection_m", "mean deflection of the tip, m", 3, 1),
         ("scatter_m", "its scatter, mm", 1, 1000),
         ("sigma_m", "sigma of a result, mm", 1, 1000),
     ]
@@ -382,7 +382,7 @@ def _compared(desk: Desk, one: str | None, other: str) -> str:
     ]
     drawn = [(row["aircraft"], row["wing"]) for row in rows[:DRAWN]]
     points = desk.rows(
-        "SELECT aircraft, wing, lift_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "
+        "SELECT aircraft, wing, deflection_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "
         "WHERE difference_m IS NOT NULL AND list_contains(?, aircraft || ' ' || wing) "
         "ORDER BY hash(recorder_id, flight, series, shot) LIMIT 1500",
         [one, other, list(map(_name, drawn))],
@@ -391,7 +391,7 @@ def _compared(desk: Desk, one: str | None, other: str) -> str:
         Series(_name(a), [(r["x"], r["y"], r["s"]) for r in points if _name(r) == _name(a)]) for a in sorted(drawn)
     ]
     figure = chart(
-        series, f"lift in {one}, m", f"{other} minus {one}, mm", f"Difference of lift between {one} and {other}"
+        series, f"deflection in {one}, m", f"{other} minus {one}, mm", f"Difference of deflection between {one} and {other}"
     )
-    caption = "Lift of the tip frame by frame; bars: the larger of the two standard deviations. 1,500 frames at most are drawn."
+    caption = "Deflection of the tip frame by frame; bars: the larger of the two standard deviations. 1,500 frames at most are drawn."
     return f"<h2>Two solves: {html.escape(other)} against {html.escape(one)}</h2>{figure}{_caption(caption, series, 'that differ most')}{table(rows, columns)}"

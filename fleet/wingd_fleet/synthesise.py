@@ -1,6 +1,6 @@
 """Synthetic flights, made from the tables of real ones: to see how questions grow with the number of flights.
 
-A synthetic flight is a real one's table with other identities, another day, and lifts that follow an invented weight and
+A synthetic flight is a real one's table with other identities, another day, and deflections that follow an invented weight and
 load factor. Nothing in it was measured. The lake says so: in `synthetic.json`, in its aircraft's names and the report.
 """
 
@@ -23,7 +23,7 @@ SEED = 20261125
 AIRCRAFT, TYPES = 40, ("SYN-A", "SYN-B")
 # Weights, t, at take-off, and what of it a flight burns.
 WEIGHTS_T, BURNT = (58.0, 78.0), 0.2
-# Lift of the tip, m per t and load factor, by type; how aircraft differ, m; turbulence in load factor.
+# Deflection of the tip, m per t and load factor, by type; how aircraft differ, m; turbulence in load factor.
 SLOPES_M_PER_T, AIRCRAFT_SIGMA_M, GUST_SIGMA = (0.030, 0.026), 0.015, 0.04
 # Copies of the template's series: a long flight has more.
 SERIES = 5
@@ -86,17 +86,17 @@ def _flight(target: Lake, tables: dict[str, pa.Table], number: int, definitions:
 
 
 def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
-    """What happens in a flight: frame by frame its weight, load factor, lift beyond the template's."""
+    """What happens in a flight: frame by frame its weight, load factor, deflection beyond the template's."""
     frames = len(shots) * SERIES
     weight = random.uniform(*WEIGHTS_T) * (1 - BURNT * np.linspace(0, 1, frames))
     factor = 1 + GUST_SIGMA * random.standard_normal(frames)
     own = np.random.default_rng([SEED, 1, craft]).standard_normal() * AIRCRAFT_SIGMA_M
     slope = SLOPES_M_PER_T[craft % 2]
-    lift = own + slope * (weight * factor - WEIGHTS_T[0])
+    deflection = own + slope * (weight * factor - WEIGHTS_T[0])
     return {
         "weight": weight,
         "factor": factor,
-        "lift": lift,
+        "deflection": deflection,
         "frames": frames,
         "days": number // AIRCRAFT,
         "dark": number % DARK_EVERY == DARK_EVERY - 1,
@@ -150,11 +150,11 @@ def _series(content: pa.Table, frame: np.ndarray, k: int, story: dict, shift: fl
     content = _put(content, "result_id", pa.array(key, pa.string()))
     hours = pa.scalar(int((story["days"] * 24 + k * 1.5) * 3.6e9), pa.duration("us"))
     content = _put(content, "utc", pc.add(content["utc"], hours).cast(content["utc"].type))
-    # Half of the template's own lift, so that its course shows and the load leads.
-    for column in ("tip_lift_m", "lift_m"):
+    # Half of the template's own deflection, so that its course shows and the load leads.
+    for column in ("tip_deflection_m", "deflection_m"):
         if column in content.column_names:
-            lift = pa.array(story["lift"][place] + shift + (SHIFT_SIGMA_M if shift else 0) * story["noise"][place])
-            content = _put(content, column, pc.add(pc.multiply(content[column], 0.05), lift))
+            deflection = pa.array(story["deflection"][place] + shift + (SHIFT_SIGMA_M if shift else 0) * story["noise"][place])
+            content = _put(content, column, pc.add(pc.multiply(content[column], 0.05), deflection))
     content = _put(content, "weight_kg", pa.array(1000 * story["weight"][place]))
     return _put(content, "load_factor", pa.array(story["factor"][place]))
 
@@ -166,7 +166,7 @@ def _darkened(content: pa.Table) -> pa.Table:
     content = _put(
         content, "reason", pa.array(["synthetic: no marker was found, the picture is dark"] * rows, pa.string())
     )
-    for name in ("tip_lift_m", "tip_sigma_lift_m", "lift_m", "value"):
+    for name in ("tip_deflection_m", "tip_sigma_deflection_m", "deflection_m", "value"):
         if name in content.column_names:
             content = _put(content, name, pa.nulls(rows, content[name].type))
     return content

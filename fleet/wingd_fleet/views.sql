@@ -1,32 +1,32 @@
--- What the report asks, as views that anybody may ask too: wingd-fleet query --lake LAKE "SELECT ... FROM lift_by_aircraft".
+-- What the report asks, as views that anybody may ask too: wingd-fleet query --lake LAKE "SELECT ... FROM deflection_by_aircraft".
 -- shots, markers, parameters, span, live, live_markers, live_span are the tables of all chosen solves; `frames` is shots with what
 -- most questions need. More views stand in mount.sql, detection.sql and live.sql. A wing is an aircraft's left or right one; where it
 -- is not said, each recorder's is one of its own.
 
 -- A flight's own mean and scatter about its line against the load (weight times load factor), or about its mean.
-CREATE VIEW lift_by_flight AS
+CREATE VIEW deflection_by_flight AS
 SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
-       min(utc) AS began, count(*) AS frames, avg(tip_lift_m) AS lift_m, min(tip_lift_m) AS least_m, max(tip_lift_m) AS most_m,
-       sqrt(avg(tip_sigma_lift_m ** 2)) AS sigma_m,
+       min(utc) AS began, count(*) AS frames, avg(tip_deflection_m) AS deflection_m, min(tip_deflection_m) AS least_m, max(tip_deflection_m) AS most_m,
+       sqrt(avg(tip_sigma_deflection_m ** 2)) AS sigma_m,
        avg(weight_kg) AS weight_kg, avg(load_factor) AS load_factor, avg(load_t) AS load_t
-FROM frames WHERE status = 'ok' AND tip_lift_m IS NOT NULL
+FROM frames WHERE status = 'ok' AND tip_deflection_m IS NOT NULL
 GROUP BY ALL;
 
-CREATE VIEW lift_by_aircraft AS
+CREATE VIEW deflection_by_aircraft AS
 SELECT solve, aircraft, wing, any_value(aircraft_type) AS aircraft_type, count(*) AS flights, sum(frames) AS frames,
-       avg(lift_m) AS lift_m, stddev_samp(lift_m) / sqrt(count(*)) AS sigma_mean_m,
+       avg(deflection_m) AS deflection_m, stddev_samp(deflection_m) / sqrt(count(*)) AS sigma_mean_m,
        min(least_m) AS least_m, max(most_m) AS most_m, sqrt(avg(sigma_m ** 2)) AS sigma_frame_m
-FROM lift_by_flight GROUP BY solve, aircraft, wing;
+FROM deflection_by_flight GROUP BY solve, aircraft, wing;
 
--- Lift = a + b load, by type: the line that an aircraft is held against; none where all loads are one.
+-- Deflection = a + b load, by type: the line that an aircraft is held against; none where all loads are one.
 CREATE VIEW line_of_type AS
 SELECT solve, coalesce(aircraft_type, 'unknown') AS aircraft_type, count(*) AS frames,
-       CASE WHEN min(load_t) < max(load_t) THEN regr_slope(tip_lift_m, load_t) END AS slope_m_per_t,
-       CASE WHEN min(load_t) < max(load_t) THEN regr_intercept(tip_lift_m, load_t) END AS intercept_m,
+       CASE WHEN min(load_t) < max(load_t) THEN regr_slope(tip_deflection_m, load_t) END AS slope_m_per_t,
+       CASE WHEN min(load_t) < max(load_t) THEN regr_intercept(tip_deflection_m, load_t) END AS intercept_m,
        CASE WHEN min(load_t) < max(load_t)
-            THEN sqrt(regr_syy(tip_lift_m, load_t) * (1 - regr_r2(tip_lift_m, load_t)) / nullif(count(*) - 2, 0)) END AS scatter_m,
+            THEN sqrt(regr_syy(tip_deflection_m, load_t) * (1 - regr_r2(tip_deflection_m, load_t)) / nullif(count(*) - 2, 0)) END AS scatter_m,
        min(load_t) AS least_t, max(load_t) AS most_t
-FROM frames WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
+FROM frames WHERE status = 'ok' AND tip_deflection_m IS NOT NULL AND load_t IS NOT NULL
 GROUP BY ALL;
 
 -- How far an aircraft lies from its type's line. Frames of a flight share a mounting: flights are what is counted. An
@@ -35,10 +35,10 @@ GROUP BY ALL;
 CREATE VIEW aircraft_against_type AS
 WITH residuals AS (
     SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
-           avg(tip_lift_m - intercept_m - slope_m_per_t * load_t) AS residual_m, avg(tip_sigma_lift_m) AS sigma_m
+           avg(tip_deflection_m - intercept_m - slope_m_per_t * load_t) AS residual_m, avg(tip_sigma_deflection_m) AS sigma_m
     FROM (SELECT * REPLACE (coalesce(aircraft_type, 'unknown') AS aircraft_type) FROM frames)
     JOIN line_of_type USING (solve, aircraft_type)
-    WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
+    WHERE status = 'ok' AND tip_deflection_m IS NOT NULL AND load_t IS NOT NULL
     GROUP BY ALL)
 SELECT *, mean_m / sqrt(coalesce(scatter_m, 0) ** 2 + common_m ** 2) AS over_sigma
 FROM (SELECT solve, aircraft, aircraft_type, wing, count(*) AS flights, avg(residual_m) AS mean_m,
@@ -60,8 +60,8 @@ FROM frames GROUP BY ALL HAVING count(*) FILTER (status = 'ok') < count(*);
 -- the larger one.
 CREATE MACRO compared(one, other) AS TABLE
 SELECT a.aircraft, a.wing, recorder_id, flight, series, shot, a.status AS status_one, b.status AS status_other,
-       b.tip_lift_m - a.tip_lift_m AS difference_m, greatest(a.tip_sigma_lift_m, b.tip_sigma_lift_m) AS sigma_m,
-       a.tip_lift_m AS lift_one_m, b.tip_lift_m AS lift_other_m
+       b.tip_deflection_m - a.tip_deflection_m AS difference_m, greatest(a.tip_sigma_deflection_m, b.tip_sigma_deflection_m) AS sigma_m,
+       a.tip_deflection_m AS deflection_one_m, b.tip_deflection_m AS deflection_other_m
 FROM (FROM frames WHERE solve = one) a JOIN (FROM frames WHERE solve = other) b
     USING (recorder_id, flight, series, shot);
 

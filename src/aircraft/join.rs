@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::between;
+use super::interpolate;
 use super::layout::{Layout, Sample};
 use super::tags::Judge;
 use super::times::seconds;
@@ -169,7 +169,7 @@ impl Source {
         let value_of = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
         let before = self.samples.get(..place)?.iter().rev().filter_map(value_of);
         let after = self.samples.get(place..)?.iter().filter_map(value_of);
-        let told = between::at(quantity, time_s, before, after)?;
+        let told = interpolate::at(quantity, time_s, before, after)?;
         let sigma = quantity.sigma(told.value).hypot(told.rate * sigma_s).hypot(told.sigma);
         Some(Joined { value: told.value, sigma, apart_s: told.apart_s, source: self.number })
     }

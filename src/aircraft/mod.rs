@@ -12,7 +12,7 @@
 //! | `air` | state | air on both sides of the window, the wing's temperature |
 
 mod air;
-mod between;
+mod interpolate;
 mod iwg1;
 mod join;
 mod layout;

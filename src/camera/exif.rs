@@ -30,7 +30,7 @@ const SETTINGS: [(&str, Tag); 8] = [
 ];
 
 /// Digits of a second's parts that count: nanoseconds.
-const MOST_DIGITS: usize = 9;
+const MAX_TIME_DIGITS: usize = 9;
 
 fn read(bytes: &[u8]) -> Option<Exif> {
     Reader::new().read_from_container(&mut std::io::Cursor::new(bytes)).ok()
@@ -55,8 +55,8 @@ pub fn taken(bytes: &[u8]) -> Option<DateTime> {
 pub fn all(bytes: &[u8]) -> Taken {
     let Some(exif) = read(bytes) else { return Taken::default() };
     let parts = ascii(&exif, Tag::SubSecTimeOriginal).filter(|t| t.bytes().all(|b| b.is_ascii_digit()));
-    let parts = parts.filter(|t| !t.is_empty()).map(|t| &t[..t.len().min(MOST_DIGITS)]);
-    let nanoseconds = parts.and_then(|t| format!("{t:0<MOST_DIGITS$}").parse().ok());
+    let parts = parts.filter(|t| !t.is_empty()).map(|t| &t[..t.len().min(MAX_TIME_DIGITS)]);
+    let nanoseconds = parts.and_then(|t| format!("{t:0<MAX_TIME_DIGITS$}").parse().ok());
     let local = original(&exif).map(|whole| {
         let finer = nanoseconds.and_then(|n| whole.with().subsec_nanosecond(n).build().ok());
         finer.unwrap_or(whole)

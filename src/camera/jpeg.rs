@@ -2,7 +2,7 @@
 
 /// What a JPEG file lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unwhole {
+pub enum JpegError {
     /// It does not begin as one; its bytes.
     #[error("not a JPEG file: {0} bytes without its first marker")]
     Foreign(usize),
@@ -22,13 +22,13 @@ pub enum Unwhole {
 ///
 /// # Errors
 /// Where it is not whole.
-pub fn whole(bytes: &[u8]) -> Result<(), Unwhole> {
+pub fn whole(bytes: &[u8]) -> Result<(), JpegError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     let bytes = &bytes[zeros..];
     if !bytes.starts_with(&[0xFF, 0xD8]) {
-        return Err(Unwhole::Foreign(bytes.len()));
+        return Err(JpegError::Foreign(bytes.len()));
     }
-    let cut = || Unwhole::Cut(bytes.len());
+    let cut = || JpegError::Cut(bytes.len());
     let mut at = 2;
     let mut scans = 0;
     loop {
@@ -36,14 +36,14 @@ pub fn whole(bytes: &[u8]) -> Result<(), Unwhole> {
             match (bytes.get(at), bytes.get(at + 1)) {
                 (Some(0xFF), Some(0xFF)) => at += 1,
                 (Some(0xFF), Some(marker)) => break *marker,
-                (Some(_), _) => return Err(Unwhole::Damaged(at)),
+                (Some(_), _) => return Err(JpegError::Damaged(at)),
                 _ => return Err(cut()),
             }
         };
         at += 2;
         match marker {
             0xD9 if scans > 0 => return Ok(()),
-            0xD9 => return Err(Unwhole::Empty),
+            0xD9 => return Err(JpegError::Empty),
             0x01 | 0xD0..=0xD7 => continue,
             _ => {}
         }

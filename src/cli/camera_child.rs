@@ -6,5 +6,5 @@ use crate::cli::{Done, Failure};
 pub fn run() -> Result<Done, Failure> {
     crate::camera::gphoto::child::serve()
         .map(|()| Done::All)
-        .map_err(|error| Failure::Undone(format!("camera process: {error}")))
+        .map_err(|error| Failure::Failed(format!("camera process: {error}")))
 }

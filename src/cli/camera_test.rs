@@ -35,7 +35,7 @@ pub struct Args {
 
 /// One line of JSON on standard output for each shot.
 pub fn run(args: &Args) -> Result<Done, Failure> {
-    let camera = config::load_camera(&super::places::configuration(args.config.as_deref())?)?;
+    let camera = config::load_camera(&super::default_paths::configuration(args.config.as_deref())?)?;
     let mut bench = Bench {
         camera: camera.factory(Arc::new(System::new()), Duration::ZERO)(),
         args,

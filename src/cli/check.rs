@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Done, Failure, frames, places, print};
+use super::{Done, Failure, default_paths, frames, print};
 use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
@@ -63,10 +63,10 @@ fn asked(args: &Args) -> Result<(Option<PathBuf>, Option<PathBuf>), Failure> {
     if args.config.is_some() || args.installation.is_some() {
         return Ok((args.config.clone(), args.installation.clone()));
     }
-    match (places::configuration_here(), places::installation_here()) {
+    match (default_paths::configuration_here(), default_paths::installation_here()) {
         (Some(file), _) => Ok((Some(file), None)),
         (None, Some(directory)) => Ok((None, Some(directory))),
-        (None, None) => places::configuration(None).map(|file| (Some(file), None)),
+        (None, None) => default_paths::configuration(None).map(|file| (Some(file), None)),
     }
 }
 
@@ -74,11 +74,11 @@ fn asked(args: &Args) -> Result<(Option<PathBuf>, Option<PathBuf>), Failure> {
 fn as_json(said: &[Found], faults: &[Fault]) -> Result<Done, Failure> {
     let found: serde_json::Map<_, _> =
         said.iter().map(|(what, how)| ((*what).to_owned(), how.as_str().into())).collect();
-    let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "mend": f.mend});
+    let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "mend": f.remedy});
     let faults: Vec<_> = faults.iter().map(fault).collect();
     let ok = faults.is_empty();
     print(&json!({"ok": ok, "found": found, "faults": faults}).to_string())?;
-    if ok { Ok(Done::All) } else { Err(Failure::Said) }
+    if ok { Ok(Done::All) } else { Err(Failure::AlreadyReported) }
 }
 
 /// What the rules of the cabin ask: transmitters, heat, supply, how long a stop takes. No fault: the operator decides.
@@ -173,9 +173,7 @@ impl Findings {
                 self.said.extend(open_points(&installation.setup));
                 super::say_doubts(&installation);
                 let learnt = installation.learnt.as_ref();
-                self.said.extend(
-                    learnt.map(|learnt| ("learnt", format!("with what {} taught", learnt.counted()))),
-                );
+                self.said.extend(learnt.map(|learnt| ("flight_prior", format!("from {}", learnt.counted()))));
                 match installation.require_orientation() {
                     Ok(_) => self.said.push(("orientation", "there".into())),
                     Err(fault) if flies => self.faults.push(fault),

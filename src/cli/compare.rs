@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     }
     if compared == 0 {
         let store = args.store.display();
-        return Err(Failure::Undone(format!(
+        return Err(Failure::Failed(format!(
             "{store}: no flight has results of two inputs; `wingd solve {store}` adds some, or name another store"
         )));
     }
@@ -86,7 +86,7 @@ fn chosen(sets: &Sets, wanted: Option<&str>, flight: &FlightRef) -> Result<Optio
     if let (None, Some(key)) = (&found, wanted) {
         let known: Vec<String> = sets.sets.iter().map(ResultSet::text).collect();
         let (flight, known) = (&flight.id, known.join(", "));
-        return Err(Failure::Undone(format!("{flight}: no results have the key {key}; there are: {known}")));
+        return Err(Failure::Failed(format!("{flight}: no results have the key {key}; there are: {known}")));
     }
     Ok(found)
 }
@@ -113,8 +113,8 @@ fn table(changes: &[Change]) -> Grid {
     Grid::each(changes).columns(&[
         ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
         ("~<status", &|c| c.status_text()),
-        ("tip lift / m", &|c| fixed(c.tip_lift_m.0, 4)),
-        ("now / m", &|c| fixed(c.tip_lift_m.1, 4)),
+        ("tip deflection / m", &|c| fixed(c.tip_deflection_m.0, 4)),
+        ("now / m", &|c| fixed(c.tip_deflection_m.1, 4)),
         ("change / m", &|c| fixed(c.change_m, 4)),
         ("sigma / m", &|c| fixed(c.sigma_m, 4)),
         ("change / sigma", &|c| fixed(c.change_sigmas, 2)),
@@ -124,7 +124,7 @@ fn table(changes: &[Change]) -> Grid {
 
 fn summary(s: &Summary) -> String {
     format!(
-        "{} frames with a tip lift (against the survey) on both sides: largest change {} m ({} sigma), root mean square {} m; \
+        "{} frames with a tip deflection (against the survey) on both sides: largest change {} m ({} sigma), root mean square {} m; \
          {} solved now and not before, {} before and not now; {} frames on one side only",
         s.both,
         fixed(s.largest_m, 4),

@@ -58,7 +58,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     })?;
     let from = args.from.map(CameraFormat::from);
     let read = installation::read_exchange(&args.input, from, args.camera.as_deref())?;
-    installation::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Undone(e.to_string()))?;
+    installation::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Failed(e.to_string()))?;
     print(&shown(args, &read, to))?;
     Ok(Done::All)
 }

@@ -90,7 +90,7 @@ fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let undone = |error: &dyn std::error::Error| Failure::Undone(format!("{}: {error}", ground.display()));
+    let undone = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
     let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
     let frame = orienting::sight("ground.jpg", &bytes, &installation);

@@ -10,7 +10,7 @@ use super::{Done, Failure, frames, print};
 use crate::installation::Installation;
 use crate::measure::detect::{Detection, Rejected, Source};
 use crate::measure::raster::Raster;
-use crate::pipeline::{Sighting, recording, stages};
+use crate::pipeline::{ProcessedFrame, recording, stages};
 use crate::record::Reason;
 use crate::report::{overlay, table};
 
@@ -44,7 +44,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = args.installation.as_deref().map(super::load_installation).transpose()?;
     if let Some(directory) = &args.overlay {
         std::fs::create_dir_all(directory).map_err(|e| {
-            Failure::Undone(format!("{} cannot be made ({e}); name another", directory.display()))
+            Failure::Failed(format!("{} cannot be made ({e}); name another", directory.display()))
         })?;
     }
     let overlay = args.overlay.as_deref().map(|directory| Overlay { directory, rejected: args.rejected });
@@ -58,11 +58,11 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         // Where only the markers are wanted, only they are sought.
         Ok(bytes) => match &installation {
             Some(installation) if overlay.is_none() && !args.rejected => {
-                stages::sight(name, bytes, None, installation, installation.orientation.as_ref())
+                stages::process_frame(name, bytes, None, installation, installation.orientation.as_ref())
             }
             _ => detect(name, bytes, installation.as_ref(), overlay.as_ref()),
         },
-        Err(reason) => Sighting::failed(name, reason),
+        Err(reason) => ProcessedFrame::failed(name, reason),
     };
     frames::each(&super::pictures::expand(&args.images)?, args.jobs, "detecting", work, |sighting| {
         all_well &= sighting.failure.is_none();
@@ -87,9 +87,9 @@ fn detect(
     bytes: &[u8],
     installation: Option<&Installation>,
     overlay: Option<&Overlay>,
-) -> Sighting {
+) -> ProcessedFrame {
     let (mut sighting, raster) = match installation {
-        Some(known) => stages::sight_whole(name, bytes, None, known, known.orientation.as_ref()),
+        Some(known) => stages::process_full_frame(name, bytes, None, known, known.orientation.as_ref()),
         None => stages::detect_only(name, bytes, None),
     };
     if let (Some(raster), Some(overlay)) = (&raster, overlay) {
@@ -101,7 +101,7 @@ fn detect(
 
 fn draw(
     raster: &Raster,
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     installation: Option<&Installation>,
     Overlay { directory, rejected }: &Overlay,
 ) -> Result<(), Reason> {
@@ -120,7 +120,7 @@ fn draw(
 }
 
 /// Per detection: the survey's id.
-fn ids(sighting: &Sighting, installation: Option<&Installation>) -> Vec<Option<String>> {
+fn ids(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Option<String>> {
     let id = |k: usize| -> Option<String> {
         let marker = *sighting.identities.as_ref()?.marker_of.get(k)?;
         Some(installation?.setup.markers.get(marker?)?.id.clone())
@@ -129,19 +129,19 @@ fn ids(sighting: &Sighting, installation: Option<&Installation>) -> Vec<Option<S
 }
 
 /// The detections to list: with identities only those that are known, false ones cost nothing.
-fn named(sighting: &Sighting, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
+fn named(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
     let all = ids(sighting, installation).into_iter().zip(sighting.detections.markers.iter().cloned());
     all.filter(|(id, _)| id.is_some() || sighting.identities.is_none()).collect()
 }
 
-fn text(sighting: &Sighting, installation: Option<&Installation>, wide: bool) -> String {
+fn text(sighting: &ProcessedFrame, installation: Option<&Installation>, wide: bool) -> String {
     match &sighting.failure {
         Some(reason) => format!("{}: failed: {reason}\n", sighting.image),
         None => table::detections(&sighting.image, &sighting.detections, &ids(sighting, installation), wide),
     }
 }
 
-fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_rejected: bool) -> Value {
+fn json_line(sighting: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
     let mut line = Map::new();
     line.insert("image".into(), sighting.image.clone().into());
     line.insert("status".into(), if sighting.failure.is_none() { "ok" } else { "failed" }.into());
@@ -201,7 +201,7 @@ fn rejected(r: &Rejected) -> Value {
     })
 }
 
-fn missing(sighting: &Sighting, installation: Option<&Installation>) -> Vec<Value> {
+fn missing(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
     let missing = sighting.identities.iter().flat_map(|i| &i.missing);
     let id = |k: usize| installation.and_then(|i| i.setup.markers.get(k)).map(|m| m.id.clone());
     missing.map(|(k, reason)| json!({ "id": id(*k), "reason": reason })).collect()

@@ -16,7 +16,7 @@ use crate::record::TorsionRecord;
 use crate::report::export::{self, Common, Table};
 use crate::report::source::{self, Choice};
 use crate::report::{GroundMarker, ReportData, SeriesData, Site, distinct, summary};
-use crate::store::{FlightRef, RealDisk, catalogue, heads, layout};
+use crate::store::{FlightRef, RealDisk, catalogue, layout, result_summary};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FormatName {
@@ -107,7 +107,7 @@ fn common(args: &Args) -> Result<Common, Failure> {
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
         for series in catalogue::series(&RealDisk, &flight)? {
             let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
-            for head in heads::parse(&bytes, &["torsion"]) {
+            for head in result_summary::parse(&bytes, &["torsion"]) {
                 let torsion = head.record.into_values().next().map(serde_json::from_value);
                 let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
                 names = distinct(names.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));

@@ -38,7 +38,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         access::read_token(file).map_err(|(problem, mend)| Fault::new(file, "token", problem, mend))
     });
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
-    let mut client = client.map_err(|e| Failure::Undone(e.to_string()))?;
+    let mut client = client.map_err(|e| Failure::Failed(e.to_string()))?;
     let flights = match &args.flight {
         Some(flight) => vec![flight.clone()],
         None => fetch::flights(&mut client).map_err(|e| undone(args, e))?,
@@ -68,5 +68,5 @@ fn fetch_all(
 }
 
 fn undone(args: &Args, error: fetch::FetchError) -> Failure {
-    Failure::Undone(format!("{}: {error}", args.url))
+    Failure::Failed(format!("{}: {error}", args.url))
 }

@@ -86,7 +86,7 @@ pub fn run<I: Sync, T: Send>(
     let jobs = capped(jobs, inputs.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
     let pool =
-        pool.map_err(|e| Failure::Undone(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
+        pool.map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
     let bar = progress(inputs.len(), what);
     let ended = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
@@ -120,7 +120,7 @@ pub fn run<I: Sync, T: Send>(
             if stopped.load(Ordering::Relaxed) {
                 ended.store(true, Ordering::Relaxed);
                 let n = inputs.len();
-                return Err(Failure::Undone(format!(
+                return Err(Failure::Failed(format!(
                     "stopped: {next} of {n} pictures are done, the rest is not"
                 )));
             }
@@ -245,10 +245,10 @@ mod tests {
             |name, _| number(name),
             |k| {
                 seen.push(k);
-                if k == 12 { Err(Failure::Undone("full".into())) } else { Ok(()) }
+                if k == 12 { Err(Failure::Failed("full".into())) } else { Ok(()) }
             },
         );
-        assert!(matches!(taken, Err(Failure::Undone(_))));
+        assert!(matches!(taken, Err(Failure::Failed(_))));
         assert_eq!(seen, (0..13).collect::<Vec<_>>());
     }
 

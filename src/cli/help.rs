@@ -45,7 +45,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
         "plan",
         &[
             "wingd plan --span 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
-            "wingd plan --installation installation --tip-lift 2.5 --figure plan.svg",
+            "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
         ],
     ),
     (
@@ -101,7 +101,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     (
         "simulate",
         &[
-            "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-lifts 2.4,1.8 --board board.toml",
+            "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-deflections 2.4,1.8 --board board.toml",
         ],
     ),
     ("completions", &["wingd completions bash > wingd.bash"]),

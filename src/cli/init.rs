@@ -53,7 +53,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => "is there already, left as it is",
             Err(error) => {
                 let what = format!("{}: {error}; name a directory that can be written", path.display());
-                return Err(Failure::Undone(what));
+                return Err(Failure::Failed(what));
             }
         };
         print(&format!("{}  {said}", path.display()))?;

@@ -5,21 +5,21 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::{Done, Failure, RIGHTS, frames, places, print, stored, stores, unwritable};
+use super::{Done, Failure, RIGHTS, default_paths, frames, print, stored, stores, unwritable};
 use crate::installation::{self, Installation, LEARNT_FILE, Learnt, Source};
 use crate::measure::adjust::Estimate;
-use crate::measure::adjust::taught::{Lasting, Lesson};
+use crate::measure::adjust::flight_prior::{FlightContribution, InvariantParameter};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
-use crate::pipeline::{self, Job, Sighting};
+use crate::pipeline::{self, Job, ProcessedFrame};
 use crate::record::Reason;
 use crate::report::number::{count, rounded};
 use crate::store::{self, FrameRef, RealDisk, catalogue};
 
-/// Write what flights told together of the wing, the camera and the survey into the installation (learnt.json), for later
+/// Write what flights told together of the wing, the camera and the survey into the installation (flight_prior.json), for later
 /// flights, single frames and live mode.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation; learnt.json is written into it [default: installation/ of this folder]
+    /// The installation; flight_prior.json is written into it [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Learn from this flight of the stores alone, for example f0001 [default: all]
@@ -41,12 +41,12 @@ struct Candidate {
     store: String,
     flight: String,
     frames: Vec<String>,
-    sightings: Vec<Sighting>,
-    lesson: Option<Lesson>,
+    sightings: Vec<ProcessedFrame>,
+    lesson: Option<FlightContribution>,
 }
 
 /// A flight, by store and name, and what became of it.
-struct Told {
+struct FlightOutcome {
     store: String,
     flight: String,
     frames: usize,
@@ -55,7 +55,7 @@ struct Told {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let directory = places::installation(args.installation.as_deref())?;
+    let directory = default_paths::installation(args.installation.as_deref())?;
     let mut installation = super::load_installation(&directory)?;
     installation.require_orientation()?;
     let before = installation.learnt.as_ref().map_or(vec![], |learnt| learnt.sources.clone());
@@ -66,7 +66,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     for _ in 0..ROUNDS {
         learn(&mut candidates, &before, &mut installation, &mut told)?;
     }
-    told.extend(candidates.iter().map(|candidate| candidate.told("learnt", None)));
+    told.extend(candidates.iter().map(|candidate| candidate.told("added", None)));
     let sources: Vec<Source> =
         before.into_iter().chain(candidates.iter().filter_map(Candidate::source)).collect();
     let count = sources.len();
@@ -90,7 +90,7 @@ fn learn(
     candidates: &mut Vec<Candidate>,
     before: &[Source],
     installation: &mut Installation,
-    told: &mut Vec<Told>,
+    told: &mut Vec<FlightOutcome>,
 ) -> Result<(), Failure> {
     let mut k = 0;
     while k < candidates.len() {
@@ -107,7 +107,7 @@ fn learn(
 
 fn together(sources: Vec<Source>, installation: &Installation) -> Result<Learnt, Failure> {
     let file = installation.directory.join(LEARNT_FILE);
-    let undone = |error| Failure::Undone(format!("{}: {error}", file.display()));
+    let undone = |error| Failure::Failed(format!("{}: {error}", file.display()));
     Learnt::of(sources, &installation.setup).map_err(undone)
 }
 
@@ -133,8 +133,8 @@ impl Candidate {
         Ok(())
     }
 
-    fn told(&self, status: &'static str, reason: Option<String>) -> Told {
-        Told {
+    fn told(&self, status: &'static str, reason: Option<String>) -> FlightOutcome {
+        FlightOutcome {
             store: self.store.clone(),
             flight: self.flight.clone(),
             frames: self.frames.len(),
@@ -150,7 +150,7 @@ fn gather(
     root: &Path,
     installation: &Installation,
     before: &[Source],
-    told: &mut Vec<Told>,
+    told: &mut Vec<FlightOutcome>,
     candidates: &mut Vec<Candidate>,
 ) -> Result<(), Failure> {
     let flights = stores::flights(root, args.flight.as_deref())?;
@@ -192,13 +192,13 @@ fn sighted(
     flight: &store::FlightRef,
     list: &[FrameRef],
     installation: &Installation,
-) -> Result<Vec<Sighting>, Failure> {
+) -> Result<Vec<ProcessedFrame>, Failure> {
     let orientation = installation.require_orientation()?;
     let (track, _) = stored::aircraft_data(&RealDisk, root, flight)?;
     let mountings: BTreeMap<_, _> = stored::mountings(&RealDisk, flight)?;
     let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
         let mounting = mountings.get(&frame.entry.sha256).copied();
-        Sighting { mounting, ..stored::sight(frame, bytes, installation, orientation, &track) }
+        ProcessedFrame { mounting, ..stored::sight(frame, bytes, installation, orientation, &track) }
     };
     let one = |frame: &FrameRef| {
         let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::of);
@@ -226,19 +226,24 @@ const NAMES: [(&str, f64, &str, usize); 8] = [
 ];
 
 /// By how much they differ from what is stated.
-fn known(lesson: &Lesson) -> Vec<(&'static str, Estimate)> {
+fn known(lesson: &FlightContribution) -> Vec<(&'static str, Estimate)> {
     let all = || lesson.normals.unknowns.iter().zip(&lesson.known);
     let of = |(name, factor, term, index): (&'static str, f64, &str, usize)| {
-        let is = |(l, _): &(&Lasting, &Estimate)| l.term == term && l.index == index;
+        let is = |(l, _): &(&InvariantParameter, &Estimate)| l.term == term && l.index == index;
         let (_, found) = all().find(is)?;
         Some((name, Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) }))
     };
     NAMES.into_iter().filter_map(of).collect()
 }
 
-fn as_json(file: &Path, told: &[Told], sources: usize, known: &[(&'static str, Estimate)]) -> String {
-    let flight = |t: &Told| {
-        let Told { store, flight, frames, status, reason } = t;
+fn as_json(
+    file: &Path,
+    told: &[FlightOutcome],
+    sources: usize,
+    known: &[(&'static str, Estimate)],
+) -> String {
+    let flight = |t: &FlightOutcome| {
+        let FlightOutcome { store, flight, frames, status, reason } = t;
         json!({"store": store, "flight": flight, "frames": frames, "status": status, "reason": reason})
     };
     let known: serde_json::Map<String, Value> = known
@@ -247,15 +252,15 @@ fn as_json(file: &Path, told: &[Told], sources: usize, known: &[(&'static str, E
         .collect();
     json!({
         "file": file,
-        "taught_by": sources,
+        "flights_in_prior": sources,
         "flights": told.iter().map(flight).collect::<Vec<_>>(),
         "differences": known,
     })
     .to_string()
 }
 
-fn text(file: &Path, told: &[Told], sources: usize, known: &[(&'static str, Estimate)]) -> String {
-    let flight = |t: &Told| {
+fn text(file: &Path, told: &[FlightOutcome], sources: usize, known: &[(&'static str, Estimate)]) -> String {
+    let flight = |t: &FlightOutcome| {
         let why = t.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
         format!(
             "{}  {} frames  {}{why}\n",

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Done, Failure, frames, interrupt, pictures, places, stores};
+use super::{Done, Failure, default_paths, frames, interrupt, pictures, stores};
 use crate::http::access::Access;
 use crate::http::mark::{Kept, Picture, Source, Workplace, serve};
 use crate::http::section::ServeConfig;
@@ -67,18 +67,18 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         _ => of_pictures(args)?,
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    let runtime = runtime.map_err(|e| Failure::Undone(format!("could not start: {e}")))?;
+    let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     runtime.block_on(listen(workplace, access, address))
 }
 
 async fn listen(workplace: Workplace, access: Access, address: SocketAddr) -> Result<Done, Failure> {
     let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
-        Failure::Undone(format!("could not listen on {address}: {e}; choose another --listen"))
+        Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen"))
     })?;
     let bound = listener.local_addr().unwrap_or(address);
     let kept = workplace.kept.words();
     eprintln!("wingd: marks are kept with {kept}; open http://{bound}/ (Ctrl-C ends)");
-    serve(workplace, access, listener, interrupt()).await.map_err(|e| Failure::Undone(e.to_string()))?;
+    serve(workplace, access, listener, interrupt()).await.map_err(|e| Failure::Failed(e.to_string()))?;
     Ok(Done::All)
 }
 
@@ -102,7 +102,7 @@ fn of_store(args: &Args, root: &Path) -> Result<Workplace, Failure> {
             "--observations belongs to pictures: a store keeps its marks itself".into(),
         ));
     }
-    let none = || Failure::Undone(format!("{}: holds no flight yet", root.display()));
+    let none = || Failure::Failed(format!("{}: holds no flight yet", root.display()));
     let flight: FlightRef = stores::flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
@@ -111,7 +111,7 @@ fn of_store(args: &Args, root: &Path) -> Result<Workplace, Failure> {
     let installation = load(args, &directory)?;
     let frames = stores::frames(&RealDisk, &flight, None)?;
     if frames.is_empty() {
-        return Err(Failure::Undone(format!("{}: {} holds no frame", root.display(), flight.id)));
+        return Err(Failure::Failed(format!("{}: {} holds no frame", root.display(), flight.id)));
     }
     let (store, recovery) = stores::open(root)?;
     for remark in &recovery.remarks {
@@ -134,7 +134,7 @@ fn of_pictures(args: &Args) -> Result<Workplace, Failure> {
         return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; name the store")));
     }
     let files = pictures::expand(&args.what)?;
-    let installation = load(args, &places::installation(args.installation.as_deref())?)?;
+    let installation = load(args, &default_paths::installation(args.installation.as_deref())?)?;
     let names = frames::names(&files);
     let beside = || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(OBSERVATIONS);
     let kept = Kept::in_file(args.observations.clone().unwrap_or_else(beside), &installation.setup)?;

@@ -1,7 +1,6 @@
 //! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
-mod by_hand;
 #[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
@@ -11,6 +10,7 @@ mod check;
 mod compare;
 mod convert;
 mod copy;
+mod default_paths;
 mod demo;
 mod detect;
 mod export;
@@ -21,6 +21,7 @@ mod import;
 mod init;
 mod learn;
 mod logging;
+mod manual_observations;
 mod mark;
 mod mount_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
@@ -28,7 +29,6 @@ mod not_built;
 mod orient;
 mod pages;
 mod pictures;
-mod places;
 mod plan;
 mod prune;
 mod report;
@@ -108,7 +108,7 @@ enum Command {
     Mark(mark::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
-    /// What flights tell together of all that lasts: learnt.json
+    /// What flights tell together of all that lasts: flight_prior.json
     Learn(learn::Args),
     /// A flight's figures and tables as one HTML file
     Report(report::Args),
@@ -148,13 +148,13 @@ enum Command {
 #[derive(Debug)]
 pub enum Failure {
     /// Something could not be done; the text says what and how to mend it. Exit status 1.
-    Undone(String),
+    Failed(String),
     /// Wrong usage that the parser cannot see. Exit status 2.
     Usage(String),
     /// Configuration or installation at fault. Exit status 78.
     Faults(Vec<Fault>),
     /// The same, where standard output has said it. Exit status 78.
-    Said,
+    AlreadyReported,
 }
 
 impl From<Vec<Fault>> for Failure {
@@ -171,13 +171,13 @@ impl From<Fault> for Failure {
 
 impl From<StoreError> for Failure {
     fn from(error: StoreError) -> Self {
-        Self::Undone(error.to_string())
+        Self::Failed(error.to_string())
     }
 }
 
 impl From<Reason> for Failure {
     fn from(reason: Reason) -> Self {
-        Self::Undone(reason.to_string())
+        Self::Failed(reason.to_string())
     }
 }
 
@@ -266,7 +266,7 @@ fn joined(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
 
 fn complain(failure: &Failure) -> ExitCode {
     match failure {
-        Failure::Undone(text) => {
+        Failure::Failed(text) => {
             eprintln!("wingd: {text}");
             ExitCode::from(1)
         }
@@ -282,7 +282,7 @@ fn complain(failure: &Failure) -> ExitCode {
             eprintln!("wingd: {} fault{plural} to mend", faults.len());
             ExitCode::from(78)
         }
-        Failure::Said => ExitCode::from(78),
+        Failure::AlreadyReported => ExitCode::from(78),
     }
 }
 
@@ -294,7 +294,7 @@ fn print(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Undone(format!(
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
             "the results cannot be written to standard output ({error}); free space, or send them elsewhere"
         ))),
         _ => Ok(()),
@@ -304,7 +304,7 @@ fn print(text: &str) -> Result<(), Failure> {
 /// A file that could not be written, and what to do about it.
 fn unwritable(file: &Path, mend: &str) -> impl Fn(std::io::Error) -> Failure {
     let (file, mend) = (file.display().to_string(), mend.to_owned());
-    move |error| Failure::Undone(format!("{file} cannot be written ({error}); {mend}"))
+    move |error| Failure::Failed(format!("{file} cannot be written ({error}); {mend}"))
 }
 
 /// What mostly helps there.

@@ -8,8 +8,8 @@ use super::{Done, Failure, frames, print};
 use crate::installation::{self, Installation};
 use crate::measure::identify;
 use crate::measure::mount::{self, Movement, Pair};
-use crate::measure::setup::GroundSight;
-use crate::pipeline::{Sighting, stages};
+use crate::measure::setup::GroundObservation;
+use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 
 /// How far the camera moved between frames of a scene at rest, against what the installation expects
@@ -35,20 +35,21 @@ const EXPECTED: f64 = 3.0;
 /// A frame's markers, and where the survey puts them in the camera.
 struct Frame {
     name: String,
-    sights: Vec<GroundSight>,
+    sights: Vec<GroundObservation>,
     points_m: Vec<Vector3<f64>>,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation =
-        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
+    let installation = installation::load_without_orientation(&super::default_paths::installation(
+        args.installation.as_deref(),
+    )?)?;
     let sightings = frames::map(
         &super::pictures::expand(&args.images)?,
         args.jobs,
         "detecting",
         |name, bytes| match bytes {
-            Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-            Err(reason) => Sighting::failed(name, reason),
+            Ok(bytes) => stages::process_frame(name, bytes, None, &installation, None),
+            Err(reason) => ProcessedFrame::failed(name, reason),
         },
     )?;
     let mut found = sightings.iter().map(|s| frame(&installation, s));
@@ -73,7 +74,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::all(whole))
 }
 
-fn frame(installation: &Installation, sighting: &Sighting) -> Result<Frame, Reason> {
+fn frame(installation: &Installation, sighting: &ProcessedFrame) -> Result<Frame, Reason> {
     if let Some(reason) = &sighting.failure {
         return Err(reason.clone().about(&sighting.image));
     }
@@ -92,7 +93,7 @@ fn frame(installation: &Installation, sighting: &Sighting) -> Result<Frame, Reas
 }
 
 fn compared(installation: &Installation, first: &Frame, other: &Frame) -> Result<Movement, Reason> {
-    let pair = |before: &GroundSight| {
+    let pair = |before: &GroundObservation| {
         let after = other.sights.iter().find(|s| s.marker == before.marker)?;
         Some(Pair {
             point_m: first.points_m[before.marker],

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
-use super::by_hand::ByHand;
+use super::manual_observations::ByHand;
 use super::{Done, Failure, RIGHTS, frames, print, unwritable};
 use crate::installation::{self, Installation};
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
@@ -35,8 +35,9 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation =
-        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
+    let installation = installation::load_without_orientation(&super::default_paths::installation(
+        args.installation.as_deref(),
+    )?)?;
     super::say_doubts(&installation);
     let files = super::pictures::expand(&args.images)?;
     let mut frames = Vec::with_capacity(files.len());
@@ -52,18 +53,18 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Ok(())
     })?;
     if !reasons.is_empty() {
-        return Err(Failure::Undone(reasons.join("\nwingd: ")));
+        return Err(Failure::Failed(reasons.join("\nwingd: ")));
     }
     let (setup, names) = (&installation.setup, names(&frames));
     if let Some(file) = &args.observations {
-        let by_hand = ByHand::read(file, &files, setup)?;
+        let manual = ByHand::read(file, &files, setup)?;
         frames
             .iter_mut()
             .zip(&names)
-            .for_each(|(frame, name)| frame.hear(by_hand.of(name).cloned().collect()));
+            .for_each(|(frame, name)| frame.set_manual_observations(manual.of(name).cloned().collect()));
     }
     let fit = orienting::orient(setup, &mut frames)
-        .map_err(|e| Failure::Undone(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;
+        .map_err(|e| Failure::Failed(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;
     let images: Vec<(String, String)> =
         frames.iter().map(|f| (f.sighting.image.clone(), f.sighting.digest.clone())).collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
@@ -104,8 +105,8 @@ fn bent(fit: &OrientationFit) -> Option<String> {
     let (mm, sigma) = rounded(Some(1e3 * bend.value.abs()), bend.sigma.map(|s| 1e3 * s), 0);
     let way = if bend.value > 0.0 { "higher" } else { "lower" };
     Some(format!(
-        "the wing stood {mm} ± {sigma} mm {way} at its tip than surveyed (fuel, jacks, sun?): lifts against the survey are \
-         off by as much; survey in the state of the ground frames, or state [survey] bend_sigma_m and take the lifts \
+        "the wing stood {mm} ± {sigma} mm {way} at its tip than surveyed (fuel, jacks, sun?): deflections against the survey are \
+         off by as much; survey in the state of the ground frames, or state [survey] bend_sigma_m and take the deflections \
          against the ground frame"
     ))
 }

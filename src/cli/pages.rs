@@ -39,7 +39,7 @@ pub(super) fn man(args: &ManArgs) -> Result<Done, Failure> {
         })
         .map_err(|error| {
             let directory = args.directory.display();
-            Failure::Undone(format!("{directory}: {error}; name a directory that can be written"))
+            Failure::Failed(format!("{directory}: {error}; name a directory that can be written"))
         })?;
     Ok(Done::All)
 }

@@ -106,7 +106,7 @@ pub fn expand(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
         if pictures.is_empty() {
             let what =
                 format!("{}: holds no pictures ({ENDINGS}); name a folder that does", shown_path(argument));
-            return Err(Failure::Undone(what));
+            return Err(Failure::Failed(what));
         }
         all.extend(pictures);
     }
@@ -143,7 +143,7 @@ pub fn holds_any(folder: &Path) -> bool {
 /// Every file in a folder and below, by name; hidden ones and links to folders are left out.
 fn within(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let unreadable = |e: std::io::Error| {
-        Failure::Undone(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
+        Failure::Failed(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
     };
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {

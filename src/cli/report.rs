@@ -17,7 +17,7 @@ pub struct Args {
     /// Which flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
-    /// All flights on one page: the lift over time of each
+    /// All flights on one page: the deflection over time of each
     #[arg(long, conflicts_with_all = ["flight", "inputs", "installation"])]
     all_flights: bool,
     /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
@@ -72,6 +72,6 @@ fn all_flights(args: &Args) -> Result<Done, Failure> {
 fn write(args: &Args, page: &str) -> Result<(), Failure> {
     std::fs::write(&args.output, page).map_err(|e| {
         let file = args.output.display();
-        Failure::Undone(format!("{file}: could not write: {e}; choose another place with --output"))
+        Failure::Failed(format!("{file}: could not write: {e}; choose another place with --output"))
     })
 }

@@ -17,7 +17,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     super::logging::start();
-    let config = config::load(&super::places::configuration(args.config.as_deref())?)?;
+    let config = config::load(&super::default_paths::configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(System::new());
     // A fault of the installation must not keep the frames from being recorded: they are solved later.
     let solver = config.installation.as_deref().and_then(|directory| {

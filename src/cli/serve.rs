@@ -44,13 +44,13 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     super::logging::start_at(LevelFilter::WARN);
     let (address, access) = open(args)?;
-    catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Undone(e.to_string()))?;
+    catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
     let site =
         http::Site { root: args.store.clone(), setup, status: None, live: Some(args.live_socket.clone()) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    let runtime = runtime.map_err(|e| Failure::Undone(format!("could not start: {e}")))?;
+    let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve(site, access, address));
     runtime.shutdown_timeout(LAST_WORK);
     done
@@ -84,11 +84,11 @@ fn open(args: &Args) -> Result<(SocketAddr, Access), Failure> {
 
 async fn serve(site: http::Site, access: Access, address: SocketAddr) -> Result<Done, Failure> {
     let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
-        Failure::Undone(format!("could not listen on {address}: {e}; choose another --listen"))
+        Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen"))
     })?;
     let bound = listener.local_addr().unwrap_or(address);
     let scheme = if access.tls().is_some() { "https" } else { "http" };
     eprintln!("wingd: serving {} at {scheme}://{bound}/ (Ctrl-C ends)", site.root.display());
-    http::serve(site, access, listener, interrupt()).await.map_err(|e| Failure::Undone(e.to_string()))?;
+    http::serve(site, access, listener, interrupt()).await.map_err(|e| Failure::Failed(e.to_string()))?;
     Ok(Done::All)
 }

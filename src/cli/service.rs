@@ -26,7 +26,7 @@ pub struct Opened {
 pub fn open_store(config: &Config) -> Result<Opened, Failure> {
     let begin = Instant::now();
     let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
-        .map_err(|error| Failure::Undone(error.to_string()))?;
+        .map_err(|error| Failure::Failed(error.to_string()))?;
     let took_ms = begin.elapsed().as_millis() as u64;
     if let Some(signer) = store.signer() {
         tracing::info!(key = %signer.path().display(), public = signer.public(), "flights are signed");
@@ -108,7 +108,7 @@ pub fn run(
         solver,
         observer,
     };
-    let ended = daemon::run(parts, &board).map_err(|e| Failure::Undone(e.to_string()));
+    let ended = daemon::run(parts, &board).map_err(|e| Failure::Failed(e.to_string()));
     drop(page);
     ended
 }

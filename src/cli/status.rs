@@ -45,7 +45,7 @@ impl SocketArgs {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
             (None, Some(file)) => Ok(config::load(file)?.status.socket),
-            (None, None) => match super::places::configuration_here() {
+            (None, None) => match super::default_paths::configuration_here() {
                 Some(file) => Ok(config::load(&file)?.status.socket),
                 None => Ok(StatusConfig::default().socket),
             },
@@ -56,22 +56,22 @@ impl SocketArgs {
 /// Exit status 1 where the daemon is there and its health is not good.
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
     let value =
-        daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Undone(why.to_string()))?;
+        daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
     if args.json {
         print(&value.to_string())?;
     }
     let status: Status = serde_json::from_value(value)
-        .map_err(|error| Failure::Undone(format!("the daemon is of another version: {error}")))?;
+        .map_err(|error| Failure::Failed(format!("the daemon is of another version: {error}")))?;
     if !args.json {
         print(&text(&status))?;
     }
-    Ok(Done::all(status.health == Health::Good))
+    Ok(Done::all(status.health == Health::Ok))
 }
 
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
     let answer =
-        daemon::ask(&args.socket.path()?, command).map_err(|why| Failure::Undone(why.to_string()))?;
+        daemon::ask(&args.socket.path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
     print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
     Ok(Done::All)
 }
@@ -138,8 +138,8 @@ fn live(live: &LiveStatus) -> Vec<String> {
             ms(live.latency_p95_ms)
         ),
         format!(
-            "live         {} frames, {} results, {} without numbers, {} skipped, {} jolts",
-            live.frames, live.results, live.unsolvable, live.skipped, live.jolts
+            "live         {} frames, {} results, {} without numbers, {} skipped, {} mount disturbances",
+            live.frames, live.results, live.unsolvable, live.skipped, live.mount_disturbances
         ),
         format!(
             "live         {} results stored, {} dropped; {} events, {} raw frames kept, {} lost",

@@ -9,7 +9,7 @@ use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
-use crate::pipeline::{Sighting, stages};
+use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 use crate::report::aircraft;
 use crate::store::manifest::Cause;
@@ -25,17 +25,17 @@ pub(super) fn sight(
     installation: &Installation,
     orientation: &Orientation,
     track: &Track,
-) -> Sighting {
+) -> ProcessedFrame {
     let name = stores::name_of(frame);
     let sighting = match (bytes, Format::of_manifest(&frame.entry.format)) {
         (Ok(bytes), Ok(format)) => {
-            stages::sight(&name, bytes, Some(&format), installation, Some(orientation))
+            stages::process_frame(&name, bytes, Some(&format), installation, Some(orientation))
         }
-        (Err(reason), _) => Sighting::failed(name, reason),
-        (_, Err(unknown)) => Sighting::failed(name, Reason::of(unknown)),
+        (Err(reason), _) => ProcessedFrame::failed(name, reason),
+        (_, Err(unknown)) => ProcessedFrame::failed(name, Reason::of(unknown)),
     };
     let aircraft = track.at(&frame.stamp, frame.exposure.as_ref());
-    Sighting { aircraft, ..sighting }
+    ProcessedFrame { aircraft, ..sighting }
 }
 
 /// The aircraft's data of a flight, and their digest where there are any.

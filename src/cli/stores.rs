@@ -20,7 +20,7 @@ pub(super) fn flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef
     let found: Vec<FlightRef> = all.iter().filter(is_wanted).cloned().collect();
     if found.is_empty() {
         let root = root.display();
-        return Err(Failure::Undone(format!("{root}: there is no flight {wanted}, only: {known}")));
+        return Err(Failure::Failed(format!("{root}: there is no flight {wanted}, only: {known}")));
     }
     Ok(found)
 }
@@ -56,7 +56,7 @@ pub(super) fn installation_of(root: &Path, flight: &FlightRef) -> Result<PathBuf
     let of_results = kept(root, flight)?;
     of_results.map_or_else(|| only_kept(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {
         let (root, flight) = (root.display(), &flight.id);
-        Failure::Undone(format!("{root}: no installation is kept for {flight}; name one with --installation"))
+        Failure::Failed(format!("{root}: no installation is kept for {flight}; name one with --installation"))
     })
 }
 

@@ -90,7 +90,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         } else {
             format!("{store}: no flight has a solved bending line; `wingd solve {store}` gives one")
         };
-        return Err(Failure::Undone(why));
+        return Err(Failure::Failed(why));
     }
     write(args, &table)?;
     Ok(Done::all(whole))
@@ -173,10 +173,10 @@ fn question(
     }
     let orientation = installation.require_orientation()?;
     let length_m = bending_length_m(&installation.setup, orientation);
-    let length_m = length_m.map_err(|error| Failure::Undone(format!("{}: {error}", flight.id)))?;
+    let length_m = length_m.map_err(|error| Failure::Failed(format!("{}: {error}", flight.id)))?;
     if let Some(section) = sections.iter().find(|s| s.s_m > length_m) {
         let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
-        return Err(Failure::Undone(format!("{what} from the bending root; leave it out of the structure")));
+        return Err(Failure::Failed(format!("{what} from the bending root; leave it out of the structure")));
     }
     let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(USUAL_BENDING_HZ);
     let question = Question {
@@ -202,7 +202,7 @@ fn installation_of(
             let kept = digest.map(|digest| installations::folder(&args.store, &digest));
             kept.filter(|folder| folder.is_dir()).ok_or_else(|| {
                 let (store, flight) = (args.store.display(), &flight.id);
-                Failure::Undone(format!(
+                Failure::Failed(format!(
                     "{store}: the installation of {flight} is not kept; name it with --installation"
                 ))
             })?
@@ -270,7 +270,7 @@ fn write(args: &Args, table: &str) -> Result<(), Failure> {
 
 fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
     let file = file.display();
-    Failure::Undone(format!("{file}: could not write: {error}; choose another place with --moments"))
+    Failure::Failed(format!("{file}: could not write: {error}; choose another place with --moments"))
 }
 
 fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {

@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         wing: args.wing.clone(),
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    let runtime = runtime.map_err(|e| Failure::Undone(format!("could not start: {e}")))?;
+    let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let bar = super::copy::bar(0, "upload");
     let progress = |length| bar.inc(length);
     let upload = Upload {

@@ -34,14 +34,14 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !args.store.is_dir() {
         let what = format!("{}: is not a directory; name a store", args.store.display());
-        return Err(Failure::Undone(what));
+        return Err(Failure::Failed(what));
     }
     if args.upgrade {
         upgrade(args)?;
     }
     let key = args.key.as_deref().map(PublicKey::read).transpose();
     let busy = frames::busy("verifying");
-    let report = match key.map_err(|error| Failure::Undone(error.to_string()))? {
+    let report = match key.map_err(|error| Failure::Failed(error.to_string()))? {
         Some(key) => verify_signed(&RealDisk, &args.store, &key),
         None => verify(&RealDisk, &args.store),
     };

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::event::Observer;
-use super::halt::Halt;
+use super::shutdown::Halt;
 use super::status::StatusBoard;
 use crate::clock::Clock;
 use crate::store::Store;

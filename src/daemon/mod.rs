@@ -32,27 +32,26 @@ mod config;
 mod core;
 mod endpoint;
 mod event;
-mod halt;
-mod keep;
-mod lasting;
+mod event_log;
+mod frame_storage;
 pub mod live;
 pub mod machine;
-mod notes;
 pub mod power;
 mod processing;
-mod pulse;
 mod recorder;
 mod run;
 pub mod schedule;
+mod shutdown;
 mod socket;
 mod solver;
 mod status;
+mod tcp_keepalive;
+mod watchdog;
 mod worker;
 
 pub use aircraft::AircraftConfig;
 pub use config::SeriesConfig;
 pub use event::{Event, Observer};
-pub use lasting::keep_alive;
 pub use live::LiveConfig;
 pub use power::PowerConfig;
 pub use run::{DaemonError, Parts, run};
@@ -63,3 +62,4 @@ pub use status::{
     Activity, AircraftStatus, CameraStatus, Counts, Health, LiveStatus, Noted, Recent, Status, StatusBoard,
     StoreStatus, span,
 };
+pub use tcp_keepalive::keep_alive;

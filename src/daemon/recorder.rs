@@ -12,7 +12,7 @@ use super::core::Core;
 use super::live::Feeder;
 use super::schedule::{self, Moment, Next, Progress};
 use super::status::Activity;
-use super::{keep, machine};
+use super::{frame_storage, machine};
 use crate::clock::Stamp;
 use crate::store::manifest::{Cause, Failure, Shot, State};
 use crate::store::{OpenSeries, Plan, StoreError};
@@ -182,7 +182,7 @@ impl Recorder {
             return self.capture.close();
         }
         let plan = Plan { cause, shots: self.config.shots };
-        let mut series = match keep::begin(&self.core, plan) {
+        let mut series = match frame_storage::begin(&self.core, plan) {
             Ok(begun) => begun,
             Err(error) => {
                 self.rest_camera();
@@ -254,12 +254,12 @@ impl Recorder {
             }
             let open = match &mut series {
                 Some(open) => open,
-                none => none.insert(keep::begin(&self.core, LEFT_OVER)?),
+                none => none.insert(frame_storage::begin(&self.core, LEFT_OVER)?),
             };
             let stamp = self.core.clock.stamp();
             let failures = Vec::new();
             let shot = Shot { shot: number, stamp, duration_s: None, exposure: None, frame: None, failures };
-            let entry = keep::add(open, shot.clone(), Some(&frame))?;
+            let entry = frame_storage::add(open, shot.clone(), Some(&frame))?;
             self.core.shot_stored(open.id(), &shot, entry);
             self.capture.release_last();
         }
@@ -292,7 +292,7 @@ impl Recorder {
             if !missed.again || failures.len() > self.config.retries as usize || self.core.halt.wanted() {
                 let duration_s = Some(self.core.clock.stamp().since_boot_s - stamp.since_boot_s);
                 let shot = Shot { shot: number, stamp, duration_s, exposure: None, frame: None, failures };
-                keep::add(series, shot.clone(), None)?;
+                frame_storage::add(series, shot.clone(), None)?;
                 self.core.shot_stored(series.id(), &shot, None);
                 return Ok(());
             }
@@ -323,7 +323,7 @@ impl Recorder {
         failures: Vec<Failure>,
     ) -> Result<(), StoreError> {
         let shot = taken.shot(number, failures);
-        let entry = keep::add(series, shot.clone(), Some(&taken.frame))?;
+        let entry = frame_storage::add(series, shot.clone(), Some(&taken.frame))?;
         self.core.shot_stored(series.id(), &shot, entry);
         self.capture.release_last();
         if let Some(live) = &mut self.live {

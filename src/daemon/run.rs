@@ -10,16 +10,16 @@ use super::command::Command;
 use super::config::SeriesConfig;
 use super::core::Core;
 use super::event::Observer;
-use super::halt::Halt;
 use super::live::{self, LiveConfig};
 use super::power::{self, PowerConfig};
 use super::processing::Processing;
-use super::pulse::Pulse;
 use super::recorder::Recorder;
+use super::shutdown::Halt;
 use super::socket::{self, StatusConfig};
 use super::solver::Solver;
 use super::status::{Status, StatusBoard};
-use super::{aircraft, endpoint, keep};
+use super::watchdog::Pulse;
+use super::{aircraft, endpoint, frame_storage};
 use crate::camera::CameraFactory;
 use crate::clock::Clock;
 use crate::store::{Recovery, Store};
@@ -70,7 +70,7 @@ pub enum DaemonError {
 /// Runs until the timetable is over (what is left is solved then) or until SIGTERM or SIGINT: the shot and
 /// the frame under way are finished or given up, the series is closed, all within `[power] stop_within`.
 pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
-    keep::log_recovery(&parts.recovery);
+    frame_storage::log_recovery(&parts.recovery);
     board.update(|status| {
         status.store.path = parts.store.root().display().to_string();
         status.store.reserve_mb = parts.store.reserve_mb();

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::core::Core;
-use super::halt::Halt;
+use super::shutdown::Halt;
 
 /// The longest wait without a sign of life from who waits, and without a look at the halt. Machine time.
 const BEAT: Duration = Duration::from_millis(50);

@@ -18,7 +18,7 @@ use subtle::ConstantTimeEq;
 use super::tls::TlsAcceptor;
 
 /// Shorter ones can be guessed over a network.
-const SHORTEST_TOKEN: usize = 16;
+const MIN_TOKEN_LENGTH: usize = 16;
 
 /// Where a request comes from.
 #[derive(Clone, Copy, Debug)]
@@ -112,11 +112,11 @@ fn token(authorization: &str) -> Option<String> {
 /// Reads a token; the error says what is wrong and how to mend it, and never the token.
 pub fn read_token(file: &Path) -> Result<String, (String, String)> {
     let mend =
-        format!("write one of at least {SHORTEST_TOKEN} characters, for example `openssl rand -hex 16`");
+        format!("write one of at least {MIN_TOKEN_LENGTH} characters, for example `openssl rand -hex 16`");
     let text = std::fs::read_to_string(file).map_err(|e| (format!("cannot be read ({e})"), mend.clone()))?;
     let token = text.trim();
     let length = token.chars().count();
-    if length < SHORTEST_TOKEN {
+    if length < MIN_TOKEN_LENGTH {
         return Err((format!("holds a token of {length} characters"), mend));
     }
     if !token.bytes().all(|byte| byte.is_ascii_graphic()) {

@@ -19,7 +19,7 @@ const PAUSE: Duration = Duration::from_millis(250);
 /// Files that are here already are read over where they are shorter than a new request is worth.
 const GAP: u64 = 1 << 20;
 /// Of a listing or a status: 200 bytes a file, far above any flight.
-const LONGEST: usize = 256 << 20;
+const MAX_LISTING_BYTES: usize = 256 << 20;
 
 /// Why a flight did not come.
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +64,7 @@ impl FetchError {
 /// The names of the server's flights.
 pub fn flights(client: &mut Client) -> Result<Vec<String>, FetchError> {
     let path = "/status.json";
-    let value: Value = patiently(|| json(client, path))?;
+    let value: Value = with_retries(|| json(client, path))?;
     let names = value.get("flights").and_then(Value::as_array).cloned().unwrap_or_default();
     Ok(names.iter().filter_map(|name| name.as_str().map(str::to_owned)).collect())
 }
@@ -72,7 +72,7 @@ pub fn flights(client: &mut Client) -> Result<Vec<String>, FetchError> {
 fn json<T: serde::de::DeserializeOwned>(client: &mut Client, path: &str) -> Result<T, FetchError> {
     let answer = client.get(path, &[]).map_err(FetchError::Broken)?;
     let answer = expected(answer, path, StatusCode::OK)?;
-    let bytes = answer.whole(LONGEST).map_err(FetchError::Broken)?;
+    let bytes = answer.whole(MAX_LISTING_BYTES).map_err(FetchError::Broken)?;
     let strange = |e: serde_json::Error| FetchError::Strange { path: path.to_owned(), what: e.to_string() };
     serde_json::from_slice(&bytes).map_err(strange)
 }
@@ -94,7 +94,7 @@ fn expected<'a>(answer: Answer<'a>, path: &str, wanted: StatusCode) -> Result<An
 }
 
 /// Asks again with growing pauses while that may help.
-fn patiently<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, FetchError> {
+fn with_retries<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, FetchError> {
     let mut tries = 0;
     loop {
         match ask() {
@@ -119,7 +119,7 @@ pub fn flight(
     let path = format!("/bundle/{flight}.json");
     let mut tries = 0;
     loop {
-        let listing: Listing = patiently(|| json(client, &path))?;
+        let listing: Listing = with_retries(|| json(client, &path))?;
         let other = (listing.flight != flight).then(|| format!("lists flight {}", listing.flight));
         if let Some(what) = other.or_else(|| listing.fault()) {
             return Err(FetchError::Strange { path, what });

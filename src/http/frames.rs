@@ -6,14 +6,14 @@ use axum::response::{Html, Response};
 use super::{Context, Refusal, RequestHead, Site, blocking, files, pages, send};
 use crate::report::html::picture;
 use crate::report::{SeriesData, source};
-use crate::store::{RealDisk, heads, layout, sets};
+use crate::store::{RealDisk, layout, result_summary, sets};
 
 /// A series alone is read, with what is to be said of its results.
 fn one_series(site: &Site, flight: &str, series: &str) -> Result<(SeriesData, Option<String>), Refusal> {
     let series = files::check_series(site, flight, series)?;
     let bytes = std::fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
     let mut gather = sets::Gather::default();
-    gather.add(&series.id, &heads::parse(&bytes, &[]));
+    gather.add(&series.id, &result_summary::parse(&bytes, &[]));
     let sets = gather.end();
     let mut notes = Vec::new();
     let data = source::read_series(&RealDisk, &series, sets.chosen(None), &mut notes);

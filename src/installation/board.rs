@@ -62,9 +62,9 @@ pub struct DescribedBoard {
 /// The one family that can be read.
 const FAMILY: &str = "t36h11";
 /// Beyond it a slip of the pen is likelier than a board.
-const MOST: usize = 100;
+const MAX_COUNT: usize = 100;
 /// No board is longer, m: millimetres or centimetres stand for metres then.
-const LARGEST_M: f64 = 10.0;
+const MAX_BOARD_LENGTH_M: f64 = 10.0;
 /// A board known worse than this, a share, is better measured.
 const LOOSEST: f64 = 0.05;
 
@@ -105,7 +105,7 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
     let need = |key: &str| tree.need(key, "write it as Kalibr's wiki describes the target");
     let count = |key: &str| {
         let (node, number) = (need(key)?, need(key)?.number(key)?);
-        let whole = number >= 0.0 && number.fract() == 0.0 && number <= MOST as f64;
+        let whole = number >= 0.0 && number.fract() == 0.0 && number <= MAX_COUNT as f64;
         let mend = "give a whole number of tags, or of inner corners";
         if whole {
             Ok(number as usize)
@@ -197,8 +197,13 @@ fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
         reader.fault(file, "scale_sigma", format!("is {sigma}"), mend);
     }
     for (key, count) in [("columns", columns), ("rows", rows)] {
-        if !(least..=MOST).contains(&count) {
-            reader.fault(file, key, format!("is {count}"), format!("give a number from {least} to {MOST}"));
+        if !(least..=MAX_COUNT).contains(&count) {
+            reader.fault(
+                file,
+                key,
+                format!("is {count}"),
+                format!("give a number from {least} to {MAX_COUNT}"),
+            );
         }
     }
     let (key, largest, side_m) = match &table {
@@ -206,7 +211,7 @@ fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
         Table::Aprilgrid(t) => ("tag_m", "tags", t.tag_m),
     };
     let board_m = side_m * columns.max(rows) as f64;
-    if board_m > LARGEST_M && (1e-4..=100.0).contains(&side_m) {
+    if board_m > MAX_BOARD_LENGTH_M && (1e-4..=100.0).contains(&side_m) {
         let problem = format!("is {side_m}: {largest} of {side_m} m, a board of {board_m:.0} m");
         let (of_mm, of_cm) = (side_m / 1000.0, side_m / 100.0);
         reader.fault(

@@ -88,7 +88,7 @@ pub struct CalibrationReport {
     pub covariance: Vec<Vec<f64>>,
 }
 
-const LARGEST_SIDE: i64 = 100_000;
+const MAX_SIDE: i64 = 100_000;
 
 /// Endings of other programs' cameras.
 const OTHERS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramodel"];
@@ -105,7 +105,7 @@ pub(super) fn read(reader: &mut Reader, name: impl AsRef<Path>) -> Option<Camera
     let table: Table = parse_toml(reader, &file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
-        if !(1..=LARGEST_SIDE).contains(&side) {
+        if !(1..=MAX_SIDE).contains(&side) {
             reader.fault(&file, key, format!("is {side} px"), "give the size of the frames in pixels");
         }
     }

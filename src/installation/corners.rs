@@ -21,7 +21,7 @@ const COLUMNS: [&str; 10] = [
     "correlation",
 ];
 /// Below it two coordinates say the same twice.
-const MOST_CORRELATION: f64 = 0.999_999;
+const MAX_CORRELATION: f64 = 0.999_999;
 
 /// One picture's corners.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ fn read(reader: &mut Reader, name: &Path) -> Option<Vec<PictureCorners>> {
         let &[width, height, x, y, u, v, su, sv, correlation] = &values[..] else { continue };
         let sides = (1.0..=1e5).contains(&width) && (1.0..=1e5).contains(&height);
         let sigmas = (1e-6..=1e3).contains(&su) && (1e-6..=1e3).contains(&sv);
-        if !sides || !sigmas || correlation.abs() > MOST_CORRELATION {
+        if !sides || !sigmas || correlation.abs() > MAX_CORRELATION {
             let problem = "holds a size, standard deviation or correlation that cannot be";
             reader.fault(
                 &file,

@@ -7,7 +7,7 @@ use nalgebra::{Vector2, Vector3};
 use super::structure::{self, Structure};
 use super::tables::{self, Document, Optics};
 use super::toml_file::{FILE, parse_toml};
-use super::{Reader, camera, in_flight, plausible, survey, ties, window};
+use super::{Reader, camera, flight_effects, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
@@ -92,7 +92,7 @@ fn uncertainty(document: &Document) -> Uncertainty {
         root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
         axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
         span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),
-        in_flight: in_flight::widths(document),
+        in_flight: flight_effects::widths(document),
         lens: None,
     }
 }
@@ -164,7 +164,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
         ("wing.span_direction_sigma_deg", wing.span_direction_sigma_deg, 20.0, "degrees"),
         ("thermal.sigma_k", document.thermal.as_ref().and_then(|t| t.sigma_k), 100.0, "K"),
     ];
-    for (place, value, high, unit) in widths.into_iter().chain(in_flight::bounded(document)) {
+    for (place, value, high, unit) in widths.into_iter().chain(flight_effects::bounded(document)) {
         checks.extend(value.map(|v| check(place, v, 0.0, high, unit)));
     }
     checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));
@@ -196,7 +196,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
             reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
         }
     }
-    in_flight::check(reader, file, document);
+    flight_effects::check(reader, file, document);
     let [dx, dy] = wing.span_direction;
     let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
     if !points && !blanks.contains(&SPAN) {

@@ -6,7 +6,7 @@ use super::text::shown_path;
 
 /// A fault in something a user wrote: names the file, the key or line, the value and the mend.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", shown_path(.file))]
+#[error("{}: {place}: {problem}; {remedy}", shown_path(.file))]
 pub struct Fault {
     /// The file at fault.
     pub file: PathBuf,
@@ -15,7 +15,7 @@ pub struct Fault {
     /// What is wrong, with the value.
     pub problem: String,
     /// What to do.
-    pub mend: String,
+    pub remedy: String,
 }
 
 impl Fault {
@@ -26,26 +26,26 @@ impl Fault {
         problem: impl Into<String>,
         mend: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), mend: mend.into() }
+        Self { file: file.into(), place: place.into(), problem: problem.into(), remedy: mend.into() }
     }
 }
 
 /// A fault of a key, as the section knows it that the key stands in: which file that is, its reader adds.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{key}: {problem}; {mend}")]
+#[error("{key}: {problem}; {remedy}")]
 pub struct KeyFault {
     /// With its section, such as `series.interval`.
     pub key: String,
     /// What is wrong, with the value.
     pub problem: String,
     /// What to do.
-    pub mend: String,
+    pub remedy: String,
 }
 
 impl KeyFault {
     /// Of a key.
     pub fn new(key: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { key: key.into(), problem: problem.into(), mend: mend.into() }
+        Self { key: key.into(), problem: problem.into(), remedy: mend.into() }
     }
 
     /// Of the rules of a section, each with its key, the problem and the mend, those that do not hold.
@@ -61,6 +61,6 @@ impl KeyFault {
 
     /// The fault of the file that the key stands in.
     pub fn of(self, file: &Path) -> Fault {
-        Fault::new(file, self.key, self.problem, self.mend)
+        Fault::new(file, self.key, self.problem, self.remedy)
     }
 }

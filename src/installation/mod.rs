@@ -27,12 +27,11 @@ mod board;
 mod camera;
 mod corners;
 mod document;
-mod doubtful;
 mod exchange;
 mod fault;
-mod in_flight;
+mod flight_effects;
+mod flight_prior;
 mod keyed;
-mod learnt;
 mod mountings;
 mod observations;
 mod orientation;
@@ -44,6 +43,7 @@ mod tables;
 mod text;
 mod ties;
 mod toml_file;
+mod warnings;
 mod window;
 mod written;
 
@@ -55,18 +55,18 @@ use sha2::{Digest, Sha256};
 pub use board::{DescribedBoard, load_board};
 pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
-pub use doubtful::doubts;
 pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
 pub use fault::{Fault, KeyFault};
+pub use flight_prior::{LEARNT_FILE, Learnt, Source, write_learnt};
 pub use keyed::Trouble;
-pub use learnt::{LEARNT_FILE, Learnt, Source, write_learnt};
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{HandObservation, HandPlace, observations_text, read_observations};
+pub use observations::{ManualObservation, ManualPosition, observations_text, read_observations};
 pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 pub use text::{shown_path, text_of};
+pub use warnings::doubts;
 pub use written::write_installation;
 
 use crate::measure::geometry::TransformFit;
@@ -198,7 +198,7 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     let (orientation, not_on_ground) = orientation.unzip();
     let learnt = match &parts {
         Some(parts) if orientation.is_some() && reader.faults.is_empty() => {
-            learnt::read(&mut reader, &parts.setup, &parts.sources)
+            flight_prior::read(&mut reader, &parts.setup, &parts.sources)
         }
         _ => None,
     };
@@ -222,7 +222,7 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
 }
 
 /// Faults alike that are given one by one; of more the first stands for all.
-const MOST_ALIKE: usize = 3;
+const MAX_SIMILAR_NAMES: usize = 3;
 
 /// Lines without numbers as one fault each: rows of units, headers again, totals. Where many lines are so, it is the columns.
 fn lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
@@ -230,8 +230,8 @@ fn lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
     let mut counts: BTreeMap<_, usize> = BTreeMap::new();
     let numbers = faults.iter().filter(|f| f.problem.contains(rows::NO_NUMBER));
     numbers.filter_map(line).for_each(|line| *counts.entry(line).or_default() += 1);
-    counts.retain(|_, count| *count > MOST_ALIKE);
-    if counts.len() > MOST_ALIKE {
+    counts.retain(|_, count| *count > MAX_SIMILAR_NAMES);
+    if counts.len() > MAX_SIMILAR_NAMES {
         return faults;
     }
     let (of_these, mut kept): (Vec<_>, Vec<_>) =
@@ -249,13 +249,13 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
         let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
         let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
         let whole = if f.place.starts_with("line ") { "line" } else { marker };
-        (f.file.clone(), place.map_or(whole, |(_, column)| column).to_owned(), f.mend.clone())
+        (f.file.clone(), place.map_or(whole, |(_, column)| column).to_owned(), f.remedy.clone())
     };
     let kinds: Vec<_> = faults.iter().map(kind).collect();
     let mut kept: Vec<Fault> = vec![];
     for (k, mut fault) in faults.into_iter().enumerate() {
         let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if alike > MOST_ALIKE {
+        if alike > MAX_SIMILAR_NAMES {
             if kinds[..k].contains(&kinds[k]) {
                 continue;
             }
@@ -279,7 +279,7 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
     let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
-    let (problem, mend) = match slip_of_the_pen(shown, at, error.message()) {
+    let (problem, mend) = match common_toml_mistake(shown, at, error.message()) {
         Some((problem, mend)) => (problem.to_owned(), mend),
         None => (error.message().replace('\n', " "), mend),
     };
@@ -288,7 +288,7 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
 
 /// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes, decimal
 /// commas, quotes of text programs.
-fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
+fn common_toml_mistake(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     if value.starts_with('"') && said.contains("escape") {
         let mend = "write the path with /, or in single quotes: 'C:\\data'";

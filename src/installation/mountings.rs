@@ -96,7 +96,7 @@ mod tests {
     fn a_frame_that_stands_twice_and_an_empty_cell_are_named() {
         let faults = mountings("image,mounting\n1.jpg,x\n1.jpg,y\n2.jpg,\n").unwrap_err();
         let capital = mountings("image,mounting\n1.jpg,Ground\n").unwrap_err();
-        assert!(capital[0].problem.contains("Ground") && capital[0].mend.contains("small letters"));
+        assert!(capital[0].problem.contains("Ground") && capital[0].remedy.contains("small letters"));
         assert_eq!(faults.len(), 2);
         assert!(faults[0].place.contains("line 3") && faults[1].place.contains("line 4"));
     }

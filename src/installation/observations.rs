@@ -15,20 +15,20 @@ const SIGMAS_PX: std::ops::RangeInclusive<f64> = 1e-4..=1e3;
 
 /// What a person says of one marker in one picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HandObservation {
+pub struct ManualObservation {
     /// The picture it is of, by the name that results give it; `None` where the file does not say.
     pub image: Option<String>,
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// Where its centre is; `None` where the person says that what is detected of it is not to be used.
-    pub place: Option<HandPlace>,
+    pub place: Option<ManualPosition>,
     /// Who, when and why, as written; empty where nobody says.
     pub note: [String; 3],
 }
 
 /// Where a marker's centre is, as a person marked it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HandPlace {
+pub struct ManualPosition {
     /// Image of the marker's centre, px.
     pub pixel: Vector2<f64>,
     /// Its covariance, px^2.
@@ -39,7 +39,7 @@ pub struct HandPlace {
 ///
 /// # Errors
 /// Every fault of the file, with its line and the mend.
-pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservation>, Vec<Fault>> {
+pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<ManualObservation>, Vec<Fault>> {
     let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name, setup);
     found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
@@ -49,11 +49,11 @@ pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservati
 ///
 /// # Errors
 /// Where a line cannot be written as a record of a table.
-pub fn observations_text(observations: &[HandObservation], setup: &Setup) -> std::io::Result<Vec<u8>> {
+pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> std::io::Result<Vec<u8>> {
     let mut csv = csv::Writer::from_writer(vec![]);
     csv.write_record(COLUMNS)?;
     for o in observations {
-        let number = |value: &dyn Fn(&HandPlace) -> f64| {
+        let number = |value: &dyn Fn(&ManualPosition) -> f64| {
             o.place.as_ref().map_or(String::new(), |p| value(p).to_string())
         };
         let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
@@ -73,10 +73,10 @@ pub fn observations_text(observations: &[HandObservation], setup: &Setup) -> std
     csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))
 }
 
-fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<HandObservation>> {
+fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
     let lines = rows::read(reader, &file, &text, COLUMNS, OPTIONAL)?;
-    let mut found: Vec<HandObservation> = vec![];
+    let mut found: Vec<ManualObservation> = vec![];
     for (line, cells) in lines {
         let place = format!("line {line}, column id");
         let marker = setup.markers.iter().position(|m| m.id == cells[0]);
@@ -104,7 +104,7 @@ fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<HandObser
             Some(place)
         };
         let [.., who, when, why] = cells;
-        found.extend(marker.map(|marker| HandObservation { image, marker, place, note: [who, when, why] }));
+        found.extend(marker.map(|marker| ManualObservation { image, marker, place, note: [who, when, why] }));
     }
     Some(found)
 }
@@ -115,7 +115,7 @@ fn read_place(
     line: u64,
     cells: &[String; 9],
     setup: &Setup,
-) -> Option<HandPlace> {
+) -> Option<ManualPosition> {
     let v: Vec<Option<f64>> =
         (1..4).map(|k| rows::number(reader, file, line, COLUMNS[k], &cells[k])).collect();
     let [Some(u), Some(v), Some(sigma_u)] = v[..] else { return None };
@@ -137,5 +137,5 @@ fn read_place(
         reader.fault(file, &format!("line {line}"), problem, "measure it again, or leave the line out");
     }
     let covariance_px2 = Matrix2::new(sigma_u * sigma_u, 0.0, 0.0, sigma_v * sigma_v);
-    Some(HandPlace { pixel, covariance_px2 })
+    Some(ManualPosition { pixel, covariance_px2 })
 }

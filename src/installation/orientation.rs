@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_whole};
 use crate::measure::identify::OrientationFit;
-use crate::measure::setup::{GroundSight, Orientation, SurveyMarker};
+use crate::measure::setup::{GroundObservation, Orientation, SurveyMarker};
 
 #[derive(Deserialize)]
 struct Table {
@@ -91,7 +91,7 @@ fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, 
     }
 }
 
-fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) -> Option<GroundSight> {
+fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) -> Option<GroundObservation> {
     let [uu, uv, vv] = s.covariance_px2;
     let covariance_px2 = Matrix2::new(uu, uv, uv, vv);
     let finite = s.u_px.is_finite() && s.v_px.is_finite();
@@ -99,7 +99,7 @@ fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) 
     let sound = finite && uu > 0.0 && covariance_px2.determinant() > 0.0;
     let problem = match (marker, sound) {
         (Some(marker), true) => {
-            return Some(GroundSight { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
+            return Some(GroundObservation { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
         }
         (None, _) => "is not in the survey",
         (_, false) => "has no finite pixel with a positive covariance",
@@ -168,7 +168,7 @@ pub fn write_orientation(
 }
 
 /// Where the ground frames showed the markers: the adjustment in flight measures against them.
-fn write_ground(text: &mut String, installation: &Installation, ground: &[GroundSight]) {
+fn write_ground(text: &mut String, installation: &Installation, ground: &[GroundObservation]) {
     for s in ground {
         let id = installation.setup.markers.get(s.marker).map_or("", |m| m.id.as_str());
         let c = &s.covariance_px2;

@@ -8,11 +8,11 @@ use super::{Reader, toml_file};
 use crate::measure::setup::{Setup, Side};
 
 /// Beyond any wing, m: the widest aircraft that flew measures 117 m from tip to tip.
-const LONGEST_WING_M: f64 = 100.0;
+const MAX_WING_LENGTH_M: f64 = 100.0;
 /// Markers lie along a line where their deviation along it is this many times that across.
 const ELONGATED: f64 = 3.0;
 /// Angle between that line and the span that no planform explains, degrees: a tapered wing's markers keep to 10.
-const LARGEST_SKEW_DEG: f64 = 30.0;
+const MAX_SKEW_DEG: f64 = 30.0;
 
 /// Faults that only the numbers together show. Wrong units put all the rest out: then nothing else is said.
 pub(super) fn check(reader: &mut Reader, setup: &Setup, survey: &str) {
@@ -36,13 +36,13 @@ fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
     let points = || setup.markers.iter().map(|m| m.position_m);
     let mean = points().sum::<Vector3<f64>>() / setup.markers.len().max(1) as f64;
     let reach_m = points().map(|p| (p - mean).norm()).fold(0.0, f64::max);
-    if reach_m > LONGEST_WING_M {
+    if reach_m > MAX_WING_LENGTH_M {
         let problem = format!("the markers lie up to {:.0} m apart", 2.0 * reach_m);
         reader.fault(survey, "columns x_m, y_m, z_m", problem, "give metres, not millimetres or feet");
         return;
     }
     let nearest_m = points().map(|p| (p - setup.projection_centre_m).norm()).fold(f64::INFINITY, f64::min);
-    if nearest_m > LONGEST_WING_M {
+    if nearest_m > MAX_WING_LENGTH_M {
         let problem = format!("lies {nearest_m:.0} m from the nearest marker");
         let mend = "give it in metres, in the survey's frame";
         reader.fault(file, "camera.projection_centre_m", problem, mend);
@@ -69,7 +69,7 @@ fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
     let Some(line) = line_of_markers(setup) else { return };
     let span = setup.span_direction.normalize();
     let skew_deg = span.dot(&line).abs().min(1.0).acos().to_degrees();
-    if skew_deg > LARGEST_SKEW_DEG {
+    if skew_deg > MAX_SKEW_DEG {
         let outboard = line * span.dot(&line).signum();
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem =

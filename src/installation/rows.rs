@@ -218,7 +218,7 @@ fn places<const N: usize>(
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
         let problem = format!("has the header {} in other letters", cells.join(","));
         reader.fault(file, &place, problem, format!("write it in small letters: {}", needed.join(",")));
-    } else if missing.len() > super::MOST_ALIKE {
+    } else if missing.len() > super::MAX_SIMILAR_NAMES {
         reader.fault(file, &place, format!("is no header with {}", missing.join(", ")), mend);
     } else {
         for name in missing {

@@ -103,8 +103,8 @@ fn wing_widths(own: &Uncertainty, usual: &Uncertainty) -> String {
         ("root_offset_sigma_m", own.root_offset_m, usual.root_offset_m),
         ("axis_chord_offset_sigma_m", own.axis_chord_offset_m, usual.axis_chord_offset_m),
         ("span_direction_sigma_deg", degrees(own.span_direction_rad), degrees(usual.span_direction_rad)),
-        ("root_turn_sigma_mrad", 1e3 * flight.root_turn_rad, 1e3 * flights.root_turn_rad),
-        ("root_heave_sigma_m", flight.root_shift_m, flights.root_shift_m),
+        ("root_rotation_sigma_mrad", 1e3 * flight.root_rotation_rad, 1e3 * flights.root_rotation_rad),
+        ("root_translation_sigma_m", flight.root_translation_m, flights.root_translation_m),
         ("constant_bend_sigma_m", flight.constant_bend_m, flights.constant_bend_m),
         ("in_plane_sigma_m", flight.in_plane_m, flights.in_plane_m),
         ("torque_sigma_deg", degrees(flight.torque_rad), degrees(flights.torque_rad)),
@@ -182,7 +182,7 @@ fn survey(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::installation::load;
-    use crate::measure::setup::{InFlight, Shape, Thermal, Vibration};
+    use crate::measure::setup::{FlightEffectPriors, Shape, Thermal, Vibration};
 
     /// What was written, as it is read.
     fn read_back(setup: &Setup) -> Setup {
@@ -211,9 +211,9 @@ mod tests {
         let own = &mut setup.uncertainty;
         *own = Uncertainty { lens: own.lens, ..Uncertainty::of_drawings() };
         own.mount_shift_m = 0.0007;
-        own.in_flight = InFlight { readout_s: 0.02, scale: 3e-4, ..InFlight::NONE };
+        own.in_flight = FlightEffectPriors { readout_s: 0.02, scale: 3e-4, ..FlightEffectPriors::NONE };
         own.in_flight.vibration = Vibration { amplitude: 0.02, frequency_hz: 2.5, by_frames: false };
-        own.in_flight.shake = InFlight::USUAL.shake;
+        own.in_flight.shake = FlightEffectPriors::DEFAULT.shake;
         let back = read_back(&setup);
         assert_eq!(back, setup);
         setup.uncertainty.in_flight.vertical_rad = 0.3f64.to_radians();

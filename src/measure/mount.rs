@@ -38,12 +38,12 @@ pub struct Movement {
 }
 
 /// Markers needed for a rotation and a check.
-const LEAST: usize = 3;
+const MIN_MARKERS: usize = 3;
 
 /// `None` where too few markers are in both frames. `shift_sigma_m` is what is known of the shift beforehand: far
 /// markers alone tell it from a rotation badly.
 pub fn movement(lens: &Lens, pairs: &[Pair], shift_sigma_m: f64) -> Option<Movement> {
-    if pairs.len() < LEAST {
+    if pairs.len() < MIN_MARKERS {
         return None;
     }
     let mut normal = Matrix6::zeros();

@@ -15,20 +15,20 @@ pub use optics::{Optics, OpticsPlan};
 pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
 use resolution::facing;
 pub use resolution::{Footprint, Skin, footprint};
-pub use want::{Answer, Remedy, Source, Wish, answer, attitude, worth_of};
+pub use want::{Answer, Remedy, Requirement, Source, answer, attitude, predict_precision};
 
 use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::adjust::{AdjustError, Observation, Options};
 use super::setup::{Orientation, Setup};
-use prediction::Rehearsal;
+use prediction::SimulatedFlight;
 
 /// What is assumed of the flight to come.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanOptions {
-    /// Lift of the outermost marker, m.
-    pub tip_lift_m: f64,
+    /// Deflection of the outermost marker, m.
+    pub tip_deflection_m: f64,
     /// Standard deviation of each image coordinate, px.
     pub pixel_sigma: f64,
     /// Lens and sensor, for depth of field and diffraction.
@@ -39,7 +39,7 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { tip_lift_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 8 }
+        Self { tip_deflection_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 8 }
     }
 }
 
@@ -75,8 +75,8 @@ pub struct SpanPlan {
     pub span_m: f64,
     /// On ground.
     pub ground: Footprint,
-    /// Standard deviation of the lift of the bending axis, m.
-    pub sigma_lift_m: Option<f64>,
+    /// Standard deviation of the deflection of the bending axis, m.
+    pub sigma_deflection_m: Option<f64>,
     /// Standard deviation of the twist, degrees.
     pub sigma_twist_deg: Option<f64>,
 }
@@ -88,8 +88,8 @@ pub struct Plan {
     pub field_of_view_deg: [f64; 3],
     /// Mean camera constant, px.
     pub focal_px: f64,
-    /// Assumed lift of the tip, m.
-    pub tip_lift_m: f64,
+    /// Assumed deflection of the tip, m.
+    pub tip_deflection_m: f64,
     /// Assumed standard deviation of an image coordinate, px.
     pub pixel_sigma: f64,
     /// Every marker of the survey.
@@ -107,10 +107,10 @@ pub struct Plan {
 /// Points of [`Plan::span`].
 const SPAN_POINTS: usize = 33;
 /// Smallest image of a circle that is measured well, px across its small axis.
-const SMALLEST_IMAGE_PX: f64 = 5.0;
+const MIN_IMAGE_PX: f64 = 5.0;
 /// Largest blur disc, px across, with which a mark is still measured: a quarter of it, as a disc's standard deviation is, is two
 /// thirds of the greatest blur that detection takes, which is for lens and motion beside it.
-const MOST_BLUR_PX: f64 = 8.0;
+const MAX_BLUR_PX: f64 = 8.0;
 
 /// Plans an installation. Without an orientation the camera is taken to look at the middle of the wing.
 /// Fails where the survey gives no wing at all.
@@ -119,7 +119,7 @@ pub fn plan(
     orientation: Option<&Orientation>,
     options: &PlanOptions,
 ) -> Result<Plan, AdjustError> {
-    let rehearsal = Rehearsal::new(setup, orientation, options)?;
+    let rehearsal = SimulatedFlight::new(setup, orientation, options)?;
     let (prediction, failure) = match rehearsal.predict() {
         Ok(prediction) => (Some(prediction), None),
         Err(error) => (None, Some(format!("no uncertainty can be predicted: {error}"))),
@@ -145,7 +145,7 @@ pub fn plan(
     let mut plan = Plan {
         field_of_view_deg: field_of_view_deg(setup),
         focal_px: setup.lens.focal_px(),
-        tip_lift_m: options.tip_lift_m,
+        tip_deflection_m: options.tip_deflection_m,
         pixel_sigma: options.pixel_sigma,
         span: span(setup, &rehearsal.skin, &markers, prediction.as_ref()),
         markers,
@@ -164,7 +164,7 @@ fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
     [x, y, x.hypot(y)].map(|tangent| (2.0 * tangent.atan()).to_degrees())
 }
 
-fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>) -> Vec<MarkerPlan> {
+fn markers(setup: &Setup, rehearsal: &SimulatedFlight, prediction: Option<&Prediction>) -> Vec<MarkerPlan> {
     let c = setup.lens.focal_px();
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
         let ground = rehearsal.ground[index];
@@ -212,7 +212,7 @@ fn span(
                 skin.slope(span_m),
                 setup.lens.focal_px(),
             ),
-            sigma_lift_m: curve.map(|c| c.0),
+            sigma_deflection_m: curve.map(|c| c.0),
             sigma_twist_deg: curve.and_then(|c| c.1),
         }
     };
@@ -230,14 +230,14 @@ fn remarks(plan: &Plan) -> Vec<String> {
             "outside the picture on ground or in flight: {hidden}; turn the camera or move the markers"
         ));
     }
-    if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < SMALLEST_IMAGE_PX) {
+    if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < MIN_IMAGE_PX) {
         remarks.push(format!(
-            "image less than {SMALLEST_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
+            "image less than {MIN_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
         ));
     }
-    if let Some(soft) = ids(&|m| m.blur_px.is_some_and(|px| px > MOST_BLUR_PX)) {
+    if let Some(soft) = ids(&|m| m.blur_px.is_some_and(|px| px > MAX_BLUR_PX)) {
         remarks.push(format!(
-            "out of focus by more than {MOST_BLUR_PX} px, which is more than is measured: {soft}; stop down, or put \
+            "out of focus by more than {MAX_BLUR_PX} px, which is more than is measured: {soft}; stop down, or put \
              them farther from the camera"
         ));
     }

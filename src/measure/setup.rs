@@ -3,8 +3,8 @@
 
 use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 
+pub use super::flight_effects::{FlightEffectPriors, Vibration};
 use super::geometry::{Lens, WingFrame};
-pub use super::in_flight::{InFlight, Vibration};
 
 /// The two kinds of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -103,7 +103,7 @@ impl Thermal {
 /// Standard deviation of the length in flight over that on ground where nothing is stated: all of what 70 K do to aluminium.
 pub const UNSTATED_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
 
-/// Two markers whose lifts give the change of the angle of attack (paper, section 4.3).
+/// Two markers whose deflections give the change of the angle of attack (paper, section 4.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct TorsionPair {
     /// The user's word for it.
@@ -194,7 +194,7 @@ pub struct Uncertainty {
     /// Direction of the span about the vertical, rad.
     pub span_direction_rad: f64,
     /// What an aircraft in flight does to wing, cabin and camera.
-    pub in_flight: InFlight,
+    pub in_flight: FlightEffectPriors,
     /// Covariance of fx, fy, cx, cy, k1, k2, k3, p1, p2 as the calibration states it; `None`: held.
     pub lens: Option<SMatrix<f64, 9, 9>>,
 }
@@ -209,7 +209,7 @@ impl Default for Uncertainty {
             root_offset_m: 0.3,
             axis_chord_offset_m: 0.3,
             span_direction_rad: 1f64.to_radians(),
-            in_flight: InFlight::USUAL,
+            in_flight: FlightEffectPriors::DEFAULT,
             lens: None,
         }
     }
@@ -225,7 +225,7 @@ impl Uncertainty {
             root_offset_m: 0.0,
             axis_chord_offset_m: 0.0,
             span_direction_rad: 0.0,
-            in_flight: InFlight::NONE,
+            in_flight: FlightEffectPriors::NONE,
             lens: None,
         }
     }
@@ -334,7 +334,7 @@ pub struct Orientation {
     /// Where the ground frames showed the markers. The survey's errors and the wing's unbent image
     /// are then known to a fraction of a pixel, which parts the mount's pitch from bending; empty
     /// where only the rotation is known.
-    pub ground: Vec<GroundSight>,
+    pub ground: Vec<GroundObservation>,
 }
 
 /// Fewer points than this leave a wing's surface open, whose cubic along the span, chordwise slopes and crown have seven
@@ -356,7 +356,7 @@ impl Orientation {
 
 /// The image of one marker's centre on ground, perspective bias removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroundSight {
+pub struct GroundObservation {
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// px, the mean where there are several frames.
@@ -365,7 +365,7 @@ pub struct GroundSight {
     pub covariance_px2: nalgebra::Matrix2<f64>,
 }
 
-impl GroundSight {
+impl GroundObservation {
     /// One per marker that was seen, of those below `markers`: the mean of its sights, weighted by their covariances.
     pub fn means(markers: usize, sights: impl IntoIterator<Item = Self>) -> Vec<Self> {
         let mut sums = vec![(nalgebra::Matrix2::zeros(), Vector2::zeros()); markers];

@@ -1,7 +1,7 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
 use crate::camera::Format;
-use crate::measure::jpeg::{self, JpegFault, LARGEST_SIDE};
+use crate::measure::jpeg::{self, JpegFault, MAX_SIDE};
 pub use crate::measure::jpeg::{Part, Wanted};
 use crate::measure::raster::Raster;
 use crate::measure::samples;

@@ -2,7 +2,7 @@
 
 use super::decode::{self, Part};
 use super::located::Picture;
-use super::stages::{Sighting, Work, unseen};
+use super::stages::{ProcessedFrame, Work, unseen};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, Prediction};
 #[cfg(doc)]
@@ -17,7 +17,7 @@ pub fn detect_predicted(
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[Prediction],
-) -> Sighting {
+) -> ProcessedFrame {
     let mut sighting = unseen(name, bytes);
     look_guided(&mut sighting, bytes, format, predictions, |_| None);
     sighting
@@ -28,7 +28,7 @@ pub fn detect_predicted(
 #[serde(rename_all = "lowercase")]
 pub enum Search {
     /// All of it.
-    Whole,
+    Full,
     /// Where the frame before predicted markers.
     Guided,
 }
@@ -36,7 +36,7 @@ pub enum Search {
 /// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
 /// says that it is by those found. The picture that comes back may be black where nothing was read.
 pub(super) fn look_guided(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[Prediction],
@@ -44,7 +44,7 @@ pub(super) fn look_guided(
 ) -> (Option<Part>, Search) {
     if predictions.is_empty() {
         let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), detect::detect);
-        return (part, Search::Whole);
+        return (part, Search::Full);
     }
     let tiles = |width, height| detect::tiles_read(predictions, width, height);
     let guided = |raster: &Raster| detect::detect_guided(raster, predictions);
@@ -63,5 +63,5 @@ pub(super) fn look_guided(
         }
     }
     sighting.look_at_all(&mut part);
-    (Some(part), Search::Whole)
+    (Some(part), Search::Full)
 }

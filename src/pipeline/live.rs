@@ -6,13 +6,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::guided::{self, Search};
-use super::stages::{self, Sighting, Stage, Work};
-use super::{Job, corrected, recording, taught};
+use super::stages::{self, ProcessedFrame, Stage, Work};
+use super::{Job, corrected, flight_priors, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
 use crate::measure::detect::{Detection, Prediction};
-use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
+use crate::measure::identify::{self, Identities, NEXT_DEFLECTION_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::{ImageRecord, Provenance, Reason};
@@ -41,10 +41,10 @@ pub struct Tracked {
     pub record: ImageRecord,
     /// How the frame was searched.
     pub search: Search,
-    /// Which mounting of the camera, from 1; after each jolt the next. 0 before the first solution.
+    /// Which mounting of the camera, from 1; after each mount_disturbed the next. 0 before the first solution.
     pub mounting: usize,
-    /// Whether this frame showed that the camera was jolted.
-    pub jolt: bool,
+    /// Whether this frame showed that the camera mount was disturbed.
+    pub mount_disturbed: bool,
     /// Of all that was detected.
     pub outlines: Vec<Outline>,
     /// The bending line, where there are numbers.
@@ -55,7 +55,7 @@ impl Tracked {
     /// Of a frame without numbers; its record says why.
     pub fn failed(record: ImageRecord) -> Self {
         let (outlines, curvature) = (vec![], None);
-        Self { record, search: Search::Whole, mounting: 0, jolt: false, outlines, curvature }
+        Self { record, search: Search::Full, mounting: 0, mount_disturbed: false, outlines, curvature }
     }
 }
 
@@ -94,13 +94,13 @@ struct Seen {
     at_s: f64,
 }
 
-/// A tip moves no faster, m/s: a lift of 0.25 m at 2 Hz, about where large wings swing by themselves.
+/// A tip moves no faster, m/s: a deflection of 0.25 m at 2 Hz, about where large wings swing by themselves.
 const FASTEST_M_S: f64 = 3.0;
 /// However long ago the last frame is, a tip in gusts is no farther from where it was, m. Where it is, the whole frame is
 /// searched, since markers are missing.
-const FARTHEST_M: f64 = 0.6;
+const MAX_DISTANCE_M: f64 = 0.6;
 /// After so long nothing is predicted, s.
-const LONGEST_S: f64 = 5.0;
+const MAX_GAP_S: f64 = 5.0;
 
 /// All that the frames so far determined of one camera.
 pub struct Tracker {
@@ -124,7 +124,7 @@ impl Tracker {
         orientation: Orientation,
         job: Job,
     ) -> Result<Self, AdjustError> {
-        let (options, _) = taught::options(job.options.clone(), &installation, &[]);
+        let (options, _) = flight_priors::options(job.options.clone(), &installation, &[]);
         let live = Live::begin(installation.setup.clone(), orientation.clone(), options)?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
@@ -138,22 +138,22 @@ impl Tracker {
             self.solve(name, bytes, format, at_s, (&predictions, known.as_ref()))
         });
         tracked.unwrap_or_else(|| {
-            self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
+            self.failed(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, BROKE_OFF)
         })
     }
 
     /// Where this frame shows the markers: the longer ago the last one, the wider.
     fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<Prediction> {
         let elapsed_s = at_s - seen.at_s;
-        if !(0.0..=LONGEST_S).contains(&elapsed_s) {
+        if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
             return vec![];
         }
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        let lift_m = (FASTEST_M_S * elapsed_s).clamp(NEXT_LIFT_M, FARTHEST_M);
-        identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
+        let deflection_m = (FASTEST_M_S * elapsed_s).clamp(NEXT_DEFLECTION_M, MAX_DISTANCE_M);
+        identify::predict_within(setup, orientation, &seen.detections, &seen.identities, deflection_m)
     }
 
-    fn failed(&self, sighting: &Sighting, reason: &str) -> Tracked {
+    fn failed(&self, sighting: &ProcessedFrame, reason: &str) -> Tracked {
         let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
         record.provenance = Provenance::default();
         Tracked { mounting: self.live.mountings(), ..Tracked::failed(record) }
@@ -167,7 +167,7 @@ impl Tracker {
         at_s: f64,
         (predictions, known): (&[Prediction], Option<&Identities>),
     ) -> Tracked {
-        let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
+        let mut sighting = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
         // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
         let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
@@ -197,19 +197,19 @@ impl Tracker {
         record.provenance = Provenance::default();
         record.quality.correlation = None;
         let mounting = self.live.mountings();
-        let jolt = before > 0 && mounting > before;
+        let mount_disturbed = before > 0 && mounting > before;
         Tracked {
             record,
             search,
             mounting,
-            jolt,
+            mount_disturbed,
             outlines: outlines(&sighting, &self.installation),
             curvature,
         }
     }
 }
 
-fn outlines(sighting: &Sighting, installation: &Installation) -> Vec<Outline> {
+fn outlines(sighting: &ProcessedFrame, installation: &Installation) -> Vec<Outline> {
     let name = |i: usize| {
         let marker = (*sighting.identities.as_ref()?.marker_of.get(i)?)?;
         Some(installation.setup.markers.get(marker)?.id.clone())

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
+use crate::measure::detect::{self, Detection, Detections, Expected, GuidedDetector, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::jpeg::Part;
 use crate::measure::raster::Raster;
@@ -40,10 +40,10 @@ pub(super) fn detected(
     setup: &Setup,
     orientation: &Orientation,
 ) -> Option<Detections> {
-    let mut looker = Looker::new(picture.about(&[]));
-    let look = |sought: &[Prediction]| looker.roughly(picture.about(sought), sought);
+    let mut looker = GuidedDetector::new(picture.about(&[]));
+    let look = |sought: &[Prediction]| looker.detect_coarse(picture.about(sought), sought);
     let predictions = identify::locate(setup, orientation, look)?;
-    Some(looker.closely(picture.about(&predictions), &predictions))
+    Some(looker.detect(picture.about(&predictions), &predictions))
 }
 
 /// What shows aside of the places of markers that are missing and is like them, however the wing is bent. What the ground frames
@@ -62,7 +62,7 @@ pub(super) fn aside(
     if missing.is_empty() {
         return Vec::new();
     }
-    let mut looker = Looker::again(found);
+    let mut looker = GuidedDetector::again(found);
     let same =
         |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
     let search_px = Vector2::repeat(identify::SAME_PX);
@@ -73,9 +73,9 @@ pub(super) fn aside(
             .filter(|_| !found.markers.iter().any(|known| same(known, m)));
         like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
     };
-    let shown = looker.roughly(picture.about(&missing), &missing);
+    let shown = looker.detect_coarse(picture.about(&missing), &missing);
     let there: Vec<Prediction> = shown.iter().filter_map(like).collect();
-    if there.is_empty() { Vec::new() } else { looker.closely(picture.about(&there), &there).markers }
+    if there.is_empty() { Vec::new() } else { looker.detect(picture.about(&there), &there).markers }
 }
 
 /// Whether something has a marker's shape and size.
@@ -113,7 +113,7 @@ pub(super) fn looked_closer(
         let expected = identify::expect(setup, orientation, &found.markers, &identities);
         let places: Vec<Prediction> = expected.iter().map(|e| e.prediction.clone()).collect();
         let mut closer = found.clone();
-        if !detect::look_closer(picture.about(&places), &mut closer, &expected) {
+        if !detect::second_pass(picture.about(&places), &mut closer, &expected) {
             return (closer, identities);
         }
         let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };

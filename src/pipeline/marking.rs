@@ -5,13 +5,13 @@ use nalgebra::Vector2;
 
 use super::guard::{BROKE_OFF, guarded};
 use super::orienting::{self, GroundFrame};
-use super::stages::{self, Sighting};
+use super::stages::{self, ProcessedFrame};
 use super::{Job, decode, solve_sighting};
 use crate::camera::Format;
-use crate::installation::{HandObservation, HandPlace, Installation};
+use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
 use crate::measure::detect::{self, Detection, Expected, Prediction};
-use crate::measure::identify::{self, Foretold, OrientationFit};
+use crate::measure::identify::{self, OrientationFit, PredictedMarker};
 use crate::measure::raster::Raster;
 use crate::measure::setup::Orientation;
 use crate::record::{ImageRecord, Reason, Status};
@@ -23,29 +23,29 @@ pub const HAND_SIGMA_PX: f64 = 2.0;
 const WITHIN: f64 = 3.0;
 
 /// A picture on the desk.
-pub struct Desk {
+pub struct MarkingSession {
     /// What was detected.
-    seen: Seen,
+    seen: LoadedImage,
 }
 
-enum Seen {
-    Flight { raster: Raster, sighting: Box<Sighting>, orientation: Box<Orientation> },
+enum LoadedImage {
+    Flight { raster: Raster, sighting: Box<ProcessedFrame>, orientation: Box<Orientation> },
     Ground(Box<GroundFrame>),
 }
 
 /// What a picture says with what a person says of it.
-pub struct Said {
+pub struct MarkingResult {
     /// The result; on ground only the markers' part of it, and the orientation in words as its remark.
     pub record: ImageRecord,
     /// What it stands on.
     pub observations: Vec<Observation>,
     /// Where the picture should show the markers that lie in it.
-    pub foretold: Vec<Foretold>,
+    pub predicted: Vec<PredictedMarker>,
     /// By which the detector's measurements become centres.
     orientation: Option<Orientation>,
 }
 
-impl Desk {
+impl MarkingSession {
     /// Decodes and detects as `solve` does, or as `orient` does where `orientation` is `None`.
     ///
     /// # Errors
@@ -58,14 +58,15 @@ impl Desk {
         orientation: Option<&Orientation>,
     ) -> Result<Self, Reason> {
         let look = || match orientation {
-            None => Ok(Seen::Ground(Box::new(orienting::sight(name, bytes, installation)?))),
+            None => Ok(LoadedImage::Ground(Box::new(orienting::sight(name, bytes, installation)?))),
             Some(orientation) => {
                 let raster = decode::decode(bytes, format).map_err(Reason::of)?;
                 if let Some(fault) = stages::size_fault(&raster, installation) {
                     return Err(fault);
                 }
-                let sighting = stages::sight(name, bytes, format, installation, Some(orientation)).into();
-                Ok(Seen::Flight { raster, sighting, orientation: orientation.clone().into() })
+                let sighting =
+                    stages::process_frame(name, bytes, format, installation, Some(orientation)).into();
+                Ok(LoadedImage::Flight { raster, sighting, orientation: orientation.clone().into() })
             }
         };
         let seen = guarded(look).unwrap_or_else(|| Err(BROKE_OFF.into()))?;
@@ -75,23 +76,23 @@ impl Desk {
     /// Its pixels.
     pub fn raster(&self) -> &Raster {
         match &self.seen {
-            Seen::Flight { raster, .. } => raster,
-            Seen::Ground(frame) => frame.raster(),
+            LoadedImage::Flight { raster, .. } => raster,
+            LoadedImage::Ground(frame) => frame.raster(),
         }
     }
 
     /// What it says with what a person says of it.
-    pub fn solve(&self, said: &[HandObservation], installation: &Installation) -> Said {
+    pub fn solve(&self, said: &[ManualObservation], installation: &Installation) -> MarkingResult {
         let solve = || match &self.seen {
-            Seen::Flight { sighting, orientation, .. } => {
+            LoadedImage::Flight { sighting, orientation, .. } => {
                 in_flight(sighting, orientation, said, installation)
             }
-            Seen::Ground(frame) => on_ground(frame, said, installation),
+            LoadedImage::Ground(frame) => on_ground(frame, said, installation),
         };
-        guarded(solve).unwrap_or_else(|| Said {
+        guarded(solve).unwrap_or_else(|| MarkingResult {
             record: ImageRecord::failed("", crate::record::Method::None, BROKE_OFF),
             observations: vec![],
-            foretold: vec![],
+            predicted: vec![],
             orientation: None,
         })
     }
@@ -100,14 +101,14 @@ impl Desk {
     /// deviation; `None` where it finds nothing like it there, or tells it worse than the hand.
     pub fn refined(
         &self,
-        said: &Said,
+        said: &MarkingResult,
         installation: &Installation,
         (marker, at): (usize, Vector2<f64>),
         hand_sigma_px: f64,
-    ) -> Option<HandPlace> {
+    ) -> Option<ManualPosition> {
         let measured = || {
             let (setup, orientation) = (&installation.setup, said.orientation.as_ref()?);
-            let foretold = said.foretold.iter().find(|f| f.marker == marker)?;
+            let foretold = said.predicted.iter().find(|f| f.marker == marker)?;
             let reach = WITHIN * hand_sigma_px;
             let centre_px = at + foretold.prediction.centre_px - foretold.point_px;
             let search_px = Vector2::repeat(reach);
@@ -119,7 +120,7 @@ impl Desk {
             let centred = identify::centre_of(setup, orientation, &said.observations, marker, &found);
             let covariance_px2 = *centred.covariance_px2;
             let surer = covariance_px2.trace() < 2.0 * hand_sigma_px * hand_sigma_px;
-            surer.then_some(HandPlace { pixel: centred.centre_px, covariance_px2 })
+            surer.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
         };
         guarded(measured).flatten()
     }
@@ -127,44 +128,44 @@ impl Desk {
     /// The look of the detector at a marker whose size is known.
     fn closer(&self, marker: usize, prediction: &Prediction) -> Option<Detection> {
         let mut found = match &self.seen {
-            Seen::Flight { sighting, .. } => sighting.detections.clone(),
-            Seen::Ground(frame) => frame.sighting.detections.clone(),
+            LoadedImage::Flight { sighting, .. } => sighting.detections.clone(),
+            LoadedImage::Ground(frame) => frame.sighting.detections.clone(),
         };
         // What lies there was taken for something else.
         let beside = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
         found.markers.retain(beside);
         let before = found.markers.clone();
         let expected = Expected { prediction: prediction.clone(), found: None, marker };
-        detect::look_closer(self.raster(), &mut found, &[expected]);
+        detect::second_pass(self.raster(), &mut found, &[expected]);
         found.markers.into_iter().find(|d| before.iter().all(|b| b.centre_px != d.centre_px))
     }
 }
 
 fn in_flight(
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     orientation: &Orientation,
-    said: &[HandObservation],
+    said: &[ManualObservation],
     installation: &Installation,
-) -> Said {
+) -> MarkingResult {
     let mut sighting = sighting.clone();
-    sighting.add_by_hand(said);
+    sighting.add_manual(said);
     let record = solve_sighting(&sighting, installation, orientation, &Job::default());
-    let foretold = identify::foretell(&installation.setup, orientation, &sighting.observations);
+    let foretold = identify::predict_markers(&installation.setup, orientation, &sighting.observations);
     let orientation = Some(orientation.clone());
-    Said { record, observations: sighting.observations, foretold, orientation }
+    MarkingResult { record, observations: sighting.observations, predicted: foretold, orientation }
 }
 
-fn on_ground(frame: &GroundFrame, said: &[HandObservation], installation: &Installation) -> Said {
+fn on_ground(frame: &GroundFrame, said: &[ManualObservation], installation: &Installation) -> MarkingResult {
     let setup = &installation.setup;
     let mut frame = frame.clone();
-    frame.hear(said.to_vec());
+    frame.set_manual_observations(said.to_vec());
     let mut frames = [frame];
     match orienting::orient(setup, &mut frames) {
         Ok(fit) => {
             let observations: Vec<Observation> = fit.orientation.ground.iter().map(observation).collect();
-            let foretold = identify::foretell_on_ground(setup, &fit.orientation, &[]);
+            let foretold = identify::predict_ground_markers(setup, &fit.orientation, &[]);
             let record = ground_record(&fit, &observations, said, installation);
-            Said { record, observations, foretold, orientation: Some(fit.orientation) }
+            MarkingResult { record, observations, predicted: foretold, orientation: Some(fit.orientation) }
         }
         Err(error) => {
             let reason = Some(error.to_string());
@@ -173,23 +174,23 @@ fn on_ground(frame: &GroundFrame, said: &[HandObservation], installation: &Insta
                 markers: ground_markers(&[], said, installation),
                 ..ImageRecord::default()
             };
-            Said { record, observations: vec![], foretold: vec![], orientation: None }
+            MarkingResult { record, observations: vec![], predicted: vec![], orientation: None }
         }
     }
 }
 
-fn observation(sight: &crate::measure::setup::GroundSight) -> Observation {
+fn observation(sight: &crate::measure::setup::GroundObservation) -> Observation {
     Observation { marker: sight.marker, pixel: sight.pixel, covariance_px2: sight.covariance_px2 }
 }
 
 fn ground_markers(
     observations: &[Observation],
-    said: &[HandObservation],
+    said: &[ManualObservation],
     installation: &Installation,
 ) -> Vec<crate::record::MarkerRecord> {
     let observations = observations.to_vec();
-    let mut sighting = Sighting { observations, ..Sighting::default() };
-    sighting.add_by_hand(said);
+    let mut sighting = ProcessedFrame { observations, ..ProcessedFrame::default() };
+    sighting.add_manual(said);
     super::recording::markers(&sighting, installation)
 }
 
@@ -197,7 +198,7 @@ fn ground_markers(
 fn ground_record(
     fit: &OrientationFit,
     observations: &[Observation],
-    said: &[HandObservation],
+    said: &[ManualObservation],
     installation: &Installation,
 ) -> ImageRecord {
     let mut markers = ground_markers(observations, said, installation);

@@ -12,19 +12,19 @@
 //!
 //! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
-pub mod by_hand;
 pub mod decode;
+mod flight_priors;
 pub mod guard;
 pub mod guided;
 pub mod live;
 mod located;
+pub mod manual_observations;
 pub mod marking;
 pub mod orienting;
-mod places;
+mod pane_shifts;
 pub mod recording;
 pub mod shrink;
 pub mod stages;
-mod taught;
 
 use std::borrow::Cow;
 use std::time::Instant;
@@ -40,10 +40,10 @@ use crate::measure::setup::Orientation;
 use crate::record::{ImageRecord, Parameters, Provenance, Reason};
 use guard::{BROKE_OFF, guarded};
 
-use taught::Together;
+use flight_priors::Together;
 
-pub use stages::{Sighting, Stage, Work};
-pub use taught::learn_flight;
+pub use flight_priors::learn_flight;
+pub use stages::{ProcessedFrame, Stage, Work};
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,16 +77,16 @@ pub fn solve_frame(
     job: &Job,
 ) -> ImageRecord {
     let solve = || {
-        let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
+        let sighting = stages::process_frame(name, bytes, format, installation, Some(orientation));
         solve_sighting(&sighting, installation, orientation, job)
     };
-    let broken = || Sighting::failed(name, BROKE_OFF);
+    let broken = || ProcessedFrame::failed(name, BROKE_OFF);
     guarded(solve).unwrap_or_else(|| recording::record(&broken(), installation, job, Err(BROKE_OFF.into())))
 }
 
 /// Adjusts what was seen in one frame.
 pub fn solve_sighting(
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     installation: &Installation,
     orientation: &Orientation,
     job: &Job,
@@ -96,7 +96,7 @@ pub fn solve_sighting(
     let corrected = corrected(sighting, installation, orientation);
     let mountings = sighting.mounting.map(|m| vec![m]);
     let options = Options { mountings, ..job.options.clone() };
-    let (options, remarks) = taught::options(options, installation, std::slice::from_ref(sighting));
+    let (options, remarks) = flight_priors::options(options, installation, std::slice::from_ref(sighting));
     let job = &Job { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
@@ -108,7 +108,7 @@ pub fn solve_sighting(
 }
 
 /// The installation with the air and the wing's temperature of a frame, where the aircraft's data have them.
-fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a, Installation> {
+fn in_its_air<'a>(sighting: &ProcessedFrame, installation: &'a Installation) -> Cow<'a, Installation> {
     if sighting.aircraft.is_empty() {
         return Cow::Borrowed(installation);
     }
@@ -120,7 +120,7 @@ fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a
 /// Where the air was measured, how far off the refraction may be.
 fn with_sigma(
     report: RefractionReport,
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     installation: &Installation,
 ) -> RefractionReport {
     let measured = installation.setup.window.as_ref().filter(|_| !sighting.aircraft.is_empty());
@@ -129,8 +129,8 @@ fn with_sigma(
 }
 
 /// The mean of what the wing's temperatures are over a flight, whose frames share one length.
-fn mean_temperature(sightings: &[Sighting]) -> Conditions {
-    let of = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
+fn mean_temperature(sightings: &[ProcessedFrame]) -> Conditions {
+    let of = |s: &ProcessedFrame| aircraft::conditions(&s.aircraft).wing_temperature_c;
     let all: Vec<Estimate> = sightings.iter().filter_map(of).collect();
     let count = all.len() as f64;
     let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
@@ -151,7 +151,7 @@ fn with_remarks(mut solution: adjust::Solution, remarks: &[String]) -> adjust::S
 }
 
 /// A sighting's observations without the window's refraction; the failure of a sighting that has none.
-fn corrected(sighting: &Sighting, installation: &Installation, orientation: &Orientation) -> Corrected {
+fn corrected(sighting: &ProcessedFrame, installation: &Installation, orientation: &Orientation) -> Corrected {
     if let Some(reason) = &sighting.failure {
         return Err(reason.clone());
     }
@@ -177,7 +177,7 @@ fn adjust_one(
 /// Adjusts the frames of a flight together; one record per frame, in order. Frames that could not be
 /// sighted fail alone.
 pub fn solve_flight(
-    sightings: &[Sighting],
+    sightings: &[ProcessedFrame],
     installation: &Installation,
     orientation: &Orientation,
     job: &Job,
@@ -205,7 +205,7 @@ pub fn solve_flight(
         record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
-    places::name(&mut records, setup.lens.focal_px());
+    pane_shifts::name(&mut records, setup.lens.focal_px());
     records
 }
 

@@ -4,10 +4,10 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::guard::BROKE_OFF;
 use super::located::LOOKS;
-use super::stages::{self, Sighting};
-use crate::installation::{HandObservation, HandPlace, Installation};
+use super::stages::{self, ProcessedFrame};
+use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::detect::{self, Detection, Expected};
-use crate::measure::identify::{self, Foretold, IdentifyError, OrientationFit};
+use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::Reason;
@@ -16,9 +16,9 @@ use crate::record::Reason;
 #[derive(Clone)]
 pub struct GroundFrame {
     /// What was seen in it.
-    pub sighting: Sighting,
+    pub sighting: ProcessedFrame,
     raster: Raster,
-    said: Vec<HandObservation>,
+    said: Vec<ManualObservation>,
 }
 
 impl GroundFrame {
@@ -28,7 +28,7 @@ impl GroundFrame {
     }
 
     /// What a person says of its markers: it stands for what is detected of them.
-    pub fn hear(&mut self, said: Vec<HandObservation>) {
+    pub fn set_manual_observations(&mut self, said: Vec<ManualObservation>) {
         self.said = said;
     }
 }
@@ -67,7 +67,7 @@ pub fn orient(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFi
             let mut expected =
                 identify::expect_on_ground(setup, &fit.orientation, &found.markers, identities);
             expected.retain(|e: &Expected| frame.said.iter().all(|said| said.marker != e.marker));
-            changed |= detect::look_closer(&frame.raster, found, &expected);
+            changed |= detect::second_pass(&frame.raster, found, &expected);
         }
         take_in(setup, Some(&fit), frames);
         // A look that leaves everything in its place may have made it less sure.
@@ -101,7 +101,7 @@ fn first(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, Id
 
 /// Puts in each frame what a person says of its markers in the place of what was detected of them.
 fn take_in(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
-    let foretold = fit.map_or(vec![], |fit| identify::foretell_on_ground(setup, &fit.orientation, &[]));
+    let foretold = fit.map_or(vec![], |fit| identify::predict_ground_markers(setup, &fit.orientation, &[]));
     for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.said.is_empty()) {
         let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
         let rejected = |marker: usize| frame.said.iter().any(|s| s.marker == marker && s.place.is_none());
@@ -132,8 +132,8 @@ const SLANT: f64 = 0.5;
 fn detection(
     setup: &Setup,
     marker: &SurveyMarker,
-    place: &HandPlace,
-    foretold: Option<&Foretold>,
+    place: &ManualPosition,
+    foretold: Option<&PredictedMarker>,
 ) -> Detection {
     let distance_m = (marker.position_m - setup.projection_centre_m).norm().max(marker.diameter_m);
     let major = 0.5 * marker.diameter_m / distance_m * setup.lens.focal_px();

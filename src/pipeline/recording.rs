@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::Matrix3;
 
-use super::{Job, Sighting, Stage, Work, provenance};
+use super::{Job, ProcessedFrame, Stage, Work, provenance};
 use crate::aircraft;
 use crate::installation::Installation;
 use crate::measure::adjust::{
@@ -48,7 +48,7 @@ pub fn timing(stages: &[Stage]) -> Timing {
 
 /// A sighting and the outcome of its adjustment as one record.
 pub fn record(
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     installation: &Installation,
     job: &Job,
     outcome: Result<(Solution, Option<RefractionReport>), Reason>,
@@ -65,11 +65,11 @@ pub fn record(
     match outcome {
         Err(reason) => {
             record.reason = Some(reason.to_string());
-            say_by_hand(&mut record, sighting);
+            record_manual(&mut record, sighting);
         }
         Ok((solution, refraction)) => {
             fill(&mut record, sighting, installation, &solution);
-            say_by_hand(&mut record, sighting);
+            record_manual(&mut record, sighting);
             record.quality.aircraft = aircraft::named(&sighting.aircraft);
             record.quality.refraction = refraction;
         }
@@ -81,7 +81,7 @@ pub fn record(
 const SIDE_UNKNOWN: &str = "which way the nose points is not known, so no twist is given; set wing.side = \"left\" or \
      \"right\" in installation.toml, or name a [[torsion]] pair";
 
-fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installation, s: &Solution) {
+fn fill(record: &mut ImageRecord, sighting: &ProcessedFrame, installation: &Installation, s: &Solution) {
     record.status = Status::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
@@ -167,30 +167,30 @@ fn say_what_ground_says(line: &mut MarkerRecord, marker: usize, installation: &I
     }
 }
 
-fn missing_reasons(sighting: &Sighting) -> HashMap<usize, String> {
+fn missing_reasons(sighting: &ProcessedFrame) -> HashMap<usize, String> {
     let seen = sighting.identities.iter().flat_map(|i| i.missing.iter().cloned());
-    let said = sighting.by_hand.iter().filter_map(|(marker, said)| Some((*marker, said.clone()?)));
+    let said = sighting.manual.iter().filter_map(|(marker, said)| Some((*marker, said.clone()?)));
     seen.chain(said).collect()
 }
 
 /// Says of which markers the place is a person's.
-fn say_by_hand(record: &mut ImageRecord, sighting: &Sighting) {
-    for (marker, _) in sighting.by_hand.iter().filter(|(_, said)| said.is_none()) {
+fn record_manual(record: &mut ImageRecord, sighting: &ProcessedFrame) {
+    for (marker, _) in sighting.manual.iter().filter(|(_, said)| said.is_none()) {
         if let Some(line) = record.markers.get_mut(*marker) {
-            line.by_hand = true;
+            line.manual = true;
         }
     }
 }
 
 /// Every marker of the survey as not used, with what is known of it.
-pub(super) fn markers(sighting: &Sighting, installation: &Installation) -> Vec<MarkerRecord> {
+pub(super) fn markers(sighting: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
     let mut record =
         ImageRecord { markers: unsolved_markers(sighting, installation), ..ImageRecord::default() };
-    say_by_hand(&mut record, sighting);
+    record_manual(&mut record, sighting);
     record.markers
 }
 
-fn unsolved_markers(sighting: &Sighting, installation: &Installation) -> Vec<MarkerRecord> {
+fn unsolved_markers(sighting: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
     let missing = missing_reasons(sighting);
     let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
@@ -212,7 +212,7 @@ fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<Strin
         sigma_u_px: seen.map(|o| o.covariance_px2[(0, 0)].sqrt()),
         sigma_v_px: seen.map(|o| o.covariance_px2[(1, 1)].sqrt()),
         used: false,
-        by_hand: false,
+        manual: false,
         reason,
         residual_u_px: None,
         residual_v_px: None,
@@ -227,12 +227,12 @@ fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<Strin
         sigma_position_m: None,
         position_cad_m: None,
         sigma_position_cad_m: None,
-        lift_m: None,
-        sigma_lift_m: None,
-        lift_ground_m: None,
-        sigma_lift_ground_m: None,
-        lift_root_m: None,
-        sigma_lift_root_m: None,
+        deflection_m: None,
+        sigma_deflection_m: None,
+        deflection_ground_m: None,
+        sigma_deflection_ground_m: None,
+        deflection_root_m: None,
+        sigma_deflection_root_m: None,
     }
 }
 
@@ -261,12 +261,12 @@ fn solved_marker(
         sigma_distance_m: sigma(m.distance_m),
         position_m: m.position_m.map(Into::into),
         sigma_position_m: m.covariance_m2.as_ref().map(sigmas),
-        lift_m: value(m.lift_m),
-        sigma_lift_m: sigma(m.lift_m),
-        lift_ground_m: value(m.lift_ground_m),
-        sigma_lift_ground_m: sigma(m.lift_ground_m),
-        lift_root_m: value(m.lift_root_m),
-        sigma_lift_root_m: sigma(m.lift_root_m),
+        deflection_m: value(m.deflection_m),
+        sigma_deflection_m: sigma(m.deflection_m),
+        deflection_ground_m: value(m.deflection_ground_m),
+        sigma_deflection_ground_m: sigma(m.deflection_ground_m),
+        deflection_root_m: value(m.deflection_root_m),
+        sigma_deflection_root_m: sigma(m.deflection_root_m),
         ..blank(marker, seen, reason)
     }
 }
@@ -321,20 +321,20 @@ fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
     let outermost = s
         .markers
         .iter()
-        .filter(|m| m.used && m.lift_m.is_some())
+        .filter(|m| m.used && m.deflection_m.is_some())
         .max_by(|a, b| span(a).total_cmp(&span(b)))?;
-    let lift = outermost.lift_m?;
+    let deflection = outermost.deflection_m?;
     let id = setup.markers.get(outermost.marker)?.id.clone();
-    let (ground, root) = (outermost.lift_ground_m, outermost.lift_root_m);
+    let (ground, root) = (outermost.deflection_ground_m, outermost.deflection_root_m);
     Some(Tip {
         marker: id,
-        lift_m: lift.value,
-        sigma_lift_m: lift.sigma,
-        lift_ground_m: value(ground),
-        sigma_lift_ground_m: sigma(ground),
-        lift_root_m: value(root),
-        sigma_lift_root_m: sigma(root),
-        shown: s.budget.as_ref().map(|budget| budget.reference.into()),
+        deflection_m: deflection.value,
+        sigma_deflection_m: deflection.sigma,
+        deflection_ground_m: value(ground),
+        sigma_deflection_ground_m: sigma(ground),
+        deflection_root_m: value(root),
+        sigma_deflection_root_m: sigma(root),
+        reference: s.budget.as_ref().map(|budget| budget.reference.into()),
     })
 }
 
@@ -362,8 +362,8 @@ fn curve(p: &CurvePoint) -> CurveRecord {
     CurveRecord {
         arc_length_m: p.arc_length_m,
         span_m: p.span_m,
-        lift_m: p.lift_m.value,
-        sigma_lift_m: p.lift_m.sigma,
+        deflection_m: p.deflection_m.value,
+        sigma_deflection_m: p.deflection_m.sigma,
         twist_deg: p.twist_rad.map(|t| t.value.to_degrees()),
         sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
     }

@@ -8,13 +8,13 @@ use super::decode;
 use super::located::{self, Picture, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
-use crate::installation::{HandObservation, HandPlace, Installation};
+use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::jpeg::Part;
 use crate::measure::raster::Raster;
-use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::measure::setup::{GroundObservation, Orientation, Setup};
 use crate::measure::tiles::Tiles;
 use crate::record::Reason;
 
@@ -51,7 +51,7 @@ impl Stage {
 
 /// What was seen in one frame.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct Sighting {
+pub struct ProcessedFrame {
     /// File name of the frame.
     pub image: String,
     /// SHA-256 of its bytes.
@@ -65,7 +65,7 @@ pub struct Sighting {
     /// For the adjustment.
     pub observations: Vec<Observation>,
     /// Markers of which a person said something: where they are (`None`), or why they are not to be used.
-    pub by_hand: Vec<(usize, Option<String>)>,
+    pub manual: Vec<(usize, Option<String>)>,
     /// Whether the frame cannot be solved because nobody could name what was detected.
     pub is_unnamed: bool,
     /// The camera's mounting, where it is known.
@@ -78,40 +78,40 @@ pub struct Sighting {
     pub stages: Vec<Stage>,
 }
 
-impl Sighting {
+impl ProcessedFrame {
     /// From measurements by hand.
-    pub fn by_hand<'a>(name: &str, observations: impl IntoIterator<Item = &'a HandObservation>) -> Self {
+    pub fn manual<'a>(name: &str, observations: impl IntoIterator<Item = &'a ManualObservation>) -> Self {
         let mut sighting = Self { image: name.into(), ..Self::default() };
-        sighting.add_by_hand(observations);
+        sighting.add_manual(observations);
         sighting
     }
 
     /// What a person says beside what was detected: where both are of one marker, the person's stands for it. A frame whose
     /// detections nobody could name may be solved by what a person named in it.
-    pub fn add_by_hand<'a>(&mut self, observations: impl IntoIterator<Item = &'a HandObservation>) {
+    pub fn add_manual<'a>(&mut self, observations: impl IntoIterator<Item = &'a ManualObservation>) {
         for o in observations {
             let marker = o.marker;
             self.observations.retain(|seen| seen.marker != marker);
             let said = match o.place {
-                Some(HandPlace { pixel, covariance_px2 }) => {
+                Some(ManualPosition { pixel, covariance_px2 }) => {
                     self.observations.push(Observation { marker, pixel, covariance_px2 });
                     self.failure.take_if(|_| self.is_unnamed);
                     None
                 }
                 None => Some(rejection(o)),
             };
-            self.by_hand.push((marker, said));
+            self.manual.push((marker, said));
         }
         self.observations.sort_by_key(|o| o.marker);
     }
 
     /// The same, with none that were detected: for a picture that nothing is looked for in.
-    pub fn only_by_hand<'a>(
+    pub fn only_manual<'a>(
         name: &str,
         bytes: &[u8],
-        observations: impl IntoIterator<Item = &'a HandObservation>,
+        observations: impl IntoIterator<Item = &'a ManualObservation>,
     ) -> Self {
-        Self { digest: unseen(name, bytes).digest, ..Self::by_hand(name, observations) }
+        Self { digest: unseen(name, bytes).digest, ..Self::manual(name, observations) }
     }
 
     /// Without anything seen, and why.
@@ -164,7 +164,7 @@ impl Sighting {
 }
 
 /// Why a marker is not used that a person rejected.
-pub(super) fn rejection(of: &HandObservation) -> String {
+pub(super) fn rejection(of: &ManualObservation) -> String {
     let [who, _, why] = &of.note;
     let by = if who.is_empty() { String::new() } else { format!(" ({who})") };
     let because = if why.is_empty() { String::new() } else { format!(": {why}") };
@@ -172,13 +172,13 @@ pub(super) fn rejection(of: &HandObservation) -> String {
 }
 
 /// Decodes and detects; with an orientation also identifies and removes the perspective bias.
-pub fn sight(
+pub fn process_frame(
     name: &str,
     bytes: &[u8],
     format: Option<&Format>,
     installation: &Installation,
     orientation: Option<&Orientation>,
-) -> Sighting {
+) -> ProcessedFrame {
     let setup = &installation.setup;
     let size = (setup.lens.width as usize, setup.lens.height as usize);
     let mut sighting = unseen(name, bytes);
@@ -200,13 +200,13 @@ pub fn sight(
 
 /// The same from the whole frame, also where the installation says where to look: all that is there is seen, and why a candidate
 /// was turned down. The picture comes back for drawing.
-pub fn sight_whole(
+pub fn process_full_frame(
     name: &str,
     bytes: &[u8],
     format: Option<&Format>,
     installation: &Installation,
     orientation: Option<&Orientation>,
-) -> (Sighting, Option<Raster>) {
+) -> (ProcessedFrame, Option<Raster>) {
     let (mut sighting, raster) = detect_only(name, bytes, format);
     if let Some(raster) = &raster {
         recognise_if_it_fits(&mut sighting, raster, installation, orientation);
@@ -216,7 +216,7 @@ pub fn sight_whole(
 
 /// Names what was detected in a frame of the camera's size, where there is an orientation.
 fn recognise_if_it_fits(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     raster: &Raster,
     installation: &Installation,
     orientation: Option<&Orientation>,
@@ -230,7 +230,7 @@ fn recognise_if_it_fits(
 /// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
 /// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     part: &mut Part,
     setup: &Setup,
     orientation: &Orientation,
@@ -248,14 +248,18 @@ fn look_located(
 }
 
 /// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
-pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (Sighting, Option<Raster>) {
+pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (ProcessedFrame, Option<Raster>) {
     let mut sighting = unseen(name, bytes);
     let raster = sighting.look(|| decode::decode(bytes, format), detect::detect);
     (sighting, raster)
 }
 
-pub(super) fn unseen(name: &str, bytes: &[u8]) -> Sighting {
-    Sighting { image: name.into(), digest: hex::encode(Sha256::digest(bytes)), ..Sighting::default() }
+pub(super) fn unseen(name: &str, bytes: &[u8]) -> ProcessedFrame {
+    ProcessedFrame {
+        image: name.into(),
+        digest: hex::encode(Sha256::digest(bytes)),
+        ..ProcessedFrame::default()
+    }
 }
 
 /// A sentence where the frame is not of the calibrated camera's size.
@@ -280,7 +284,7 @@ pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<Reason
 
 /// Identities, closer looks at markers that are hidden in part or hardly seen, perspective bias, observations.
 pub fn recognise(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     raster: &Raster,
     installation: &Installation,
     orientation: &Orientation,
@@ -294,7 +298,7 @@ pub fn recognise(
 /// The same, and what foretells the next frame: what was found without a closer look, and who that is. Guided detection does not
 /// find what only a closer look shows: were it promised, the whole frame would be searched each time.
 pub(super) fn recognise_for_next(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     picture: &mut impl Picture,
     installation: &Installation,
     orientation: &Orientation,
@@ -312,7 +316,7 @@ pub(super) fn recognise_for_next(
 }
 
 fn take_up(
-    sighting: &mut Sighting,
+    sighting: &mut ProcessedFrame,
     setup: &Setup,
     orientation: &Orientation,
     known: Result<(Detections, Identities), IdentifyError>,
@@ -335,7 +339,7 @@ fn take_up(
 fn unidentified(
     setup: &Setup,
     orientation: &Orientation,
-    sighting: &Sighting,
+    sighting: &ProcessedFrame,
     error: IdentifyError,
 ) -> Reason {
     let cause = match error {
@@ -359,15 +363,19 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
 }
 
 /// Where the ground frames show the identified markers: the weighted mean over the frames.
-pub fn ground_sights(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundSight> {
+pub fn ground_sights(
+    setup: &Setup,
+    frames: &[Vec<Detection>],
+    fit: &OrientationFit,
+) -> Vec<GroundObservation> {
     let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
         observations(&centred, identities)
     });
-    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundSight {
+    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundObservation {
         marker,
         pixel,
         covariance_px2,
     });
-    GroundSight::means(setup.markers.len(), sights)
+    GroundObservation::means(setup.markers.len(), sights)
 }

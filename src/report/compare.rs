@@ -20,14 +20,14 @@ pub struct Change {
     /// Solved before and now; `None` where there is no result.
     pub status: (Option<Status>, Option<Status>),
     /// Of the outermost marker, before and now, m.
-    pub tip_lift_m: (Option<f64>, Option<f64>),
+    pub tip_deflection_m: (Option<f64>, Option<f64>),
     /// Now less before, m; of the same marker only.
     pub change_m: Option<f64>,
     /// Now, m. The two come from one picture: this is a scale to judge by, not the change's own.
     pub sigma_m: Option<f64>,
     /// The change over that.
     pub change_sigmas: Option<f64>,
-    /// The marker whose lift changed most, and by how much, m.
+    /// The marker whose deflection changed most, and by how much, m.
     pub marker: Option<(String, f64)>,
     /// Of the first torsion pair's twist, now less before, degrees.
     pub twist_change_deg: Option<f64>,
@@ -96,14 +96,14 @@ fn change(key: Key, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> Cha
     let tip = |record: Option<&ImageRecord>| record.and_then(|r| r.tip.clone());
     let (was, is) = (tip(old), tip(new));
     let same = was.as_ref().zip(is.as_ref()).filter(|(a, b)| a.marker == b.marker);
-    let change_m = same.map(|(a, b)| b.lift_m - a.lift_m);
-    let sigma_m = is.as_ref().and_then(|tip| tip.sigma_lift_m);
+    let change_m = same.map(|(a, b)| b.deflection_m - a.deflection_m);
+    let sigma_m = is.as_ref().and_then(|tip| tip.sigma_deflection_m);
     let twist = |record: Option<&ImageRecord>| record?.torsion.first()?.twist_deg;
     Change {
         series: key.0,
         frame: key.1,
         status: (old.map(|r| r.status), new.map(|r| r.status)),
-        tip_lift_m: (was.map(|t| t.lift_m), is.map(|t| t.lift_m)),
+        tip_deflection_m: (was.map(|t| t.deflection_m), is.map(|t| t.deflection_m)),
         change_m,
         sigma_m,
         change_sigmas: change_m.zip(sigma_m).filter(|(_, s)| *s > 0.0).map(|(c, s)| c / s),
@@ -114,8 +114,8 @@ fn change(key: Key, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> Cha
 
 fn largest(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> {
     let change = |m: &MarkerRecord| {
-        let was = old.iter().find(|o| o.id == m.id)?.lift_m?;
-        Some((m.id.clone(), m.lift_m? - was))
+        let was = old.iter().find(|o| o.id == m.id)?.deflection_m?;
+        Some((m.id.clone(), m.deflection_m? - was))
     };
     new.iter().filter_map(change).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
 }
@@ -134,7 +134,7 @@ pub fn inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)>
 /// Over all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// Frames whose tip lift can be compared.
+    /// Frames whose tip deflection can be compared.
     pub both: usize,
     /// m, with its sign.
     pub largest_m: Option<f64>,

@@ -112,10 +112,10 @@ mod tests {
 
     #[test]
     fn columns_line_up_and_control_characters_are_harmless() {
-        let mut grid = Grid::new(&["<name", "lift / m"]);
+        let mut grid = Grid::new(&["<name", "deflection / m"]);
         grid.push(vec!["a\u{1b}[2J".into(), "2.93".into()]);
         grid.push(vec!["é".into(), "-0.1".into()]);
-        let expected = "name   lift / m\n-----  --------\na\u{fffd}[2J      2.93\né          -0.1\n";
+        let expected = "name   deflection / m\n-----  --------\na\u{fffd}[2J      2.93\né          -0.1\n";
         assert_eq!(grid.text(), expected);
     }
 

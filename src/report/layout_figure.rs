@@ -15,19 +15,19 @@ const MARGIN_MM: f64 = 12.0;
 /// Width of the picture in the drawing, mm.
 const PICTURE_MM: f64 = 220.0;
 /// A marker is drawn at least so large, mm across.
-const LEAST_MM: f64 = 0.9;
+const MIN_DIMENSION_MM: f64 = 0.9;
 /// Corners of a drawn disc.
 const CORNERS: usize = 24;
 const STYLE: &str = "text{font:3.2px 'Segoe UI',Arial,'DejaVu Sans',sans-serif;fill:#17202c}\
 .title{font-size:4.4px;font-weight:600}.thin{stroke:#9aa3af;stroke-width:.2;fill:none}\
-.lifted{stroke:#c2571a;stroke-width:.25;fill:none}.marker{fill:#17202c}.cabin{fill:#c2571a}.window{fill:#f4f6f8;stroke:#9aa3af;stroke-width:.3}";
+.deflected{stroke:#c2571a;stroke-width:.25;fill:none}.marker{fill:#17202c}.cabin{fill:#c2571a}.window{fill:#f4f6f8;stroke:#9aa3af;stroke-width:.3}";
 
-/// A complete SVG file, in millimetres. `tip_lift_m` is the lift that the picture shows beside the wing at rest.
-pub fn figure(setup: &Setup, attitude: &Orientation, tip_lift_m: f64) -> String {
+/// A complete SVG file, in millimetres. `tip_deflection_m` is the deflection that the picture shows beside the wing at rest.
+pub fn figure(setup: &Setup, attitude: &Orientation, tip_deflection_m: f64) -> String {
     let plan = Plan::of(setup);
     let below = MARGIN_MM + plan.height_mm() + 20.0;
     let scale = PICTURE_MM / f64::from(setup.lens.width.max(1));
-    let picture = Picture { setup, attitude, tip_lift_m, scale, left: MARGIN_MM, top: below };
+    let picture = Picture { setup, attitude, tip_deflection_m, scale, left: MARGIN_MM, top: below };
     let list = list(setup, MARGIN_MM + PICTURE_MM + 8.0, below);
     let rows = 4.4 * (setup.markers.len() + 1) as f64;
     let height = below + (scale * f64::from(setup.lens.height)).max(rows) + MARGIN_MM;
@@ -101,7 +101,7 @@ impl<'a> Plan<'a> {
             text x=(px(camera.0 + 1.6)) y=(px(camera.1 - 1.6)) { "camera" }
             @for (marker, p) in &self.markers {
                 @let (x, y) = self.at(p.x, p.z);
-                @let r = (0.5e3 * marker.diameter_m / self.scale).max(0.5 * LEAST_MM);
+                @let r = (0.5e3 * marker.diameter_m / self.scale).max(0.5 * MIN_DIMENSION_MM);
                 circle class=(kind(marker)) cx=(px(x)) cy=(px(y)) r=(px(r)) {}
                 text x=(px(x - 3.0)) y=(px(y - r - 1.0)) { (marker.id) }
             }
@@ -113,11 +113,11 @@ fn kind(marker: &SurveyMarker) -> &'static str {
     if marker.fixed { "cabin" } else { "marker" }
 }
 
-/// What the camera sees of the wing at rest, and lifted.
+/// What the camera sees of the wing at rest, and deflected.
 struct Picture<'a> {
     setup: &'a Setup,
     attitude: &'a Orientation,
-    tip_lift_m: f64,
+    tip_deflection_m: f64,
     scale: f64,
     left: f64,
     top: f64,
@@ -132,11 +132,11 @@ impl Picture<'_> {
         shown.then_some((self.left + self.scale * pixel.x, self.top + self.scale * pixel.y))
     }
 
-    /// Lifted by the square of the way to the outermost marker.
-    fn lifted(&self, point_m: &Vector3<f64>, tip_m: f64) -> Vector3<f64> {
+    /// Deflected by the square of the way to the outermost marker.
+    fn deflected(&self, point_m: &Vector3<f64>, tip_m: f64) -> Vector3<f64> {
         let root = self.setup.root_offset_m;
         let share = ((point_m.x - root) / (tip_m - root).max(1e-3)).max(0.0);
-        point_m + Vector3::y() * (self.tip_lift_m * share * share)
+        point_m + Vector3::y() * (self.tip_deflection_m * share * share)
     }
 
     /// The outline of a disc that lies level, as a path; empty where it is not seen whole.
@@ -160,13 +160,13 @@ impl Picture<'_> {
             (self.scale * f64::from(self.setup.lens.width), self.scale * f64::from(self.setup.lens.height));
         html! {
             text.title x=(px(self.left)) y=(px(self.top - 3.0)) {
-                "In the picture: at rest, and (outlined) with the tip lifted by " (self.tip_lift_m) " m"
+                "In the picture: at rest, and (outlined) with the tip deflected by " (self.tip_deflection_m) " m"
             }
             rect.window x=(px(self.left)) y=(px(self.top)) width=(px(size.0)) height=(px(size.1)) {}
             @for (marker, p) in &placed {
                 polygon class=(kind(marker)) points=(self.disc(p, marker.diameter_m)) {}
                 @if !marker.fixed {
-                    polygon.lifted points=(self.disc(&self.lifted(p, tip_m), marker.diameter_m)) {}
+                    polygon.deflected points=(self.disc(&self.deflected(p, tip_m), marker.diameter_m)) {}
                 }
                 @if let Some((x, y)) = self.at(p) { text x=(px(x + 2.0)) y=(px(y - 1.5)) { (marker.id) } }
             }

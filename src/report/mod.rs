@@ -21,8 +21,8 @@ pub mod aircraft;
 #[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
-pub mod doubt;
 pub mod export;
+pub mod frame_ranking;
 pub mod grid;
 pub mod html;
 pub mod labels;

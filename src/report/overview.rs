@@ -9,7 +9,7 @@ use crate::clock::Stamp;
 use crate::record::{Reference, Status, Tip};
 use crate::store::manifest::{SeriesManifest, State};
 use crate::store::sets::{Gather, Sets};
-use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, heads, layout};
+use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, layout, result_summary};
 
 /// A series.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,8 +30,8 @@ pub struct Line {
     pub solved: usize,
     /// Frames with a result that says why not.
     pub failed: usize,
-    /// Lift of the outermost marker, as the flight's `reference` says.
-    pub tip_lift_m: Option<Mean>,
+    /// Deflection of the outermost marker, as the flight's `reference` says.
+    pub tip_deflection_m: Option<Mean>,
     /// The greatest of single frames.
     pub greatest: Option<Single>,
 }
@@ -60,7 +60,7 @@ impl Line {
 pub struct Overview {
     /// Its name.
     pub flight: String,
-    /// Against what its lifts are counted.
+    /// Against what its deflections are counted.
     pub reference: Reference,
     /// Its series, in order.
     pub series: Vec<Line>,
@@ -78,10 +78,10 @@ impl Overview {
         self.series.iter().map(of).sum()
     }
 
-    /// The single frame with the greatest tip lift, and its series.
+    /// The single frame with the greatest tip deflection, and its series.
     pub fn greatest(&self) -> Option<(&Line, &Single)> {
-        let lifts = self.series.iter().filter_map(|line| Some((line, line.greatest.as_ref()?)));
-        lifts.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m))
+        let deflections = self.series.iter().filter_map(|line| Some((line, line.greatest.as_ref()?)));
+        deflections.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
     }
 
     /// Bytes of frames an hour, over the last day of series; `None` before there are two.
@@ -103,7 +103,7 @@ struct Brief {
     tip: Option<Tip>,
 }
 
-/// What a head says of lift and success.
+/// What a head says of deflection and success.
 struct Seen {
     set: usize,
     frame: String,
@@ -162,9 +162,9 @@ fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Ve
             return Vec::new();
         }
     };
-    let heads = heads::parse(&bytes, &["status", "tip"]);
+    let heads = result_summary::parse(&bytes, &["status", "tip"]);
     let sets = gather.add(&series.id, &heads);
-    let one = |(head, set): (heads::Head, usize)| {
+    let one = |(head, set): (result_summary::Head, usize)| {
         let brief: Brief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
         Seen { set, frame: head.frame, ok: brief.status == Status::Ok, tip: brief.tip }
     };
@@ -178,8 +178,8 @@ fn with_results(line: Line, seen: &[Seen], chosen: Option<usize>, reference: Ref
     }
     let solved = || latest.values().filter(|s| s.ok);
     let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
-    let lifts: Vec<_> = tips().filter_map(|(_, tip)| tip.lift(reference)).collect();
-    let (tip_lift_m, greatest) = (Mean::of(&lifts), Single::greatest(tips(), reference));
+    let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();
+    let (tip_deflection_m, greatest) = (Mean::of(&deflections), Single::greatest(tips(), reference));
     let solved = solved().count();
-    Line { solved, failed: latest.len() - solved, tip_lift_m, greatest, ..line }
+    Line { solved, failed: latest.len() - solved, tip_deflection_m, greatest, ..line }
 }

@@ -27,16 +27,20 @@ struct Curve<'a> {
 
 /// A complete SVG file.
 pub fn figure(plan: &Plan) -> String {
-    let lift: Value = &|p| Some(1e3 * p.sigma_lift_m?);
+    let deflection: Value = &|p| Some(1e3 * p.sigma_deflection_m?);
     let twist: Value = &|p| p.sigma_twist_deg;
     let spanwise: Value = &|p| Some(p.ground.spanwise_mm);
     let streamwise: Value = &|p| Some(p.ground.streamwise_mm);
-    let lift_title = format!(
-        "Predicted standard deviation of the lift (tip lifted {} m, image {} px)",
-        plan.tip_lift_m, plan.pixel_sigma
+    let deflection_title = format!(
+        "Predicted standard deviation of the deflection (tip deflected {} m, image {} px)",
+        plan.tip_deflection_m, plan.pixel_sigma
     );
     let panels = [
-        (lift_title.as_str(), "lift / mm", vec![Curve { name: "lift", colour: DARK, value: lift }]),
+        (
+            deflection_title.as_str(),
+            "deflection / mm",
+            vec![Curve { name: "deflection", colour: DARK, value: deflection }],
+        ),
         (
             "Predicted standard deviation of the twist",
             "twist / deg",

@@ -33,9 +33,9 @@ pub fn protocol(record: &ImageRecord) -> String {
     section(&mut out, "Correlations", &correlations(record));
     section(&mut out, "Variance components", &variance_components(record));
     section(&mut out, "Observations and their reliability", &observations(record));
-    section(&mut out, "Positions and lifts", &positions(record).text());
-    section(&mut out, "Lift of the tip", &tip(record));
-    section(&mut out, "What the variance of the tip's lift comes from", &budget(record));
+    section(&mut out, "Positions and deflections", &positions(record).text());
+    section(&mut out, "Deflection of the tip", &tip(record));
+    section(&mut out, "What the variance of the tip's deflection comes from", &budget(record));
     section(&mut out, "Torsion", &torsion(record));
     section(&mut out, "Markers left out", &left_out(record));
     section(&mut out, "Remarks", &lines(&record.remarks));
@@ -227,7 +227,7 @@ fn positions(record: &ImageRecord) -> Grid {
         rounded(m.position_m.map(|p| p[axis]), m.sigma_position_m.map(|s| s[axis]), 4)
     };
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 4);
-    let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 4);
+    let deflection = |m: &MarkerRecord| rounded(m.deflection_m, m.sigma_deflection_m, 4);
     Grid::each(used(record)).columns(&[
         ("<marker", &|m| m.id.clone()),
         ("x / m", &|m| of(m, 0).0),
@@ -238,8 +238,8 @@ fn positions(record: &ImageRecord) -> Grid {
         ("sigma", &|m| of(m, 2).1),
         ("distance / m", &|m| distance(m).0),
         ("sigma", &|m| distance(m).1),
-        ("lift / m", &|m| lift(m).0),
-        ("sigma", &|m| lift(m).1),
+        ("deflection / m", &|m| deflection(m).0),
+        ("sigma", &|m| deflection(m).1),
     ])
 }
 

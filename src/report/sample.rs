@@ -10,8 +10,8 @@ use crate::record::{
 };
 
 /// A solved image of a wing along +y with four markers, the last one hidden.
-pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
-    let markers = (1..=4).map(|i| marker(i, tip_lift_m)).collect();
+pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
+    let markers = (1..=4).map(|i| marker(i, tip_deflection_m)).collect();
     let a_per_m = Some(Measured { value: 0.00219, sigma: Some(5.9e-6) });
     ImageRecord {
         image: image.to_owned(),
@@ -24,8 +24,8 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
         model: Model { a_per_m, ..Model::default() },
         tip: Some(Tip {
             marker: "M03".to_owned(),
-            lift_m: tip_lift_m,
-            sigma_lift_m: Some(0.006),
+            deflection_m: tip_deflection_m,
+            sigma_deflection_m: Some(0.006),
             ..Tip::default()
         }),
         markers,
@@ -36,37 +36,37 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
             twist_deg: Some(2.7),
             sigma_twist_deg: Some(0.2),
         }],
-        curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_lift_m)).collect(),
+        curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_deflection_m)).collect(),
         provenance: Provenance { program: Some("wingd 0.1.0".into()), ..Provenance::default() },
         ..ImageRecord::default()
     }
 }
 
-fn curve_point(span_m: f64, tip_lift_m: f64) -> CurveRecord {
+fn curve_point(span_m: f64, tip_deflection_m: f64) -> CurveRecord {
     let share = (span_m / 36.0).powi(2);
     CurveRecord {
         arc_length_m: span_m,
         span_m,
-        lift_m: tip_lift_m * share,
-        sigma_lift_m: Some(0.006 * share),
+        deflection_m: tip_deflection_m * share,
+        sigma_deflection_m: Some(0.006 * share),
         twist_deg: Some(2.7 * share),
         sigma_twist_deg: Some(0.2 * share),
     }
 }
 
-fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
+fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
     let span_m = f64::from(number) * 12.0;
     let hidden = number == 4;
-    let lift_m = tip_lift_m * (span_m / 36.0).powi(2);
+    let deflection_m = tip_deflection_m * (span_m / 36.0).powi(2);
     let some = |v: f64| (!hidden).then_some(v);
     MarkerRecord {
         id: format!("M0{number}"),
         shape: if number < 2 { Shape::Quadrant } else { Shape::Circle },
         u_px: some(2000.0 + span_m),
-        v_px: some(1500.0 - 10.0 * lift_m),
+        v_px: some(1500.0 - 10.0 * deflection_m),
         sigma_u_px: some(0.03),
         sigma_v_px: some(0.02),
-        by_hand: false,
+        manual: false,
         used: !hidden,
         reason: hidden.then(|| "hidden by glare".to_owned()),
         residual_u_px: some(0.01),
@@ -78,16 +78,16 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
         mdb_v_px: some(0.2),
         distance_m: some(span_m + 2.0),
         sigma_distance_m: some(0.004),
-        position_m: (!hidden).then_some([1.0, span_m, 3.0 + lift_m]),
+        position_m: (!hidden).then_some([1.0, span_m, 3.0 + deflection_m]),
         sigma_position_m: (!hidden).then_some([0.002, 0.004, 0.006]),
         position_cad_m: None,
         sigma_position_cad_m: None,
-        lift_m: some(lift_m),
-        sigma_lift_m: some(0.006),
-        lift_ground_m: None,
-        sigma_lift_ground_m: None,
-        lift_root_m: None,
-        sigma_lift_root_m: None,
+        deflection_m: some(deflection_m),
+        sigma_deflection_m: some(0.006),
+        deflection_ground_m: None,
+        sigma_deflection_ground_m: None,
+        deflection_root_m: None,
+        sigma_deflection_root_m: None,
     }
 }
 
@@ -99,8 +99,8 @@ pub fn failed(image: &str, reason: &str) -> ImageRecord {
     }
 }
 
-/// A series that began `after_s` seconds after the first one, one shot per lift.
-pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
+/// A series that began `after_s` seconds after the first one, one shot per deflection.
+pub fn series(name: &str, after_s: i64, deflections_m: &[f64]) -> SeriesData {
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {
         image: Some(image(i)),
@@ -118,9 +118,9 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
         name: name.to_owned(),
         begun: Some(stamp(after_s)),
         interrupted: false,
-        planned: lifts_m.len(),
-        records: lifts_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
-        shots: (0..lifts_m.len()).map(shot).collect(),
+        planned: deflections_m.len(),
+        records: deflections_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
+        shots: (0..deflections_m.len()).map(shot).collect(),
         remarks: Vec::new(),
         ..SeriesData::default()
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::doubt::Ranked;
+use super::frame_ranking::Ranked;
 use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, Whole, aircraft, summary};
 use crate::aircraft::{State as AircraftState, Track};
 use crate::installation;

@@ -40,28 +40,29 @@ impl Mean {
     }
 }
 
-/// One frame's lift.
+/// One frame's deflection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Single {
     /// The frame.
     pub image: String,
     /// Of the tip marker, m.
-    pub lift_m: f64,
+    pub deflection_m: f64,
     /// Its standard deviation, m.
     pub sigma_m: Option<f64>,
 }
 
 impl Single {
-    /// The greatest of some tips' lifts against a reference.
+    /// The greatest of some tips' deflections against a reference.
     pub fn greatest<'a>(
         tips: impl Iterator<Item = (&'a str, &'a Tip)>,
         reference: Reference,
     ) -> Option<Self> {
         let of = |(image, tip): (&str, &Tip)| {
-            let (lift_m, sigma_m) = tip.lift(reference).filter(|(lift, _)| lift.is_finite())?;
-            Some(Self { image: image.to_owned(), lift_m, sigma_m })
+            let (deflection_m, sigma_m) =
+                tip.deflection(reference).filter(|(deflection, _)| deflection.is_finite())?;
+            Some(Self { image: image.to_owned(), deflection_m, sigma_m })
         };
-        tips.filter_map(of).max_by(|a, b| a.lift_m.total_cmp(&b.lift_m))
+        tips.filter_map(of).max_by(|a, b| a.deflection_m.total_cmp(&b.deflection_m))
     }
 }
 
@@ -89,10 +90,10 @@ pub struct SeriesSummary {
     pub shots: usize,
     /// Frames with a result.
     pub solved: usize,
-    /// Against what the lifts are counted.
+    /// Against what the deflections are counted.
     pub reference: Reference,
-    /// Lift of the tip marker.
-    pub tip_lift_m: Option<Mean>,
+    /// Deflection of the tip marker.
+    pub tip_deflection_m: Option<Mean>,
     /// The greatest of single frames.
     pub greatest: Option<Single>,
     /// Every pair.
@@ -112,7 +113,7 @@ impl SeriesSummary {
     pub fn of(series: &SeriesData, hour: f64, reference: Reference) -> Self {
         let solved = solved(series);
         let tips = || solved.iter().filter_map(|r| Some((r.image.as_str(), r.tip.as_ref()?)));
-        let lifts: Vec<_> = tips().filter_map(|(_, tip)| tip.lift(reference)).collect();
+        let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();
         let factors: Vec<f64> =
             solved.iter().filter_map(|r| r.variance_factor).filter(|f| f.is_finite()).collect();
         let tests: Vec<GlobalTest> = solved.iter().filter_map(|r| r.global_test).collect();
@@ -123,7 +124,7 @@ impl SeriesSummary {
             shots: series.records.len().max(series.shots.len()).max(series.planned),
             solved: solved.len(),
             reference,
-            tip_lift_m: Mean::of(&lifts),
+            tip_deflection_m: Mean::of(&deflections),
             greatest: Single::greatest(tips(), reference),
             torsion: torsion(&solved),
             variance_factor: factors.iter().copied().fold(None, extremes),
@@ -154,7 +155,7 @@ pub fn summaries(series: &[SeriesData]) -> Vec<SeriesSummary> {
     series.iter().zip(hours(series)).map(|(s, h)| SeriesSummary::of(s, h, reference)).collect()
 }
 
-/// Against what the lifts of some series are counted: one for all of them, which all frames have.
+/// Against what the deflections of some series are counted: one for all of them, which all frames have.
 pub fn reference(series: &[SeriesData]) -> Reference {
     Reference::of(series.iter().flat_map(solved).filter_map(|r| r.tip.as_ref()))
 }
@@ -221,13 +222,13 @@ type Column<'a> = &'a dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>;
 fn mean_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
     let points: Vec<&CurveRecord> = curves.iter().filter_map(|c| c.get(index)).collect();
     let of = |f: Column| Mean::of(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>());
-    let lift = of(&|p| Some((p.lift_m, p.sigma_lift_m)))?;
+    let deflection = of(&|p| Some((p.deflection_m, p.sigma_deflection_m)))?;
     let twist = of(&|p| Some((p.twist_deg?, p.sigma_twist_deg)));
     Some(CurveRecord {
         arc_length_m: of(&|p| Some((p.arc_length_m, None)))?.value,
         span_m: of(&|p| Some((p.span_m, None)))?.value,
-        lift_m: lift.value,
-        sigma_lift_m: lift.sigma,
+        deflection_m: deflection.value,
+        sigma_deflection_m: deflection.sigma,
         twist_deg: twist.map(|t| t.value),
         sigma_twist_deg: twist.and_then(|t| t.sigma),
     })
@@ -256,10 +257,10 @@ mod tests {
         series.records.push(sample::failed("x.jpg", "dark"));
         let summary = SeriesSummary::of(&series, 0.0, Reference::Survey);
         let greatest = summary.greatest.unwrap();
-        assert_eq!((greatest.image.as_str(), greatest.lift_m), ("s1-01.jpg", 3.1));
+        assert_eq!((greatest.image.as_str(), greatest.deflection_m), ("s1-01.jpg", 3.1));
         assert_eq!((summary.shots, summary.solved, summary.tests_passed), (3, 2, 2));
-        assert!((summary.tip_lift_m.unwrap().value - 3.0).abs() < 1e-12);
-        assert!((summary.curve.last().unwrap().lift_m - 3.0).abs() < 1e-12);
+        assert!((summary.tip_deflection_m.unwrap().value - 3.0).abs() < 1e-12);
+        assert!((summary.curve.last().unwrap().deflection_m - 3.0).abs() < 1e-12);
         assert!(summary.torsion[0].twist_deg.is_some());
     }
 

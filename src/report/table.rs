@@ -13,7 +13,7 @@ pub fn results(records: &[ImageRecord], wide: bool) -> String {
     let reference = Reference::of(records.iter().filter_map(|r| r.tip.as_ref()));
     let mut out = images(records, reference).text_at(wide);
     let notes = notes(records);
-    out.push_str(&lifts(records, reference));
+    out.push_str(&deflections(records, reference));
     match records {
         // Of a frame that was never read there is nothing to show but the reason.
         [one] if one.markers.iter().any(|m| m.used || m.u_px.is_some()) => {
@@ -33,27 +33,30 @@ pub fn results(records: &[ImageRecord], wide: bool) -> String {
     out
 }
 
-/// Which lift the table shows; of one image all three and the budget.
-fn lifts(records: &[ImageRecord], reference: Reference) -> String {
+/// Which deflection the table shows; of one image all three and the budget.
+fn deflections(records: &[ImageRecord], reference: Reference) -> String {
     match records {
-        [ImageRecord { tip: Some(tip), budget, .. }] if tip.shown.is_some() => {
+        [ImageRecord { tip: Some(tip), budget, .. }] if tip.reference.is_some() => {
             format!("\n{}{}", self::tip(tip).text(), budget_text(budget))
         }
-        _ if records.iter().any(|r| r.tip.is_some()) => format!("Lifts are counted {}.\n", reference.words()),
+        _ if records.iter().any(|r| r.tip.is_some()) => {
+            format!("Deflections are counted {}.\n", reference.words())
+        }
         _ => String::new(),
     }
 }
 
-/// The tip's three lifts.
+/// The tip's three deflections.
 pub fn tip(tip: &Tip) -> Grid {
-    let shown = tip.shown.unwrap_or_default();
-    let lifts: Vec<_> = Reference::ALL.iter().filter_map(|one| Some((*one, tip.lift(*one)?))).collect();
-    let pair = |lift: &(f64, Option<f64>)| rounded(Some(lift.0), lift.1, 4);
-    Grid::each(&lifts).columns(&[
-        ("<lift of", &|_| tip.marker.clone()),
+    let shown = tip.reference.unwrap_or_default();
+    let deflections: Vec<_> =
+        Reference::ALL.iter().filter_map(|one| Some((*one, tip.deflection(*one)?))).collect();
+    let pair = |deflection: &(f64, Option<f64>)| rounded(Some(deflection.0), deflection.1, 4);
+    Grid::each(&deflections).columns(&[
+        ("<deflection of", &|_| tip.marker.clone()),
         ("<counted", &|(one, _)| one.words().to_owned()),
-        ("m", &|(_, lift)| pair(lift).0),
-        ("sigma / m", &|(_, lift)| pair(lift).1),
+        ("m", &|(_, deflection)| pair(deflection).0),
+        ("sigma / m", &|(_, deflection)| pair(deflection).1),
         ("<shown", &|(one, _)| if *one == shown { "yes" } else { "" }.to_owned()),
     ])
 }
@@ -87,7 +90,7 @@ pub fn budget(shares: &[BudgetShare]) -> Grid {
     Grid::each(shares).columns(&[
         ("<source", &|one| one.source.clone()),
         ("share / %", &|one| fixed(Some(100.0 * one.share), 1)),
-        ("sigma of the lift if it were known / mm", &|one| {
+        ("sigma of the deflection if it were known / mm", &|one| {
             fixed(one.sigma_if_known_m.map(|sigma| 1e3 * sigma), 2)
         }),
     ])
@@ -122,12 +125,12 @@ pub fn detections(image: &str, found: &Detections, ids: &[Option<String>], wide:
     )
 }
 
-/// One line per series, and what its lifts are.
+/// One line per series, and what its deflections are.
 pub fn series(summaries: &[SeriesSummary], wide: bool) -> String {
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
     let grid = series_grid(summaries).text_at(wide);
     format!(
-        "{grid}Lift: mean of the tip marker's, {}; sigma: of one frame; scatter: of single frames about the mean.\n",
+        "{grid}Deflection: mean of the tip marker's, {}; sigma: of one frame; scatter: of single frames about the mean.\n",
         reference.words()
     )
 }
@@ -141,9 +144,9 @@ pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
         ("<begun (UTC)", &|s| s.begun_text()),
         ("frames", &|s| s.shots.to_string()),
         ("solved", &|s| s.solved.to_string()),
-        ("mean tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
-        ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
-        ("scatter / m", &|s| scatter(s.tip_lift_m)),
+        ("mean tip deflection / m", &|s| mean(s.tip_deflection_m, 3).0),
+        ("sigma / m", &|s| mean(s.tip_deflection_m, 3).1),
+        ("scatter / m", &|s| scatter(s.tip_deflection_m)),
         ("~torsion / deg", &|s| angle(s).0),
         ("~sigma / deg", &|s| angle(s).1),
         ("~twist / deg", &|s| twist(s).0),
@@ -174,9 +177,9 @@ pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount], reference
 
 fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
-    let lift = |r: &ImageRecord| {
-        let (lift_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.lift(reference)).unzip();
-        rounded(lift_m, sigma_m.flatten(), 3)
+    let deflection = |r: &ImageRecord| {
+        let (deflection_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
+        rounded(deflection_m, sigma_m.flatten(), 3)
     };
     let pair = |r: &ImageRecord, of: fn(&TorsionRecord) -> (Option<f64>, Option<f64>)| {
         let (value, sigma) = r.torsion.first().map(of).unwrap_or_default();
@@ -189,8 +192,8 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Gri
         ("~<status", &|(r, _)| word(r.status)),
         ("~<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
         ("<tip", &|(r, _)| tip(r)),
-        ("lift / m", &|(r, _)| lift(r).0),
-        ("sigma / m", &|(r, _)| lift(r).1),
+        ("deflection / m", &|(r, _)| deflection(r).0),
+        ("sigma / m", &|(r, _)| deflection(r).1),
         ("~torsion / deg", &|(r, _)| angle(r).0),
         ("~sigma / deg", &|(r, _)| angle(r).1),
         ("twist / deg", &|(r, _)| twist(r).0),
@@ -204,9 +207,9 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Gri
 /// Every marker of one image; the terminal's and the report's.
 pub fn markers(record: &ImageRecord) -> Grid {
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
-    let reference = record.tip.as_ref().and_then(|tip| tip.shown).unwrap_or_default();
-    let lift = |m: &MarkerRecord| {
-        let (value, sigma) = m.lift(reference);
+    let reference = record.tip.as_ref().and_then(|tip| tip.reference).unwrap_or_default();
+    let deflection = |m: &MarkerRecord| {
+        let (value, sigma) = m.deflection(reference);
         rounded(value, sigma, 3)
     };
     Grid::each(&record.markers).columns(&[
@@ -220,8 +223,8 @@ pub fn markers(record: &ImageRecord) -> Grid {
         ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
         ("~distance / m", &|m| distance(m).0),
         ("~sigma / m", &|m| distance(m).1),
-        ("lift / m", &|m| lift(m).0),
-        ("sigma / m", &|m| lift(m).1),
+        ("deflection / m", &|m| deflection(m).0),
+        ("sigma / m", &|m| deflection(m).1),
         ("~w", &|m| fixed(m.w_test, 1)),
         ("<remark", &remark),
     ])
@@ -287,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_solved_image_shows_lift_torsion_and_its_markers() {
+    fn a_solved_image_shows_deflection_torsion_and_its_markers() {
         let text = results(&[sample::record("f01.jpg", 2.93)], true);
         for word in ["f01.jpg", "2.9300", "0.0060", "6.30", "0.20", "2.70", "passed", "M01", "hidden"] {
             assert!(text.contains(word), "{word} is missing in\n{text}");

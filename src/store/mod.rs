@@ -43,7 +43,7 @@ pub use care::{prune, receive, verify};
 pub use config::{AtBoot, StoreConfig};
 pub use disk::{Disk, RealDisk, StoreError, fake};
 pub use format::columns::{Column, Kind, LiveTable, Row};
-pub use format::{Inputs, chain, columns, heads, jsonl, layout, manifest, sha256};
+pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256};
 pub use read::catalogue::{FlightRef, SeriesRef};
 pub use read::frames::{FrameRef, frames, read_frame};
 pub use read::{aircraft, bundle, catalogue, installations, live, marks, sets};

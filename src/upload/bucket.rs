@@ -91,7 +91,7 @@ fn is(name: &str, wanted: &str) -> bool {
 
 /// A fault of an option or of the environment.
 pub(super) fn fault(file: &str, place: &str, problem: String, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.to_owned(), problem, mend: mend.to_owned() }
+    Fault { file: file.into(), place: place.to_owned(), problem, remedy: mend.to_owned() }
 }
 
 /// Whether the same request may do later.

@@ -18,7 +18,7 @@ use crate::store::sha256;
 /// Pause before the first repeat, doubled before each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 /// Longest pause between two repeats.
-const LONGEST_PAUSE: Duration = Duration::from_secs(8);
+const MAX_PAUSE: Duration = Duration::from_secs(8);
 /// Metadata of an object with its SHA-256, so that it can be compared without being read.
 const DIGEST: &str = "sha256";
 
@@ -259,7 +259,7 @@ impl Target {
                 Ok(done) => return Ok(done),
                 Err(error) if left > 0 && passes(&error) => {
                     tokio::time::sleep(pause).await;
-                    pause = (2 * pause).min(LONGEST_PAUSE);
+                    pause = (2 * pause).min(MAX_PAUSE);
                     left -= 1;
                 }
                 Err(error) => return Err(self.failed(key, &error)),

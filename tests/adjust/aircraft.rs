@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{InFlight, Setup, Uncertainty};
+use wingd::measure::setup::{FlightEffectPriors, Setup, Uncertainty};
 use wingd::measure::stress::{Curvature, Section, USUAL_STEPS};
 
 use crate::common::beam_truth::{
@@ -63,15 +63,15 @@ impl SetUp {
 /// What one wing or flight shows.
 #[derive(Default)]
 pub struct Shown {
-    /// Errors of the lifts over their standard deviations: against survey, ground frame, root.
-    pub lifts: [Vec<f64>; 3],
+    /// Errors of the deflections over their standard deviations: against survey, ground frame, root.
+    pub deflections: [Vec<f64>; 3],
     pub twist: Vec<f64>,
     /// Bending moments along the span, of a stiffness that is known.
     pub moments: Vec<f64>,
     /// Of the same three.
     pub tip_sigmas_m: [Vec<f64>; 3],
     pub passed: Vec<f64>,
-    /// Errors of the tip's lift, m: of the same three.
+    /// Errors of the tip's deflection, m: of the same three.
     pub tip_errors_m: [Vec<f64>; 3],
     /// Per source of the tip's variance: its share, and the standard deviation if it were known, m.
     budget: BTreeMap<&'static str, Vec<(f64, f64)>>,
@@ -79,19 +79,22 @@ pub struct Shown {
 
 impl Shown {
     pub fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
-        let lifts = aircraft.lifts_m(when);
+        let deflections = aircraft.deflections_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
-            let found = [marker.lift_m, marker.lift_ground_m, marker.lift_root_m];
-            for (k, lift) in found.into_iter().enumerate() {
-                let Some((lift, truth)) = lift.zip(lifts.get(marker.marker)) else { continue };
-                self.lifts[k].push((lift.value - truth[k]) / lift.sigma.unwrap());
+            let found = [marker.deflection_m, marker.deflection_ground_m, marker.deflection_root_m];
+            for (k, deflection) in found.into_iter().enumerate() {
+                let Some((deflection, truth)) = deflection.zip(deflections.get(marker.marker)) else {
+                    continue;
+                };
+                self.deflections[k].push((deflection.value - truth[k]) / deflection.sigma.unwrap());
             }
         }
         let twist = solution.torsion[0].twist_rad;
         self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
-        self.of_tip(solution, &lifts);
+        self.of_tip(solution, &deflections);
         for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
-            let of = |m: &MarkerSolution| [m.lift_m, m.lift_ground_m, m.lift_root_m][k]?.sigma;
+            let of =
+                |m: &MarkerSolution| [m.deflection_m, m.deflection_ground_m, m.deflection_root_m][k]?.sigma;
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
         self.moments.extend(moments(aircraft, when, solution, setup));
@@ -102,7 +105,7 @@ impl Shown {
 impl Shown {
     fn extend(&mut self, other: &Self) {
         for k in 0..3 {
-            self.lifts[k].extend(&other.lifts[k]);
+            self.deflections[k].extend(&other.deflections[k]);
             self.tip_sigmas_m[k].extend(&other.tip_sigmas_m[k]);
             self.tip_errors_m[k].extend(&other.tip_errors_m[k]);
         }
@@ -121,8 +124,11 @@ impl Shown {
             self.budget.entry(part.source).or_default().push((part.share, known_m));
         }
         let tip = &solution.markers[budget.marker];
-        for (k, lift) in [tip.lift_m, tip.lift_ground_m, tip.lift_root_m].into_iter().enumerate() {
-            self.tip_errors_m[k].extend(lift.map(|lift| lift.value - truth[budget.marker][k]));
+        for (k, deflection) in
+            [tip.deflection_m, tip.deflection_ground_m, tip.deflection_root_m].into_iter().enumerate()
+        {
+            self.tip_errors_m[k]
+                .extend(deflection.map(|deflection| deflection.value - truth[budget.marker][k]));
         }
     }
 
@@ -162,12 +168,12 @@ fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) 
     SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
-/// Tip's lift at a flight's start and end, m: what fuel burnt leaves, or as `LIFTS=4.0,-0.4` says.
-fn lifts_m() -> (f64, f64) {
-    let words = std::env::var("LIFTS").unwrap_or_default();
-    words
-        .split_once(',')
-        .map_or((3.2, 2.0), |(high, low)| (high.parse().expect("a lift, m"), low.parse().expect("a lift, m")))
+/// Tip's deflection at a flight's start and end, m: what fuel burnt leaves, or as `DEFLECTIONS=4.0,-0.4` says.
+fn deflections_m() -> (f64, f64) {
+    let words = std::env::var("DEFLECTIONS").unwrap_or_default();
+    words.split_once(',').map_or((3.2, 2.0), |(high, low)| {
+        (high.parse().expect("a deflection, m"), low.parse().expect("a deflection, m"))
+    })
 }
 
 /// Widths that `KNOWN=skin,readout` asks to be left out; `flight`: all of them.
@@ -177,11 +183,11 @@ fn known(setup: &mut Setup) {
     let of = &mut uncertainty.in_flight;
     for word in words.split(',').filter(|word| !word.is_empty()) {
         match word {
-            "flight" => *of = InFlight::NONE,
+            "flight" => *of = FlightEffectPriors::NONE,
             "held" => *of = of.held(),
             "bend" => of.ground_bend_m = 0.0,
             "skin" => of.skin_motion_m = 0.0,
-            "root" => (of.root_turn_rad, of.root_shift_m) = (0.0, 0.0),
+            "root" => (of.root_rotation_rad, of.root_translation_m) = (0.0, 0.0),
             "constant" => of.constant_bend_m = 0.0,
             "plane" => of.in_plane_m = 0.0,
             "torque" => of.torque_rad = 0.0,
@@ -228,7 +234,7 @@ pub fn draw(
     effects: impl Fn(&mut StdRng) -> Effects,
 ) -> Drawn {
     let mut rng = rng(seed);
-    let (high_m, low_m) = lifts_m();
+    let (high_m, low_m) = deflections_m();
     let mut drawn = Drawn::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
@@ -243,8 +249,8 @@ pub fn draw(
         let whens: Vec<When> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
-                let lift_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
-                When::Flight { lift_m, fuel: fuel * (1.0 - 0.24 * share) }
+                let deflection_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
+                When::Flight { deflection_m, fuel: fuel * (1.0 - 0.24 * share) }
             })
             .collect();
         let seen: Vec<_> = whens
@@ -281,11 +287,11 @@ const KINK_ARM_M: f64 = 20.0;
 /// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
 /// meets (steps, kinks, engines) too.
 pub fn all_together(rng: &mut StdRng) -> Effects {
-    let width = InFlight::USUAL;
+    let width = FlightEffectPriors::DEFAULT;
     Effects {
         ground_bend_m: width.ground_bend_m * normal(rng),
-        root_turn_rad: normal3(rng) * width.root_turn_rad,
-        root_shift_m: normal3(rng) * width.root_shift_m,
+        root_rotation_rad: normal3(rng) * width.root_rotation_rad,
+        root_translation_m: normal3(rng) * width.root_translation_m,
         bulge_m: BULGE * width.skin_motion_m * normal(rng),
         skin_m: width.skin_motion_m,
         fixed_each_m: 5e-4,
@@ -310,10 +316,15 @@ fn what_flight_does_is_in_the_standard_deviations() {
     for (frames, wings) in [(1, 24), (5, 12)] {
         for (k, set_up) in SET_UPS.into_iter().enumerate() {
             let shown = draw(7100 + k as u64, set_up, frames, wings, all_together).all;
-            let lifts = shown.lifts.each_ref().map(|lifts| rms(lifts));
+            let deflections = shown.deflections.each_ref().map(|deflections| rms(deflections));
             let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
-            println!("{frames} {set_up:?}: lifts {lifts:.2?}, twist {twist:.2}, moment {moment:.2}");
-            assert!(lifts.iter().all(|lift| *lift < 1.5), "{frames} {set_up:?}: {lifts:.2?}");
+            println!(
+                "{frames} {set_up:?}: deflections {deflections:.2?}, twist {twist:.2}, moment {moment:.2}"
+            );
+            assert!(
+                deflections.iter().all(|deflection| *deflection < 1.5),
+                "{frames} {set_up:?}: {deflections:.2?}"
+            );
             assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
         }
     }

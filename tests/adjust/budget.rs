@@ -7,7 +7,7 @@ use wingd::measure::adjust::{
 };
 use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
-use wingd::measure::setup::{InFlight, Orientation, Setup, SkinHeight, Uncertainty};
+use wingd::measure::setup::{FlightEffectPriors, Orientation, Setup, SkinHeight, Uncertainty};
 
 use crate::common::beam_truth::{Aircraft, Effects, Truth, When, Wing, normal, normal2, normal3, rms, rng};
 
@@ -17,7 +17,7 @@ const DRAWS: usize = 100;
 /// Of fx, fy, cx, cy, px, and of the distortion, which is held.
 const LENS_SIGMA: [f64; BROWN] = [2.0, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 /// Shares below this are not drawn: nobody argues with them.
-const LEAST_SHARE: f64 = 0.002;
+const MIN_FRACTION: f64 = 0.002;
 
 /// All that an adjustment is given.
 #[derive(Clone)]
@@ -37,7 +37,7 @@ impl Given {
         let mut rng = rng(1);
         let mut setup = aircraft.surveyed(&mut rng, 0.0);
         setup.markers.iter_mut().for_each(|m| m.sigma_m = SURVEY_M);
-        setup.uncertainty = Uncertainty { in_flight: InFlight::USUAL, ..Uncertainty::default() };
+        setup.uncertainty = Uncertainty { in_flight: FlightEffectPriors::DEFAULT, ..Uncertainty::default() };
         setup.uncertainty.in_flight.readout_s = 0.0;
         let mut orientation = aircraft.orientation(&mut rng, 0.0);
         let variance = NOISE_PX * NOISE_PX;
@@ -65,7 +65,7 @@ impl Given {
 }
 
 fn when(aircraft: &Aircraft) -> When {
-    When::Flight { lift_m: 2.9, fuel: aircraft.truth.fuel() }
+    When::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() }
 }
 
 fn truth() -> Truth {
@@ -161,9 +161,9 @@ const SOURCES: [(&str, Draw); 17] = [
     }),
     ("root motion", |given, rng| {
         let width = given.setup.uncertainty.in_flight;
-        let root_turn_rad = normal3(rng) * width.root_turn_rad;
-        let root_shift_m = normal3(rng) * width.root_shift_m;
-        effects(given, Effects { root_turn_rad, root_shift_m, ..Effects::default() })
+        let root_rotation_rad = normal3(rng) * width.root_rotation_rad;
+        let root_translation_m = normal3(rng) * width.root_translation_m;
+        effects(given, Effects { root_rotation_rad, root_translation_m, ..Effects::default() })
     }),
     ("camera in flight", |given, rng| {
         let width = given.setup.uncertainty.in_flight;
@@ -184,10 +184,10 @@ const SOURCES: [(&str, Draw); 17] = [
     }),
 ];
 
-/// Of the lift that a budget is of, against what is true of the aircraft.
+/// Of the deflection that a budget is of, against what is true of the aircraft.
 fn error_m(solution: &Solution, budget: &Budget, aircraft: &Aircraft) -> f64 {
-    let truth_m = aircraft.lifts_m(when(aircraft))[budget.marker][budget.reference as usize];
-    solution.markers[budget.marker].lift_against(budget.reference).unwrap().value - truth_m
+    let truth_m = aircraft.deflections_m(when(aircraft))[budget.marker][budget.reference as usize];
+    solution.markers[budget.marker].deflection_against(budget.reference).unwrap().value - truth_m
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn each_share_is_what_errors_of_that_source_do() {
     let exact = Given::exact(&still);
     let nominal = exact.solve();
     let budget = nominal.budget.clone().unwrap();
-    let sigma = nominal.markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
+    let sigma = nominal.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
     println!("sigma {:.2} mm, {:?}: {:.3?}", 1e3 * sigma, budget.reference, budget.shares);
     // What the model does not follow of this wing, without any error.
     let nominal_m = error_m(&nominal, &budget, &still);
@@ -213,7 +213,7 @@ fn each_share_is_what_errors_of_that_source_do() {
         let ratio = rms(&errors.collect::<Vec<_>>()) / (sigma * share.share.sqrt());
         println!("{source}: share {:.4}, drawn over told {ratio:.2}", share.share);
         drawn += share.share;
-        if share.share > LEAST_SHARE {
+        if share.share > MIN_FRACTION {
             assert!((0.75..1.3).contains(&ratio), "{source}: {ratio}");
         }
     }
@@ -243,11 +243,14 @@ fn shares_add_up_with_every_method() {
         println!("{:?} {:?}: {:.3?}", solution.method, budget.reference, budget.shares);
         assert!((sum(&budget.shares) - 1.0).abs() < 1e-9);
         assert!(budget.shares.iter().all(|one| (0.0..=1.0).contains(&one.share)));
-        let shown = solution.markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
+        let shown =
+            solution.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
         let known = budget.shares.iter().filter_map(|one| one.sigma_if_known_m);
         assert!(known.into_iter().all(|known| known <= shown * (1.0 + 1e-9)));
         for reference in [Reference::Survey, Reference::Ground, Reference::Root] {
-            let other = solution.markers[budget.marker].lift_against(reference).and_then(|lift| lift.sigma);
+            let other = solution.markers[budget.marker]
+                .deflection_against(reference)
+                .and_then(|deflection| deflection.sigma);
             assert!(other.is_none_or(|other| shown <= other / 0.99), "{reference:?} is told better");
         }
     }
@@ -261,10 +264,10 @@ fn shares_add_up_with_every_method() {
 #[test]
 fn plan_says_the_same_beforehand() {
     let exact = Given::exact(&with(Effects::default()));
-    let wanted = PlanOptions { tip_lift_m: 2.9, pixel_sigma: NOISE_PX, ..PlanOptions::default() };
+    let wanted = PlanOptions { tip_deflection_m: 2.9, pixel_sigma: NOISE_PX, ..PlanOptions::default() };
     let planned = plan::plan(&exact.setup, Some(&exact.orientation), &wanted).unwrap().prediction.unwrap();
     let budget = exact.solve().budget.unwrap();
-    assert_eq!(planned.tip.as_ref().unwrap().shown, budget.reference);
+    assert_eq!(planned.tip.as_ref().unwrap().reference, budget.reference);
     for one in &budget.shares {
         let there = share(&planned.budget, one.source);
         println!("{}: {:.3}, planned {there:.3}", one.source, one.share);
@@ -293,7 +296,7 @@ fn what_is_known_brings_what_another_adjustment_brings() {
         let mut given = exact.clone();
         know(&mut given.setup);
         let there =
-            given.solve().markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
+            given.solve().markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
         let told = budget.shares.iter().find(|one| one.source == source).unwrap().sigma_if_known_m.unwrap();
         println!("{source}: {:.3} mm, adjusted again {:.3} mm", 1e3 * told, 1e3 * there);
         assert!((told / there - 1.0).abs() < 0.02, "{source}");

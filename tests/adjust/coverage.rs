@@ -14,7 +14,7 @@ const RUNS: usize = 500;
 #[derive(Default)]
 struct Errors {
     position: Vec<f64>,
-    lift: Vec<f64>,
+    deflection: Vec<f64>,
     torsion: Vec<f64>,
 }
 
@@ -22,10 +22,10 @@ impl Errors {
     fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], s: &Solution) {
         let risen = |k: usize| flight[k].z - truth.ground_m[k].z;
         for m in s.markers.iter().filter(|m| m.used) {
-            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.lift_m.unwrap());
+            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.deflection_m.unwrap());
             let d = p - flight[m.marker];
             self.position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
-            self.lift.push((l.value - risen(m.marker)) / l.sigma.unwrap());
+            self.deflection.push((l.value - risen(m.marker)) / l.sigma.unwrap());
         }
         let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
         if let Some(angle) = s.torsion[0].angle_rad {
@@ -35,7 +35,7 @@ impl Errors {
     }
 
     fn ratios(&self) -> [f64; 3] {
-        [rms(&self.position), rms(&self.lift), rms(&self.torsion)]
+        [rms(&self.position), rms(&self.deflection), rms(&self.torsion)]
     }
 }
 
@@ -46,8 +46,8 @@ fn predicted_covariance_covers_sampled_errors() {
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
     for _ in 0..RUNS {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(tip_lift_m, truth.fuel());
+        let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, true);
@@ -56,13 +56,13 @@ fn predicted_covariance_covers_sampled_errors() {
         rejected += usize::from(s.global_test == GlobalTest::Rejected);
         errors.add(&truth, &flight, &s);
         let section = s.torsion[0].twist_rad.unwrap();
-        twist.push((section.value - truth.pair_twist_rad(tip_lift_m)) / section.sigma.unwrap());
+        twist.push((section.value - truth.pair_twist_rad(tip_deflection_m)) / section.sigma.unwrap());
     }
     let rate = rejected as f64 / RUNS as f64;
     println!(
-        "sampled over predicted: position {:.2}, lift {:.2}, torsion {:.2}, twist {:.2}; global test rejects {:.1} %",
+        "sampled over predicted: position {:.2}, deflection {:.2}, torsion {:.2}, twist {:.2}; global test rejects {:.1} %",
         rms(&errors.position),
-        rms(&errors.lift),
+        rms(&errors.deflection),
         rms(&errors.torsion),
         rms(&twist),
         1e2 * rate
@@ -92,8 +92,8 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
     for _ in 0..200 {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(tip_lift_m, truth.fuel());
+        let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let mut orientation = truth.orientation(&mut rng, 0.0, true);
@@ -108,7 +108,7 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
         errors.add(&truth, &flight, &s);
     }
     let ratios = errors.ratios();
-    println!("sharp images: sampled over predicted: position, lift, torsion {ratios:.2?}");
+    println!("sharp images: sampled over predicted: position, deflection, torsion {ratios:.2?}");
     assert!(errors.torsion.len() > 180);
     for ratio in ratios {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");

@@ -11,7 +11,7 @@ struct Outcome {
     mountings_found: Vec<bool>,
 }
 
-/// Flights of 7 frames, the lift falling from 3.0 m; after two frames the camera is remounted. With
+/// Flights of 7 frames, the deflection falling from 3.0 m; after two frames the camera is remounted. With
 /// `burning`, the fuel's share goes from the wing's own to 40 % of it, which changes the shape.
 fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
     let mut rng = rng(21);
@@ -40,12 +40,12 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
         let before = out.vertical.len();
         for (solution, flight) in solutions.iter().zip(&points) {
             for m in &solution.markers {
-                let (Some(p), Some(lift)) = (m.position_m, m.lift_m) else { continue };
+                let (Some(p), Some(deflection)) = (m.position_m, m.deflection_m) else { continue };
                 let d = p - flight[m.marker];
                 out.vertical.push(d.z);
                 out.horizontal.push(d.xy().norm());
-                let e = lift.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
-                out.normalised.push(e / lift.sigma.unwrap());
+                let e = deflection.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
+                out.normalised.push(e / deflection.sigma.unwrap());
             }
         }
         out.worst_flight_mm = out.worst_flight_mm.max(1e3 * rms(&out.vertical[before..]));
@@ -56,7 +56,7 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
 
 fn print(what: &str, o: &Outcome) {
     println!(
-        "{what}: horizontal {:.1} mm, vertical {:.1} mm (worst flight {:.1}), normalised lift {:.2}, mountings found {}/{}",
+        "{what}: horizontal {:.1} mm, vertical {:.1} mm (worst flight {:.1}), normalised deflection {:.2}, mountings found {}/{}",
         1e3 * rms(&o.horizontal),
         1e3 * rms(&o.vertical),
         o.worst_flight_mm,

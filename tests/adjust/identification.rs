@@ -13,9 +13,9 @@ use wingd::measure::identify::{
 use wingd::measure::setup::{Orientation, Setup, Shape};
 
 const HARD: Conditions =
-    Conditions { noise_px: 0.1, hidden: 0.33, false_ones: 10, mount_px: 40.0, lift_m: (-1.0, 4.0) };
+    Conditions { noise_px: 0.1, hidden: 0.33, false_ones: 10, mount_px: 40.0, deflection_m: (-1.0, 4.0) };
 const PLAIN: Conditions =
-    Conditions { noise_px: 0.05, hidden: 0.0, false_ones: 0, mount_px: 10.0, lift_m: (0.5, 3.0) };
+    Conditions { noise_px: 0.05, hidden: 0.0, false_ones: 0, mount_px: 10.0, deflection_m: (0.5, 3.0) };
 
 /// Visible, rightly identified, wrongly identified.
 #[derive(Default, Debug)]
@@ -42,7 +42,7 @@ impl Tally {
     }
 }
 
-fn lift(seed: u64, range: (f64, f64)) -> f64 {
+fn deflection(seed: u64, range: (f64, f64)) -> f64 {
     StdRng::seed_from_u64(seed ^ 0xa1).random_range(range.0..range.1)
 }
 
@@ -108,15 +108,18 @@ fn frames_in_flight_are_never_misidentified() {
         let noise_px = [0.05, 0.2, 1.0][seed as usize % 3];
         let conditions = Conditions { noise_px, ..HARD };
         let world = World::random(seed, &conditions);
-        let lift_m = lift(seed, conditions.lift_m);
-        let view = world.flight_view(lift_m, seed, &conditions);
+        let deflection_m = deflection(seed, conditions.deflection_m);
+        let view = world.flight_view(deflection_m, seed, &conditions);
         match identify(&world.setup, &known(&world), &view.detections) {
             Ok(identities) => {
                 is_complete(&world.setup, &view.detections, &identities);
                 let before = tally.wrong;
                 tally.add(&view, &identities);
                 if tally.wrong > before {
-                    eprintln!("seed {seed}: wrong at lift {lift_m:.2}, said {:.2}", identities.tip_lift_m);
+                    eprintln!(
+                        "seed {seed}: wrong at deflection {deflection_m:.2}, said {:.2}",
+                        identities.tip_deflection_m
+                    );
                 }
             }
             Err(e) => {
@@ -125,7 +128,7 @@ fn frames_in_flight_are_never_misidentified() {
                 failed += usize::from(visible >= 6);
                 refused += usize::from(visible < 6);
                 tally.visible += visible;
-                eprintln!("seed {seed}: lift {lift_m:.2}, {visible} visible: {e}");
+                eprintln!("seed {seed}: deflection {deflection_m:.2}, {visible} visible: {e}");
             }
         }
     }
@@ -140,7 +143,7 @@ fn plain_frames_lose_nothing() {
     let mut tally = Tally::default();
     for seed in 1000..1100 {
         let world = World::random(seed, &PLAIN);
-        let view = world.flight_view(lift(seed, PLAIN.lift_m), seed, &PLAIN);
+        let view = world.flight_view(deflection(seed, PLAIN.deflection_m), seed, &PLAIN);
         let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
         tally.add(&view, &identities);
     }
@@ -155,7 +158,7 @@ fn the_perspective_bias_is_removed() {
     for seed in 0..60 {
         let conditions = Conditions { noise_px: 0.01, ..PLAIN };
         let world = World::random(seed, &conditions);
-        let view = world.flight_view(lift(seed, conditions.lift_m), seed, &conditions);
+        let view = world.flight_view(deflection(seed, conditions.deflection_m), seed, &conditions);
         let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
         let corrected = remove_perspective_bias(&world.setup, &known(&world), &view.detections, &identities);
         for ((raw, new), j) in view.detections.iter().zip(&corrected).zip(&identities.marker_of) {
@@ -354,7 +357,7 @@ fn the_independent_set_is_oriented_and_identified() {
     assert_eq!(fit.identities[0].marker_of, ground.truth);
     for (name, view, _) in &dev.frames[1..] {
         let identities = identify(&dev.setup, &fit.orientation, &view.detections).unwrap();
-        eprintln!("{name}: tip {:.2} m, missing {:?}", identities.tip_lift_m, identities.missing);
+        eprintln!("{name}: tip {:.2} m, missing {:?}", identities.tip_deflection_m, identities.missing);
         assert_eq!(identities.marker_of, view.truth, "{name}");
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
 use rand::rngs::StdRng;
-use wingd::measure::adjust::taught::{ReducedNormals, Taught};
+use wingd::measure::adjust::flight_prior::{FlightPrior, ReducedNormals};
 use wingd::measure::adjust::{self, GlobalTest, Live, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{Orientation, Setup};
 
@@ -41,7 +41,7 @@ impl Drawn {
         Self { aircraft, setup, orientation, set_up, now: When::Survey }
     }
 
-    /// A flight with fuel, lift, mounting and all that is its own drawn anew.
+    /// A flight with fuel, deflection, mounting and all that is its own drawn anew.
     fn flies(&mut self, rng: &mut StdRng, frames: usize) -> Flown {
         let effects = all_together(rng);
         self.aircraft.flies_again(rng, effects);
@@ -50,7 +50,7 @@ impl Drawn {
         let heavy = rng.random_range(0.9..1.1);
         let when = |k: usize| {
             let share = k as f64 / (FRAMES - 1) as f64;
-            When::Flight { lift_m: heavy * (3.2 - 1.2 * share), fuel: fuel * (1.0 - 0.24 * share) }
+            When::Flight { deflection_m: heavy * (3.2 - 1.2 * share), fuel: fuel * (1.0 - 0.24 * share) }
         };
         let first = if frames == 1 { rng.random_range(0..FRAMES) } else { 0 };
         let whens: Vec<When> = (first..first + frames).map(when).collect();
@@ -63,14 +63,14 @@ impl Drawn {
         Flown { seen }
     }
 
-    fn options(&self, frames: usize, taught: Option<Taught>) -> Options {
+    fn options(&self, frames: usize, taught: Option<FlightPrior>) -> Options {
         let mounting =
             if self.set_up == SetUp::Stayed { Mounting::OfTheGround } else { Mounting::Numbered(0) };
         let taught = taught.map(Arc::new);
-        Options { mountings: Some(vec![mounting; frames]), taught, ..Options::default() }
+        Options { mountings: Some(vec![mounting; frames]), flight_prior: taught, ..Options::default() }
     }
 
-    fn learn(&self, flown: &Flown, taught: Option<Taught>) -> Option<ReducedNormals> {
+    fn learn(&self, flown: &Flown, taught: Option<FlightPrior>) -> Option<ReducedNormals> {
         let options = self.options(flown.seen.len(), taught);
         adjust::learn(&self.setup, &self.orientation, &flown.seen, &options).ok().map(|lesson| lesson.normals)
     }
@@ -92,16 +92,16 @@ impl Drawn {
         all
     }
 
-    fn single(&self, seen: &[Observation], taught: Option<Taught>) -> Solution {
+    fn single(&self, seen: &[Observation], taught: Option<FlightPrior>) -> Solution {
         adjust::spatial(&self.setup, &self.orientation, seen, &self.options(1, taught)).unwrap()
     }
 }
 
-fn together(lessons: &[ReducedNormals], setup: &Setup) -> Option<Taught> {
-    Taught::of(&lessons.iter().collect::<Vec<_>>(), setup).unwrap()
+fn together(lessons: &[ReducedNormals], setup: &Setup) -> Option<FlightPrior> {
+    FlightPrior::of(&lessons.iter().collect::<Vec<_>>(), setup).unwrap()
 }
 
-/// The largest standard deviation of a lift against survey, ground frame and root, m, if flights had told all that lasts
+/// The largest standard deviation of a deflection against survey, ground frame and root, m, if flights had told all that lasts
 /// without error: what is left is the frame's own.
 fn bound_m(drawn: &Drawn, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
     let n = of.unknowns.len();
@@ -133,8 +133,8 @@ fn budgets(all: &[Solution]) -> Vec<(&'static str, f64)> {
 
 fn said(name: &str, shown: &Shown) {
     println!(
-        "{name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
-        shown.lifts.each_ref().map(|lifts| rms(lifts)),
+        "{name}: deflections {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+        shown.deflections.each_ref().map(|deflections| rms(deflections)),
         rms(&shown.twist),
         rms(&shown.moments),
         shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
@@ -175,8 +175,8 @@ fn five_flights_narrow_a_single_frame_to_what_its_mounting_leaves() {
         assert!(taught_mm[k] < share * alone_mm[k], "{taught_mm:?} of {alone_mm:?}");
         assert!(taught_mm[k] < 1.15 * bounds_mm[k], "{taught_mm:?} of {bounds_mm:?}");
     }
-    for lifts in &taught.lifts {
-        let ratio = rms(lifts);
+    for deflections in &taught.deflections {
+        let ratio = rms(deflections);
         assert!((0.6..1.4).contains(&ratio), "{ratio}");
     }
     assert!(rms(&taught.twist) < 1.4 && rms(&taught.moments) < 1.4);
@@ -247,12 +247,12 @@ fn live_mode_begins_with_what_flights_taught() {
     let flights: Vec<Flown> = (0..3).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
     let taught = together(&drawn.lessons(&flights), &drawn.setup);
     let last = drawn.flies(&mut rng, FRAMES);
-    let tip = |taught: Option<Taught>| -> Vec<f64> {
+    let tip = |taught: Option<FlightPrior>| -> Vec<f64> {
         let options = drawn.options(1, taught);
         let mut live = Live::begin(drawn.setup.clone(), drawn.orientation.clone(), options).unwrap();
         let sigma = |seen: &Vec<Observation>| {
             let solution = live.frame(seen, 10.0).unwrap();
-            solution.markers.iter().filter_map(|m| m.lift_root_m?.sigma).fold(0.0, f64::max)
+            solution.markers.iter().filter_map(|m| m.deflection_root_m?.sigma).fold(0.0, f64::max)
         };
         last.seen.iter().map(sigma).collect()
     };

@@ -1,5 +1,5 @@
 //! Promise: frames adjusted as they come, ten a second, are right within their standard deviations in gusts and with a
-//! mounting that walks; they are better than each frame by itself; a jolt is noticed; a wrong image is left out.
+//! mounting that walks; they are better than each frame by itself; a mount disturbance is noticed; a wrong image is left out.
 
 use nalgebra::Vector3;
 use rand::Rng;
@@ -67,22 +67,22 @@ impl Ride {
     }
 }
 
-/// Normalised errors of a frame's lifts, and the errors, m.
+/// Normalised errors of a frame's deflections, and the errors, m.
 fn errors(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> (Vec<f64>, Vec<f64>) {
     let one = |m: &adjust::MarkerSolution| {
-        let lift = m.lift_m.unwrap();
-        let error = lift.value - (points[m.marker].z - truth.ground_m[m.marker].z);
-        (error / lift.sigma.unwrap(), error)
+        let deflection = m.deflection_m.unwrap();
+        let error = deflection.value - (points[m.marker].z - truth.ground_m[m.marker].z);
+        (error / deflection.sigma.unwrap(), error)
     };
     solution.markers.iter().filter(|m| m.used).map(one).unzip()
 }
 
 fn tip_sigma(solution: &Solution) -> f64 {
-    solution.markers.iter().filter_map(|m| m.lift_m?.sigma).fold(0.0, f64::max)
+    solution.markers.iter().filter_map(|m| m.deflection_m?.sigma).fold(0.0, f64::max)
 }
 
 #[test]
-fn lifts_are_in_sigma_from_the_first_frame_to_the_last() {
+fn deflections_are_in_sigma_from_the_first_frame_to_the_last() {
     let mut rng = rng(301);
     let checked = [0usize, 1, 4, 14, 29, 59];
     let mut normalised = vec![vec![]; checked.len()];
@@ -119,7 +119,7 @@ fn lifts_are_in_sigma_from_the_first_frame_to_the_last() {
     }
     for (k, frame) in checked.iter().enumerate() {
         println!(
-            "frame {:2}: lift {:.2} mm rms, normalised {:.2}, sigma of the tip {:.2} mm",
+            "frame {:2}: deflection {:.2} mm rms, normalised {:.2}, sigma of the tip {:.2} mm",
             frame + 1,
             1e3 * rms(&apart[k]),
             rms(&normalised[k]),
@@ -127,7 +127,7 @@ fn lifts_are_in_sigma_from_the_first_frame_to_the_last() {
         );
     }
     println!(
-        "alone: lift {:.2} mm rms, normalised {:.2}, sigma of the tip {:.2} mm; {:.1} ms a frame (median), {mountings} mountings",
+        "alone: deflection {:.2} mm rms, normalised {:.2}, sigma of the tip {:.2} mm; {:.1} ms a frame (median), {mountings} mountings",
         1e3 * rms(&single),
         rms(&single_normalised),
         1e3 * median(&single_sigma),
@@ -141,7 +141,7 @@ fn lifts_are_in_sigma_from_the_first_frame_to_the_last() {
 }
 
 #[test]
-fn a_jolt_is_noticed_and_lifts_stay_in_sigma() {
+fn a_mount_disturbance_is_noticed_and_deflections_stay_in_sigma() {
     let mut rng = rng(302);
     let (mut normalised, mut late, mut noticed) = (vec![], vec![], 0);
     for _ in 0..24 {
@@ -164,7 +164,7 @@ fn a_jolt_is_noticed_and_lifts_stay_in_sigma() {
         }
     }
     println!(
-        "jolt of 0.3 mrad: noticed at once {noticed} of 24, normalised {:.2}, 2 s later {:.2}",
+        "mount_disturbed of 0.3 mrad: noticed at once {noticed} of 24, normalised {:.2}, 2 s later {:.2}",
         rms(&normalised),
         rms(&late)
     );
@@ -173,7 +173,7 @@ fn a_jolt_is_noticed_and_lifts_stay_in_sigma() {
 }
 
 #[test]
-fn a_wrong_image_is_left_out_and_is_no_jolt() {
+fn a_wrong_image_is_left_out_and_is_no_mount_disturbance() {
     let mut rng = rng(303);
     let (mut normalised, mut left_out) = (vec![], 0);
     for wing in 0..12 {
@@ -197,7 +197,7 @@ fn a_wrong_image_is_left_out_and_is_no_jolt() {
     assert!(left_out >= 94 && rms(&normalised) < 1.3);
 }
 
-/// One picture's inner markers with another's outer ones, as of a buffer that is overwritten while it is read: another lift,
+/// One picture's inner markers with another's outer ones, as of a buffer that is overwritten while it is read: another deflection,
 /// another mounting. The first marker of the other picture is given.
 fn torn(ride: &mut Ride, rng: &mut StdRng, outer: usize) -> Vec<Observation> {
     let (level_m, turn) = (ride.level_m, ride.turn);
@@ -234,7 +234,7 @@ fn a_torn_picture_teaches_nothing_wherever_it_comes() {
                 }
             }
         }
-        // A frame's lifts err together: beyond 3.5 sigma one frame in 2,000 would be, of 144.
+        // A frame's deflections err together: beyond 3.5 sigma one frame in 2,000 would be, of 144.
         let worst = wholly.iter().fold(0.0, |m: f64, n| m.max(*n));
         println!(
             "torn in frame {}: normalised {:.2} after it, {worst:.2} in the worst frame",
@@ -266,7 +266,7 @@ fn noise_that_is_stated_too_small_is_no_contradiction() {
         }
     }
     println!(
-        "noise twice what is stated: lift {:.2} mm rms, {:.2} mm alone; {by_itself} of 480 frames by themselves",
+        "noise twice what is stated: deflection {:.2} mm rms, {:.2} mm alone; {by_itself} of 480 frames by themselves",
         1e3 * rms(&apart),
         1e3 * rms(&single)
     );
@@ -293,7 +293,7 @@ fn the_last_of_many_frames_agrees_with_all_of_them_together() {
             Options { mountings: Some(vec![adjust::Mounting::Numbered(1); 40]), ..Options::default() };
         let all = adjust::flight(&ride.setup, &ride.orientation, &frames, &options).unwrap().pop().unwrap();
         for (a, b) in own.markers.iter().zip(&all.markers) {
-            let (Some(a), Some(b)) = (a.lift_m, b.lift_m) else { continue };
+            let (Some(a), Some(b)) = (a.deflection_m, b.deflection_m) else { continue };
             apart.push((a.value - b.value) / a.sigma.unwrap());
         }
         live_errors.extend(errors(&ride.truth, &points, &own).0);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 use wingd::measure::adjust::{Live, Observation, Options};
-use wingd::measure::setup::InFlight;
+use wingd::measure::setup::FlightEffectPriors;
 
 #[test]
 fn the_first_frames_are_solved_where_rounding_turns_down_the_last_steps() {
@@ -29,7 +29,7 @@ fn the_first_frames_are_solved_where_rounding_turns_down_the_last_steps() {
     }
     assert_eq!(frames.len(), 6);
     // As it was recorded, with nothing of what flight does, and as the defaults have it.
-    for in_flight in [InFlight::NONE, InFlight::USUAL] {
+    for in_flight in [FlightEffectPriors::NONE, FlightEffectPriors::DEFAULT] {
         let mut setup = installation.setup.clone();
         setup.uncertainty.in_flight = in_flight;
         let mut live = Live::begin(setup, orientation.clone(), Options::default()).unwrap();
@@ -37,6 +37,6 @@ fn the_first_frames_are_solved_where_rounding_turns_down_the_last_steps() {
             let solution = live.frame(observations, 0.1).unwrap_or_else(|e| panic!("frame {frame}: {e}"));
             assert!(solution.iterations < 200, "frame {frame}: {} iterations", solution.iterations);
         }
-        assert_eq!(live.mountings(), 1, "nothing was taken for a jolt");
+        assert_eq!(live.mountings(), 1, "nothing was taken for a mount disturbance");
     }
 }

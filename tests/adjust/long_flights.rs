@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Observation, Options, Solution};
 use wingd::measure::render::{self, Light, Scene, Side};
-use wingd::measure::setup::{GroundSight, Orientation, Setup};
+use wingd::measure::setup::{GroundObservation, Orientation, Setup};
 
 const SURVEY_SIGMA_M: f64 = 0.002;
 const PIXEL_SIGMA: f64 = 0.05;
@@ -29,7 +29,7 @@ fn noisy(rng: &mut StdRng, marker: usize, pixel: Vector2<f64>) -> Observation {
     Observation { marker, pixel: pixel + normal2(rng) * PIXEL_SIGMA, covariance_px2 }
 }
 
-/// The lift falls from 3.0 to 1.8 m; the camera is `jump_px` off from the middle frame on.
+/// The deflection falls from 3.0 to 1.8 m; the camera is `jump_px` off from the middle frame on.
 fn cantilever(wing: Wing, rng: &mut StdRng, count: usize, jump_px: f64) -> Flight {
     let truth = Truth::new(wing, 21);
     let before = remounted(rng, &truth.setup);
@@ -58,7 +58,7 @@ fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
     setup.projection_centre_m = scene.frame.origin_m + normal3(rng) * setup.projection_centre_sigma_m;
     let sight = |(marker, pixel)| {
         let Observation { marker, pixel, covariance_px2 } = noisy(rng, marker, pixel);
-        GroundSight { marker, pixel, covariance_px2 }
+        GroundObservation { marker, pixel, covariance_px2 }
     };
     let seen = ground.markers.iter().enumerate().filter_map(|(k, m)| Some((k, m.pixel?)));
     let orientation = Orientation {

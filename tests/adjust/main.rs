@@ -4,13 +4,13 @@
 mod aircraft;
 mod aircraft_join;
 mod budget;
-mod causes;
 #[path = "../common/mod.rs"]
 mod common;
+mod common_displacement;
 mod coverage;
 mod flight;
+mod flight_effect_cases;
 mod identification;
-mod kinds;
 mod learning;
 mod live;
 mod live_start;

@@ -54,7 +54,7 @@ impl Frame {
     }
 
     fn tip_sigma_m(&self) -> f64 {
-        self.used().filter_map(|m| m.lift_m?.sigma).fold(0.0, f64::max)
+        self.used().filter_map(|m| m.deflection_m?.sigma).fold(0.0, f64::max)
     }
 }
 
@@ -97,34 +97,34 @@ impl Ride {
         self.truth.swinging(LEVEL_M + first_m, self.truth.fuel(), &self.mode, second_m)
     }
 
-    /// Lifts of the markers that a swing of so much at the tip is, m.
+    /// Deflections of the markers that a swing of so much at the tip is, m.
     fn shape(&self, first_m: f64, second_m: f64) -> Vec<f64> {
         self.at(first_m, second_m).into_iter().zip(self.at(0.0, 0.0)).map(|(a, b)| a.z - b.z).collect()
     }
 
-    /// Error of each marker's lift in its standard deviations, frame by frame.
+    /// Error of each marker's deflection in its standard deviations, frame by frame.
     fn normalised(&self, from: usize) -> Vec<f64> {
         let of = |frame: &Frame| -> Vec<f64> {
             let one = |m: &MarkerSolution| {
-                let lift = m.lift_m?;
+                let deflection = m.deflection_m?;
                 let truth_m = frame.points[m.marker].z - self.truth.ground_m[m.marker].z;
-                Some((lift.value - truth_m) / lift.sigma?)
+                Some((deflection.value - truth_m) / deflection.sigma?)
             };
             frame.used().filter_map(one).collect()
         };
         self.results[from..].iter().flat_map(of).collect()
     }
 
-    /// How the solved lift of a marker goes with each swing: least squares with a constant.
+    /// How the solved deflection of a marker goes with each swing: least squares with a constant.
     fn answers(&self, marker: usize, from: usize) -> [f64; 2] {
         let rows = self.results.iter().enumerate().skip(from).filter_map(|(k, frame)| {
-            let lift = frame.used().find(|m| m.marker == marker)?.lift_m?;
-            Some((Vector3::new(1.0, self.swings[0][k], self.swings[1][k]), lift.value))
+            let deflection = frame.used().find(|m| m.marker == marker)?.deflection_m?;
+            Some((Vector3::new(1.0, self.swings[0][k], self.swings[1][k]), deflection.value))
         });
         let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
-        for (row, lift_m) in rows {
+        for (row, deflection_m) in rows {
             normal += row * row.transpose();
-            right += row * lift_m;
+            right += row * deflection_m;
         }
         let found = normal.try_inverse().unwrap() * right;
         [found[1], found[2]]
@@ -144,9 +144,9 @@ impl Ride {
     }
 }
 
-/// Lifts keep their standard deviations, and both modes their shapes, however the wing's second mode looks. `WINGS=20` for a table.
+/// Deflections keep their standard deviations, and both modes their shapes, however the wing's second mode looks. `WINGS=20` for a table.
 #[test]
-fn both_modes_have_their_shapes_and_lifts_keep_their_sigma() {
+fn both_modes_have_their_shapes_and_deflections_keep_their_sigma() {
     const LEARNT: usize = 100;
     let wings: usize = std::env::var("WINGS").ok().and_then(|text| text.parse().ok()).unwrap_or(4);
     for (swings, second_m) in [
@@ -164,7 +164,7 @@ fn both_modes_have_their_shapes_and_lifts_keep_their_sigma() {
         let least = |k: usize| rides.iter().map(|ride| ride.assurance(LEARNT)[k]).fold(1.0, f64::min);
         let [first, second] = [least(0), least(1)];
         println!(
-            "{swings:?}, {:2.0} mm: lifts {all:.2} normalised, {learnt:.2} after 10 s; sigma of the tip {:.1} mm; least MAC {first:.4}, {second:.4}",
+            "{swings:?}, {:2.0} mm: deflections {all:.2} normalised, {learnt:.2} after 10 s; sigma of the tip {:.1} mm; least MAC {first:.4}, {second:.4}",
             1e3 * second_m,
             1e3 * median(&tips)
         );
@@ -192,7 +192,7 @@ fn modes_of_five_minutes_are_written() {
         .collect();
     std::fs::write(folder.join("truth.json"), json!(said).to_string()).unwrap();
     let normalised = rms(&ride.normalised(1));
-    println!("lifts {normalised:.2} normalised; MAC {:.4?}; {}", ride.assurance(1), folder.display());
+    println!("deflections {normalised:.2} normalised; MAC {:.4?}; {}", ride.assurance(1), folder.display());
     assert!(normalised < 1.3);
 }
 
@@ -200,16 +200,16 @@ fn modes_of_five_minutes_are_written() {
 fn write_results(ride: &Ride, folder: &Path) {
     let ids: Vec<&str> = ride.truth.setup.markers.iter().map(|m| m.id.as_str()).collect();
     let mut csv = String::from("recorder_id,flight,boot_id,since_boot_s,exposure_time");
-    ids.iter().for_each(|id| write!(csv, ",u_{id}_px,lift_{id}_m,sigma_lift_{id}_m").unwrap());
+    ids.iter().for_each(|id| write!(csv, ",u_{id}_px,deflection_{id}_m,sigma_deflection_{id}_m").unwrap());
     csv.push('\n');
     for (k, frame) in ride.results.iter().enumerate() {
         let s = 1000.0 + k as f64 / RATE_HZ;
         let moment = jiff::Timestamp::from_microsecond(1_772_000_000_000_000 + (1e6 * s) as i64).unwrap();
         write!(csv, "ab,f0001,boot,{s},{moment}").unwrap();
         for (i, seen) in frame.seen.iter().enumerate() {
-            let lift = frame.used().find(|m| m.marker == i).and_then(|m| m.lift_m);
-            // One that was left out has no lift in this frame.
-            match lift.and_then(|lift| Some((lift.value, lift.sigma?))) {
+            let deflection = frame.used().find(|m| m.marker == i).and_then(|m| m.deflection_m);
+            // One that was left out has no deflection in this frame.
+            match deflection.and_then(|deflection| Some((deflection.value, deflection.sigma?))) {
                 Some((value, sigma)) => write!(csv, ",{:.2},{value},{sigma}", seen.pixel.x).unwrap(),
                 None => write!(csv, ",{:.2},,", seen.pixel.x).unwrap(),
             }

@@ -1,4 +1,4 @@
-//! Promise: whatever the camera's mounting does between the frames of a flight, lifts are right within their standard
+//! Promise: whatever the camera's mounting does between the frames of a flight, deflections are right within their standard
 //! deviations: frames that are all turned a little, mountings that alternate, one that creeps; a camera that was
 //! shifted when it was mounted again.
 
@@ -45,11 +45,11 @@ fn rotations(rng: &mut StdRng, setup: &Setup, kind: Mounting, frames: usize) -> 
     }
 }
 
-/// Normalised errors of the lifts of a frame.
+/// Normalised errors of the deflections of a frame.
 fn normalised(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> Vec<f64> {
     let one = |m: &adjust::MarkerSolution| {
-        let lift = m.lift_m.unwrap();
-        (lift.value - (points[m.marker].z - truth.ground_m[m.marker].z)) / lift.sigma.unwrap()
+        let deflection = m.deflection_m.unwrap();
+        (deflection.value - (points[m.marker].z - truth.ground_m[m.marker].z)) / deflection.sigma.unwrap()
     };
     solution.markers.iter().filter(|m| m.used).map(one).collect()
 }
@@ -65,8 +65,8 @@ fn flight(rng: &mut StdRng, kind: Mounting) -> (Vec<f64>, bool) {
     let mut frames = vec![];
     let mut places = vec![];
     for rotation in turned {
-        let lift = rng.random_range(-0.5..4.2);
-        let points = truth.in_flight(lift, truth.fuel());
+        let deflection = rng.random_range(-0.5..4.2);
+        let points = truth.in_flight(deflection, truth.fuel());
         frames.push(truth.observations(rng, &points, rotation, 0.05));
         places.push(points);
     }
@@ -87,7 +87,7 @@ fn flights(seed: u64, kind: Mounting) {
         all.extend(errors);
     }
     println!(
-        "{kind:?}: normalised lift rms {:.2}, worst flight {worst:.2}, passed {passed} of 40",
+        "{kind:?}: normalised deflection rms {:.2}, worst flight {worst:.2}, passed {passed} of 40",
         rms(&all)
     );
     assert!(rms(&all) < 1.3, "{kind:?}: {}", rms(&all));
@@ -109,8 +109,8 @@ fn a_mounting_that_creeps() {
     flights(73, Mounting::Creeping);
 }
 
-/// A camera shifted along one axis when it was mounted again: rms of the normalised lifts, mean standard deviation of
-/// the outermost lift, and how many frames the test rejected.
+/// A camera shifted along one axis when it was mounted again: rms of the normalised deflections, mean standard deviation of
+/// the outermost deflection, and how many frames the test rejected.
 fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, usize) {
     let mut rng = rng(seed);
     let (mut errors, mut sigmas, mut rejected) = (vec![], vec![], 0);
@@ -122,8 +122,8 @@ fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, 
         let mount = remounted(&mut rng, &setup);
         let mut shift = Vector3::zeros();
         shift[wing % 3] = if wing % 2 == 0 { shift_m } else { -shift_m };
-        let lifts: &[f64] = if flight { &[3.2, 2.8, 2.4, 2.0] } else { &[2.8] };
-        let places: Vec<_> = lifts.iter().map(|l| truth.in_flight(*l, truth.fuel())).collect();
+        let deflections: &[f64] = if flight { &[3.2, 2.8, 2.4, 2.0] } else { &[2.8] };
+        let places: Vec<_> = deflections.iter().map(|l| truth.in_flight(*l, truth.fuel())).collect();
         let frames: Vec<_> = places
             .iter()
             .map(|points| {
@@ -138,7 +138,7 @@ fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, 
         };
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
-            sigmas.extend(solution.markers.iter().filter_map(|m| m.lift_m?.sigma).reduce(f64::max));
+            sigmas.extend(solution.markers.iter().filter_map(|m| m.deflection_m?.sigma).reduce(f64::max));
             rejected += usize::from(solution.global_test == GlobalTest::Rejected);
         }
     }
@@ -163,7 +163,7 @@ fn a_camera_shifted_when_it_was_mounted_again_is_in_sigma() {
 }
 
 /// A camera that stayed since the ground frame but for a drift, by itself and with two remounts that are known: rms of
-/// the normalised lifts and mean of the largest standard deviation in the frame that stayed, m.
+/// the normalised deflections and mean of the largest standard deviation in the frame that stayed, m.
 fn stayed(seed: u64, known: bool, flight: bool) -> (f64, f64) {
     let mut rng = rng(seed);
     let (mut errors, mut sigmas) = (vec![], vec![]);
@@ -198,7 +198,7 @@ fn stayed(seed: u64, known: bool, flight: bool) -> (f64, f64) {
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
         }
-        sigmas.extend(solutions[0].markers.iter().filter_map(|m| m.lift_m?.sigma).reduce(f64::max));
+        sigmas.extend(solutions[0].markers.iter().filter_map(|m| m.deflection_m?.sigma).reduce(f64::max));
     }
     (rms(&errors), sigmas.iter().sum::<f64>() / sigmas.len() as f64)
 }

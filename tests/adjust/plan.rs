@@ -1,4 +1,4 @@
-//! What `plan` promises against what happens: lifts sampled on wings that the model does not know.
+//! What `plan` promises against what happens: deflections sampled on wings that the model does not know.
 
 use crate::common::beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
 use wingd::measure::adjust::{self, Options, SigmaKind};
@@ -19,7 +19,7 @@ fn a_marker_less_never_helps_and_one_more_never_hurts() {
     assert_eq!(prediction.changes.len(), prediction.markers.len() + 1);
     for change in &prediction.changes {
         let after = change.expected.unwrap_or_else(|| panic!("{:?}", change.without));
-        let ratio = after.sigma_mean_lift_m / prediction.expected.sigma_mean_lift_m;
+        let ratio = after.sigma_mean_deflection_m / prediction.expected.sigma_mean_deflection_m;
         println!("{:?} at {:.2} m: {ratio:.4}", change.without, change.span_m);
         // The surface through the markers is fitted anew: a per mille either way. The mean runs over
         // the markers at hand, so the outermost takes its own, largest figure with it.
@@ -36,7 +36,7 @@ fn worse_images_give_worse_positions() {
     let sigma = |pixel_sigma| {
         let plan = planned(&PlanOptions { pixel_sigma, ..PlanOptions::default() });
         let tip = plan.markers.iter().max_by(|a, b| a.span_m.total_cmp(&b.span_m)).unwrap().sigma.unwrap();
-        (tip.lift_m, tip.span_m, plan.prediction.unwrap().expected.sigma_tip_lift_m)
+        (tip.deflection_m, tip.span_m, plan.prediction.unwrap().expected.sigma_tip_deflection_m)
     };
     let (fine, coarse) = (sigma(0.1), sigma(1.0));
     assert!(coarse.0 > fine.0 && coarse.1 > fine.1 && coarse.2 > fine.2, "{fine:?} {coarse:?}");
@@ -51,16 +51,16 @@ fn the_camera_may_be_planned_without_an_orientation() {
 #[test]
 fn predicted_standard_deviations_are_those_of_sampled_errors() {
     let mut rng = rng(31);
-    let (mut lift, mut span) = (vec![], vec![]);
+    let (mut deflection, mut span) = (vec![], vec![]);
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
     for _ in 0..220 {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, PIXEL_SIGMA, true);
-        let wanted = PlanOptions { tip_lift_m, pixel_sigma: PIXEL_SIGMA, ..PlanOptions::default() };
+        let wanted = PlanOptions { tip_deflection_m, pixel_sigma: PIXEL_SIGMA, ..PlanOptions::default() };
         let predicted = plan::plan(&setup, Some(&orientation), &wanted).unwrap().prediction.unwrap();
-        let flight = truth.in_flight(tip_lift_m, truth.fuel());
+        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let seen = truth.observations(&mut rng, &flight, mount, PIXEL_SIGMA);
         let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
@@ -68,13 +68,13 @@ fn predicted_standard_deviations_are_those_of_sampled_errors() {
         for p in &predicted.markers {
             let m = &s.markers[p.marker];
             let risen = flight[m.marker].z - truth.ground_m[m.marker].z;
-            lift.push((m.lift_m.unwrap().value - risen) / p.lift_m);
+            deflection.push((m.deflection_m.unwrap().value - risen) / p.deflection_m);
             let off = m.position_m.unwrap() - flight[m.marker];
             span.push((off.x * outboard.x + off.y * outboard.y) / p.span_m);
         }
     }
-    println!("sampled over planned: lift {:.2}, along the span {:.2}", rms(&lift), rms(&span));
-    for ratio in [rms(&lift), rms(&span)] {
+    println!("sampled over planned: deflection {:.2}, along the span {:.2}", rms(&deflection), rms(&span));
+    for ratio in [rms(&deflection), rms(&span)] {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
 }

@@ -9,11 +9,11 @@ use wingd::measure::adjust::{self, Observation, Options};
 use wingd::measure::geometry::{PointPair, TransformFit};
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::render::{Drawn, Light, Random, Scene, Shot};
-use wingd::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
+use wingd::measure::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
 
 /// As well as a rendered frame's markers are found, px.
 const PIXEL_SIGMA: f64 = 0.08;
-const TIP_LIFT_M: f64 = 2.5;
+const TIP_DEFLECTION_M: f64 = 2.5;
 const FRAMES: usize = 10;
 
 /// Where a frame shows the markers.
@@ -36,25 +36,26 @@ fn tilt(of: &Setup, stated: &Setup) -> Rotation3<f64> {
     TransformFit::estimate(&pairs, false).unwrap().transform.rotation
 }
 
-/// Errors over standard deviations of the tip's lift against survey and ground frame in the last frame of a flight, and the latter, m.
+/// Errors over standard deviations of the tip's deflection against survey and ground frame in the last frame of a flight, and the latter, m.
 fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
-    let options = PlanOptions { tip_lift_m: TIP_LIFT_M, ..PlanOptions::default() };
+    let options = PlanOptions { tip_deflection_m: TIP_DEFLECTION_M, ..PlanOptions::default() };
     let attitude = plan::attitude(planned, None, &options).unwrap().camera_from_survey;
-    let scene = Scene::fitted(planned, Some(attitude), seed, TIP_LIFT_M).unwrap();
+    let scene = Scene::fitted(planned, Some(attitude), seed, TIP_DEFLECTION_M).unwrap();
     let mut random = Random::new(seed, 21);
     let aircraft = Drawn::new(&scene, &mut random);
     let stated = Drawn::stated(&scene, &mut random);
     let on_ground = aircraft.on_ground(scene.ground_shot(seed));
-    let sight = |Observation { marker, pixel, covariance_px2 }| GroundSight { marker, pixel, covariance_px2 };
+    let sight =
+        |Observation { marker, pixel, covariance_px2 }| GroundObservation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
         camera_from_survey: scene.truth(&on_ground).camera_from_survey
             * tilt(&scene.setup, &stated).inverse(),
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
         ground: sights(&scene, &on_ground, &mut random).into_iter().map(sight).collect(),
     };
-    let lift = |k: usize| TIP_LIFT_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
+    let deflection = |k: usize| TIP_DEFLECTION_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
     let shots: Vec<Shot> = (0..FRAMES)
-        .map(|k| aircraft.in_flight(scene.flight_shot(lift(k), Light::Plain, seed), &mut random))
+        .map(|k| aircraft.in_flight(scene.flight_shot(deflection(k), Light::Plain, seed), &mut random))
         .collect();
     let frames: Vec<Vec<Observation>> = shots.iter().map(|shot| sights(&scene, shot, &mut random)).collect();
     let options = Options { sigma: adjust::SigmaKind::Prior, ..Options::default() };
@@ -62,14 +63,18 @@ fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
     let last = solutions.last().unwrap();
     let truth = &scene.truth(&shots[FRAMES - 1]).markers;
     let before = &scene.truth(&on_ground).markers;
-    let tip = truth.iter().zip(&last.markers).enumerate().filter(|(_, (_, told))| told.lift_m.is_some());
-    let tip = tip.max_by(|(_, (a, _)), (_, (b, _))| a.lift_m.abs().total_cmp(&b.lift_m.abs())).unwrap().0;
+    let tip =
+        truth.iter().zip(&last.markers).enumerate().filter(|(_, (_, told))| told.deflection_m.is_some());
+    let tip = tip
+        .max_by(|(_, (a, _)), (_, (b, _))| a.deflection_m.abs().total_cmp(&b.deflection_m.abs()))
+        .unwrap()
+        .0;
     let of = |estimate: Option<adjust::Estimate>| estimate.map(|e| (e.value, e.sigma.unwrap())).unwrap();
-    let (survey, ground) = (of(last.markers[tip].lift_m), of(last.markers[tip].lift_ground_m));
-    let of_truth = truth[tip].lift_m;
+    let (survey, ground) = (of(last.markers[tip].deflection_m), of(last.markers[tip].deflection_ground_m));
+    let of_truth = truth[tip].deflection_m;
     [
         [(survey.0 - of_truth) / survey.1, survey.1],
-        [(ground.0 - of_truth + before[tip].lift_m) / ground.1, ground.1],
+        [(ground.0 - of_truth + before[tip].deflection_m) / ground.1, ground.1],
     ]
 }
 

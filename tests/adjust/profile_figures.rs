@@ -178,8 +178,8 @@ fn unbent_and_downward_wings_are_regular() {
             assert!((marker.distance_m.unwrap().value - flight.xy().norm()).abs() < 1e-8);
             let survey = Vector3::new(flight.x, -flight.z, flight.y);
             assert!((marker.position_m.unwrap() - survey).norm() < 1e-8);
-            let lift = a * flight.x * flight.x;
-            assert!((marker.lift_m.unwrap().value - lift).abs() < 1e-8);
+            let deflection = a * flight.x * flight.x;
+            assert!((marker.deflection_m.unwrap().value - deflection).abs() < 1e-8);
         }
     }
 }
@@ -210,7 +210,7 @@ fn predicted_standard_deviations_are_the_sampled_ones() {
     case.setup.torsion = vec![TorsionPair { name: "tip".into(), leading: 20, trailing: 21 }];
     let mut rng = StdRng::seed_from_u64(1);
     let runs = 600;
-    let (mut a2, mut d2, mut lift2, mut t2) = (0.0, [0.0; 22], [0.0; 22], 0.0);
+    let (mut a2, mut d2, mut deflection2, mut t2) = (0.0, [0.0; 22], [0.0; 22], 0.0);
     let mut position2 = [[0.0; 3]; 22];
     let (mut factor, mut rejected) = (0.0, 0);
     let exact = case.solve(SigmaKind::Prior);
@@ -222,7 +222,7 @@ fn predicted_standard_deviations_are_the_sampled_ones() {
         t2 += (s.torsion[0].angle_rad.unwrap().value - truth.value).powi(2);
         for (k, (marker, flight)) in s.markers.iter().zip(&case.flight).enumerate() {
             d2[k] += (marker.distance_m.unwrap().value - flight.xy().norm()).powi(2);
-            lift2[k] += (marker.lift_m.unwrap().value - PAPER_A * flight.x * flight.x).powi(2);
+            deflection2[k] += (marker.deflection_m.unwrap().value - PAPER_A * flight.x * flight.x).powi(2);
             let error = marker.position_m.unwrap() - Vector3::new(flight.x, -flight.z, flight.y);
             (0..3).for_each(|c| position2[k][c] += error[c] * error[c]);
         }
@@ -236,7 +236,7 @@ fn predicted_standard_deviations_are_the_sampled_ones() {
     check("torsion", ratio(t2, truth.sigma.unwrap()));
     for k in 0..22 {
         check("distance", ratio(d2[k], exact.markers[k].distance_m.unwrap().sigma.unwrap()));
-        check("lift", ratio(lift2[k], exact.markers[k].lift_m.unwrap().sigma.unwrap()));
+        check("deflection", ratio(deflection2[k], exact.markers[k].deflection_m.unwrap().sigma.unwrap()));
         for c in 0..3 {
             let predicted = exact.markers[k].covariance_m2.unwrap()[(c, c)].sqrt();
             check("position", ratio(position2[k][c], predicted));
@@ -249,13 +249,14 @@ fn predicted_standard_deviations_are_the_sampled_ones() {
 
 #[test]
 fn the_papers_torsion() {
-    // Lifts 2.33 and 2.16 m at d = 31.65 and 30.94 m, 1.54 m apart on ground (paper, section 4.3).
+    // Deflections 2.33 and 2.16 m at d = 31.65 and 30.94 m, 1.54 m apart on ground (paper, section 4.3).
     let mut points = parabola_points(PAPER_A, 22, 1.0, 0.03);
     let spanwise: f64 = 31.65 - 30.94;
     let chordwise = (1.54f64.powi(2) - spanwise * spanwise).sqrt();
-    for (k, d, lift, z) in [(18, 31.65f64, 2.33, -0.5 * chordwise), (17, 30.94, 2.16, 0.5 * chordwise)] {
+    for (k, d, deflection, z) in [(18, 31.65f64, 2.33, -0.5 * chordwise), (17, 30.94, 2.16, 0.5 * chordwise)]
+    {
         let (ground_height, a) = (-2.0 + 0.03 * d, PAPER_A);
-        let y = ground_height + lift;
+        let y = ground_height + deflection;
         let x = (d * d - y * y).sqrt();
         points[k] = (Vector3::new(arc_length(x, a).length_m, ground_height, z), Vector3::new(x, y, z));
     }
@@ -308,12 +309,12 @@ fn ground_slope_biases_the_tip_and_the_residuals_do_not_show_it() {
 }
 
 #[test]
-fn the_papers_tip_lift_needs_a_longer_wing() {
+fn the_papers_tip_deflection_needs_a_longer_wing() {
     // 3.10 m at that a is reached at x = 37.6 m; at d = 35.41 m it is 2.75 m.
     assert!(((3.10 / PAPER_A).sqrt() - 37.6).abs() < 0.05);
     let solution = Case::parabola(PAPER_A, 22).solve(SigmaKind::Prior);
-    let lift = solution.markers[21].lift_m.unwrap().value;
-    assert!((lift - 2.745).abs() < 0.01, "{lift}");
+    let deflection = solution.markers[21].deflection_m.unwrap().value;
+    assert!((deflection - 2.745).abs() < 0.01, "{deflection}");
 }
 
 #[test]

@@ -9,8 +9,8 @@ use wingd::measure::adjust::{self, Options, Solution};
 struct Errors {
     horizontal: Vec<f64>,
     vertical: Vec<f64>,
-    lift: Vec<f64>,
-    normalised_lift: Vec<f64>,
+    deflection: Vec<f64>,
+    normalised_deflection: Vec<f64>,
     torsion_deg: Vec<f64>,
     factor: Vec<f64>,
     unused: usize,
@@ -19,22 +19,22 @@ struct Errors {
 impl Errors {
     fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], solution: &Solution) {
         for m in &solution.markers {
-            let (Some(p), Some(lift)) = (m.position_m, m.lift_m) else {
+            let (Some(p), Some(deflection)) = (m.position_m, m.deflection_m) else {
                 self.unused += 1;
                 continue;
             };
             let d = p - flight[m.marker];
             self.horizontal.push(d.xy().norm());
             self.vertical.push(d.z);
-            let e = lift.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
-            self.lift.push(e);
-            self.normalised_lift.push(e / lift.sigma.unwrap());
+            let e = deflection.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
+            self.deflection.push(e);
+            self.normalised_deflection.push(e / deflection.sigma.unwrap());
         }
         let n = flight.len();
         let (a, b) = (n - 2, n - 1);
-        let lift = |k: usize| flight[k].z - truth.ground_m[k].z;
+        let deflection = |k: usize| flight[k].z - truth.ground_m[k].z;
         let base = (truth.ground_m[a] - truth.ground_m[b]).xy().norm();
-        let angle = (lift(a) - lift(b)).atan2(base).to_degrees();
+        let angle = (deflection(a) - deflection(b)).atan2(base).to_degrees();
         if let Some(found) = solution.torsion[0].angle_rad {
             self.torsion_deg.push(found.value.to_degrees() - angle);
         }
@@ -43,11 +43,11 @@ impl Errors {
 
     fn print(&self, what: &str) {
         println!(
-            "{what}: horizontal {:.1} mm, vertical {:.1} mm, lift {:.1} mm, normalised {:.2}, torsion {:.3} deg, factor {:.2}, unused {}",
+            "{what}: horizontal {:.1} mm, vertical {:.1} mm, deflection {:.1} mm, normalised {:.2}, torsion {:.3} deg, factor {:.2}, unused {}",
             1e3 * rms(&self.horizontal),
             1e3 * rms(&self.vertical),
-            1e3 * rms(&self.lift),
-            rms(&self.normalised_lift),
+            1e3 * rms(&self.deflection),
+            rms(&self.normalised_deflection),
             rms(&self.torsion_deg),
             median(&self.factor),
             self.unused
@@ -60,8 +60,8 @@ fn fleet(wings: usize, survey_m: f64, sigma_px: f64, sights: bool) -> Errors {
     let mut errors = Errors::default();
     for _ in 0..wings {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let lift = 2.2 + normal(&mut rng).clamp(-2.0, 2.0) * 0.5;
-        let flight = truth.in_flight(lift, truth.fuel());
+        let deflection = 2.2 + normal(&mut rng).clamp(-2.0, 2.0) * 0.5;
+        let flight = truth.in_flight(deflection, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup) * 0.7;
         let setup = truth.surveyed(&mut rng, survey_m, 0.002);
         let orientation = truth.orientation(&mut rng, sigma_px, sights);
@@ -78,7 +78,7 @@ fn single_frames_with_the_ground_frames_sights_reach_millimetres() {
     e.print("2 mm, 0.05 px, ground sights");
     assert!(rms(&e.horizontal) < 0.004 && rms(&e.vertical) < 0.006);
     assert!(rms(&e.torsion_deg) < 0.05);
-    assert!((0.7..1.3).contains(&rms(&e.normalised_lift)));
+    assert!((0.7..1.3).contains(&rms(&e.normalised_deflection)));
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn single_frames_without_them_stay_within_the_bound_of_pitch_and_bending() {
     let e = fleet(60, 0.002, 0.05, false);
     e.print("2 mm, 0.05 px, rotation only");
     assert!(rms(&e.horizontal) < 0.006 && rms(&e.vertical) < 0.020);
-    assert!((0.6..1.3).contains(&rms(&e.normalised_lift)));
+    assert!((0.6..1.3).contains(&rms(&e.normalised_deflection)));
 }
 
 #[test]

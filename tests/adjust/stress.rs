@@ -88,9 +88,9 @@ fn errors(seed: u64, runs: usize, widths: Option<Uncertainty>, stiffness_sigma: 
     let mut errors = vec![vec![]; SHARES.len()];
     for _ in 0..runs {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(lift_m, truth.fuel());
-        let bent = truth.curvature_per_m(lift_m, truth.fuel(), &SHARES);
+        let deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(deflection_m, truth.fuel());
+        let bent = truth.curvature_per_m(deflection_m, truth.fuel(), &SHARES);
         let mount = remounted(&mut rng, &truth.setup);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, true);

@@ -1,11 +1,13 @@
 //! Promise: what is wrong outside the picture, by as much as the installation says it may be, is in the standard
-//! deviations of lift: bending axis, root, chord, span, temperature, camera, a camera mounted again.
+//! deviations of deflection: bending axis, root, chord, span, temperature, camera, a camera mounted again.
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options, Solution};
 use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Options as RenderOptions, Scene, Side};
-use wingd::measure::setup::{GroundSight, InFlight, Orientation, Setup, SkinHeight, Thermal, Uncertainty};
+use wingd::measure::setup::{
+    FlightEffectPriors, GroundObservation, Orientation, Setup, SkinHeight, Thermal, Uncertainty,
+};
 
 use crate::common::beam_truth::{Truth, normal, normal2, normal3, random_wing, remounted, rms, rng};
 
@@ -17,7 +19,7 @@ const WIDTHS: Uncertainty = Uncertainty {
     root_offset_m: 0.3,
     axis_chord_offset_m: 0.3,
     span_direction_rad: 0.017_453,
-    in_flight: InFlight::NONE,
+    in_flight: FlightEffectPriors::NONE,
     lens: None,
 };
 const TEMPERATURE_K: f64 = 20.0;
@@ -49,7 +51,7 @@ impl Wrong {
             root_offset_m: self.is(Wrong::Root) * WIDTHS.root_offset_m,
             axis_chord_offset_m: self.is(Wrong::Chord) * WIDTHS.axis_chord_offset_m,
             span_direction_rad: self.is(Wrong::Span) * WIDTHS.span_direction_rad,
-            in_flight: InFlight::NONE,
+            in_flight: FlightEffectPriors::NONE,
             lens: (self.is(Wrong::Camera) > 0.0).then_some(lens),
         }
     }
@@ -123,47 +125,55 @@ fn met_best(setup: &Setup, mut orientation: Orientation) -> Orientation {
 }
 
 /// Frames of a flight with the true camera, its mounting turned and shifted.
-fn frames(rng: &mut StdRng, truth: &Truth, lifts: &[f64], wrong: Wrong) -> Vec<Vec<Observation>> {
+fn frames(rng: &mut StdRng, truth: &Truth, deflections: &[f64], wrong: Wrong) -> Vec<Vec<Observation>> {
     let mount = remounted(rng, &truth.setup);
     let shift = normal3(rng) * (wrong.is(Wrong::Shift) * WIDTHS.mount_shift_m);
-    let one = |(k, lift): (usize, &f64)| {
+    let one = |(k, deflection): (usize, &f64)| {
         let fuel = truth.fuel() * (1.0 - 0.06 * k as f64);
-        let points: Vec<_> = truth.in_flight(*lift, fuel).iter().map(|p| p - shift).collect();
+        let points: Vec<_> = truth.in_flight(*deflection, fuel).iter().map(|p| p - shift).collect();
         let turn = mount + normal3(rng) * WIDTHS.mount_drift_rad;
         truth.observations(rng, &points, turn, 0.05)
     };
-    lifts.iter().enumerate().map(one).collect()
+    deflections.iter().enumerate().map(one).collect()
 }
 
-/// Normalised errors of the lifts of all markers.
-fn normalised(truth: &Truth, lift: f64, fuel: f64, solution: &Solution) -> Vec<f64> {
-    errors_and_sigmas(truth, lift, fuel, solution).into_iter().map(|(error, sigma)| error / sigma).collect()
+/// Normalised errors of the deflections of all markers.
+fn normalised(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) -> Vec<f64> {
+    errors_and_sigmas(truth, deflection, fuel, solution)
+        .into_iter()
+        .map(|(error, sigma)| error / sigma)
+        .collect()
 }
 
-/// Errors of the lifts of all markers and their standard deviations, m.
-fn errors_and_sigmas(truth: &Truth, lift: f64, fuel: f64, solution: &Solution) -> Vec<(f64, f64)> {
-    let flight = truth.in_flight(lift, fuel);
-    let lifts = solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.lift_m?)));
-    lifts.map(|(k, lift)| (lift.value - (flight[k].z - truth.ground_m[k].z), lift.sigma.unwrap())).collect()
+/// Errors of the deflections of all markers and their standard deviations, m.
+fn errors_and_sigmas(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) -> Vec<(f64, f64)> {
+    let flight = truth.in_flight(deflection, fuel);
+    let deflections =
+        solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.deflection_m?)));
+    deflections
+        .map(|(k, deflection)| {
+            (deflection.value - (flight[k].z - truth.ground_m[k].z), deflection.sigma.unwrap())
+        })
+        .collect()
 }
 
 fn errors(seed: u64, wrong: Wrong, wings: usize, flight: bool) -> Vec<f64> {
-    const LIFTS: [f64; 5] = [3.2, 2.9, 2.6, 2.3, 2.0];
+    const DEFLECTIONS: [f64; 5] = [3.2, 2.9, 2.6, 2.3, 2.0];
     let mut rng = rng(seed);
     let mut all = vec![];
     for _ in 0..wings {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let setup = stated(&mut rng, &truth, wrong);
         let orientation = oriented(&mut rng, &truth, &setup);
-        let lifts = if flight { &LIFTS[..] } else { &LIFTS[1..2] };
-        let frames = frames(&mut rng, &truth, lifts, wrong);
+        let deflections = if flight { &DEFLECTIONS[..] } else { &DEFLECTIONS[1..2] };
+        let frames = frames(&mut rng, &truth, deflections, wrong);
         let solutions = if flight {
             adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap()
         } else {
             vec![adjust::spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
         };
-        for (k, (solution, lift)) in solutions.iter().zip(lifts).enumerate() {
-            all.extend(normalised(&truth, *lift, truth.fuel() * (1.0 - 0.06 * k as f64), solution));
+        for (k, (solution, deflection)) in solutions.iter().zip(deflections).enumerate() {
+            all.extend(normalised(&truth, *deflection, truth.fuel() * (1.0 - 0.06 * k as f64), solution));
         }
     }
     all
@@ -185,7 +195,7 @@ fn tabulate(flight: bool, wings: usize) {
     for (k, wrong) in KINDS.into_iter().enumerate() {
         let found = errors(900 + k as u64, wrong, wings, flight);
         let largest = found.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
-        println!("{wrong:?}: normalised lift rms {:.2}, largest {largest:.1}", rms(&found));
+        println!("{wrong:?}: normalised deflection rms {:.2}, largest {largest:.1}", rms(&found));
         // Errors of one wing go together, so the rms of a hundred is known to a tenth of itself.
         let highest = if wrong == Wrong::Nothing { 1.15 } else { 1.3 };
         assert!(rms(&found) < highest, "{wrong:?}: {}", rms(&found));
@@ -263,7 +273,7 @@ impl Rendered {
         let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);
         let seen = truth.markers.iter().enumerate().filter(|(_, m)| m.visible);
         let ground = seen
-            .map(|(marker, m)| GroundSight {
+            .map(|(marker, m)| GroundObservation {
                 marker,
                 pixel: m.pixel.unwrap() + normal2(rng) * NOISE_PX,
                 covariance_px2,
@@ -292,14 +302,16 @@ impl Rendered {
         visible.filter_map(see).collect()
     }
 
-    /// Normalised errors of all lifts, and whether the test passed.
+    /// Normalised errors of all deflections, and whether the test passed.
     fn errors(&self, setup: &Setup, frame: &[Observation]) -> (Vec<f64>, bool) {
         let orientation = met_best(setup, self.orientation.clone());
         let solution = adjust::spatial(setup, &orientation, frame, &Options::default()).unwrap();
-        let lifts = solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.lift_m?)));
-        let error =
-            |(k, lift): (usize, Estimate)| (lift.value - self.flight.markers[k].lift_m) / lift.sigma.unwrap();
-        (lifts.map(error).collect(), solution.global_test != GlobalTest::Rejected)
+        let deflections =
+            solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.deflection_m?)));
+        let error = |(k, deflection): (usize, Estimate)| {
+            (deflection.value - self.flight.markers[k].deflection_m) / deflection.sigma.unwrap()
+        };
+        (deflections.map(error).collect(), solution.global_test != GlobalTest::Rejected)
     }
 }
 
@@ -314,7 +326,7 @@ fn on_the_renderers_wings_what_the_installation_says_may_be_wrong_is_in_sigma() 
             let shift = normal3(&mut rng) * (wrong.is(Wrong::Shift) * WIDTHS.mount_shift_m);
             all.extend(wing.errors(&setup, &wing.frame(&mut rng, shift)).0);
         }
-        println!("rendered, {wrong:?}: normalised lift rms {:.2}", rms(&all));
+        println!("rendered, {wrong:?}: normalised deflection rms {:.2}", rms(&all));
         assert!(rms(&all) < 1.3, "{wrong:?}: {}", rms(&all));
         assert!(rms(&all) > 0.63, "{wrong:?} is stated too wide: {}", rms(&all));
     }
@@ -339,7 +351,7 @@ fn on_the_renderers_wings_a_shifted_camera_is_in_sigma_or_rejected() {
             all.extend(errors);
         }
         println!(
-            "rendered, shift {shift_mm} mm: normalised lift rms {:.2}, passed {:.2}",
+            "rendered, shift {shift_mm} mm: normalised deflection rms {:.2}, passed {:.2}",
             rms(&all),
             rms(&passed)
         );
@@ -347,10 +359,10 @@ fn on_the_renderers_wings_a_shifted_camera_is_in_sigma_or_rejected() {
     }
 }
 
-/// Wings whose bending axis is 5 cm off, more or less, seen in one frame or in five of different lift: normalised errors of
+/// Wings whose bending axis is 5 cm off, more or less, seen in one frame or in five of different deflection: normalised errors of
 /// what the frames tell of its height, and the mean standard deviation, m.
 fn told_of_the_axis(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
-    const LIFTS: [f64; 5] = [4.0, 2.9, 1.8, 0.7, -0.4];
+    const DEFLECTIONS: [f64; 5] = [4.0, 2.9, 1.8, 0.7, -0.4];
     let mut rng = rng(33);
     let (mut errors, mut sigmas) = (vec![], vec![]);
     for _ in 0..40 {
@@ -363,8 +375,8 @@ fn told_of_the_axis(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
         setup.skin_height =
             Some(SkinHeight { root_m: skin.root_m + raise, tip_m: skin.tip_m + raise, ..skin });
         let orientation = truth.orientation(&mut rng, 0.05, true);
-        let lifts = if flight { &LIFTS[..] } else { &LIFTS[..1] };
-        let frames = frames(&mut rng, &truth, lifts, Wrong::Nothing);
+        let deflections = if flight { &DEFLECTIONS[..] } else { &DEFLECTIONS[..1] };
+        let frames = frames(&mut rng, &truth, deflections, Wrong::Nothing);
         let solution = if flight {
             adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap().remove(0)
         } else {

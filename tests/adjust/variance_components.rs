@@ -150,6 +150,6 @@ fn too_few_markers_leave_everything_as_stated() {
         let (setup, orientation, seen) = parabola(&mut rng(44), markers, 5.0);
         let s = adjust::profile(&setup, &orientation, &seen, &options()).unwrap();
         assert!(s.variance_components.iter().any(|c| c.factor.is_none()));
-        assert!(s.markers.iter().all(|m| m.lift_m.is_some()));
+        assert!(s.markers.iter().all(|m| m.deflection_m.is_some()));
     }
 }

@@ -6,7 +6,9 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Air, GroundSight, InFlight, Orientation, Pane, Setup, Uncertainty, Window};
+use wingd::measure::setup::{
+    Air, FlightEffectPriors, GroundObservation, Orientation, Pane, Setup, Uncertainty, Window,
+};
 
 use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
 
@@ -168,7 +170,7 @@ fn described(setup: &Setup, normal: Vector3<f64>, pane: Pane) -> Setup {
 
 #[derive(Default)]
 struct Errors {
-    lift: Vec<f64>,
+    deflection: Vec<f64>,
     normalised: Vec<f64>,
     tip_sigma: Vec<f64>,
 }
@@ -176,20 +178,22 @@ struct Errors {
 impl Errors {
     fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], solution: &Solution) {
         for m in &solution.markers {
-            let Some(lift) = m.lift_m else { continue };
-            let error = lift.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
-            self.lift.push(error);
-            self.normalised.push(error / lift.sigma.unwrap());
+            let Some(deflection) = m.deflection_m else { continue };
+            let error = deflection.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
+            self.deflection.push(error);
+            self.normalised.push(error / deflection.sigma.unwrap());
             if m.marker + 1 == flight.len() {
-                self.tip_sigma.push(lift.sigma.unwrap());
+                self.tip_sigma.push(deflection.sigma.unwrap());
             }
         }
     }
 
     fn print(&self, what: &str) {
-        let (lift, normalised) = (1e3 * rms(&self.lift), rms(&self.normalised));
+        let (deflection, normalised) = (1e3 * rms(&self.deflection), rms(&self.normalised));
         let sigma = 1e3 * rms(&self.tip_sigma);
-        println!("{what}: lift {lift:.2} mm rms, normalised {normalised:.2}, tip's sigma {sigma:.2} mm");
+        println!(
+            "{what}: deflection {deflection:.2} mm rms, normalised {normalised:.2}, tip's sigma {sigma:.2} mm"
+        );
     }
 }
 
@@ -223,7 +227,7 @@ fn drawn(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Drawn {
     let flight = truth.in_flight(2.0, truth.fuel());
     let mount = Rotation3::new(remount);
     let seen = look(&flight, &(mount * truth.camera_from_survey), true);
-    let sight = |(marker, pixel)| GroundSight { marker, pixel, covariance_px2 };
+    let sight = |(marker, pixel)| GroundObservation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
         camera_from_survey: truth.camera_from_survey,
         covariance_rad2: None,
@@ -245,7 +249,7 @@ const SHIFTED: Uncertainty = Uncertainty {
     root_offset_m: 0.0,
     axis_chord_offset_m: 0.0,
     span_direction_rad: 0.0,
-    in_flight: InFlight::NONE,
+    in_flight: FlightEffectPriors::NONE,
     lens: None,
 };
 
@@ -281,8 +285,8 @@ fn panes_in_flight_only_cost_nothing_where_they_are_described() {
         shifted.print(&format!("in flight only, not described, {what}"));
         assert!(rms(&shifted.normalised) < 1.5, "{what}: {}", rms(&shifted.normalised));
     }
-    assert!(rms(&without.lift) > 0.015, "the panes do nothing here");
-    assert!(rms(&with.lift) < 0.004, "{}", rms(&with.lift));
+    assert!(rms(&without.deflection) > 0.015, "the panes do nothing here");
+    assert!(rms(&with.deflection) < 0.004, "{}", rms(&with.deflection));
     assert!(rms(&with.normalised) < 1.3, "{}", rms(&with.normalised));
 }
 
@@ -293,7 +297,7 @@ fn panes_on_ground_too() {
     without.print("on ground too, not described");
     let with = fleet(22, true, None, |_, d| described(&d.setup, d.normal, same));
     with.print("on ground too, described");
-    assert!(rms(&with.lift) < 0.004 && rms(&with.normalised) < 1.3);
+    assert!(rms(&with.deflection) < 0.004 && rms(&with.normalised) < 1.3);
 }
 
 #[test]
@@ -310,9 +314,9 @@ fn a_bow_under_cabin_pressure() {
         let known = fleet("as it is, without error", Some(radius), 0.0);
         let loose = fleet("as it is, to a quarter", Some(radius), 0.25);
         let wrong = fleet("with a radius 1.25 times too large", Some(1.25 * radius), 0.25);
-        assert!(rms(&flat.lift) > 3.0 * rms(&known.lift));
+        assert!(rms(&flat.deflection) > 3.0 * rms(&known.deflection));
         // A known bow costs nothing; one that is known to a quarter costs what its sigma says.
-        assert!(rms(&known.lift) < 0.004, "{}", rms(&known.lift));
+        assert!(rms(&known.deflection) < 0.004, "{}", rms(&known.deflection));
         // One of 30 m is what panes are taken to have where nobody says it; 10 m are three times that.
         let unstated = if radius < 30.0 { 2.0 } else { 1.3 };
         assert!(rms(&unknown.normalised) < unstated, "{}", rms(&unknown.normalised));
@@ -370,7 +374,7 @@ fn flights_and_profiles_see_the_panes_too() {
             let frame: Vec<_> = drawn.flight.iter().map(pixel).enumerate().map(sight).collect();
             let options = Options { snooping_alpha: 1e-12, ..Options::default() };
             let solution = adjust::profile(setup, &drawn.orientation, &frame, &options).unwrap();
-            solution.markers.iter().map(|m| m.lift_m.unwrap().value).collect::<Vec<_>>()
+            solution.markers.iter().map(|m| m.deflection_m.unwrap().value).collect::<Vec<_>>()
         };
         let clear = solve(&drawn.truth.setup, false);
         let seen = solve(&described(&drawn.truth.setup, drawn.normal, pane()), true);
@@ -380,6 +384,6 @@ fn flights_and_profiles_see_the_panes_too() {
     }
     flights.print("flights of two frames, described");
     println!("profile: {:.3} mm, not described {:.1} mm", 1e3 * rms(&with), 1e3 * rms(&without));
-    assert!(rms(&flights.lift) < 0.004 && rms(&flights.normalised) < 1.3);
+    assert!(rms(&flights.deflection) < 0.004 && rms(&flights.normalised) < 1.3);
     assert!(rms(&with) < 1e-4 && rms(&without) > 1e-3, "{:e} {:e}", rms(&with), rms(&without));
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/env node
 // Markers are marked by clicking in a real Chromium: a frame whose ten markers are scribbled over gets them back, the program
-// is killed in between, the store verifies, and the lift is what the frame was drawn with.
+// is killed in between, the store verifies, and the deflection is what the frame was drawn with.
 //
 // usage: node tests/browser/mark.mjs WINGD [FOLDER]
 //        WINGD is the program; FOLDER gets pictures of each state, to be looked at.
@@ -28,7 +28,7 @@ const HIDDEN = ["M03", "M05", "M08", "M10", "M11", "M13", "M15", "M17", "M19", "
 const HAND_PX = 2;
 // Killed after so many clicks.
 const KILLED_AFTER = 4;
-// Standard deviations by which the lift may miss what was drawn.
+// Standard deviations by which the deflection may miss what was drawn.
 const SIGMAS = 1.3;
 
 let faults = 0;
@@ -133,7 +133,7 @@ const clicked = async (page, id) => {
       throw new Error(`${id} is not marked: ${await page.textContent("#said")}`);
     });
 };
-const lift = async (page) => (await page.textContent("#lift")).trim();
+const deflection = async (page) => (await page.textContent("#deflection")).trim();
 const picture = async (page, name) => folder && page.screenshot({ path: join(folder, `mark-${name}.png`), fullPage: true });
 const tip = () => {
   const lines = run("solve", "store", "--json", "--sigma", "prior").trim().split("\n").filter(Boolean);
@@ -167,7 +167,7 @@ try {
   for (const id of HIDDEN.slice(KILLED_AFTER)) await clicked(page, id);
   await page.keyboard.press("0");
   await picture(page, "marked");
-  const shown = await lift(page);
+  const shown = await deflection(page);
 
   // What is detected is not replaced unasked.
   await row(page, "M07").locator("button").click();
@@ -229,18 +229,18 @@ try {
   run("verify", "store");
 
   const now = tip();
-  const by = now.markers.filter((m) => m.by_hand);
+  const by = now.markers.filter((m) => m.manual);
   check(by.length === HIDDEN.length, `solve uses ${by.length} marks by hand`);
-  const wanted = drawn.get(now.tip.marker).lift_m;
-  const missed = (now.tip.lift_m - wanted) / now.tip.sigma_lift_m;
-  const was = (bare.tip.lift_m - drawn.get(bare.tip.marker).lift_m) / bare.tip.sigma_lift_m;
-  console.log(`     without: ${bare.tip.marker} ${bare.tip.lift_m.toFixed(4)} m ± ${(1e3 * bare.tip.sigma_lift_m).toFixed(1)} mm, ${was.toFixed(2)} sigma; page: ${shown}`);
+  const wanted = drawn.get(now.tip.marker).deflection_m;
+  const missed = (now.tip.deflection_m - wanted) / now.tip.sigma_deflection_m;
+  const was = (bare.tip.deflection_m - drawn.get(bare.tip.marker).deflection_m) / bare.tip.sigma_deflection_m;
+  console.log(`     without: ${bare.tip.marker} ${bare.tip.deflection_m.toFixed(4)} m ± ${(1e3 * bare.tip.sigma_deflection_m).toFixed(1)} mm, ${was.toFixed(2)} sigma; page: ${shown}`);
   for (const m of by) {
     const d = drawn.get(m.id);
     const normal = Math.hypot((m.u_px - d.u) / m.sigma_u_px, (m.v_px - d.v) / m.sigma_v_px) / Math.SQRT2;
     console.log(`     ${m.id} ${m.shape}: ${(m.u_px - d.u).toFixed(2)} ${(m.v_px - d.v).toFixed(2)} px off, sigma ${m.sigma_u_px.toFixed(2)} ${m.sigma_v_px.toFixed(2)} px, normalised ${normal.toFixed(2)}${m.used ? "" : ", not used: " + m.reason}`);
   }
-  check(Math.abs(missed) < SIGMAS, `${now.tip.marker} ${now.tip.lift_m.toFixed(4)} m ± ${(1e3 * now.tip.sigma_lift_m).toFixed(1)} mm, drawn ${wanted.toFixed(4)} m: ${missed.toFixed(2)} sigma`);
+  check(Math.abs(missed) < SIGMAS, `${now.tip.marker} ${now.tip.deflection_m.toFixed(4)} m ± ${(1e3 * now.tip.sigma_deflection_m).toFixed(1)} mm, drawn ${wanted.toFixed(4)} m: ${missed.toFixed(2)} sigma`);
   const again = execFileSync(wingd, ["solve", "store", "--json", "--sigma", "prior", "--no-marks"], { cwd: work, encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] });
   check(again.trim() === "", "without marks the frame has its result already");
 } finally {

@@ -1,5 +1,5 @@
 //! An independent wing for the tests of the adjustment: Euler-Bernoulli cantilever with tapered stiffness under a fuel-relieved
-//! lift, dihedral, crowned skin, twist, thermal shrinkage. No code and no shape functions are the fitted model's.
+//! deflection, dihedral, crowned skin, twist, thermal shrinkage. No code and no shape functions are the fitted model's.
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::Rng;
@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
-    GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
+    GroundObservation, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
 };
 
 mod aircraft;
@@ -33,7 +33,7 @@ pub struct Wing {
     /// Fuel's share of the lift, and how far it reaches.
     pub fuel: f64,
     pub fuel_reach: f64,
-    /// Lift falls linearly outboard by this share on top of the ellipse.
+    /// Deflection falls linearly outboard by this share on top of the ellipse.
     pub skew: f64,
     pub dihedral_rad: f64,
     pub twist_tip_rad: f64,
@@ -287,13 +287,14 @@ impl Truth {
     }
 
     /// Curvature of the unit load, and how often it is laid on.
-    fn loaded(&self, tip_lift_m: f64, fuel: f64) -> (Vec<f64>, f64) {
+    fn loaded(&self, tip_deflection_m: f64, fuel: f64) -> (Vec<f64>, f64) {
         let w = self.wing;
         let curvature = w.curvature(fuel);
         let straight = w.bend(&curvature, 0.0, 1.0);
-        let tip = |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_lift_m;
-        let trial = tip(1e-4) + tip_lift_m;
-        let (mut f0, mut f1) = (0.0, 1e-4 * tip_lift_m / trial);
+        let tip =
+            |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_deflection_m;
+        let trial = tip(1e-4) + tip_deflection_m;
+        let (mut f0, mut f1) = (0.0, 1e-4 * tip_deflection_m / trial);
         for _ in 0..30 {
             let (a, b) = (tip(f0), tip(f1));
             if (b - a).abs() < 1e-14 {
@@ -305,8 +306,8 @@ impl Truth {
     }
 
     /// Change of the curvature in flight at shares of the length, 1/m.
-    pub fn curvature_per_m(&self, tip_lift_m: f64, fuel: f64, shares: &[f64]) -> Vec<f64> {
-        let (curvature, factor) = self.loaded(tip_lift_m, fuel);
+    pub fn curvature_per_m(&self, tip_deflection_m: f64, fuel: f64, shares: &[f64]) -> Vec<f64> {
+        let (curvature, factor) = self.loaded(tip_deflection_m, fuel);
         shares.iter().map(|share| factor * at(&curvature, *share)).collect()
     }
 
@@ -326,22 +327,22 @@ impl Truth {
     }
 
     /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
-    pub fn in_flight(&self, tip_lift_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
+    pub fn in_flight(&self, tip_deflection_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
         let w = self.wing;
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
-        let (curvature, f1) = self.loaded(tip_lift_m, fuel);
+        let (curvature, f1) = self.loaded(tip_deflection_m, fuel);
         let bent = w.bend(&curvature, f1, scale);
         let frame = self.setup.wing_frame();
-        let mut carried = self.carried(&bent, tip_lift_m / 2.5, scale);
+        let mut carried = self.carried(&bent, tip_deflection_m / 2.5, scale);
         carried.extend(&self.fixed_m);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 
     /// Twist of the section midway between the torsion pair, nose up positive, rad.
-    pub fn pair_twist_rad(&self, tip_lift_m: f64) -> f64 {
+    pub fn pair_twist_rad(&self, tip_deflection_m: f64) -> f64 {
         let pair = &self.setup.torsion[0];
         let eta = 0.5 * (self.stations[pair.leading].0 + self.stations[pair.trailing].0);
-        tip_lift_m / 2.5 * self.wing.twist_tip_rad * eta.powf(self.wing.twist_power)
+        tip_deflection_m / 2.5 * self.wing.twist_tip_rad * eta.powf(self.wing.twist_power)
     }
 
     pub fn fuel(&self) -> f64 {
@@ -372,7 +373,7 @@ impl Truth {
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64, with_sights: bool) -> Orientation {
         let sight = |(marker, p): (usize, Vector2<f64>)| {
             let pixel = p + normal2(rng) * sigma_px;
-            GroundSight { marker, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+            GroundObservation { marker, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
         };
         let pixels = self.pixels(&self.ground_m, Vector3::zeros());
         let ground: Vec<_> = pixels.into_iter().enumerate().map(sight).collect();

@@ -9,34 +9,34 @@ use wingd::store::manifest::{Cause, Shot, State};
 use wingd::store::{Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, catalogue, frames};
 
 /// A result as the pipeline writes it; four markers, the last one hidden.
-pub fn solved(lift_m: f64, sigma_m: f64) -> Value {
-    let markers: Vec<Value> = (1..=4).map(|i| marker(i, lift_m)).collect();
+pub fn solved(deflection_m: f64, sigma_m: f64) -> Value {
+    let markers: Vec<Value> = (1..=4).map(|i| marker(i, deflection_m)).collect();
     let share = |i: i32| (f64::from(i) / 12.0).powi(2);
     let point = |i: i32| {
-        json!({"arc_length_m": 3 * i, "span_m": 3 * i, "lift_m": lift_m * share(i),
-            "sigma_lift_m": sigma_m * share(i), "twist_deg": 2.7 * share(i), "sigma_twist_deg": 0.2 * share(i)})
+        json!({"arc_length_m": 3 * i, "span_m": 3 * i, "deflection_m": deflection_m * share(i),
+            "sigma_deflection_m": sigma_m * share(i), "twist_deg": 2.7 * share(i), "sigma_twist_deg": 0.2 * share(i)})
     };
     json!({"image": "x.jpg", "status": "ok", "method": "spatial", "variance_factor": 0.97, "redundancy": 33,
         "global_test": "passed", "sigma_kind": "prior",
         "model": {"a_per_m": {"value": 0.00219, "sigma": 5.9e-6}},
-        "tip": {"marker": "M03", "lift_m": lift_m, "sigma_lift_m": sigma_m}, "markers": markers,
+        "tip": {"marker": "M03", "deflection_m": deflection_m, "sigma_deflection_m": sigma_m}, "markers": markers,
         "torsion": [{"name": "tip", "angle_deg": 6.3, "sigma_deg": 0.2, "twist_deg": 2.7, "sigma_twist_deg": 0.2}],
         "curve": (0..=12).map(point).collect::<Vec<_>>(),
         "provenance": {"program": "wingd 0.1.0", "survey.csv.sha256": "ab".repeat(32)},
         "timing_ms": {"decode": 31.0, "detect": 24.0, "solve": 0.4}})
 }
 
-fn marker(number: i32, lift_m: f64) -> Value {
+fn marker(number: i32, deflection_m: f64) -> Value {
     let span_m = 12.0 * f64::from(number);
-    let lift_m = lift_m * (span_m / 36.0).powi(2);
+    let deflection_m = deflection_m * (span_m / 36.0).powi(2);
     if number == 4 {
         return json!({"id": "M04", "shape": "circle", "used": false, "reason": "hidden by glare"});
     }
     json!({"id": format!("M0{number}"), "shape": if number == 1 { "quadrant" } else { "circle" },
         "u_px": 100.0 + span_m, "v_px": 90.0, "sigma_u_px": 0.03, "sigma_v_px": 0.02, "used": true,
         "residual_u_px": 0.01, "residual_v_px": -0.02, "distance_m": span_m + 2.0, "sigma_distance_m": 0.004,
-        "position_m": [1.0, span_m, 3.0 + lift_m], "sigma_position_m": [0.002, 0.004, 0.006],
-        "lift_m": lift_m, "sigma_lift_m": 0.006})
+        "position_m": [1.0, span_m, 3.0 + deflection_m], "sigma_position_m": [0.002, 0.004, 0.006],
+        "deflection_m": deflection_m, "sigma_deflection_m": 0.006})
 }
 
 /// A result that could not be had.
@@ -102,7 +102,7 @@ pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32
     }
     store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
     for frame in store.unsolved(inputs).unwrap() {
-        assert!(store.add_result(&frame, inputs, json!({"lift_m": 2.74})).unwrap());
+        assert!(store.add_result(&frame, inputs, json!({"deflection_m": 2.74})).unwrap());
     }
     store.seal();
 }

@@ -43,7 +43,7 @@ pub fn live_table(program: &str) -> LiveTable {
     let columns = vec![
         column("utc", UTC, Kind::U64, 1),
         column("number", "", Kind::U32, 1),
-        column("markers.lift", "m", Kind::F32, 3),
+        column("markers.deflection", "m", Kind::F32, 3),
         column("latency", "ms", Kind::F64, 1),
     ];
     LiveTable { source: json!({"program": program, "markers": ["M1", "M2", "M3"]}), columns }
@@ -182,7 +182,7 @@ impl Work {
         for frame in &frames {
             store.begin_solving(frame, &inputs())?;
             store.read_frame(frame)?;
-            assert!(store.add_result(frame, &inputs(), json!({"lift_m": 1.25}))?, "solved twice");
+            assert!(store.add_result(frame, &inputs(), json!({"deflection_m": 1.25}))?, "solved twice");
             self.said.results.insert(frame.entry.sha256.clone());
         }
         Ok(frames.len())

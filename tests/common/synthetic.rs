@@ -25,8 +25,8 @@ pub struct Conditions {
     pub false_ones: usize,
     /// Shift of the mount, px.
     pub mount_px: f64,
-    /// Tip lift range, m.
-    pub lift_m: (f64, f64),
+    /// Tip deflection range, m.
+    pub deflection_m: (f64, f64),
 }
 
 /// A wing, a camera and what is known of them.
@@ -53,7 +53,7 @@ struct Wing {
     taper: f64,
     power: f64,
     relief: f64,
-    twist_per_lift: f64,
+    twist_per_deflection: f64,
     twist_power: f64,
     skin_root: f64,
     skin_tip: f64,
@@ -83,7 +83,7 @@ impl Wing {
             taper: rng.random_range(0.5..0.75),
             power: rng.random_range(2.5..4.0),
             relief: rng.random_range(0.0..0.35),
-            twist_per_lift: rng.random_range(-0.02..0.02),
+            twist_per_deflection: rng.random_range(-0.02..0.02),
             twist_power: rng.random_range(1.0..2.0),
             skin_root: rng.random_range(0.3..0.6),
             skin_tip: rng.random_range(0.05..0.2),
@@ -160,24 +160,29 @@ impl Wing {
         (arc, stations)
     }
 
-    /// Amplitude for a tip lift.
-    fn amplitude(&self, lift_m: f64) -> f64 {
+    /// Amplitude for a tip deflection.
+    fn amplitude(&self, deflection_m: f64) -> f64 {
         let (arc, _) = self.stations(0.0, 1.0);
         let ds = arc / STATIONS as f64;
-        let (mut slope, mut lift) = (0.0, 0.0);
+        let (mut slope, mut deflection) = (0.0, 0.0);
         for c in self.curvature() {
-            lift += slope * ds;
+            deflection += slope * ds;
             slope += c * ds;
         }
-        lift_m / lift
+        deflection_m / deflection
     }
 
     /// Markers and normals in flight, wing frame.
-    fn bend(&self, ground: &[Vector3<f64>], lift_m: f64, scale: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-        let amplitude = self.amplitude(lift_m);
+    fn bend(
+        &self,
+        ground: &[Vector3<f64>],
+        deflection_m: f64,
+        scale: f64,
+    ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let amplitude = self.amplitude(deflection_m);
         let (arc, flat) = self.stations(0.0, 1.0);
         let (_, bent) = self.stations(amplitude, scale);
-        let twist_tip = self.twist_per_lift * lift_m;
+        let twist_tip = self.twist_per_deflection * deflection_m;
         ground
             .iter()
             .map(|g| {
@@ -274,9 +279,9 @@ impl World {
     }
 
     /// In flight, camera remounted.
-    pub fn flight_view(&self, lift_m: f64, seed: u64, conditions: &Conditions) -> View {
+    pub fn flight_view(&self, deflection_m: f64, seed: u64, conditions: &Conditions) -> View {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
-        let placed = self.wing.bend(&self.ground, lift_m, scale);
+        let placed = self.wing.bend(&self.ground, deflection_m, scale);
         self.view(&placed, &self.mount, seed, conditions)
     }
 

@@ -103,7 +103,7 @@ def simulated(program, seeds):
         if not (home / "truth.json").exists():
             shutil.rmtree(home, ignore_errors=True)
             home.parent.mkdir(parents=True, exist_ok=True)
-            options = ["--seed", seed, "--lights", LIGHTS[seed % len(LIGHTS)], "--tip-lifts", "2.0"]
+            options = ["--seed", seed, "--lights", LIGHTS[seed % len(LIGHTS)], "--tip-deflections", "2.0"]
             run(program, "simulate", "--output", home, *options, stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL)
         out.append((f"simulated {home.name}", pictures_in(home / "frames"), home / "installation"))

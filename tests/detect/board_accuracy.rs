@@ -10,7 +10,7 @@ const COLUMNS: usize = 12;
 const ROWS: usize = 9;
 const SQUARE_M: f64 = 0.075;
 /// The largest bow of a set, m per m of the side.
-const MOST_BOW: f64 = 1.5e-3;
+const MAX_BOW: f64 = 1.5e-3;
 
 struct Camera {
     width: u32,
@@ -52,7 +52,7 @@ fn one_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
     let mut random = Random::new(seed, 36);
     let truth = lens(camera, &mut random);
     let bow = |side: usize, random: &mut Random| {
-        if bowed { random.between(-MOST_BOW, MOST_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
+        if bowed { random.between(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
     };
     let bow_m = [bow(COLUMNS, &mut random), bow(ROWS, &mut random)];
     let pictures: Vec<BoardPicture> =

@@ -10,7 +10,7 @@ use wingd::measure::identify;
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::{Orientation, Shape};
 use wingd::pipeline::decode::decode;
-use wingd::pipeline::stages::{Sighting, detect_only, recognise};
+use wingd::pipeline::stages::{ProcessedFrame, detect_only, recognise};
 
 /// A marker's true place in one frame.
 struct Truth {
@@ -29,7 +29,7 @@ struct Frame {
 struct Set {
     installation: Installation,
     orientation: Orientation,
-    frames: Vec<(Frame, Sighting, Raster)>,
+    frames: Vec<(Frame, ProcessedFrame, Raster)>,
 }
 
 /// Errors of one kind of marker in one kind of light.
@@ -84,7 +84,7 @@ fn truth(root: &Path) -> Vec<Frame> {
 fn set(name: &str, seen: impl Fn(Vec<u8>, u64) -> Vec<u8>) -> Set {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
     let installation = installation::load_without_orientation(&root.join("installation")).unwrap();
-    let frames: Vec<(Frame, Sighting, Raster)> = (truth(&root).into_iter())
+    let frames: Vec<(Frame, ProcessedFrame, Raster)> = (truth(&root).into_iter())
         .zip(0..)
         .map(|(frame, seed)| {
             let bytes = seen(std::fs::read(root.join("frames").join(&frame.name)).unwrap(), seed);

@@ -4,7 +4,7 @@ use crate::common::drawn::{
     TONE, discs, expected_discs, measured, nearest, normalised_square, on_skin, picture,
 };
 use nalgebra::Vector2;
-use wingd::measure::detect::{Detection, detect, look_closer};
+use wingd::measure::detect::{Detection, detect, second_pass};
 
 /// Light that is mirrored, as much as of a grey value: added to everything from some column on, with a slope of so many px.
 fn with_glare(
@@ -103,7 +103,7 @@ fn a_disc_that_glare_hides_but_for_its_ends_is_found_with_its_size_known() {
         let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, columns, 2.0);
         let image = picture(scene, 0.9, 1.5, seed as u64);
         let mut found = detect(&image);
-        look_closer(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
+        second_pass(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
         let (m, error) = nearest(&found.markers, discs[4]).expect("the disc is found");
         println!("glare at {band:?}: {error:.3?}, variances {:.4?}", m.covariance_px2.diagonal());
         assert!(error.norm() < 0.6, "glare at {band:?}: off by {error}");
@@ -120,7 +120,7 @@ fn of_a_disc_that_glare_hides_as_a_whole_nothing_is_said_though_its_size_is_know
     let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, columns, 2.0);
     let image = picture(scene, 0.9, 1.5, 1);
     let mut found = detect(&image);
-    look_closer(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
+    second_pass(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
     let near = |m: &&Detection| (m.centre_px - Vector2::new(x, y)).norm() < a;
     assert_eq!(found.markers.iter().find(near), None);
     assert!(found.markers.len() >= 7, "{} others are found", found.markers.len());

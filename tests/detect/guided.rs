@@ -7,13 +7,13 @@ use wingd::installation;
 use wingd::measure::detect::{Detection, Prediction};
 use wingd::measure::identify;
 use wingd::pipeline::guided::detect_predicted;
-use wingd::pipeline::stages::{Sighting, Work, detect_only};
+use wingd::pipeline::stages::{ProcessedFrame, Work, detect_only};
 
 /// A frame of a fixture with all that it shows, and its surveyed markers seen some pixels off.
 struct Case {
     name: String,
     bytes: Vec<u8>,
-    whole: Sighting,
+    whole: ProcessedFrame,
     predictions: Vec<Prediction>,
 }
 

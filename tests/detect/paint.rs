@@ -1,6 +1,6 @@
 //! Promise: dark paint that touches an end of a flat disc moves it by no more than its standard deviation says.
 
-use wingd::measure::detect::{detect, look_closer};
+use wingd::measure::detect::{detect, second_pass};
 
 use crate::common::drawn::{
     blurred, discs, expected_discs, local, nearest, normalised_square, on_skin, with_noise,
@@ -37,7 +37,7 @@ fn a_dash_that_touches_an_end_is_in_the_standard_deviation() {
         for seed in 0..4 {
             let image = with_noise(&light, 1.5, seed);
             let mut found = detect(&image);
-            look_closer(&image, &mut found, &expected_discs(&flat, &detect(&image).markers));
+            second_pass(&image, &mut found, &expected_discs(&flat, &detect(&image).markers));
             let (m, error) = nearest(&found.markers, touched).expect("the disc is found");
             println!("dash {k}: {error:.3?}, variances {:.4?}", m.covariance_px2.diagonal());
             square += normalised_square(m, error);

@@ -31,7 +31,7 @@ fn the_truth_hangs_together() {
         shot.mount = scene.remount(&mut Random::new(seed, 5));
         shot.hidden = vec![3];
         let (ground, flight) = (scene.truth(&scene.ground_shot(4)), scene.truth(&shot));
-        assert!(ground.markers.iter().all(|m| m.lift_m == 0.0 && m.visible));
+        assert!(ground.markers.iter().all(|m| m.deflection_m == 0.0 && m.visible));
         assert_eq!(ground.torsion_rad, Some(0.0));
         // Markers that no frame would show whole are left out: 18 to 27 are asked for.
         assert!((12..=27).contains(&scene.markers.len()), "seed {seed}: {} markers", scene.markers.len());
@@ -47,7 +47,7 @@ fn the_truth_hangs_together() {
             assert!((pixel - marker.pixel.unwrap()).norm() < 1e-6);
         }
         assert!(!flight.markers[3].visible);
-        let highest = flight.markers.iter().map(|m| m.lift_m).fold(0.0, f64::max);
+        let highest = flight.markers.iter().map(|m| m.deflection_m).fold(0.0, f64::max);
         assert!(highest > 1.5 && highest < 2.3, "{highest}");
         assert!(flight.torsion_rad.unwrap().abs() > 1e-3);
     }

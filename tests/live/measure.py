@@ -4,7 +4,7 @@
 usage: tests/live/measure.py [--binary target/release/wingd] [--rate 10] [--seconds 60] [--first-frames N] SET
        SET holds installation/, frames/ and truth.json.
 
-Says results a second, latency, frames skipped, memory, processor time, and how far the lifts are from the truth. Exit
+Says results a second, latency, frames skipped, memory, processor time, and how far the deflections are from the truth. Exit
 status 1 where a result has no numbers. Needs Python 3.9, nothing else.
 """
 
@@ -39,7 +39,7 @@ series = false
 socket = "live.sock"
 [live.keep]
 ring_mb = 16
-jolt = false
+mount_disturbed = false
 """
 
 
@@ -88,15 +88,15 @@ def listen(process, path, seconds):
 
 
 def errors(results, truth):
-    """Lifts less the truth, m, and the same in standard deviations."""
+    """Deflections less the truth, m, and the same in standard deviations."""
     apart, normalised = [], []
     for result in results:
-        lifts = {m["id"]: m["lift_m"] for m in truth.get(result["image"], {}).get("markers", [])}
+        deflections = {m["id"]: m["deflection_m"] for m in truth.get(result["image"], {}).get("markers", [])}
         for marker in result["markers"]:
-            if marker["used"] and marker.get("sigma_lift_m") and marker["id"] in lifts:
-                error = marker["lift_m"] - lifts[marker["id"]]
+            if marker["used"] and marker.get("sigma_deflection_m") and marker["id"] in deflections:
+                error = marker["deflection_m"] - deflections[marker["id"]]
                 apart.append(error)
-                normalised.append(error / marker["sigma_lift_m"])
+                normalised.append(error / marker["sigma_deflection_m"])
     return apart, normalised
 
 
@@ -143,13 +143,13 @@ def say(args, count, results, samples):
     print(f"processor       {1e3 * processor:.0f} ms a frame")
     print(f"guided          {len(guided)} frames, median ms: {stages(guided)}")
     print(f"whole search    {len(whole)} frames, median ms: {stages(whole)}")
-    print(f"jolts           {sum(r['jolt'] for r in lines)}")
+    print(f"disturbances    {sum(r['mount_disturbed'] for r in lines)}")
     truth = {f["image"]: f for f in json.loads((args.set / "truth.json").read_text())["frames"]}
     # Later passes repeat the same noise, which no filter takes for independent.
     first = [r for r in solved if r["number"] <= count]
     for name, those in (("first pass", first), ("all", solved)):
         apart, normalised = errors(those, truth)
-        print(f"lifts, {name:<11}rms {1e3 * rms(apart):.1f} mm, normalised {rms(normalised):.2f} ({len(those)} frames)")
+        print(f"deflections, {name:<11}rms {1e3 * rms(apart):.1f} mm, normalised {rms(normalised):.2f} ({len(those)} frames)")
     return len(solved) == len(lines)
 
 

@@ -3,7 +3,7 @@
 
 usage: tests/live/modes.py [--binary target/release/wingd] [--modes wingd-fleet] [--hz 1.3,3.7] SET
        SET: wingd simulate --output SET --size 1200 900 --markers 13 --length 28 --camera-height 3.2 --diameter 0.4 --gusts 300 --gust 0
-            --modes 1.3:0.03:0.10,3.7:0.02:0.006 --tip-lifts 2.0 --remount 1 --seed 56
+            --modes 1.3:0.03:0.10,3.7:0.02:0.006 --tip-deflections 2.0 --remount 1 --seed 56
 
 The set's frames are replayed once, ten a second. Exit status 1 where a frequency is off by more than 1 % or two of its standard
 deviations, or a shape's MAC is below 0.99. Needs Python 3.9, and the fleet's package with `[modes]`.
@@ -31,13 +31,13 @@ def slopes(values, swings):
 
 
 def shapes(flight):
-    """By marker its lift per swing of either mode."""
+    """By marker its deflection per swing of either mode."""
     swings = list(zip(*(f["modes_m"] for f in flight)))
-    lifts = {}
+    deflections = {}
     for frame in flight:
         for marker in frame["markers"]:
-            lifts.setdefault(marker["id"], []).append(marker["lift_m"])
-    return {name: slopes(values, swings) for name, values in lifts.items()}
+            deflections.setdefault(marker["id"], []).append(marker["deflection_m"])
+    return {name: slopes(values, swings) for name, values in deflections.items()}
 
 
 def mac(one, other):
@@ -81,7 +81,7 @@ def main():
     truth = {f["image"]: f for f in flight}
     solved = [r for r in results if r["status"] == "ok"]
     apart, normalised = errors(solved, truth)
-    print(f"{len(results)} results, {len(solved)} with numbers, {results[-1]['skipped']} skipped; lifts {1e3 * rms(apart):.1f} mm rms, {rms(normalised):.2f} normalised")
+    print(f"{len(results)} results, {len(solved)} with numbers, {results[-1]['skipped']} skipped; deflections {1e3 * rms(apart):.1f} mm rms, {rms(normalised):.2f} normalised")
     true, well = shapes(flight), len(found) == 2
     for number, (row, hz) in enumerate(zip(found, map(float, args.hz.split(",")))):
         names = [name[6:] for name in row if name.startswith("shape_") and row[name]]

@@ -124,8 +124,8 @@ const look = (page) => page.evaluate(() => {
   return {
     word: document.getElementById("word").textContent, reasons: document.getElementById("reasons").textContent,
     banner: document.getElementById("health").className,
-    tiles: ["age", "lift", "twist", "rate", "latency", "skipped", "test"].map(tile),
-    curves: ["curve", "lifts", "twists"].map((id) => ({
+    tiles: ["age", "deflection", "twist", "rate", "latency", "skipped", "test"].map(tile),
+    curves: ["curve", "deflections", "twists"].map((id) => ({
       id, style: document.getElementById(id).getAttribute("class") ?? "", lines: drawn(id, ".curve"), dots: drawn(id, ".dot"),
       note: document.querySelector(`#${id} .note`)?.textContent ?? "", doubt: drawn(id, ".doubt .curve"),
     })),
@@ -156,7 +156,7 @@ const until = async (page, wanted, words, withinS) => {
   return seen;
 };
 // On a machine with other work frames may be skipped, which is said.
-const fine = ({ word, reasons }) => word === "good" || reasons.split("\n").every((why) => why.includes("too slow"));
+const fine = ({ word, reasons }) => word === "ok" || reasons.split("\n").every((why) => why.includes("too slow"));
 const well = (seen) => fine(seen) && seen.tiles.every(({ style }) => style === "") && seen.curves.every(({ lines }) => lines > 0);
 
 const picture = async (pages, name) => {
@@ -172,7 +172,7 @@ const old = async (pages, name, forS = 4) => {
     for (const { page, width } of pages) {
       const seen = await look(page);
       const left = plain(seen);
-      if (left.length > 0 || seen.word === "good") {
+      if (left.length > 0 || seen.word === "ok") {
         check(false, `${name}, ${width} px: nothing old in plain style`, { left, seen });
         return;
       }
@@ -200,20 +200,20 @@ const faults = async (pages, maker) => {
   await back(pages, "at the start");
   await sleep(11_000);
   for (const { page, width } of pages) check((await look(page)).tooWide <= 0, `${width} px: not too wide`, await look(page));
-  await picture(pages, "good");
+  await picture(pages, "ok");
   const flying = status();
   const goes = flying.exit === 0 || flying.reasons?.every((why) => why.includes("too slow"));
-  check(goes && (flying.exit === 0) === (flying.health === "good") && flying.flight, "status: well, a flight", flying);
+  check(goes && (flying.exit === 0) === (flying.health === "ok") && flying.flight, "status: well, a flight", flying);
 
   await drawn(maker, BLACK);
   for (const { page, width } of pages) {
-    const none = ({ tiles, curves, word }) => tiles[1].shown === "–" && curves[0].lines === 0 && word !== "good";
-    await until(page, none, `black frames, ${width} px: no lift, no curve, not good`, 3);
+    const none = ({ tiles, curves, word }) => tiles[1].shown === "–" && curves[0].lines === 0 && word !== "ok";
+    await until(page, none, `black frames, ${width} px: no deflection, no curve, not good`, 3);
   }
-  await until(desk, ({ word, reasons }) => word === "bad" && reasons.includes("have no numbers"), "black frames: bad", 12);
+  await until(desk, ({ word, reasons }) => word === "failed" && reasons.includes("have no numbers"), "black frames: bad", 12);
   await until(desk, ({ caption }) => caption.includes("0 markers"), "black frames: the picture is theirs", 5);
   const dark = status();
-  check(dark.health === "bad" && dark.exit === 1, "black frames: status bad, exit 1", dark);
+  check(dark.health === "failed" && dark.exit === 1, "black frames: status bad, exit 1", dark);
   await picture(pages, "black");
   pictures();
   await back(pages, "light again");
@@ -249,7 +249,7 @@ const faults = async (pages, maker) => {
   await drawn(maker, SHIFTED);
   for (const { page, width } of pages) {
     const doubted = ({ tiles, curves, word }) =>
-      word === "doubtful" && tiles[1].style === "doubtful" && tiles[6].shown === "rejected" && curves[0].doubt > 0;
+      word === "degraded" && tiles[1].style === "degraded" && tiles[6].shown === "rejected" && curves[0].doubt > 0;
     await until(page, doubted, `test rejected, ${width} px: seen`, 20);
   }
   await sleep(4000);

@@ -2,15 +2,15 @@
 """Measures the damage that `wingd stress --live` tells of a real recorder's results against the dense history of the rendered wing.
 
 usage: tests/live/stress.py [--binary target/release/wingd] [--seconds 180] [--hole 1200] {whole,skipped,hole} SET
-       SET: wingd simulate --output SET --gusts 60 --gust 0 --modes 0.95:0.03:0.15 --tip-lifts 2.3 --remount 1 --seed 55
+       SET: wingd simulate --output SET --gusts 60 --gust 0 --modes 0.95:0.03:0.15 --tip-deflections 2.3 --remount 1 --seed 55
 
 The set's frames are replayed forwards and backwards, ten a second, so that the wing swings on without a jump.
   whole    all of them
   skipped  the solver is kept from the processor every few seconds, until 3 % of the frames are skipped
   hole     the pictures are gone for --hole seconds, with --seconds before and after it
 
-Truth: tip lifts of the set, interpolated to 200 a second, by a cantilever to moments, by rainflow (ASTM E1049-85, 5.4.4) to damage
-over that of a ground-air-ground cycle. Only the moment's shape over the lift enters, in which cantilevers hardly differ.
+Truth: tip deflections of the set, interpolated to 200 a second, by a cantilever to moments, by rainflow (ASTM E1049-85, 5.4.4) to damage
+over that of a ground-air-ground cycle. Only the moment's shape over the deflection enters, in which cantilevers hardly differ.
 Exit status 1 where damage is off by more than two of its standard deviations. Needs Python 3.9, Linux, nothing else.
 """
 
@@ -93,11 +93,11 @@ def fly(args, folder):
     return [result for _, result in results]
 
 
-def dense(lifts):
+def dense(deflections):
     """Cubic through four neighbours (Catmull and Rom do not suffice: Lagrange's), DENSE values an interval."""
     out = []
-    for k in range(1, len(lifts) - 2):
-        a, b, c, d = lifts[k - 1 : k + 3]
+    for k in range(1, len(deflections) - 2):
+        a, b, c, d = deflections[k - 1 : k + 3]
         for j in range(DENSE):
             t = j / DENSE
             out.append(
@@ -109,8 +109,8 @@ def dense(lifts):
     return out
 
 
-def moments(lifts, share):
-    """Moment at a share of the length, any unit, of a cantilever of 30 m whose tip is lifted so."""
+def moments(deflections, share):
+    """Moment at a share of the length, any unit, of a cantilever of 30 m whose tip is deflected so."""
     n, length = 200, 30.0
     step = length / n
     eta = [k / n for k in range(n + 1)]
@@ -119,7 +119,7 @@ def moments(lifts, share):
         shear[k] = shear[k + 1] + step * math.sqrt(1 - (0.5 * (eta[k] + eta[k + 1])) ** 2)
     ground = 0.08
 
-    def at(lift):
+    def at(deflection):
         slope, amplitude = [0.0] * (n + 1), 1e-6
         for _ in range(60):
             moment = [0.0] * (n + 1)
@@ -130,17 +130,17 @@ def moments(lifts, share):
             for k in range(n):
                 slope.append(slope[k] + amplitude * step * 0.5 * (bent[k] + bent[k + 1]))
                 rise += step * (math.sin(ground + 0.5 * (slope[k] + slope[k + 1])) - math.sin(ground))
-            if abs(rise - lift) < 1e-10:
+            if abs(rise - deflection) < 1e-10:
                 break
-            amplitude *= lift / rise
+            amplitude *= deflection / rise
         return amplitude * moment[round(share * n)]
 
-    # Smooth in the lift: three values are a parabola.
-    low, high = min(lifts), max(lifts)
+    # Smooth in the deflection: three values are a parabola.
+    low, high = min(deflections), max(deflections)
     mid = 0.5 * (low + high)
     a, b, c = at(low), at(mid), at(high)
     curve = lambda t: b + 0.5 * (c - a) * t + 0.5 * (a - 2 * b + c) * t * t
-    return [curve((lift - mid) / (high - mid)) for lift in lifts]
+    return [curve((deflection - mid) / (high - mid)) for deflection in deflections]
 
 
 def rainflow(values):
@@ -187,12 +187,12 @@ def judge(args, folder, results, truth):
     first, last = results[0]["exposure_since_boot_s"], results[-1]["exposure_since_boot_s"]
     # What the wing did from the first frame to the last, seen or not.
     count = round((last - first) * RATE_HZ) + 1
-    lifts = dense([truth[k % len(truth)] for k in range(-1, count + 2)])
+    deflections = dense([truth[k % len(truth)] for k in range(-1, count + 2)])
     well = len(lines) == 1
     for line in lines:
         print(f"  {line['frames']} frames, {line['rate_hz']} a second, gaps {json.dumps(line['gaps'])}; {line['no_cycles_because']}")
         for station, share in zip(line["stations"], SHARES):
-            dense_damage = damages(moments(lifts, share))
+            dense_damage = damages(moments(deflections, share))
             for told in station["damage"] or []:
                 true = dense_damage[told["slope"]]
                 off = (told["relative"] - true) / told["sigma_relative"]
@@ -217,7 +217,7 @@ def main():
     args.binary, args.rate, args.first_frames = args.binary.resolve(), RATE_HZ, None
     frames = json.loads((args.set / "truth.json").read_text())["frames"]
     flight = sorted((f for f in frames if f["image"] != "ground.jpg"), key=lambda f: f["image"])
-    truth = [f["tip_lift_m"] for f in flight]
+    truth = [f["tip_deflection_m"] for f in flight]
     truth += truth[-2:0:-1]
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)

@@ -74,9 +74,9 @@ sed -i -e '/^installation/d' -e 's/^interval.*/interval = "1s"/' -e 's/^shots = 
 printf 'reserve_mb = 0\n' | sed -i '/^path = "store"/r /dev/stdin' "$work/wingd.toml"
 # strike FAULT: brings it on and waits until the recorder has felt it.
 strike() { local before; before=$(failures); echo "$1" >"$work/cam/state/fault"; wait_more failures "$before" 10; }
-lift() { rm -f "$work/cam/state/fault"; }
+deflection() { rm -f "$work/cam/state/fault"; }
 for fault in hang die truncate stale gone full busy claimed; do
     eval "inject() { strike $fault; }"
     rm -rf "$work/cam/card/DCIM"; mkdir "$work/cam/card/DCIM"
-    campaign "USB" "$fault" inject lift
+    campaign "USB" "$fault" inject deflection
 done

@@ -32,11 +32,11 @@ nothing_stored_lost() {
     done
 }
 kinds() { sed -n 's/.* kind="\([a-z_]*\)".*/\1/p' "$W/log" | sort | uniq -c | awk '{printf "%s%s %s", (NR > 1 ? ", " : ""), $1, $2}'; }
-# campaign PART NAME INJECT [LIFT]: the fault at `rounds` random moments. INJECT brings it on, and is asked
-# again until it has struck; LIFT takes it away a moment later. Recovery counts from there to the next frame. After
+# campaign PART NAME INJECT [DEFLECTION]: the fault at `rounds` random moments. INJECT brings it on, and is asked
+# again until it has struck; DEFLECTION takes it away a moment later. Recovery counts from there to the next frame. After
 # two bad rounds no more are asked for.
 campaign() {
-    local part=$1 name=$2 inject=$3 lift=${4:-true} round bad=0 longest=0 sum=0 took before struck begin end
+    local part=$1 name=$2 inject=$3 deflection=${4:-true} round bad=0 longest=0 sum=0 took before struck begin end
     start_recorder || { verdict 1 "$part: $name: no frame at the beginning"; stop_recorder; return; }
     for ((round = 0; round < rounds && bad < 2; round++)); do
         sleep "0.$(printf %03d $((RANDOM % 1000)))"
@@ -49,7 +49,7 @@ campaign() {
         done
         [ $struck = 0 ] || { say "$name did not strike"; bad=$((bad + 1)); }
         sleep "0.$(printf %03d $((RANDOM % 500)))"
-        "$lift"
+        "$deflection"
         begin=$(now_ms)
         wait_more durable "$(durable)" 60 || { say "$name: no frame afterwards"; bad=$((bad + 1)); }
         took=$(($(now_ms) - begin)); sum=$((sum + took)); [ $took -le $longest ] || longest=$took

@@ -30,7 +30,7 @@ sources() { cat /mnt/store/flights/*/*/series.json | sed -n 's/.*"exposure_sourc
 
 # Between asking and delivery lie 5.2 s at most (the deadline and what a call may take longer): sigma below 1.6 s.
 # cruise FORMAT: frames of the fixture, one after the other: each result is joined by its instant to the raw frame that was kept, that by
-# its hash to the picture sent (what the loopback device overwrites while it is read is no picture that was sent), and its tip's lift is held against that of `wingd solve` of the same picture.
+# its hash to the picture sent (what the loopback device overwrites while it is read is no picture that was sent), and its tip's deflection is held against that of `wingd solve` of the same picture.
 cruise() {
     local format=$1 status=0 most=0 mapped=0 now listener
     live_config 2 'kind = "v4l"' 'card = "wing"' "format = \"$format\"" "width = $width" "height = $height" 'settle_frames = 1'
@@ -51,9 +51,9 @@ cruise() {
         END { printf "%d results, %d with numbers, %d skipped and counted, sigma of the instant at most %.4f s, %d out of order or out of bounds\n", n, ok, skipped, high, bad; exit !(n >= 5 && ok && !bad) }' /mnt/live.csv >/mnt/said
     verdict $? "live: $format: $(cat /mnt/said)"
     # Number and tip of each line, and of the row with this number.
-    sed -n 's/^{"number":\([0-9]*\),.*"tip":{"marker":"[^"]*","lift_m":\([0-9.e-]*\).*/\1 \2/p' /mnt/live.jsonl >/mnt/given
+    sed -n 's/^{"number":\([0-9]*\),.*"tip":{"marker":"[^"]*","deflection_m":\([0-9.e-]*\).*/\1 \2/p' /mnt/live.jsonl >/mnt/given
     awk -F'[ ,]' 'FILENAME ~ /given$/ { tip[$1] = $2; next } FNR == 1 { for (i = 1; i <= NF; i++) c[$i] = i; next }
-        $c["solved"] == 1 { k = $c["number"]; if (!(k in tip)) { unheard++; next } n++; d = tip[k] - $c["tip_lift_m"]; if (d * d > 1e-12) other++ }
+        $c["solved"] == 1 { k = $c["number"]; if (!(k in tip)) { unheard++; next } n++; d = tip[k] - $c["tip_deflection_m"]; if (d * d > 1e-12) other++ }
         END { printf "%d lines at the socket as in the store, %d others, %d rows without a line", n, other, unheard; exit !(n >= 5 && !other && unheard <= 3) }' \
         /mnt/given /mnt/live.csv >/mnt/said
     verdict $? "live: $format: $(cat /mnt/said)"
@@ -62,15 +62,15 @@ cruise() {
         /"sha256":/ { h = $4 } /"exposure_since_boot_s":/ { split($0, p, ": *"); t = p[2] + 0 }
         h != "" && t != "" { printf "%s %.4f\n", h, t; h = t = "" }' >/mnt/kept
     [ -s /mnt/want ] || for f in "${frames[@]}"; do
-        "$wingd" solve --installation /mnt/installation --json "$f" 2>/dev/null | sed -n 's/.*"tip":{"marker":"[^"]*","lift_m":\([0-9.e-]*\),"sigma_lift_m":\([0-9.e-]*\).*/\1 \2/p'
+        "$wingd" solve --installation /mnt/installation --json "$f" 2>/dev/null | sed -n 's/.*"tip":{"marker":"[^"]*","deflection_m":\([0-9.e-]*\),"sigma_deflection_m":\([0-9.e-]*\).*/\1 \2/p'
     done >/mnt/want
-    awk -v files="${#frames[@]}" 'FILENAME ~ /want$/ { lift[n + 0] = $1; sigma[n++] = $2; next }
+    awk -v files="${#frames[@]}" 'FILENAME ~ /want$/ { deflection[n + 0] = $1; sigma[n++] = $2; next }
         FILENAME ~ /sent$/ { number[$1] = ++sent; next }
         FILENAME ~ /kept$/ { if ($1 in number) file[$2] = number[$1] % files; else torn++; next }
         FNR == 1 { split($0, name, ","); for (i in name) c[name[i]] = i; next }
         { split($0, v, ","); t = sprintf("%.4f", v[c["since_boot_s"]]); if (!(t in file)) next
           if (!v[c["solved"]]) { without++; next }
-          d = (v[c["tip_lift_m"]] - lift[file[t]]) / sigma[file[t]]; sum += d * d; m++; if (d < 0) d = -d; if (d > most) most = d }
+          d = (v[c["tip_deflection_m"]] - deflection[file[t]]) / sigma[file[t]]; sum += d * d; m++; if (d < 0) d = -d; if (d > most) most = d }
         END { printf "%d results joined to the picture sent (%d frames were overwritten by the device), %d of whole pictures without numbers, tip against wingd solve at most %.2f standard deviations, rms %.2f\n", m, torn, without, most, m ? sqrt(sum / m) : -1; exit !(m >= 5 && !without && most <= 3 && n == files) }' \
         /mnt/want /mnt/sent /mnt/kept /mnt/live.csv >/mnt/said
     status=$?; sed -n 's/.*"status":"failed","reason":"\([^"]*\)".*/without numbers: \1/p' /mnt/live.jsonl >/mnt/errors
@@ -81,14 +81,14 @@ cruise() {
 cruise MJPG
 cruise GREY
 
-# strike NAME INJECT LIFT: strikes once frames come, and they come again by themselves.
+# strike NAME INJECT DEFLECTION: strikes once frames come, and they come again by themselves.
 strike() {
-    local name=$1 inject=$2 lift=$3 status=0 before begin
+    local name=$1 inject=$2 deflection=$3 status=0 before begin
     start_recorder && wait_more results 2 60 || status=1
     before=$(failed_shots)
     for _ in $(seq 40); do "$inject"; wait_more failed_shots "$before" 6 && break; done
     [ "$(failed_shots)" -gt "$before" ] || { status=1; say "$name did not strike"; }
-    "$lift"; begin=$(now_ms)
+    "$deflection"; begin=$(now_ms)
     wait_more results "$(results)" 60 || status=1
     begin=$(($(now_ms) - begin))
     wait_more durable "$(durable)" 30 || status=1

@@ -158,7 +158,8 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let html = std::fs::read_to_string(&page).unwrap();
     let (repeated, jumped) = (lines - tags.len(), shots.len());
     let unused = format!("{repeated} repeated, {jumped} whose time cannot be true");
-    let wanted = ["Lift against weight", "Lift against load factor", "Instants of exposure", &unused];
+    let wanted =
+        ["Deflection against weight", "Deflection against load factor", "Instants of exposure", &unused];
     for text in wanted {
         assert!(html.contains(text), "{text}");
     }

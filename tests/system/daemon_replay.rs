@@ -169,7 +169,7 @@ fn an_undisturbed_flight_is_recorded_and_solved() {
     let report = flight.sound();
     assert_eq!((report.flights, report.series, report.frames, report.results), (1, 3, 12, 12));
     assert_eq!((status.counts.frames, status.counts.solved, status.counts.series_complete), (12, 12, 3));
-    assert_eq!(status.health, Health::Good);
+    assert_eq!(status.health, Health::Ok);
     let started: Vec<f64> =
         flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0]);
@@ -227,7 +227,7 @@ fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
     flight.sound();
     assert_eq!(flight.manifests().len(), 3);
     assert_eq!((status.counts.frames, status.counts.failed_shots), (0, 12));
-    assert_eq!(status.health, Health::Bad);
+    assert_eq!(status.health, Health::Failed);
     assert!(status.camera.hanging_calls <= 8, "{}", status.camera.hanging_calls);
 }
 

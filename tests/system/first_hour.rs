@@ -65,9 +65,13 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     }
     std::fs::remove_dir(here.join("installation")).unwrap();
     // The aircraft, the survey and the photographer.
-    let lifts = "2.4,2.2,2.0,1.8,1.6,1.4";
+    let deflections = "2.4,2.2,2.0,1.8,1.6,1.4";
     let size = ["--size", "1600", "1200", "--focal", "1400", "--board", "board.toml"];
-    done(here, &[&["simulate", "--output", ".", "--seed", "4", "--tip-lifts", lifts], &size[..]].concat());
+    done(
+        here,
+        &[&["simulate", "--output", ".", "--seed", "4", "--tip-deflections", deflections], &size[..]]
+            .concat(),
+    );
     std::fs::create_dir(here.join("card")).unwrap();
     for k in 1..=6 {
         let time = format!("2026:03:01 09:0{}:00", k / 4);
@@ -214,8 +218,13 @@ fn points_measured_by_hand_stand_beside_what_is_detected() {
     let only = ["solve", "--json", "--observations", "hand.csv", "--observations-only", &frame];
     let only = &lines(&done(here, &only))[0];
     assert_eq!(marker(only, "M06")["sigma_u_px"], 0.1, "{only}");
-    let lift = |record: &Value| record["tip"]["lift_m"].as_f64().unwrap();
-    assert!((lift(only) - lift(plain)).abs() < 0.05, "{} {}", lift(only), lift(plain));
+    let deflection = |record: &Value| record["tip"]["deflection_m"].as_f64().unwrap();
+    assert!(
+        (deflection(only) - deflection(plain)).abs() < 0.05,
+        "{} {}",
+        deflection(only),
+        deflection(plain)
+    );
     // Of several pictures each point says which.
     let both = lines(&done(here, &["solve", "--json", "--observations", "hand.csv", &frame, &other]));
     assert!(both.len() == 2 && marker(&both[1], "M06")["sigma_u_px"] != 0.1);

@@ -1,4 +1,4 @@
-//! Promise: marks that are rigid to the cabin are drawn, found, named and used from simulate to solve, have no lift, and
+//! Promise: marks that are rigid to the cabin are drawn, found, named and used from simulate to solve, have no deflection, and
 //! `plan` says what they bring; which frames are of one mounting can be said.
 
 use std::path::{Path, PathBuf};
@@ -12,7 +12,8 @@ fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("set");
     let text = output.to_str().unwrap();
-    let small = ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-lifts", "2.5"];
+    let small =
+        ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-deflections", "2.5"];
     let mut arguments = vec!["simulate", "--output", text, "--seed", "5"];
     arguments.extend(small);
     stdout(&arguments);
@@ -30,7 +31,7 @@ fn solved(installation: &Path, frame: &Path, more: &[&str]) -> Value {
 }
 
 fn sigma_of_the_tip(record: &Value) -> f64 {
-    record["tip"]["sigma_lift_m"].as_f64().unwrap()
+    record["tip"]["sigma_deflection_m"].as_f64().unwrap()
 }
 
 #[test]
@@ -41,7 +42,7 @@ fn fixed_marks_are_used_from_simulate_to_solve() {
         with["markers"].as_array().unwrap().iter().filter(|m| m["id"].as_str().unwrap().starts_with('F'))
     {
         assert_eq!(mark["used"], true, "{mark}");
-        assert!(mark["lift_m"].is_null(), "{mark}");
+        assert!(mark["deflection_m"].is_null(), "{mark}");
     }
     assert_eq!(with["global_test"], "passed", "{}", with["global_test"]);
 
@@ -71,7 +72,7 @@ fn dev() -> String {
 fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
     let plan: Value = serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
     let prediction = &plan["prediction"];
-    let tip = |value: &Value| value["sigma_tip_lift_m"].as_f64().unwrap();
+    let tip = |value: &Value| value["sigma_tip_deflection_m"].as_f64().unwrap();
     let mut before = tip(&prediction["expected"]);
     let marks = prediction["fixed_marks"].as_array().unwrap();
     assert_eq!(marks.len(), 3);

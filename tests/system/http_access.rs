@@ -175,7 +175,7 @@ fn the_recorder_shows_its_page_and_stops_in_time_whoever_holds_on() {
             None => std::thread::sleep(Duration::from_millis(50)),
         }
     };
-    assert!(status["daemon"]["health"] == "good" && status["free_mb"].is_u64(), "{status}");
+    assert!(status["daemon"]["health"] == "ok" && status["free_mb"].is_u64(), "{status}");
     assert!(ask("").unwrap().starts_with("HTTP/1.1 401"));
     // Connections that say nothing, and one in the middle of its head, keep nobody.
     let mut held: Vec<TcpStream> = (0..40).map(|_| TcpStream::connect(free).unwrap()).collect();

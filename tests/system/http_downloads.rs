@@ -53,7 +53,7 @@ fn an_archive_has_length_and_digest_and_unpacks_to_a_store() {
 
 #[test]
 fn an_archive_broken_off_thirty_times_is_the_same() {
-    let six = |lift_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(lift_m, 0.006));
+    let six = |deflection_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(deflection_m, 0.006));
     let store = store_with(&[&six(2.9), &six(2.1)]);
     let server = Server::start(store.path());
     let whole = server.get(ARCHIVE);

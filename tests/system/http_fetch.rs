@@ -71,7 +71,7 @@ fn pass_on(client: TcpStream, server: TcpStream, mut left: usize) {
 
 #[test]
 fn a_flight_comes_whole_over_a_line_that_breaks_thirty_times() {
-    let six = |lift_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(lift_m, 0.006));
+    let six = |deflection_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(deflection_m, 0.006));
     let all: Vec<[serde_json::Value; 6]> = (0..60).map(|k| six(2.0 + f64::from(k) / 100.0)).collect();
     let series: Vec<&[serde_json::Value]> = all.iter().map(|s| &s[..]).collect();
     let store = store_with(&series);

@@ -122,7 +122,7 @@ fn pages_lead_from_the_flight_to_the_frame() {
     assert!(flight.contains("href=\"/flights/f0001/s000002\"") && flight.contains("2.1000"));
     assert!(flight.contains("wingd fetch http://localhost") && flight.contains("Nothing: every shot"));
     let series = server.get("/flights/f0001/s000001").text();
-    assert!(series.contains(FRAME) && series.contains("tip lift 2.9000 m"));
+    assert!(series.contains(FRAME) && series.contains("tip deflection 2.9000 m"));
     let frame = server.get("/frames/f0001/s000001/0001.jpg").text();
     assert!(frame.contains("/overlay/f0001/s000001/0001.jpg.svg") && frame.contains("hidden by glare"));
     let thumb = server.get("/thumb/f0001/s000001/0001.jpg.svg");

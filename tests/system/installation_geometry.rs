@@ -156,7 +156,7 @@ fn the_twist_of_a_left_wing_has_one_sign_or_none() {
     assert!((a - b).abs() < 0.01 * a.abs() && a.abs() > 0.1, "{a} {b}");
     assert!(tip(&unknown).is_null() && unknown["model"]["twist_deg"].is_null());
     assert!(unknown["remarks"].to_string().contains("wing.side"), "{}", unknown["remarks"]);
-    assert_eq!(unknown["tip"], stated["tip"], "lift does not hang on it");
+    assert_eq!(unknown["tip"], stated["tip"], "deflection does not hang on it");
     let contrary = changed("demo/installation", "installation.toml", &text, &right);
     let (status, said) = run(&["check", "--installation", contrary.path().to_str().unwrap()]);
     assert_eq!(status, Some(78), "{said}");

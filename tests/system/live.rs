@@ -30,9 +30,9 @@ fn record(image: &str) -> ImageRecord {
     serde_json::from_value(json!({
         "image": image, "status": "ok", "method": "spatial", "variance_factor": 1.0, "redundancy": 3,
         "global_test": "passed", "sigma_kind": "prior", "model": {},
-        "tip": {"marker": "M2", "lift_m": 2.5, "sigma_lift_m": 0.01}, "markers": [],
+        "tip": {"marker": "M2", "deflection_m": 2.5, "sigma_deflection_m": 0.01}, "markers": [],
         "torsion": [{"name": "tip", "angle_deg": 1.0, "sigma_deg": 0.1, "twist_deg": null, "sigma_twist_deg": null}],
-        "curve": [{"arc_length_m": 1.0, "span_m": 1.0, "lift_m": 0.5, "sigma_lift_m": 0.01, "twist_deg": 0.5,
+        "curve": [{"arc_length_m": 1.0, "span_m": 1.0, "deflection_m": 0.5, "sigma_deflection_m": 0.01, "twist_deg": 0.5,
             "sigma_twist_deg": 0.1}],
         "remarks": ["x".repeat(REMARK)], "timing_ms": {}
     }))
@@ -41,7 +41,7 @@ fn record(image: &str) -> ImageRecord {
 
 fn told(image: &str) -> Tracked {
     let (search, outlines) = (Search::Guided, vec![]);
-    Tracked { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
+    Tracked { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
 }
 
 /// Seconds of live mode with series in between, by the machine's clock.

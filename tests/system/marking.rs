@@ -150,13 +150,13 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     refuses(&marking, &near, &with);
     // The detector measures where the hand points; a hand that wants to be taken at its word is.
     let (status, state) = marking.say(with(json!({"over": true, "why": "by way of trial"})));
-    assert_eq!((status, &marker(&state, "M19")["mark"]["by"]), (200, &"fit".into()), "{state}");
+    assert_eq!((status, &marker(&state, "M19")["mark"]["source"]), (200, &"fit".into()), "{state}");
     let off = place(&state, "M19");
     assert!((off[0] - u).hypot(off[1] - v) < 0.2, "{off:?} for {u} {v}");
     let (_, state) = marking.say(with(json!({"over": true, "exact": true})));
     assert_eq!(
-        (place(&state, "M19"), marker(&state, "M19")["mark"]["by"].as_str()),
-        ([u + 1.5, v - 1.0], Some("hand"))
+        (place(&state, "M19"), marker(&state, "M19")["mark"]["source"].as_str()),
+        ([u + 1.5, v - 1.0], Some("manual"))
     );
     assert!((marker(&state, "M19")["covariance_px2"][0][0].as_f64().unwrap() - 4.0).abs() < 1e-12);
     let (_, state) = marking.say(json!({"act": "reject", "id": "M05", "why": "dirt,\n\"oil\""}));
@@ -191,12 +191,12 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     let again: Value = serde_json::from_str(&done(at, &["solve", "store", "--json"])).unwrap();
     let line = |result: &Value, id: &str| marker(result, id).clone();
     assert_eq!(
-        (&line(&again, "M19")["by_hand"], &line(&again, "M19")["u_px"]),
+        (&line(&again, "M19")["manual"], &line(&again, "M19")["u_px"]),
         (&true.into(), &(u + 1.5).into())
     );
     let rejected = line(&again, "M05");
     assert!(rejected["reason"].as_str().unwrap().contains("rejected by hand (ada): dirt"), "{rejected}");
-    assert!(line(&bare, "M05")["used"].as_bool().unwrap() && line(&bare, "M19").get("by_hand").is_none());
+    assert!(line(&bare, "M05")["used"].as_bool().unwrap() && line(&bare, "M19").get("manual").is_none());
     assert_eq!(done(at, &["solve", "store", "--json", "--no-marks"]), "", "that is there already");
     done(at, &["verify", "store"]);
     a_changed_mark_is_seen_in_a_copy(at);
@@ -252,7 +252,7 @@ fn marks_beside_pictures_are_observations_for_solve_and_orient() {
     ))
     .unwrap();
     assert_eq!(
-        (&marker(&result, "M19")["by_hand"], &marker(&result, "M19")["u_px"]),
+        (&marker(&result, "M19")["manual"], &marker(&result, "M19")["u_px"]),
         (&true.into(), &(u - 1.0).into())
     );
     // A line that cannot be read is a fault of the file, and nothing of it is written over.

@@ -208,7 +208,7 @@ impl Bench {
         assert_eq!(bench.run("orient").0, Some(0));
         bench.unbind();
         let (_, solved, _) = bench.run("solve");
-        std::fs::write(bench.path("hand.csv"), by_hand(&solved)).unwrap();
+        std::fs::write(bench.path("hand.csv"), manual(&solved)).unwrap();
         let files = KINDS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("picture"));
         let sound = files.map(|name| (name, std::fs::read(bench.path(name)).unwrap())).collect();
         Self { sound, ..bench }
@@ -288,7 +288,7 @@ fn children_time() -> Duration {
 }
 
 /// A frame's measured markers as if by hand.
-fn by_hand(solved: &str) -> String {
+fn manual(solved: &str) -> String {
     let record: serde_json::Value = serde_json::from_str(solved.lines().next().unwrap()).unwrap();
     let line =
         |m: &serde_json::Value| format!("{},{},{},0.2\n", m["id"].as_str().unwrap(), m["u_px"], m["v_px"]);
@@ -317,8 +317,10 @@ fn wrong(command: &str, (status, said, time): &(Option<i32>, String, Duration)) 
     let json = || said.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     let sound = match (status, command) {
         (0, "solve" | "solve-by-hand" | "solve-profile") => json().is_some_and(|record| {
-            let sigma = record["tip"]["sigma_lift_m"].as_f64();
-            record["status"] == "ok" && record["tip"]["lift_m"].is_f64() && sigma.is_some_and(|s| s > 0.0)
+            let sigma = record["tip"]["sigma_deflection_m"].as_f64();
+            record["status"] == "ok"
+                && record["tip"]["deflection_m"].is_f64()
+                && sigma.is_some_and(|s| s > 0.0)
         }),
         (0, "orient") => json().is_some_and(|fit| fit["rms_px"].is_f64() && fit["sigma_mrad"].is_array()),
         (0, "plan") => json().is_some(),

@@ -81,15 +81,15 @@ fn ground_frames() {
 fn a_frame_of_a_flight_is_no_ground_frame() {
     let (_folder, installation) = folder();
     let ground = fixture("dev/frames/ground.jpg").display().to_string();
-    // Lift of the tip as rendered, m.
-    for (name, lift) in [("flight-1.jpg", "2.6 m"), ("flight-5.jpg", "1.3 m")] {
+    // Deflection of the tip as rendered, m.
+    for (name, deflection) in [("flight-1.jpg", "2.6 m"), ("flight-5.jpg", "1.3 m")] {
         let flight = fixture("dev/frames").join(name).display().to_string();
         for files in [vec![&flight], vec![&ground, &flight], vec![&flight, &ground]] {
             let mut arguments = vec!["orient", "--installation", &installation];
             arguments.extend(files.iter().map(|f| f.as_str()));
             let (status, said) = outcome(&arguments);
             assert_eq!(status, Some(1), "{said}");
-            let why = format!("bent by {lift} at the tip");
+            let why = format!("bent by {deflection} at the tip");
             assert!(said.contains(name) && said.contains(&why) && said.contains("of a flight"), "{said}");
         }
     }

@@ -41,7 +41,7 @@ fn the_json_holds_a_finite_positive_prediction_for_every_marker_and_along_the_sp
     assert_eq!(markers.len(), 21);
     for m in markers {
         assert_eq!(m["visible"], true, "{m}");
-        for key in ["lift_m", "span_m", "chord_m", "height_m"] {
+        for key in ["deflection_m", "span_m", "chord_m", "height_m"] {
             let sigma = number(&m["sigma"][key]);
             assert!(sigma > 1e-5 && sigma < 0.1, "{}: {key} {sigma}", m["id"]);
         }
@@ -51,10 +51,14 @@ fn the_json_holds_a_finite_positive_prediction_for_every_marker_and_along_the_sp
     assert!(span.len() > 20);
     assert!(span.windows(2).all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"])));
     assert!(
-        span.iter().skip(1).all(|p| number(&p["sigma_lift_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
+        span.iter()
+            .skip(1)
+            .all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
     );
     // Uncertainty grows from the root, where nothing bends.
-    assert!(number(&span[span.len() - 1]["sigma_lift_m"]) > 3.0 * number(&span[0]["sigma_lift_m"]));
+    assert!(
+        number(&span[span.len() - 1]["sigma_deflection_m"]) > 3.0 * number(&span[0]["sigma_deflection_m"])
+    );
 }
 
 /// Names, texts and attributes of a drawing; fails where tags do not match.
@@ -100,9 +104,14 @@ fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_places() {
     let svg = std::fs::read_to_string(&file).unwrap();
     let (names, texts, attributes) = tags(&svg);
     assert_eq!(names[0], "svg");
-    for label in
-        ["lift / mm", "twist / deg", "footprint / mm", "span, outboard from the camera / m", "M01", "M21"]
-    {
+    for label in [
+        "deflection / mm",
+        "twist / deg",
+        "footprint / mm",
+        "span, outboard from the camera / m",
+        "M01",
+        "M21",
+    ] {
         assert!(texts.iter().any(|t| t.trim() == label), "no \"{label}\"");
     }
     let view = attributes.iter().find(|(key, _)| key == "viewBox").unwrap();
@@ -136,18 +145,18 @@ fn another_marker_makes_figures_smaller() {
     let before = plan(installation("").path(), &[]);
     let after = plan(installation(&format!("M22,circle,0.32,{},0.002\n", at.join(","))).path(), &[]);
     assert_eq!(after["markers"].as_array().unwrap().len(), 22);
-    for key in ["sigma_tip_lift_m", "sigma_mean_lift_m", "sigma_tip_twist_deg", "sigma_span_m"] {
+    for key in ["sigma_tip_deflection_m", "sigma_mean_deflection_m", "sigma_tip_twist_deg", "sigma_span_m"] {
         let (b, a) =
             (number(&before["prediction"]["expected"][key]), number(&after["prediction"]["expected"][key]));
         println!("{key}: {b:.6} -> {a:.6}");
-        // What the installation leaves unknown of the root is nearly all of lifts and places; no marker tells it, and the
+        // What the installation leaves unknown of the root is nearly all of deflections and places; no marker tells it, and the
         // fitted ground shape on which it is linearised differs by the new marker.
         let limit = if key.ends_with("_m") { 1.001 * b } else { b };
         assert!(a < limit, "{key}: {b} -> {a}");
     }
 }
 
-/// The same installation, camera and lift: what was planned is what an adjustment of observations with
+/// The same installation, camera and deflection: what was planned is what an adjustment of observations with
 /// that noise states.
 #[test]
 fn planned_standard_deviations_are_those_that_the_adjustment_states() {
@@ -156,10 +165,11 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
     stdout(&["orient", "--installation", path, fixture("dev/frames/ground.jpg").to_str().unwrap()]);
     let truth: Value =
         serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
-    let frame = truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_lift_m"]) > 1.0).unwrap();
+    let frame =
+        truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_deflection_m"]) > 1.0).unwrap();
     let markers = frame["markers"].as_array().unwrap();
     let tip = markers.iter().find(|m| m["id"] == "M19").unwrap();
-    let plan = plan(directory.path(), &["--tip-lift", &number(&tip["lift_m"]).to_string()]);
+    let plan = plan(directory.path(), &["--tip-deflection", &number(&tip["deflection_m"]).to_string()]);
     let mut rng = crate::common::random::rng(51);
     let mut rows = String::from("id,u_px,v_px,sigma_px\n");
     for m in markers {
@@ -190,7 +200,7 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
         if found["used"] != true {
             continue;
         }
-        let ratio = number(&planned["sigma"]["lift_m"]) / number(&found["sigma_lift_m"]);
+        let ratio = number(&planned["sigma"]["deflection_m"]) / number(&found["sigma_deflection_m"]);
         ratios.push((planned["id"].to_string(), ratio));
     }
     println!("planned over stated: {ratios:.3?}");
@@ -207,12 +217,12 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
         let plan =
             stdout(&["plan", "--installation", fixture(id).join("installation").to_str().unwrap(), "--json"]);
         let plan: Value = serde_json::from_str(&plan).unwrap();
-        let whole = number(&plan["prediction"]["expected"]["sigma_tip_lift_m"]);
+        let whole = number(&plan["prediction"]["expected"]["sigma_tip_deflection_m"]);
         let changes = plan["prediction"]["changes"].as_array().unwrap();
         let without = changes.iter().filter(|c| !c["without"].is_null());
         let mut compared = 0;
         for change in without {
-            let Some(left) = change["expected"]["sigma_tip_lift_m"].as_f64() else { continue };
+            let Some(left) = change["expected"]["sigma_tip_deflection_m"].as_f64() else { continue };
             // The same linearisation: no more than what the iterations leave.
             assert!(left > (1.0 - 1e-6) * whole, "{id}: without {}: {left} {whole}", change["without"]);
             compared += 1;
@@ -222,7 +232,7 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
         let known = plan["prediction"]["terms_known"].as_array().unwrap();
         assert!(known.len() > 5, "{known:?}");
         for term in known {
-            let left = number(&term["expected"]["sigma_tip_lift_m"]);
+            let left = number(&term["expected"]["sigma_tip_deflection_m"]);
             assert!(left < (1.0 + 1e-6) * whole, "{id}: {term}: {left} {whole}");
         }
     }
@@ -232,8 +242,8 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
 fn frames_together_are_told_beside_one() {
     let one = plan(installation("").path(), &["--frames", "10"]);
     let (alone, together) = (
-        number(&one["prediction"]["expected"]["sigma_tip_lift_m"]),
-        number(&one["flight"]["expected"]["sigma_tip_lift_m"]),
+        number(&one["prediction"]["expected"]["sigma_tip_deflection_m"]),
+        number(&one["flight"]["expected"]["sigma_tip_deflection_m"]),
     );
     assert!(one["flight"]["frames"] == 10 && together < 0.8 * alone, "{together} {alone}");
 }
@@ -272,14 +282,15 @@ fn a_wish_is_answered_for_a_wing_that_has_no_installation_yet() {
     let taken: Vec<f64> =
         strict["remedies"].as_array().unwrap().iter().filter_map(|r| r["sigma_taken_m"].as_f64()).collect();
     assert!(!taken.is_empty() && taken.windows(2).all(|w| w[1] < w[0]), "{taken:?}");
-    assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_lift_m"]));
+    assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_deflection_m"]));
     assert!(easy["remedies"].as_array().unwrap().iter().all(|r| r["sigma_taken_m"].is_null()));
     assert_eq!(easy["layout"].as_array().unwrap().len(), 22);
     // What was written is an installation, and is worth what was said.
     let path = layout.to_str().unwrap();
     let again: Value =
         serde_json::from_str(&stdout(&["plan", "--installation", path, "--frames", "10", "--json"])).unwrap();
-    let ratio = number(&again["flight"]["expected"]["sigma_tip_lift_m"]) / number(&easy["sigma_tip_lift_m"]);
+    let ratio = number(&again["flight"]["expected"]["sigma_tip_deflection_m"])
+        / number(&easy["sigma_tip_deflection_m"]);
     assert!((0.98..1.02).contains(&ratio), "{ratio}");
     let svg = std::fs::read_to_string(layout.join("layout.svg")).unwrap();
     let (names, texts, _) = tags(&svg);

@@ -62,7 +62,7 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
     check_harmless(&html);
     for section in [
         "Deflection along the span",
-        "Lift and torsion over time",
+        "Deflection and torsion over time",
         "Series",
         "Positions in three views",
         "A frame and its markers",
@@ -75,7 +75,10 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         assert!(html.contains(number), "{number} is missing");
     }
     assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
-    assert!(html.contains("of series s000001, begun 2026-03-01 08:00 UTC"), "when the greatest lift was");
+    assert!(
+        html.contains("of series s000001, begun 2026-03-01 08:00 UTC"),
+        "when the greatest deflection was"
+    );
     assert!(
         html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
         "times on the axis"
@@ -84,12 +87,12 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
     assert!(html.matches("<svg").count() >= 6);
 }
 
-/// A record with three lifts, of which the one from the root's tangent is told best, and a budget.
-fn with_lifts(lift_m: f64, sigma_m: f64) -> serde_json::Value {
-    let mut record = solved(lift_m, sigma_m);
-    let lifts = serde_json::json!({"lift_ground_m": lift_m - 0.01, "sigma_lift_ground_m": 0.8 * sigma_m,
-        "lift_root_m": lift_m - 0.02, "sigma_lift_root_m": 0.5 * sigma_m, "shown": "root"});
-    record["tip"].as_object_mut().unwrap().extend(lifts.as_object().unwrap().clone());
+/// A record with three deflections, of which the one from the root's tangent is told best, and a budget.
+fn with_deflections(deflection_m: f64, sigma_m: f64) -> serde_json::Value {
+    let mut record = solved(deflection_m, sigma_m);
+    let deflections = serde_json::json!({"deflection_ground_m": deflection_m - 0.01, "sigma_deflection_ground_m": 0.8 * sigma_m,
+        "deflection_root_m": deflection_m - 0.02, "sigma_deflection_root_m": 0.5 * sigma_m, "reference": "root"});
+    record["tip"].as_object_mut().unwrap().extend(deflections.as_object().unwrap().clone());
     record["budget"] = serde_json::json!([{"source": "mounting", "share": 0.7, "sigma_if_known_m": 0.2 * sigma_m},
         {"source": "image", "share": 0.3}]);
     record
@@ -97,21 +100,21 @@ fn with_lifts(lift_m: f64, sigma_m: f64) -> serde_json::Value {
 
 #[test]
 fn headlines_say_what_they_are() {
-    let store = store_with(&[&[with_lifts(1.4, 0.006), with_lifts(3.0, 0.02)]]);
+    let store = store_with(&[&[with_deflections(1.4, 0.006), with_deflections(3.0, 0.02)]]);
     let html = page(store.path());
     check_well_formed(&html);
     // 3.0 less 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
     assert!(html.contains("2.980 ± 0.010 m"), "the greatest of single frames");
-    assert!(html.contains("greatest tip lift of a single frame ± 1 sigma, from the root's tangent"));
-    assert!(html.contains("mean tip lift / m") && html.contains(">1.1</td>"), "mean and scatter");
+    assert!(html.contains("greatest tip deflection of a single frame ± 1 sigma, from the root's tangent"));
+    assert!(html.contains("mean tip deflection / m") && html.contains(">1.1</td>"), "mean and scatter");
     assert!(html.contains("do not contradict the model") && html.contains("cannot show"));
     assert!(!html.contains("deviations hold"));
     assert!(html.contains("What the uncertainty comes from") && html.contains(">mounting<"), "budget");
     assert!(html.contains("known without error: mounting."), "what would help");
 
-    let older = store_with(&[&[with_lifts(1.4, 0.006), solved(2.0, 0.006)]]);
+    let older = store_with(&[&[with_deflections(1.4, 0.006), solved(2.0, 0.006)]]);
     let html = page(older.path());
-    assert!(html.contains("single frame ± 1 sigma, against the survey"), "the one lift that both have");
+    assert!(html.contains("single frame ± 1 sigma, against the survey"), "the one deflection that both have");
 }
 
 #[test]
@@ -159,7 +162,7 @@ fn a_damaged_manifest_is_noted_and_the_rest_is_shown() {
 #[test]
 fn extreme_numbers_do_not_break_the_page() {
     let mut record = solved(1e300, 1e-300);
-    record["curve"][3]["lift_m"] = (-1e300).into();
+    record["curve"][3]["deflection_m"] = (-1e300).into();
     record["variance_factor"] = 1e308.into();
     record["markers"][0]["position_m"] = serde_json::json!([1e200, -1e200, 0.0]);
     let html = page(store_with(&[&[record]]).path());
@@ -188,7 +191,7 @@ fn every_frame_is_there_and_the_suspicious_one_stands_first() {
     assert_eq!(all.len(), 4);
     assert_eq!((&all[0]["series"], &all[0]["image"]), (&"s000002".into(), &"0002.jpg".into()));
     assert_eq!(all[0]["doubt"], "global test rejected");
-    assert_eq!(all[0]["lift"], serde_json::json!([2.2, 0.006]));
+    assert_eq!(all[0]["deflection"], serde_json::json!([2.2, 0.006]));
     assert_eq!(all[3]["why"], reason);
     let marker = &all[0]["markers"][0];
     assert!(marker["flight"][1].as_f64().unwrap() > marker["ground"][1].as_f64().unwrap(), "{marker}");

@@ -69,7 +69,7 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
     assert_eq!(keys.len(), 1, "one solve in one table");
     let compared = wingd(&["compare", "store"], dir.path());
     assert!(
-        compared.status.success() && text(&compared).contains("10 frames with a tip lift"),
+        compared.status.success() && text(&compared).contains("10 frames with a tip deflection"),
         "{}",
         text(&compared)
     );
@@ -102,21 +102,25 @@ fn broken_off(root: &Path, done: usize) {
 fn a_solve_that_was_broken_off_changes_no_figure() {
     let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
     broken_off(store.path(), 2);
-    let lifts = |choice: Choice| {
+    let deflections = |choice: Choice| {
         let data = source::flight(store.path(), choice, None).unwrap();
-        let tips =
-            data.series.iter().flat_map(|s| &s.records).filter_map(|r| r.tip.as_ref()).map(|t| t.lift_m);
+        let tips = data
+            .series
+            .iter()
+            .flat_map(|s| &s.records)
+            .filter_map(|r| r.tip.as_ref())
+            .map(|t| t.deflection_m);
         (tips.collect::<Vec<f64>>(), data.warnings)
     };
-    let (shown, warnings) = lifts(Choice::default());
+    let (shown, warnings) = deflections(Choice::default());
     assert_eq!(shown, [2.9, 2.8, 2.1]);
     assert!(warnings[0].contains("results of 2 inputs"), "{warnings:?}");
     broken_off(store.path(), 1);
-    let (shown, warnings) = lifts(Choice::default());
+    let (shown, warnings) = deflections(Choice::default());
     assert_eq!(shown, [9.9; 3], "now it is whole");
     let key = warnings[0].split("inputs, ").nth(1).unwrap().split(' ').next().unwrap();
     assert_eq!(
-        lifts(Choice { flight: None, inputs: Some(key) }).0,
+        deflections(Choice { flight: None, inputs: Some(key) }).0,
         [2.9, 2.8, 2.1],
         "and the old one is there still"
     );

@@ -193,7 +193,7 @@ fn damage_09_a_file_added() {
             let inputs = Inputs::new(Map::new());
             let frame = sha256(b"frame 2 of 2");
             let added = json!({"frame": "0002.jpg", "frame_sha256": frame, "inputs": inputs.key(&frame),
-                "provenance": {}, "record": {"lift_m": 9.74}});
+                "provenance": {}, "record": {"deflection_m": 9.74}});
             *bytes = format!("{text}{added}\n").into_bytes();
         });
     };

@@ -42,7 +42,9 @@ fn table() -> LiveTable {
     for (name, unit) in MARKER {
         columns.push(column(&format!("markers.{name}"), unit, Kind::F32, MARKERS));
     }
-    for (name, unit) in [("lift", "m"), ("sigma_lift", "m"), ("twist", "deg"), ("sigma_twist", "deg")] {
+    for (name, unit) in
+        [("deflection", "m"), ("sigma_deflection", "m"), ("twist", "deg"), ("sigma_twist", "deg")]
+    {
         columns.push(column(&format!("stations.{name}"), unit, Kind::F32, STATIONS));
     }
     let names = |letter: &str, count| (0..count).map(|n| format!("{letter}{n:02}")).collect::<Vec<_>>();
@@ -62,8 +64,8 @@ const MARKER: [(&str, &str); 12] = [
     ("sigma_position_x", "m"),
     ("sigma_position_y", "m"),
     ("sigma_position_z", "m"),
-    ("lift", "m"),
-    ("sigma_lift", "m"),
+    ("deflection", "m"),
+    ("sigma_deflection", "m"),
 ];
 
 /// A wing in gusts, with noise of the size that detection and adjustment have.
@@ -79,12 +81,12 @@ fn row(number: usize, draw: &mut StdRng) -> Row {
     for (name, _) in MARKER {
         for marker in 0..MARKERS {
             let share = (marker as f64 + 1.0) / MARKERS as f64;
-            let (lift_m, scale) = (tip_m * share * share, 1.0 + 0.05 * normal(draw));
+            let (deflection_m, scale) = (tip_m * share * share, 1.0 + 0.05 * normal(draw));
             row.push(match name {
                 "image_x" => 600.0 + 130.0 * marker as f64 + 0.05 * normal(draw),
-                "image_y" => 1500.0 - 60.0 * lift_m + 0.05 * normal(draw),
+                "image_y" => 1500.0 - 60.0 * deflection_m + 0.05 * normal(draw),
                 "position_x" | "position_y" => 30.0 * share + 5e-4 * normal(draw),
-                "position_z" | "lift" => lift_m + 4e-3 * normal(draw),
+                "position_z" | "deflection" => deflection_m + 4e-3 * normal(draw),
                 name if name.contains("image") => 0.05 * scale,
                 _ => 5e-3 * share * scale,
             });
@@ -162,7 +164,7 @@ fn eight_and_a_half_hours_at_ten_a_second() {
         bytes as f64 / (rows * plain) as f64
     );
     assert!(timed("verify", || verify(&RealDisk, dir.path())).is_sound());
-    let (lift, _) = table.find("stations.lift").unwrap();
+    let (deflection, _) = table.find("stations.deflection").unwrap();
     let mut seen = (0, 0);
     for whole in [false, true] {
         timed(if whole { "every value" } else { "one column" }, || {
@@ -170,7 +172,7 @@ fn eight_and_a_half_hours_at_ten_a_second() {
                 while let Some(block) = file.next_block() {
                     match whole {
                         true => seen.1 += block.rows().unwrap().len(),
-                        false => seen.0 += block.column(lift).unwrap().len() / STATIONS,
+                        false => seen.0 += block.column(deflection).unwrap().len() / STATIONS,
                     }
                 }
                 Result::<usize, StoreError>::Ok(file.torn())

@@ -69,7 +69,7 @@ fn make_store() -> tempfile::TempDir {
             break;
         }
         for frame in frames {
-            assert!(store.add_result(&frame, &inputs, json!({"lift_m": 1.0})).unwrap());
+            assert!(store.add_result(&frame, &inputs, json!({"deflection_m": 1.0})).unwrap());
         }
     }
     let (mut open, _) = store.begin_series(plan, &stamp(300.0)).unwrap();
@@ -237,7 +237,7 @@ fn a_torn_last_line_is_a_note_and_is_mended() {
             break;
         }
         for frame in frames {
-            assert!(store.add_result(&frame, &inputs, json!({"lift_m": 2.0})).unwrap());
+            assert!(store.add_result(&frame, &inputs, json!({"deflection_m": 2.0})).unwrap());
             solved += 1;
         }
     }

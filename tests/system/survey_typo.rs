@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::program::{fixture, stdout};
 
-/// Tip lift with its standard deviation from the first frame in flight, the survey's text changed.
+/// Tip deflection with its standard deviation from the first frame in flight, the survey's text changed.
 fn tip(change: impl Fn(String) -> String) -> (f64, f64) {
     let directory = tempfile::tempdir().unwrap();
     for name in ["installation.toml", "camera.toml", "survey.csv"] {
@@ -20,7 +20,7 @@ fn tip(change: impl Fn(String) -> String) -> (f64, f64) {
     let found: Value = serde_json::from_str(&line).unwrap();
     assert_eq!(found["status"], "ok", "{found}");
     let number = |key: &str| found["tip"][key].as_f64().unwrap();
-    (number("lift_m"), number("sigma_lift_m"))
+    (number("deflection_m"), number("sigma_deflection_m"))
 }
 
 #[test]

@@ -25,7 +25,7 @@ def main(wingd, store):
     run = lambda *more: subprocess.run([wingd, "export", store, *more], check=True, capture_output=True, text=True).stdout
     truth = [json.loads(line) for line in run("--format", "jsonl").splitlines()]
     solved = [line for line in truth if line["record"] and line["record"]["status"] == "ok"]
-    lifts = sorted(line["record"]["tip"]["lift_m"] for line in solved)
+    deflections = sorted(line["record"]["tip"]["deflection_m"] for line in solved)
     rows = {"markers": sum(max(1, len(line["record"]["markers"])) for line in truth if line["record"]),
             "span": sum(len(line["record"]["curve"]) for line in solved), "shots": len(truth)}
     for table in ["markers", "span", "parameters", "shots"]:
@@ -49,7 +49,7 @@ def main(wingd, store):
         print(f"{table}: {len(frame)} rows x {len(frame.columns)} columns, equal in pandas {pd.__version__}, "
               f"polars {pl.__version__}, DuckDB {duckdb.__version__} and CSV")
     shots = pd.read_parquet(work / "shots.parquet")
-    assert np.allclose(sorted(shots["tip_lift_m"].dropna()), lifts)
+    assert np.allclose(sorted(shots["tip_deflection_m"].dropna()), deflections)
 
     folder = work / "vtk"
     run("--format", "vtk", "--output", str(folder))
@@ -70,7 +70,7 @@ def main(wingd, store):
     for file in sorted(folder.glob("*.vtu")):
         mesh, grid = meshio.read(file), pyvista.read(file)
         assert np.allclose(mesh.points, grid.points)
-        assert np.allclose(mesh.point_data["lift_m"], grid["lift_m"], equal_nan=True)
+        assert np.allclose(mesh.point_data["deflection_m"], grid["deflection_m"], equal_nan=True)
         assert np.allclose(mesh.point_data["displacement_m"], grid["displacement_m"], equal_nan=True)
     print(f"{len(frames)} .vtp, 1 .pvd, ground and displacement vectors by pyvista {pyvista.__version__}; "
           f"{len(list(folder.glob('*.vtu')))} .vtu by meshio {meshio.__version__} too")

@@ -1,6 +1,6 @@
 """Whether a layout that `wingd plan --want` proposes keeps what it promises: for each of five wings the proposal is written,
 aircraft that its widths allow are drawn and rendered (`wingd simulate --drawn`), oriented and solved, and the errors of the tip's
-lift are set against the standard deviations that were planned and that were solved.
+deflection are set against the standard deviations that were planned and that were solved.
 
 usage: python3 tests/validation/planned_wings.py WINGD FOLDER [AIRCRAFT]
 
@@ -48,20 +48,20 @@ def in_world(folder):
     file.write_text(text)
 
 
-def aircraft(program, layout, folder, seed, lifts):
-    """Errors of the tip's lift against the survey and the ground frame with their standard deviations, m, one per frame."""
-    wingd(program, "simulate", "--installation", layout, "--drawn", "--seed", seed, "--output", folder, f"--tip-lifts={lifts}")
+def aircraft(program, layout, folder, seed, deflections):
+    """Errors of the tip's deflection against the survey and the ground frame with their standard deviations, m, one per frame."""
+    wingd(program, "simulate", "--installation", layout, "--drawn", "--seed", seed, "--output", folder, f"--tip-deflections={deflections}")
     ground = folder / "frames/ground.jpg"
     wingd(program, "orient", "--installation", folder / "installation", ground)
     frames = sorted((folder / "frames").glob("flight-*.jpg"))
     said = wingd(program, "solve", "--installation", folder / "installation", "--flight", "--json", "--sigma", "prior", *frames)
-    truth = {f["image"]: {m["id"]: m["lift_m"] for m in f["markers"]} for f in json.loads((folder / "truth.json").read_text())["frames"]}
+    truth = {f["image"]: {m["id"]: m["deflection_m"] for m in f["markers"]} for f in json.loads((folder / "truth.json").read_text())["frames"]}
     found = []
     for result in map(json.loads, said.splitlines()):
         tip = result["tip"]
-        lift = truth[result["image"]][tip["marker"]]
-        against_ground = lift - truth["ground.jpg"][tip["marker"]]
-        found.append(((tip["lift_m"] - lift, tip["sigma_lift_m"]), (tip["lift_ground_m"] - against_ground, tip["sigma_lift_ground_m"])))
+        deflection = truth[result["image"]][tip["marker"]]
+        against_ground = deflection - truth["ground.jpg"][tip["marker"]]
+        found.append(((tip["deflection_m"] - deflection, tip["sigma_deflection_m"]), (tip["deflection_ground_m"] - against_ground, tip["sigma_deflection_ground_m"])))
     return found
 
 
@@ -77,10 +77,10 @@ def main(program, root, count):
         in_world(layout)
         frames = plan["proposal_frames"]
         again = json.loads(wingd(program, "plan", "--installation", layout, "--frames", max(frames, 2), "--json"))
-        planned = again["flight"]["expected"]["sigma_tip_lift_m"]
-        # As the plan takes a flight: from 40 % of the lift to all of it.
-        lifts = ",".join(f"{2.5 * (0.4 + 0.6 * i / max(frames - 1, 1)):.3f}" for i in range(frames))
-        found = [aircraft(program, layout, root / f"wing-{k + 1}-{n + 1}", 100 * (k + 1) + n, lifts) for n in range(count)]
+        planned = again["flight"]["expected"]["sigma_tip_deflection_m"]
+        # As the plan takes a flight: from 40 % of the deflection to all of it.
+        deflections = ",".join(f"{2.5 * (0.4 + 0.6 * i / max(frames - 1, 1)):.3f}" for i in range(frames))
+        found = [aircraft(program, layout, root / f"wing-{k + 1}-{n + 1}", 100 * (k + 1) + n, deflections) for n in range(count)]
         of = lambda which: [frame[which] for flight in found for frame in flight]
         errors = [rms([e for e, _ in of(w)]) for w in (0, 1)]
         sigmas = [rms([s for _, s in of(w)]) for w in (0, 1)]

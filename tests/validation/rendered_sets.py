@@ -20,8 +20,8 @@ import tomllib
 from pathlib import Path
 
 LIGHTS = "plain,gradient,shadow,glare,dusk,backlight,haze"
-LIFTS = "2.8,2.4,2.1,1.8,1.2,0.6,-0.5"
-# Number -> options beside lights and lifts; the seed is the number, unless they say otherwise.
+DEFLECTIONS = "2.8,2.4,2.1,1.8,1.2,0.6,-0.5"
+# Number -> options beside lights and deflections; the seed is the number, unless they say otherwise.
 SETS = {}
 PAGE = []
 for line in Path(__file__).with_suffix(".txt").read_text().splitlines():
@@ -43,7 +43,7 @@ def rendered(wingd, folder, number):
     directory = folder / number
     if not (directory / "truth.json").exists():
         options = SETS[number]
-        usual = {"--seed": number, "--lights": LIGHTS, "--tip-lifts": LIFTS}
+        usual = {"--seed": number, "--lights": LIGHTS, "--tip-deflections": DEFLECTIONS}
         usual = [word for pair in usual.items() if pair[0] not in options for word in pair]
         answers(wingd, "simulate", "--output", directory, *usual, *options)
     return directory
@@ -86,9 +86,9 @@ class Tally:
 
 
 def solved(wingd, installation, frames, truth, flight):
-    """Positions across and up, mm rms, and lift errors over their standard deviations, rms."""
+    """Positions across and up, mm rms, and deflection errors over their standard deviations, rms."""
     options = ["--flight"] if flight else []
-    across, up, lift = [], [], []
+    across, up, deflection = [], [], []
     found = answers(wingd, "solve", "--json", *options, "--installation", installation, *frames)
     for frame, answer in zip(truth, found, strict=True):
         markers = {m["id"]: m for m in frame["markers"]}
@@ -99,9 +99,9 @@ def solved(wingd, installation, frames, truth, flight):
             x, y, z = (a - b for a, b in zip(m["position_m"], true["position_m"], strict=True))
             across.append(1e3 * math.hypot(x, y))
             up.append(1e3 * z)
-            if m.get("sigma_lift_m"):
-                lift.append((m["lift_m"] - true["lift_m"]) / m["sigma_lift_m"])
-    return rms(across), rms(up), rms(lift)
+            if m.get("sigma_deflection_m"):
+                deflection.append((m["deflection_m"] - true["deflection_m"]) / m["sigma_deflection_m"])
+    return rms(across), rms(up), rms(deflection)
 
 
 def figures(wingd, directory):
@@ -156,9 +156,9 @@ COLUMNS = [
     ("orientation mrad", ".2f"),
     ("one frame: horizontal mm", ".1f"),
     ("vertical mm", ".1f"),
-    ("normalised lift", ".2f"),
+    ("normalised deflection", ".2f"),
     ("flight: vertical mm", ".2f"),
-    ("normalised lift", ".2f"),
+    ("normalised deflection", ".2f"),
 ]
 
 

@@ -28,10 +28,10 @@ def stamp(second):
     return {"utc": utc, "utc_synchronised": True, "boot_id": "boot", "since_boot_s": float(second)}
 
 
-def result(frame, digest, template, lift_m):
+def result(frame, digest, template, deflection_m):
     record = json.loads(json.dumps(template["record"]))
     record["image"] = frame
-    record["tip"]["lift_m"] = lift_m
+    record["tip"]["deflection_m"] = deflection_m
     inputs = sha256(f"{digest}\n{canonical(template['provenance'])}".encode())
     return {"frame": frame, "frame_sha256": digest, "inputs": inputs,
             "provenance": template["provenance"], "record": record}

@@ -13,7 +13,7 @@ use crate::camera::{CameraError, CameraInfo, jpeg};
 use crate::clock;
 
 /// Below this the card counts as full: no picture fits.
-const LEAST_FREE_BYTES: u64 = 8 << 20;
+const MIN_FREE_BYTES: u64 = 8 << 20;
 
 /// A picture on the card.
 #[derive(Clone, Debug, PartialEq)]
@@ -269,7 +269,6 @@ fn card_full(camera: &Camera) -> bool {
     let storages = camera.storages().wait().unwrap_or_default();
     !storages.is_empty()
         && storages.iter().all(|storage| {
-            storage.free_images() == Some(0)
-                || storage.free_kb().is_some_and(|bytes| bytes < LEAST_FREE_BYTES)
+            storage.free_images() == Some(0) || storage.free_kb().is_some_and(|bytes| bytes < MIN_FREE_BYTES)
         })
 }

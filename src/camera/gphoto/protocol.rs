@@ -15,9 +15,9 @@ use crate::camera::gphoto::GphotoSection;
 
 const MAGIC: [u8; 4] = *b"WGC2";
 /// Longer headers are not ours.
-const LONGEST_HEADER: u32 = 1 << 20;
+const MAX_HEADER_BYTES: u32 = 1 << 20;
 /// Longer pictures are not ours either.
-const LONGEST_BODY: u32 = 1 << 29;
+const MAX_BODY_BYTES: u32 = 1 << 29;
 
 /// Asked by the recorder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,7 +102,7 @@ pub fn read<T: DeserializeOwned>(input: &mut impl Read) -> Result<(T, Vec<u8>), 
     if magic != MAGIC {
         return Err(ProtocolError::Foreign);
     }
-    if header > LONGEST_HEADER || body > LONGEST_BODY {
+    if header > MAX_HEADER_BYTES || body > MAX_BODY_BYTES {
         return Err(ProtocolError::TooLong { header, body });
     }
     let head = exactly(input, header)?;

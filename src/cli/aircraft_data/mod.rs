@@ -39,13 +39,13 @@ pub struct Args {
 }
 
 fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
+    Failure::Failed(error.to_string())
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let found = flights(&args.store, Some(&args.flight))?;
     let flight =
-        found.first().ok_or_else(|| Failure::Undone(format!("there is no flight {}", args.flight)))?;
+        found.first().ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;
     match (args.withdraw, &args.table, &args.mapping) {
         (Some(source), ..) => withdraw(args, flight, source),
         (None, Some(table), Some(mapping)) if !args.list => take::run(args, flight, table, mapping),
@@ -65,15 +65,15 @@ fn withdraw(args: &Args, flight: &FlightRef, number: usize) -> Result<Done, Fail
     let name = match sources.iter().find(|source| source.number == number) {
         None => {
             let known = format!("{} has {} sources of aircraft data", flight.id, sources.len());
-            return Err(Failure::Undone(format!("there is no source {number}: {known}; see --list")));
+            return Err(Failure::Failed(format!("there is no source {number}: {known}; see --list")));
         }
         Some(source) if source.withdrawn.is_some() => {
-            return Err(Failure::Undone(format!("source {number} is withdrawn already; see --list")));
+            return Err(Failure::Failed(format!("source {number} is withdrawn already; see --list")));
         }
         Some(source) => source.name(),
     };
     let withdrawal = Withdrawal { withdraws: number, at: System::new().stamp().utc };
-    let head = serde_json::to_value(withdrawal).map_err(|e| Failure::Undone(e.to_string()))?;
+    let head = serde_json::to_value(withdrawal).map_err(|e| Failure::Failed(e.to_string()))?;
     store.add_aircraft_to(&flight.id, &head, &[]).map_err(undone)?;
     store.close_aircraft().map_err(undone)?;
     print(&match args.json {

@@ -219,7 +219,7 @@ impl<'a> Answer<'a> {
             eprintln!("wingd: its seconds of the day begin anew: give a table, with its date, for each day");
         }
         if let Some(cause) = cause {
-            return Err(Failure::Undone(format!(
+            return Err(Failure::Failed(format!(
                 "no frame of {} gets a value, nothing is kept: {cause}",
                 self.flight.id
             )));

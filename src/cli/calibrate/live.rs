@@ -20,7 +20,7 @@ const DEADLINE: Duration = Duration::from_secs(20);
 pub(super) fn pictures(args: &Args, file: &Path, board: &DescribedBoard) -> Result<Vec<Picture>, Failure> {
     let section = config::load_camera(file)?;
     let mut camera = section.factory(Arc::new(System::new()), Duration::ZERO)();
-    let opened = camera.open().map_err(|e| Failure::Undone(e.to_string()))?;
+    let opened = camera.open().map_err(|e| Failure::Failed(e.to_string()))?;
     eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
     let mut freshness = Freshness::default();
     let mut taken: Vec<Picture> = vec![];

@@ -137,7 +137,7 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
     })?;
     if *verdict == Verdict::Refused && accepted.is_none() {
         let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
-        return Err(Failure::Undone(format!("refused, {} is not written:{list}", args.output.display())));
+        return Err(Failure::Failed(format!("refused, {} is not written:{list}", args.output.display())));
     }
     if let Some(reason) = &accepted {
         eprintln!("refused, and written all the same, marked as accepted: {reason}");
@@ -167,5 +167,5 @@ fn accepted(args: &Args, judged: &Judged) -> Result<Option<String>, Failure> {
         return Ok(Some(reason.trim().to_owned()));
     };
     let list: String = judged.reasons.iter().map(|r| format!("\n  {r}")).collect();
-    Err(Failure::Undone(format!("{fault}:{list}")))
+    Err(Failure::Failed(format!("{fault}:{list}")))
 }

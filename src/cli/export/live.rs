@@ -28,7 +28,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             "{}: there are no live results; [live] in the configuration makes some",
             args.store.display()
         );
-        return Err(Failure::Undone(what));
+        return Err(Failure::Failed(what));
     }
     let store_id = catalogue::store_id(&RealDisk, &args.store);
     let columns = LiveColumns::of(&tables, store_id.clone());

@@ -73,7 +73,7 @@ fn create(file: &Path) -> Result<File, Failure> {
 }
 
 pub(super) fn cannot_write(file: &Path, error: &dyn Display) -> Failure {
-    Failure::Undone(format!("{}: could not write: {error}; choose another --output", file.display()))
+    Failure::Failed(format!("{}: could not write: {error}; choose another --output", file.display()))
 }
 
 /// Name and value for the metadata of a Parquet file.

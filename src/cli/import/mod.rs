@@ -58,7 +58,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         eprintln!("wingd: {what}; {mend}");
     }
     if card.series.is_empty() {
-        return Err(Failure::Undone("none of the files is a picture that can be taken".to_owned()));
+        return Err(Failure::Failed("none of the files is a picture that can be taken".to_owned()));
     }
     let (store, recovery) = stores::open(&args.store)?;
     for series in &recovery.series {

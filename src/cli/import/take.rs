@@ -73,7 +73,7 @@ impl<'a> Import<'a> {
             if layout::flight_number(&name).is_some() {
                 let known: Vec<&str> = import.flights.iter().map(|f| f.id.as_str()).collect();
                 let what = format!("there is no flight {name}, only: {}", known.join(", "));
-                return Err(Failure::Undone(format!("{}: {what}", store.root().display())));
+                return Err(Failure::Failed(format!("{}: {what}", store.root().display())));
             }
             import.wanted = Some(name);
         }
@@ -177,10 +177,10 @@ impl<'a> Import<'a> {
         for (k, picture) in new.iter().enumerate() {
             let shown = shown_path(&picture.file);
             let bytes = std::fs::read(&picture.file).map_err(|e| {
-                Failure::Undone(format!("{shown} cannot be read ({e}); import again to go on"))
+                Failure::Failed(format!("{shown} cannot be read ({e}); import again to go on"))
             })?;
             if sha256(&bytes) != picture.digest {
-                return Err(Failure::Undone(format!(
+                return Err(Failure::Failed(format!(
                     "{shown} changed while it was read; check the card and import again"
                 )));
             }

@@ -100,13 +100,13 @@ impl DraftArgs {
             ));
         };
         let folder = tempfile::tempdir()
-            .map_err(|e| Failure::Undone(format!("no folder for drafts: {e}; {RIGHTS}")))?;
+            .map_err(|e| Failure::Failed(format!("no folder for drafts: {e}; {RIGHTS}")))?;
         let mut first = bare(&draft);
-        first.markers = plan::layout(&draft, options.tip_lift_m);
+        first.markers = plan::layout(&draft, options.tip_deflection_m);
         write(folder.path(), &first)?;
         let mut installation = installation::load(folder.path())?;
         let best = plan::best_layout(&draft, &installation.setup, options, frames);
-        installation.setup = best.map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
+        installation.setup = best.map_err(|e| Failure::Failed(format!("no plan: {e}")))?;
         Ok(installation)
     }
 }
@@ -145,11 +145,11 @@ pub fn write_layout(
     folder: &Path,
     setup: &Setup,
     attitude: &Orientation,
-    tip_lift_m: f64,
+    tip_deflection_m: f64,
 ) -> Result<(), Failure> {
     write(folder, setup)?;
     let drawing = folder.join("layout.svg");
-    std::fs::write(&drawing, layout_figure::figure(setup, attitude, tip_lift_m))
+    std::fs::write(&drawing, layout_figure::figure(setup, attitude, tip_deflection_m))
         .map_err(unwritable(&drawing, RIGHTS))
 }
 

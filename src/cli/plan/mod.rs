@@ -26,7 +26,7 @@ pub struct Args {
     /// Also so many frames of a flight adjusted together
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
     frames: Option<u16>,
-    /// The standard deviation of the tip's lift that is wanted, for example 5mm: whether it is reached, where what is
+    /// The standard deviation of the tip's deflection that is wanted, for example 5mm: whether it is reached, where what is
     /// planned comes from, and what would mend it, cheapest first
     #[arg(long, value_name = "LENGTH", value_parser = want::length)]
     want: Option<f64>,
@@ -34,9 +34,9 @@ pub struct Args {
     /// true one, and layout.svg, a drawing to scale
     #[arg(long, value_name = "DIR")]
     layout: Option<PathBuf>,
-    /// Lift of the outermost marker to plan for, m
-    #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_lift_m, allow_negative_numbers = true)]
-    tip_lift: f64,
+    /// Deflection of the outermost marker to plan for, m
+    #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_deflection_m, allow_negative_numbers = true)]
+    tip_deflection: f64,
     /// Standard deviation of an image coordinate to plan for, px
     #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
     pixel_sigma: f64,
@@ -55,18 +55,20 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_lift.abs() <= 100.0;
+    let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_deflection.abs() <= 100.0;
     if !sensible {
-        return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
+        return Err(Failure::Usage(
+            "--pixel-sigma must be in (0, 100] px, --tip-deflection within 100 m".into(),
+        ));
     }
     let frames = args.frames.map_or(1, usize::from);
     let installation = match args.draft.span {
-        None => super::load_installation(&super::places::installation(args.installation.as_deref())?)?,
+        None => super::load_installation(&super::default_paths::installation(args.installation.as_deref())?)?,
         Some(_) => args.draft.installation(&options(args, None), frames)?,
     };
     let options = options(args, Some(&installation));
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
-        .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
+        .map_err(|e| Failure::Failed(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
         std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
     }
@@ -94,7 +96,7 @@ fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
         circle_of_confusion_um: o.circle_of_confusion_um,
     });
     PlanOptions {
-        tip_lift_m: args.tip_lift,
+        tip_deflection_m: args.tip_deflection,
         pixel_sigma: args.pixel_sigma,
         optics,
         curvature_terms: usize::from(args.curvature_terms),
@@ -103,8 +105,8 @@ fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
 
 fn text(plan: &Plan, wide: bool) -> String {
     let mut out = format!(
-        "Planned for a tip lift of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
-        plan.tip_lift_m,
+        "Planned for a tip deflection of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
+        plan.tip_deflection_m,
         plan.pixel_sigma,
         plan.field_of_view_deg[0],
         plan.field_of_view_deg[1],
@@ -116,7 +118,7 @@ fn text(plan: &Plan, wide: bool) -> String {
         out.push_str(&format!("\n{}", predicted(prediction)));
         let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
         out.push_str(&format!(
-            "\nWhat the variance of that lift comes from\n{}",
+            "\nWhat the variance of that deflection comes from\n{}",
             table::budget(&shares).text()
         ));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
@@ -166,7 +168,7 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
         ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
         ("blur / px", &|m| fixed(m.blur_px, 1)),
-        ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
+        ("sigma deflection / mm", &|m| mm(m.sigma.as_ref().map(|s| s.deflection_m))),
         ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
@@ -175,16 +177,16 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
 fn predicted(prediction: &Prediction) -> String {
     let e = &prediction.expected;
     let mut out = format!(
-        "Predicted standard deviations (spatial, one frame, redundancy {}): lift of the axis against the survey {:.1} mm \
+        "Predicted standard deviations (spatial, one frame, redundancy {}): deflection of the axis against the survey {:.1} mm \
          at the tip, {:.1} mm along the span (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
         prediction.redundancy,
-        1e3 * e.sigma_tip_lift_m,
-        1e3 * e.sigma_mean_lift_m,
+        1e3 * e.sigma_tip_deflection_m,
+        1e3 * e.sigma_mean_deflection_m,
         1e3 * e.sigma_span_m,
         fixed(e.sigma_tip_twist_deg, 3)
     );
     if let Some(tip) = &prediction.tip {
-        out.push_str(&tip_lifts(tip));
+        out.push_str(&tip_deflections(tip));
     }
     for (name, angle, twist) in &prediction.torsion {
         let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
@@ -196,24 +198,24 @@ fn predicted(prediction: &Prediction) -> String {
     out
 }
 
-/// Of the tip marker, each lift; the one that results show first.
-fn tip_lifts(tip: &TipSigma) -> String {
-    let shown = Reference::from(tip.shown);
+/// Of the tip marker, each deflection; the one that results show first.
+fn tip_deflections(tip: &TipSigma) -> String {
+    let shown = Reference::from(tip.reference);
     let sigma = |reference: Reference| match reference {
-        Reference::Survey => tip.lift_m,
-        Reference::Ground => tip.lift_ground_m,
-        Reference::Root => tip.lift_root_m,
+        Reference::Survey => tip.deflection_m,
+        Reference::Ground => tip.deflection_ground_m,
+        Reference::Root => tip.deflection_root_m,
     };
     let text = |one: Reference| Some(format!("{} {:.1} mm", one.words(), 1e3 * sigma(one)?));
     let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
     let all: Vec<String> = text(shown).into_iter().chain(others).collect();
-    format!("Lift of {}, the first is what results show: {}\n", tip.marker, all.join("; "))
+    format!("Deflection of {}, the first is what results show: {}\n", tip.marker, all.join("; "))
 }
 
-/// How much larger the tip's lift is in its standard deviation than as surveyed.
+/// How much larger the tip's deflection is in its standard deviation than as surveyed.
 fn change(prediction: &Prediction, e: Option<Expected>) -> String {
-    let before = prediction.expected.sigma_tip_lift_m;
-    let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
+    let before = prediction.expected.sigma_tip_deflection_m;
+    let change = e.map(|e| 100.0 * (e.sigma_tip_deflection_m / before - 1.0));
     change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %"))
 }
 
@@ -230,19 +232,19 @@ fn changes(prediction: &Prediction) -> Grid {
     Grid::each(&rows).columns(&[
         ("<layout", &|(name, ..)| name.clone()),
         ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
-        ("tip lift / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_lift_m)),
-        ("mean lift / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_lift_m)),
+        ("tip deflection / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_deflection_m)),
         ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
         ("along span / mm", &|(.., e)| mm(*e, |e| e.sigma_span_m)),
-        ("tip lift changes by", &|(.., e)| change(prediction, *e)),
+        ("tip deflection changes by", &|(.., e)| change(prediction, *e)),
     ])
 }
 
 fn alternatives(prediction: &Prediction, list: &[Alternative]) -> Grid {
     Grid::each(list).columns(&[
         ("<assumed", &|one| one.name.clone()),
-        ("tip lift / mm", &|one| mm(one.expected, |e| e.sigma_tip_lift_m)),
-        ("mean lift / mm", &|one| mm(one.expected, |e| e.sigma_mean_lift_m)),
-        ("tip lift changes by", &|one| change(prediction, one.expected)),
+        ("tip deflection / mm", &|one| mm(one.expected, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|one| mm(one.expected, |e| e.sigma_mean_deflection_m)),
+        ("tip deflection changes by", &|one| change(prediction, one.expected)),
     ])
 }

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::draft;
 use crate::cli::Failure;
 use crate::installation::Installation;
-use crate::measure::plan::{self, Answer, Expected, Plan, PlanOptions, Wish};
+use crate::measure::plan::{self, Answer, Expected, Plan, PlanOptions, Requirement};
 use crate::measure::setup::{Orientation, Setup};
 use crate::report::grid::Grid;
 use crate::report::number::{count, fixed};
@@ -22,15 +22,15 @@ pub fn length(text: &str) -> Result<f64, String> {
 }
 
 /// What so many frames of a flight are worth together.
-pub struct Together {
+pub struct FlightPrecision {
     frames: usize,
     expected: Expected,
 }
 
 /// What frames are worth beside what so many earlier flights taught.
-pub struct Beside {
+pub struct PriorPrecision {
     flights: usize,
-    together: Together,
+    together: FlightPrecision,
 }
 
 /// An answer with the layout that it proposes.
@@ -41,7 +41,7 @@ pub struct Asked {
 }
 
 fn undone(error: &dyn std::error::Error) -> Failure {
-    Failure::Undone(format!("no plan: {error}"))
+    Failure::Failed(format!("no plan: {error}"))
 }
 
 /// `None` where a single frame is planned.
@@ -49,11 +49,11 @@ pub fn together(
     installation: &Installation,
     options: &PlanOptions,
     frames: Option<u16>,
-) -> Result<Option<Together>, Failure> {
+) -> Result<Option<FlightPrecision>, Failure> {
     let Some(frames) = frames.map(usize::from).filter(|n| *n > 1) else { return Ok(None) };
     let Installation { setup, orientation, .. } = installation;
-    let expected = plan::worth_of(setup, orientation.as_ref(), options, frames, None);
-    Ok(Some(Together { frames, expected: expected.map_err(|e| undone(&e))? }))
+    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, None);
+    Ok(Some(FlightPrecision { frames, expected: expected.map_err(|e| undone(&e))? }))
 }
 
 /// `None` where no flight taught, or where `--curvature-terms` are others than flights have.
@@ -61,15 +61,15 @@ pub fn beside(
     installation: &Installation,
     options: &PlanOptions,
     frames: usize,
-) -> Result<Option<Beside>, Failure> {
+) -> Result<Option<PriorPrecision>, Failure> {
     let Installation { setup, orientation, learnt, .. } = installation;
     let taught = learnt.as_ref().and_then(|learnt| Some((learnt.sources.len(), learnt.beside(&[], setup)?)));
     let Some((flights, taught)) = taught.filter(|(_, t)| t.holds_for(options.curvature_terms)) else {
         return Ok(None);
     };
-    let expected = plan::worth_of(setup, orientation.as_ref(), options, frames, Some(&taught));
-    let together = Together { frames, expected: expected.map_err(|e| undone(&e))? };
-    Ok(Some(Beside { flights, together }))
+    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&taught));
+    let together = FlightPrecision { frames, expected: expected.map_err(|e| undone(&e))? };
+    Ok(Some(PriorPrecision { flights, together }))
 }
 
 pub fn ask(
@@ -78,7 +78,7 @@ pub fn ask(
     sigma_m: f64,
     frames: usize,
 ) -> Result<Asked, Failure> {
-    let wish = Wish { sigma_m, frames };
+    let wish = Requirement { sigma_m, frames };
     let answered = plan::answer(&installation.setup, installation.orientation.as_ref(), options, &wish);
     let (answer, setup, attitude) = answered.map_err(|e| undone(&e))?;
     Ok(Asked { answer, setup, attitude })
@@ -92,11 +92,11 @@ pub fn write_layout(
     asked: Option<&Asked>,
 ) -> Result<(), Failure> {
     match asked {
-        Some(asked) => draft::write_layout(folder, &asked.setup, &asked.attitude, options.tip_lift_m),
+        Some(asked) => draft::write_layout(folder, &asked.setup, &asked.attitude, options.tip_deflection_m),
         None => {
             let attitude = plan::attitude(&installation.setup, installation.orientation.as_ref(), options);
             let attitude = attitude.map_err(|e| undone(&e))?;
-            draft::write_layout(folder, &installation.setup, &attitude, options.tip_lift_m)
+            draft::write_layout(folder, &installation.setup, &attitude, options.tip_deflection_m)
         }
     }
 }
@@ -104,11 +104,11 @@ pub fn write_layout(
 /// The plan with `flight`, `taught` and, of a wish, all that the answer says: `reached` first.
 pub fn json(
     plan: &Plan,
-    together: Option<&Together>,
-    beside: Option<&Beside>,
+    together: Option<&FlightPrecision>,
+    beside: Option<&PriorPrecision>,
     asked: Option<&Asked>,
 ) -> Result<String, Failure> {
-    let fault = |e: serde_json::Error| Failure::Undone(format!("the plan cannot be written as JSON: {e}"));
+    let fault = |e: serde_json::Error| Failure::Failed(format!("the plan cannot be written as JSON: {e}"));
     let mut all = serde_json::Map::new();
     if let Some(asked) = asked
         && let Value::Object(answer) = serde_json::to_value(&asked.answer).map_err(fault)?
@@ -126,9 +126,9 @@ pub fn json(
     if let Some(together) = together {
         all.insert("flight".into(), json!({"frames": together.frames, "expected": together.expected}));
     }
-    if let Some(Beside { flights, together: Together { frames, expected } }) = beside {
+    if let Some(PriorPrecision { flights, together: FlightPrecision { frames, expected } }) = beside {
         let taught = json!({"flights": flights, "frames": frames, "expected": expected});
-        all.insert("taught".into(), taught);
+        all.insert("flight_prior".into(), taught);
     }
     if let Value::Object(plan) = serde_json::to_value(plan).map_err(fault)? {
         all.extend(plan);
@@ -141,18 +141,22 @@ fn mm(sigma_m: f64) -> String {
 }
 
 /// What stands below the plan.
-pub fn text(together: Option<&Together>, beside: Option<&Beside>, asked: Option<&Asked>) -> String {
+pub fn text(
+    together: Option<&FlightPrecision>,
+    beside: Option<&PriorPrecision>,
+    asked: Option<&Asked>,
+) -> String {
     let mut out = String::new();
     let mut worth = |what: String, expected: &Expected| {
-        let [tip, span] = [expected.sigma_tip_lift_m, expected.sigma_mean_lift_m].map(mm);
-        out.push_str(&format!("\n{what}: tip lift {tip}, lift along the span {span}\n"));
+        let [tip, span] = [expected.sigma_tip_deflection_m, expected.sigma_mean_deflection_m].map(mm);
+        out.push_str(&format!("\n{what}: tip deflection {tip}, deflection along the span {span}\n"));
     };
-    if let Some(Together { frames, expected }) = together {
+    if let Some(FlightPrecision { frames, expected }) = together {
         worth(format!("{frames} frames of a flight adjusted together (`wingd solve --flight`)"), expected);
     }
-    if let Some(Beside { flights, together: Together { frames, expected } }) = beside {
+    if let Some(PriorPrecision { flights, together: FlightPrecision { frames, expected } }) = beside {
         let (frames, flights) = (count(*frames, "frame"), count(*flights, "flight"));
-        worth(format!("{frames} beside what {flights} taught (learnt.json)"), expected);
+        worth(format!("{frames} beside what {flights} taught (flight_prior.json)"), expected);
     }
     if let Some(asked) = asked {
         out.push_str(&answered(&asked.answer, &asked.setup));
@@ -166,7 +170,7 @@ fn answered(answer: &Answer, proposal: &Setup) -> String {
     let mut out = format!(
         "\nWanted: {} at the tip. {verdict}: {} with {}\n\nWhere it comes from\n{}",
         mm(answer.want_m),
-        mm(answer.sigma_tip_lift_m),
+        mm(answer.sigma_tip_deflection_m),
         frames(answer.frames),
         Grid::each(&answer.sources)
             .columns(&[

@@ -16,9 +16,9 @@ pub fn write(folder: &Path, file: &Path, lens: &Lens, count: usize, seed: u64) -
     let described = load_board(file)?;
     let Board::Checkerboard { columns, rows, square_m } = described.board else {
         let what = format!("{}: pattern: only checkerboards are rendered", file.display());
-        return Err(Failure::Undone(what));
+        return Err(Failure::Failed(what));
     };
-    std::fs::create_dir_all(folder).map_err(|e| Failure::Undone(format!("{}: {e}", folder.display())))?;
+    std::fs::create_dir_all(folder).map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))?;
     let bar = frames::progress(count, "rendering the board");
     let digits = count.to_string().len();
     for k in 0..count {
@@ -26,7 +26,7 @@ pub fn write(folder: &Path, file: &Path, lens: &Lens, count: usize, seed: u64) -
         let picture = BoardPicture::held(lens, (columns, rows), square_m, [0.0, 0.0], k, &mut random);
         let path = folder.join(format!("{:0digits$}.jpg", k + 1));
         let written = picture.render(&mut random).map(|raster| writer::write_jpeg(&path, &raster, QUALITY));
-        written.transpose().map_err(|e| Failure::Undone(format!("{e:#}")))?;
+        written.transpose().map_err(|e| Failure::Failed(format!("{e:#}")))?;
         bar.inc(1);
     }
     bar.finish_and_clear();

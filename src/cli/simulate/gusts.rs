@@ -19,14 +19,14 @@ const WALK_S: f64 = 60.0;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Flight in gusts")]
 pub struct Args {
-    /// Render so many seconds in gusts; level lift is the first of --tip-lifts, and the last frame is followed by the
+    /// Render so many seconds in gusts; level deflection is the first of --tip-deflections, and the last frame is followed by the
     /// first, so that a replay may go on
     #[arg(long = "gusts", value_name = "SECONDS")]
     pub seconds: Option<f64>,
     /// Frames a second
     #[arg(long, default_value_t = 10.0, value_name = "HZ", requires = "seconds")]
     rate_hz: f64,
-    /// Lift of each of three gusts, m
+    /// Deflection of each of three gusts, m
     #[arg(long, default_value_t = 0.15, value_name = "M", requires = "seconds")]
     gust: f64,
     /// One or two bending modes that rough air excites at random: frequency, damping ratio, rms of the tip. They do not end where
@@ -44,7 +44,7 @@ struct Mode {
 }
 
 /// Highest of a random swing, in its rms.
-const HIGHEST_RMS: f64 = 4.0;
+const MAX_RMS: f64 = 4.0;
 
 impl Mode {
     fn parse(text: &str) -> Result<Self, UnknownWord> {
@@ -94,9 +94,9 @@ impl Args {
         }
     }
 
-    /// What gusts add to the level lift at most, m.
+    /// What gusts add to the level deflection at most, m.
     pub fn highest_m(&self) -> f64 {
-        let modes: f64 = self.modes.iter().map(|mode| HIGHEST_RMS * mode.rms_m).sum();
+        let modes: f64 = self.modes.iter().map(|mode| MAX_RMS * mode.rms_m).sum();
         self.seconds.map_or(0.0, |_| self.gust * GUSTS_HZ.len() as f64 + modes)
     }
 }
@@ -123,7 +123,7 @@ pub(super) fn shots(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFram
         phase: random.between(0.0, std::f64::consts::TAU),
     });
     let (rate_hz, gust_m) = (args.gusts.rate_hz, args.gusts.gust);
-    let level_m = args.tip_lifts.first().copied().unwrap_or(2.0);
+    let level_m = args.tip_deflections.first().copied().unwrap_or(2.0);
     let light = args.lights.first().copied().unwrap_or(Light::Plain);
     let count = (seconds * rate_hz).round().max(1.0) as u64;
     let digits = count.to_string().len();
@@ -173,22 +173,22 @@ mod tests {
     #[test]
     fn a_flight_swings_about_its_level_and_closes() {
         let words =
-            "wingd --output o --gusts 20 --rate-hz 50 --tip-lifts 2 --gust 0.1 --side left --markers 8";
+            "wingd --output o --gusts 20 --rate-hz 50 --tip-deflections 2 --gust 0.1 --side left --markers 8";
         let args = Cli::try_parse_from(words.split(' ')).unwrap_or_else(|e| e.exit()).simulate;
         args.gusts.check().unwrap_or_else(|_| unreachable!());
         let scene = crate::cli::simulate::scene(&args).unwrap_or_else(|_| unreachable!());
         let flight = shots(&args, &scene, 20.0).split_off(1);
         assert_eq!((flight.len(), flight[50].time.as_ref().map(|time| time.time_s)), (1000, Some(1.0)));
-        let lifts: Vec<f64> = flight.iter().map(|f| f.shot.state.tip_lift_m).collect();
-        let mean = lifts.iter().sum::<f64>() / 1000.0;
-        let scatter = (lifts.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
+        let deflections: Vec<f64> = flight.iter().map(|f| f.shot.state.tip_deflection_m).collect();
+        let mean = deflections.iter().sum::<f64>() / 1000.0;
+        let scatter = (deflections.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
         // Three sines over whole periods.
         assert!(
             (mean - 2.0).abs() < 1e-9 && (scatter - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9,
             "{mean} {scatter}"
         );
         let fastest = 0.1 * std::f64::consts::TAU * GUSTS_HZ.iter().sum::<f64>() * 1.1 / 50.0;
-        let steps = (0..1000).map(|i| (lifts[(i + 1) % 1000] - lifts[i]).abs());
+        let steps = (0..1000).map(|i| (deflections[(i + 1) % 1000] - deflections[i]).abs());
         assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");
         assert!(flight.iter().all(|f| f.shot.light_seed == flight[0].shot.light_seed));
         assert!(flight.windows(2).all(|pair| pair[0].shot.seed != pair[1].shot.seed));

@@ -28,7 +28,7 @@ pub struct Args {
     /// Everything random follows from it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Tip lift of each flight frame, m
+    /// Tip deflection of each flight frame, m
     #[arg(
         long,
         value_delimiter = ',',
@@ -36,7 +36,7 @@ pub struct Args {
         default_value = "2.6,2.3,2.0,1.7,1.4",
         value_name = "M,M"
     )]
-    tip_lifts: Vec<f64>,
+    tip_deflections: Vec<f64>,
     /// Light of the flight frames in turn: plain, gradient, shadow, glare, dusk, backlight, haze
     #[arg(long, value_delimiter = ',', default_value = "plain", value_name = "LIGHT,LIGHT", value_parser = light)]
     lights: Vec<Light>,
@@ -170,7 +170,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
     let bar = frames::progress(frames.len(), "rendering");
     write_set(&args.output, &name, (&scene, &stated), &frames, || bar.inc(1))
-        .map_err(|e| Failure::Undone(format!("{e:#}")))?;
+        .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
     print(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
     if let Some(file) = &args.board.board {
@@ -213,7 +213,7 @@ fn drawn(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFram
 }
 
 fn scene(args: &Args) -> Result<Scene, Failure> {
-    let highest = args.tip_lifts.iter().copied().fold(0.5, f64::max) + args.gusts.highest_m();
+    let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.highest_m();
     let Some(directory) = &args.installation else {
         let options = args.wing.options(args.seed, highest);
         check(&options)?;
@@ -222,13 +222,13 @@ fn scene(args: &Args) -> Result<Scene, Failure> {
     let (setup, mut orientation) = load(directory)?;
     if args.drawn && orientation.is_none() {
         // As it was planned: marks in the frame's corners are seen there alone.
-        let options = PlanOptions { tip_lift_m: highest, ..PlanOptions::default() };
+        let options = PlanOptions { tip_deflection_m: highest, ..PlanOptions::default() };
         let planned = plan::attitude(&setup, None, &options);
-        orientation = Some(planned.map_err(|e| Failure::Undone(format!("{}: {e}", directory.display())))?);
+        orientation = Some(planned.map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))?);
     }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
     Scene::fitted(&setup, attitude, args.seed, highest)
-        .map_err(|e| Failure::Undone(format!("{}: {e}", directory.display())))
+        .map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))
 }
 
 /// The orientation is used where there is one, and not needed.
@@ -266,10 +266,10 @@ fn check(options: &Options) -> Result<(), Failure> {
 }
 
 impl WingArgs {
-    fn options(&self, seed: u64, highest_lift_m: f64) -> Options {
+    fn options(&self, seed: u64, highest_deflection_m: f64) -> Options {
         let by_seed = if seed.is_multiple_of(2) { Side::Right } else { Side::Left };
         let mut options = Options::random(seed, self.side.unwrap_or(by_seed));
-        options.tip_lift_m = 1.03 * highest_lift_m;
+        options.tip_deflection_m = 1.03 * highest_deflection_m;
         set(&mut options.length_m, self.length);
         set(&mut options.markers, self.markers);
         set(&mut options.quadrants, self.quadrants);
@@ -304,15 +304,15 @@ fn set<T>(target: &mut T, value: Option<T>) {
 fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
     let mut random = Random::new(args.seed, 20);
     let mount = scene.remount(&mut random);
-    let count = args.tip_lifts.len();
+    let count = args.tip_deflections.len();
     let digits = count.to_string().len();
     let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
     let ground = args.picture.applied(scene.ground_shot(seed(0)));
     let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time: None }];
-    for (i, &lift) in args.tip_lifts.iter().enumerate() {
+    for (i, &deflection) in args.tip_deflections.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
-        let mut shot = args.picture.applied(scene.flight_shot(lift, light, seed(i + 1)));
+        let mut shot = args.picture.applied(scene.flight_shot(deflection, light, seed(i + 1)));
         // Burning fuel changes the load slowly and steadily.
         let progress = i as f64 / count.max(2) as f64 - 0.5;
         shot.state.load.relief += args.shape_change * progress;

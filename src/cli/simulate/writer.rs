@@ -75,7 +75,7 @@ fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
     let mut value = json!({
         "image": frame.image,
         "light": frame.shot.light.name(),
-        "tip_lift_m": truth.tip_lift_m,
+        "tip_deflection_m": truth.tip_deflection_m,
         "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
         "camera_from_survey": rows(&truth.camera_from_survey),
         "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
@@ -100,7 +100,7 @@ fn marker_json(marker: &MarkerTruth) -> Value {
         "height": marker.size_px.y,
         "visible": marker.visible,
         "position_m": marker.position_m.as_slice(),
-        "lift_m": marker.lift_m,
+        "deflection_m": marker.deflection_m,
     })
 }
 

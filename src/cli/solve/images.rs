@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use super::{Args, Output, job, report};
-use crate::cli::by_hand::ByHand;
-use crate::cli::{Done, Failure, frames, load_installation, pictures, places, say_learnt};
+use crate::cli::manual_observations::ByHand;
+use crate::cli::{Done, Failure, default_paths, frames, load_installation, pictures, say_learnt};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, Sighting, stages};
+use crate::pipeline::{self, Job, ProcessedFrame, stages};
 use crate::record::Reason;
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let directory = places::installation(args.installation.as_deref())?;
+    let directory = default_paths::installation(args.installation.as_deref())?;
     if args.images.is_empty() && (args.together() || args.mountings.is_some() || args.report.is_some()) {
         let what = "--flight, --mountings and --report need images beside --observations";
         return Err(Failure::Usage(what.into()));
@@ -23,12 +23,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::keeping(args);
-    let by_hand = args.observations.as_ref().map(|file| ByHand::read(file, &files, &installation.setup));
-    let by_hand = by_hand.transpose()?.unwrap_or_default();
-    let known = Known { installation: &installation, orientation, mountings, by_hand };
+    let manual = args.observations.as_ref().map(|file| ByHand::read(file, &files, &installation.setup));
+    let manual = manual.transpose()?.unwrap_or_default();
+    let known = Known { installation: &installation, orientation, mountings, manual };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {
-            let sighting = Sighting::by_hand(&frames::name(file), known.by_hand.all());
+            let sighting = ProcessedFrame::manual(&frames::name(file), known.manual.all());
             output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
         }
         _ => solve_images(args, &files, &known, &job, &mut output),
@@ -48,7 +48,7 @@ struct Known<'a> {
     installation: &'a Installation,
     orientation: &'a Orientation,
     mountings: Option<Mountings>,
-    by_hand: ByHand,
+    manual: ByHand,
 }
 
 fn solve_images(
@@ -58,18 +58,18 @@ fn solve_images(
     job: &Job,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let Known { installation, orientation, mountings, by_hand } = known;
+    let Known { installation, orientation, mountings, manual } = known;
     let sight = |name: &str, bytes: Result<&[u8], Reason>| {
         let sighting = match bytes {
-            Ok(bytes) if args.observations_only => Sighting::only_by_hand(name, bytes, by_hand.of(name)),
+            Ok(bytes) if args.observations_only => ProcessedFrame::only_manual(name, bytes, manual.of(name)),
             Ok(bytes) => {
-                let mut sighting = stages::sight(name, bytes, None, installation, Some(*orientation));
-                sighting.add_by_hand(by_hand.of(name));
+                let mut sighting = stages::process_frame(name, bytes, None, installation, Some(*orientation));
+                sighting.add_manual(manual.of(name));
                 sighting
             }
-            Err(reason) => Sighting::failed(name, reason),
+            Err(reason) => ProcessedFrame::failed(name, reason),
         };
-        Sighting { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
+        ProcessedFrame { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
     };
     if args.together() {
         let sightings = frames::map(files, args.jobs, "measuring", sight)?;
@@ -94,5 +94,5 @@ fn mountings(args: &Args, files: &[PathBuf]) -> Result<Option<Mountings>, Failur
         n => format!("says nothing of {first} and {} more frames, or names several files like them", n - 1),
     };
     let mend = "give a line for every frame, with as much of its path as tells it from the others".into();
-    Err(Fault { file: file.clone(), place: "column image".into(), problem, mend }.into())
+    Err(Fault { file: file.clone(), place: "column image".into(), problem, remedy: mend }.into())
 }

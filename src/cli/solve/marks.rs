@@ -2,14 +2,14 @@
 
 use super::Args;
 use crate::cli::Failure;
-use crate::installation::{HandObservation, Installation};
-use crate::pipeline::by_hand::observation;
+use crate::installation::{Installation, ManualObservation};
+use crate::pipeline::manual_observations::observation;
 use crate::store::{FlightRef, Store, marks};
 
 /// What people marked in the frames of a flight.
 #[derive(Default)]
 pub(super) struct Marks {
-    said: Vec<HandObservation>,
+    said: Vec<ManualObservation>,
     /// Over all of it; `None` where there is none.
     pub digest: Option<String>,
 }
@@ -30,7 +30,7 @@ impl Marks {
             eprintln!("wingd: {note}");
         }
         let counting = marks::standing(&all);
-        let said: Vec<HandObservation> =
+        let said: Vec<ManualObservation> =
             counting.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
         if !counting.is_empty() {
             eprintln!(
@@ -47,7 +47,7 @@ impl Marks {
     }
 
     /// Those of a frame, by its name in the flight.
-    pub fn of(&self, name: &str) -> impl Iterator<Item = &HandObservation> {
+    pub fn of(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
         self.said.iter().filter(move |said| said.image.as_deref() == Some(name))
     }
 }

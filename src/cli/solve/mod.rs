@@ -118,7 +118,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
                 "{}: holds nothing; name pictures, a folder of pictures, or a store (`wingd import` makes one of pictures)",
                 store.display()
             );
-            return Err(Failure::Undone(what));
+            return Err(Failure::Failed(what));
         }
         if args.observations.is_some() {
             return Err(Failure::Usage("--observations belongs to pictures, not to a store".into()));
@@ -186,7 +186,7 @@ impl<'a> Output<'a> {
         }
         if self.args.json {
             let line = serde_json::to_string(&record).map_err(|error| {
-                Failure::Undone(format!("{}: result cannot be written as JSON: {error}", record.image))
+                Failure::Failed(format!("{}: result cannot be written as JSON: {error}", record.image))
             })?;
             return print(&line);
         }

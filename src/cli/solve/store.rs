@@ -10,7 +10,7 @@ use crate::aircraft::Track;
 use crate::cli::{Done, Failure, frames, say_learnt, stored, stores};
 use crate::installation::{self, Installation};
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, Sighting};
+use crate::pipeline::{self, Job, ProcessedFrame};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{self, FlightRef, FrameRef, Inputs, Store, sets};
 
@@ -124,7 +124,7 @@ impl Work<'_> {
         let mountings = stored::mountings(self.store.disk(), self.flight)?;
         let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let mounting = mountings.get(&frame.entry.sha256).copied();
-            Sighting { mounting, ..self.sight(frame, bytes) }
+            ProcessedFrame { mounting, ..self.sight(frame, bytes) }
         };
         frames::stored(self.store, &frames, self.args.jobs, sight, |sighting| {
             sightings.push(sighting);
@@ -150,9 +150,9 @@ impl Work<'_> {
         }
     }
 
-    fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> Sighting {
+    fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
         let mut sighting = stored::sight(frame, bytes, self.installation, self.orientation, &self.track);
-        sighting.add_by_hand(self.marks.of(&stores::name_of(frame)));
+        sighting.add_manual(self.marks.of(&stores::name_of(frame)));
         sighting
     }
 
@@ -166,7 +166,7 @@ impl Work<'_> {
     ) -> Result<(), Failure> {
         let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
         let value: Value = serde_json::to_value(&written).map_err(|e| {
-            Failure::Undone(format!("{}: result cannot be written as JSON: {e}", record.image))
+            Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image))
         })?;
         self.store.add_result(frame, inputs, value)?;
         output.take(record)

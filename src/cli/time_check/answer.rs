@@ -16,7 +16,7 @@ const AGREES: f64 = 3.0;
 /// And where their scatter would be exceeded by chance with this probability.
 const BY_CHANCE: f64 = 0.001;
 /// A delay from fewer pictures is not worth writing down.
-const LEAST_PICTURES: usize = 5;
+const MIN_PICTURES: usize = 5;
 
 /// The record's exposures against the screen.
 struct Test {
@@ -48,7 +48,7 @@ enum NoLines {
     NoEvent,
     #[error("the record does not keep the delay that was assumed; take the pictures anew")]
     NoDelay,
-    #[error("{0} pictures are too few, {LEAST_PICTURES} are needed")]
+    #[error("{0} pictures are too few, {MIN_PICTURES} are needed")]
     TooFew(usize),
 }
 
@@ -168,7 +168,7 @@ fn lines(readings: &[Reading], found: Option<Delay>) -> Result<Lines, NoLines> {
         Source::AskedAndDelivered | Source::CameraClock => return Err(NoLines::NoEvent),
     };
     let found = found.ok_or(NoLines::NoDelay)?;
-    let sigma_s = found.sigma_s.filter(|_| found.pictures >= LEAST_PICTURES);
+    let sigma_s = found.sigma_s.filter(|_| found.pictures >= MIN_PICTURES);
     let sigma_s = sigma_s.ok_or(NoLines::TooFew(found.pictures))?;
     let text = format!("{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n", found.mean_s, sigma_s);
     Ok(Lines { text, section })

@@ -51,7 +51,7 @@ pub struct Args {
 const LATENCY_MS: f64 = 30.0;
 const LATENCY_WIDTH_MS: f64 = 40.0;
 /// A screen that is further off the recorder's clock does not show it, s; longer than a shot takes.
-const FARTHEST_S: f64 = 60.0;
+const MAX_OFFSET_S: f64 = 60.0;
 
 /// What one photograph tells; times in s.
 #[derive(Clone)]
@@ -103,7 +103,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Ok(())
     })?;
     if readings.is_empty() {
-        return Err(Failure::Undone(format!(
+        return Err(Failure::Failed(format!(
             "none of {} pictures tells a time; `wingd time-check --page FILE.html` writes the page to photograph",
             chosen.len()
         )));
@@ -137,7 +137,7 @@ fn chosen(args: &Args) -> Result<Vec<FrameRef>, Failure> {
     }
     if all.is_empty() {
         let what = "there is no frame of that flight and series";
-        return Err(Failure::Undone(format!("{}: {what}; see `ls flights/*` in it", root.display())));
+        return Err(Failure::Failed(format!("{}: {what}; see `ls flights/*` in it", root.display())));
     }
     Ok(all)
 }
@@ -155,7 +155,7 @@ fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, Rea
     let about_ms = 1e-6 * recorded.as_nanosecond() as f64;
     // The difference first: milliseconds since 1970 leave a float a quarter of a microsecond.
     let later_s = 1e-3 * (time_code::near(&shown, about_ms) - about_ms) + screen.late_s();
-    if later_s.abs() > FARTHEST_S {
+    if later_s.abs() > MAX_OFFSET_S {
         return Err(format!(
             "the screen is {later_s:+.0} s off the recorder's clock (or whole turns of 41.5 minutes more); show the recorder's own clock"
         )

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use super::config::{AircraftConfig, Servers};
 use crate::daemon::core::Core;
-use crate::daemon::lasting::keep_alive;
 use crate::daemon::status::{AircraftStatus, span};
+use crate::daemon::tcp_keepalive::keep_alive;
 use crate::store::aircraft::AircraftLine;
 
 /// How often the feed's threads look whether they are to end.
@@ -17,7 +17,7 @@ pub(super) const LOOK: Duration = Duration::from_millis(200);
 /// Before a feed that is gone is called again.
 const AGAIN: Duration = Duration::from_secs(2);
 /// A line of text that does not end is cut here, bytes.
-const LONGEST_LINE: usize = 4096;
+const MAX_LINE_BYTES: usize = 4096;
 
 /// What the two threads of the feed share.
 #[derive(Clone)]
@@ -137,7 +137,7 @@ fn hear_server(shared: &Shared, server: &str, lines: &Lines) -> std::io::Result<
                 last = Instant::now();
                 pending.extend_from_slice(bytes.get(..length).unwrap_or_default());
                 let end = pending.iter().rposition(|b| *b == b'\n').map(|at| at + 1);
-                let end = end.or((pending.len() > LONGEST_LINE).then_some(pending.len()));
+                let end = end.or((pending.len() > MAX_LINE_BYTES).then_some(pending.len()));
                 let whole: Vec<u8> = pending.drain(..end.unwrap_or(0)).collect();
                 take(shared, &whole, lines);
             }
@@ -155,7 +155,7 @@ fn hear_server(shared: &Shared, server: &str, lines: &Lines) -> std::io::Result<
 fn take(shared: &Shared, bytes: &[u8], lines: &Lines) {
     let at = shared.core.clock.stamp();
     for line in bytes.split(|b| *b == b'\n') {
-        let text = String::from_utf8_lossy(line.get(..LONGEST_LINE).unwrap_or(line));
+        let text = String::from_utf8_lossy(line.get(..MAX_LINE_BYTES).unwrap_or(line));
         let text = text.trim_end_matches(['\r', '\0']);
         if text.is_empty() {
             continue;

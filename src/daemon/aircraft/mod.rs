@@ -55,7 +55,7 @@ mod tests {
     use std::sync::Arc;
 
     use crate::clock::{Clock, System};
-    use crate::daemon::halt::Halt;
+    use crate::daemon::shutdown::Halt;
     use crate::daemon::status::{AircraftStatus, StatusBoard};
     use crate::store::manifest::{Cause, State};
     use crate::store::{Plan, RealDisk, Store, StoreConfig, catalogue, verify};

@@ -9,9 +9,9 @@ use crate::daemon::aircraft::AircraftConfig;
 use crate::installation::KeyFault;
 
 /// No camera gives more frames a second.
-const MOST_HZ: f64 = 100.0;
+const MAX_RATE_HZ: f64 = 100.0;
 /// At most so much memory for frames before an event, MB.
-const MOST_RING_MB: u32 = 4000;
+const MAX_RING_MB: u32 = 4000;
 
 /// What happens beside the series.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,17 +66,17 @@ pub struct KeepConfig {
     /// And from after it.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub after: Duration,
-    /// From one event's end to the next that is not asked for: a camera that is jolted all the time must not fill the disk.
+    /// From one event's end to the next that is not asked for: a camera that is disturbed all the time must not fill the disk.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub pause: Duration,
     /// An event: the global test of a frame rejects.
     pub rejected: bool,
-    /// An event: the camera is jolted.
-    pub jolt: bool,
+    /// An event: the camera mount is disturbed.
+    pub mount_disturbed: bool,
     /// An event: the tip moves faster, m/s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_rate_m_s: Option<f64>,
-    /// An event: the tip's lift is farther from its mean of a minute, m.
+    /// An event: the tip's deflection is farther from its mean of a minute, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_departure_m: Option<f64>,
 }
@@ -90,7 +90,7 @@ impl Default for KeepConfig {
             after: Duration::from_secs(5),
             pause: Duration::from_secs(60),
             rejected: false,
-            jolt: true,
+            mount_disturbed: true,
             tip_rate_m_s: None,
             tip_departure_m: None,
         }
@@ -110,7 +110,7 @@ impl LiveConfig {
                 !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)
             })
         };
-        let rate = self.rate_hz.is_none_or(|hz| (0.1..=MOST_HZ).contains(&hz));
+        let rate = self.rate_hz.is_none_or(|hz| (0.1..=MAX_RATE_HZ).contains(&hz));
         let address = self.udp.as_deref().is_none_or(port);
         let temperature = self.max_temperature_c.is_none_or(|c| (30.0..=120.0).contains(&c));
         let give = "give frames a second, for example 10";
@@ -143,7 +143,7 @@ impl KeepConfig {
         let waits = "what an event saves lies in memory until then";
         let (above, no_event) = ("must be above 0", "leave it out for no such event");
         let rules = [
-            (self.ring_mb <= MOST_RING_MB, "ring_mb", "is more than 4000", waits),
+            (self.ring_mb <= MAX_RING_MB, "ring_mb", "is more than 4000", waits),
             (short, "before", "before and after an event at most 10 min", "give for example \"5s\""),
             (positive(self.tip_rate_m_s), "tip_rate_m_s", above, no_event),
             (positive(self.tip_departure_m), "tip_departure_m", above, no_event),
@@ -162,7 +162,7 @@ mod tests {
         let text = "rate_hz = 10\nudp = \"127.0.0.1:7072\"\n[keep]\nevery = 600\nbefore = \"3s\"\n";
         let live: LiveConfig = toml::from_str(text).unwrap();
         assert_eq!(live.faults(), []);
-        assert!(live.on() && live.series && live.keep.jolt);
+        assert!(live.on() && live.series && live.keep.mount_disturbed);
         let bad =
             "rate_hz = 0\nudp = \"7072\"\nmax_temperature_c = 1\n[keep]\nring_mb = 9999\ntip_rate_m_s = -1\n";
         let bad: LiveConfig = toml::from_str(bad).unwrap();

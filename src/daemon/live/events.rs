@@ -13,7 +13,7 @@ const APART_S: f64 = 1.0;
 /// Looks at one result after the other.
 pub(crate) struct Watch {
     keep: KeepConfig,
-    /// Exposure since boot, s, and lift, m.
+    /// Exposure since boot, s, and deflection, m.
     last: Option<(f64, f64)>,
     mean_m: f64,
     since_s: f64,
@@ -27,9 +27,9 @@ impl Watch {
     /// Why this result is an event, in words.
     pub fn look(&mut self, result: &LiveResult) -> Option<String> {
         let at_s = result.exposure.exposure_since_boot_s;
-        let gust = result.tip_lift_m().and_then(|lift_m| self.gust(at_s, lift_m));
-        if result.jolt && self.keep.jolt {
-            return Some("the camera was jolted".to_owned());
+        let gust = result.tip_deflection_m().and_then(|deflection_m| self.gust(at_s, deflection_m));
+        if result.mount_disturbed && self.keep.mount_disturbed {
+            return Some("the camera mount was disturbed".to_owned());
         }
         if result.rejected() && self.keep.rejected {
             return Some("the global test of a frame rejected".to_owned());
@@ -37,25 +37,25 @@ impl Watch {
         gust
     }
 
-    fn gust(&mut self, at_s: f64, lift_m: f64) -> Option<String> {
-        let last = self.last.replace((at_s, lift_m));
+    fn gust(&mut self, at_s: f64, deflection_m: f64) -> Option<String> {
+        let last = self.last.replace((at_s, deflection_m));
         let Some((before_s, before_m)) = last else {
-            (self.mean_m, self.since_s) = (lift_m, at_s);
+            (self.mean_m, self.since_s) = (deflection_m, at_s);
             return None;
         };
         let elapsed_s = at_s - before_s;
         if elapsed_s <= 0.0 {
             return None;
         }
-        let rate = (lift_m - before_m) / elapsed_s;
-        let departure = lift_m - self.mean_m;
+        let rate = (deflection_m - before_m) / elapsed_s;
+        let departure = deflection_m - self.mean_m;
         self.mean_m += departure * (1.0 - (-elapsed_s / MEAN_OF_S.min(at_s - self.since_s)).exp());
         let beyond = |value: f64, limit: Option<f64>| limit.is_some_and(|limit| value.abs() > limit);
         if elapsed_s <= APART_S && beyond(rate, self.keep.tip_rate_m_s) {
             return Some(format!("the tip moved at {rate:.2} m/s"));
         }
         (at_s - self.since_s >= YOUNG_S && beyond(departure, self.keep.tip_departure_m))
-            .then(|| format!("the tip's lift was {departure:+.2} m from its mean"))
+            .then(|| format!("the tip's deflection was {departure:+.2} m from its mean"))
     }
 }
 

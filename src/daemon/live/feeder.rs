@@ -16,7 +16,7 @@ use crate::daemon::machine;
 /// After a shot that failed; twice as long after each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
 /// At most.
-const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+const MAX_PAUSE: Duration = Duration::from_secs(60);
 /// So many calls to the camera may hang before live frames pause: what is left is for the series.
 const MAX_HANGING: usize = 3;
 /// Between two looks at the temperature.
@@ -146,7 +146,7 @@ impl Feeder {
     }
 
     fn failed(&mut self, reason: &str) {
-        let pause = FIRST_PAUSE.saturating_mul(1 << self.failures.min(10)).min(LONGEST_PAUSE);
+        let pause = FIRST_PAUSE.saturating_mul(1 << self.failures.min(10)).min(MAX_PAUSE);
         self.failures = self.failures.saturating_add(1);
         self.next = self.shared.core.clock.since_boot() + pause;
         self.shared.update(|live| live.failed_shots += 1);

@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 use super::config::KeepConfig;
 use super::result::LiveFrame;
 use super::shared::Shared;
-use crate::daemon::keep;
+use crate::daemon::frame_storage;
 use crate::store::manifest::{Cause, State as Ended};
 use crate::store::{OpenSeries, Plan, StoreError};
 
@@ -240,13 +240,13 @@ impl Keeper {
         let open = match series {
             Some(open) => open,
             none => {
-                let mut begun = keep::begin(&self.shared.core, Plan { cause, shots: 0 })?;
+                let mut begun = frame_storage::begin(&self.shared.core, Plan { cause, shots: 0 })?;
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }
         };
         let number = u32::try_from(open.shots().len()).unwrap_or(u32::MAX).saturating_add(1);
-        keep::add(open, frame.taken.shot(number, Vec::new()), Some(&frame.taken.frame)).map(drop)
+        frame_storage::add(open, frame.taken.shot(number, Vec::new()), Some(&frame.taken.frame)).map(drop)
     }
 
     fn close(&self, series: &mut Option<OpenSeries>, remarks: Vec<String>) {

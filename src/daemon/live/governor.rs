@@ -5,7 +5,7 @@ const COOLER: f64 = 5.0;
 /// A change of the rate shows in the temperature after some time, s.
 const PATIENCE_S: f64 = 20.0;
 /// Below this rate frames pause, Hz.
-const SLOWEST_HZ: f64 = 1.0;
+const MIN_RATE_HZ: f64 = 1.0;
 
 /// The rate that the temperature allows.
 pub(crate) struct Governor {
@@ -38,9 +38,9 @@ impl Governor {
         }
         let allowed_hz = if now_c > limit {
             let half = 0.5 * self.allowed_hz;
-            if half < SLOWEST_HZ.min(self.wanted_hz) { 0.0 } else { half }
+            if half < MIN_RATE_HZ.min(self.wanted_hz) { 0.0 } else { half }
         } else if now_c < limit - COOLER {
-            (2.0 * self.allowed_hz).max(SLOWEST_HZ).min(self.wanted_hz)
+            (2.0 * self.allowed_hz).max(MIN_RATE_HZ).min(self.wanted_hz)
         } else {
             self.allowed_hz
         };

@@ -14,14 +14,14 @@ const LATENCY_OF_S: f64 = 60.0;
 /// The rate is of the results of this time, s.
 const RATE_OF_S: f64 = 10.0;
 /// Results that are remembered at most.
-const MOST: usize = 6000;
+const MAX_RESULTS: usize = 6000;
 
 impl Meter {
     /// A result that came `now_s` since boot.
     pub fn note(&mut self, now_s: f64, latency_ms: f64) {
         self.last.push_back((now_s, latency_ms));
         let old = |entry: &&(f64, f64)| now_s - entry.0 > LATENCY_OF_S;
-        let gone = self.last.iter().take_while(old).count().max(self.last.len().saturating_sub(MOST));
+        let gone = self.last.iter().take_while(old).count().max(self.last.len().saturating_sub(MAX_RESULTS));
         self.last.drain(..gone);
     }
 

@@ -57,7 +57,7 @@ impl Preview {
                 _ => state.frame.clone()?,
             }
         };
-        let picture = Arc::new(kindly(|| guarded(|| small(&frame)).flatten())?);
+        let picture = Arc::new(at_low_priority(|| guarded(|| small(&frame)).flatten())?);
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.made = Some((Instant::now(), picture.clone()));
         Some(picture)
@@ -65,7 +65,7 @@ impl Preview {
 }
 
 /// On a thread of its own that gives way to all others.
-fn kindly<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
+fn at_low_priority<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().name("preview".to_owned());
         let made = thread.spawn_scoped(scope, || {

@@ -48,8 +48,8 @@ pub struct LiveResult {
     pub search: Search,
     /// Which mounting of the camera, from 1; 0 before the first solution.
     pub mounting: usize,
-    /// This frame showed a jolt.
-    pub jolt: bool,
+    /// This frame showed a mount disturbance.
+    pub mount_disturbed: bool,
     /// What was detected.
     pub outlines: Vec<Outline>,
     /// In the store, for moments; not in the line, whose record has the coefficients.
@@ -65,9 +65,20 @@ pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
     pub(crate) fn new(frame: &LiveFrame, tracked: Tracked, latency_ms: f64, skipped: u64) -> Self {
-        let Tracked { record, search, mounting, jolt, outlines, curvature } = tracked;
+        let Tracked { record, search, mounting, mount_disturbed, outlines, curvature } = tracked;
         let (number, exposure) = (frame.number, frame.taken.exposure.clone());
-        Self { number, exposure, latency_ms, skipped, search, mounting, jolt, outlines, curvature, record }
+        Self {
+            number,
+            exposure,
+            latency_ms,
+            skipped,
+            search,
+            mounting,
+            mount_disturbed,
+            outlines,
+            curvature,
+            record,
+        }
     }
 
     /// Whether it has numbers.
@@ -80,9 +91,9 @@ impl LiveResult {
         self.record.global_test == Some(GlobalTest::Rejected)
     }
 
-    /// Lift of the outermost marker, m.
-    pub fn tip_lift_m(&self) -> Option<f64> {
-        self.record.tip.as_ref().filter(|_| self.solved()).map(|tip| tip.lift_m)
+    /// Deflection of the outermost marker, m.
+    pub fn tip_deflection_m(&self) -> Option<f64> {
+        self.record.tip.as_ref().filter(|_| self.solved()).map(|tip| tip.deflection_m)
     }
 
     /// One object, without a line's end.
@@ -107,13 +118,13 @@ impl LiveResult {
         field(self.exposure.utc_sigma_s(), 4);
         field(Some(self.number as f64), 0);
         field(flag(self.solved()), 0);
-        field(flag(self.jolt), 0);
+        field(flag(self.mount_disturbed), 0);
         field(Some(self.mounting as f64), 0);
         field(Some(self.skipped as f64), 0);
         field(Some(self.latency_ms), 1);
         field(record.variance_factor, 3);
-        field(self.tip_lift_m(), 4);
-        field(record.tip.as_ref().and_then(|tip| tip.sigma_lift_m), 4);
+        field(self.tip_deflection_m(), 4);
+        field(record.tip.as_ref().and_then(|tip| tip.sigma_deflection_m), 4);
         let twist = record.torsion.first();
         field(twist.and_then(|t| t.twist_deg), 3);
         field(twist.and_then(|t| t.sigma_twist_deg), 3);
@@ -123,8 +134,8 @@ impl LiveResult {
             let at = (record.curve.len() - 1) * k / (DATAGRAM_POINTS - 1);
             let point = record.curve.get(at);
             field(point.map(|p| p.arc_length_m), 2);
-            field(point.map(|p| p.lift_m), 4);
-            field(point.and_then(|p| p.sigma_lift_m), 4);
+            field(point.map(|p| p.deflection_m), 4);
+            field(point.and_then(|p| p.sigma_deflection_m), 4);
         }
         field(record.global_test.and_then(|_| flag(self.rejected())), 0);
         let _ = write!(text, ",{}\r\n", word(health));

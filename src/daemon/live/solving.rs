@@ -120,8 +120,8 @@ impl Solving {
         self.shared.update(|live| {
             live.results += 1;
             live.unsolvable += u64::from(!result.solved());
-            live.whole_searches += u64::from(result.search == Search::Whole);
-            live.jolts += u64::from(result.jolt);
+            live.full_searches += u64::from(result.search == Search::Full);
+            live.mount_disturbances += u64::from(result.mount_disturbed);
             live.dropped += u64::from(lost);
             live.rate_hz = meter.rate_hz(now_s);
             if live.results % LATENCIES_EVERY == 1 {

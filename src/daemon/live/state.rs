@@ -44,7 +44,7 @@ fn datagram(status: &Status) -> String {
 
 /// Gives the state out, for ever.
 pub(super) async fn tell(shared: Shared, to: Sender<Arc<Given>>) {
-    let (mut last, mut looks) = (Health::Good, LOOKS);
+    let (mut last, mut looks) = (Health::Ok, LOOKS);
     loop {
         let status = shared.core.board.snapshot();
         looks += 1;
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn a_state_is_one_line_and_one_datagram_of_nine_fields() {
-        let mut status = Status { health: Health::Bad, age_s: Some(31.0), ..Status::default() };
+        let mut status = Status { health: Health::Failed, age_s: Some(31.0), ..Status::default() };
         status.reasons = vec!["the last live result is 31 s old, one every 0.1 s is expected".to_owned()];
         let live = status.live.get_or_insert_default();
         (live.interval_s, live.recent.solved) = (Some(0.1), Some(0.5));

@@ -59,7 +59,7 @@ impl Words {
             names::REASON: self.reasons,
             names::EXPOSURE_SOURCE: SOURCES.map(Source::name),
             names::SIGMA_KIND: SIGMA_KINDS.map(word),
-            names::TIP_LIFT_SHOWN: Reference::ALL.map(word),
+            names::TIP_REFERENCE: Reference::ALL.map(word),
         })
     }
 
@@ -72,7 +72,7 @@ impl Words {
         });
         let source = SOURCES.iter().position(|source| *source == result.exposure.exposure_source);
         let kind = record.sigma_kind.and_then(|kind| SIGMA_KINDS.iter().position(|one| *one == kind));
-        let shown = record.tip.as_ref().and_then(|tip| tip.shown);
+        let shown = record.tip.as_ref().and_then(|tip| tip.reference);
         let shown = shown.and_then(|shown| Reference::ALL.iter().position(|one| *one == shown));
         [source, reason, kind, shown].map(|place| place.map_or(f64::NAN, |place| place as f64))
     }
@@ -89,17 +89,17 @@ const MARKERS: [OfMarker; 12] = [
     ("sigma_v", "px", |m| m.sigma_v_px),
     ("residual_u", "px", |m| m.residual_u_px),
     ("residual_v", "px", |m| m.residual_v_px),
-    ("lift", "m", |m| m.lift_m),
-    ("sigma_lift", "m", |m| m.sigma_lift_m),
-    ("lift_ground", "m", |m| m.lift_ground_m),
-    ("sigma_lift_ground", "m", |m| m.sigma_lift_ground_m),
-    ("lift_root", "m", |m| m.lift_root_m),
-    ("sigma_lift_root", "m", |m| m.sigma_lift_root_m),
+    ("deflection", "m", |m| m.deflection_m),
+    ("sigma_deflection", "m", |m| m.sigma_deflection_m),
+    ("deflection_ground", "m", |m| m.deflection_ground_m),
+    ("sigma_deflection_ground", "m", |m| m.sigma_deflection_ground_m),
+    ("deflection_root", "m", |m| m.deflection_root_m),
+    ("sigma_deflection_root", "m", |m| m.sigma_deflection_root_m),
 ];
 const STATIONS: [OfStation; 5] = [
     ("span", "m", |p| Some(p.span_m)),
-    ("lift", "m", |p| Some(p.lift_m)),
-    ("sigma_lift", "m", |p| p.sigma_lift_m),
+    ("deflection", "m", |p| Some(p.deflection_m)),
+    ("sigma_deflection", "m", |p| p.sigma_deflection_m),
     ("twist", "deg", |p| p.twist_deg),
     ("sigma_twist", "deg", |p| p.sigma_twist_deg),
 ];
@@ -187,18 +187,18 @@ fn once(result: &LiveResult) -> Row {
         result.number as f64,
         result.skipped as f64,
         flag(result.solved()),
-        flag(result.search == Search::Whole),
+        flag(result.search == Search::Full),
         result.mounting as f64,
-        flag(result.jolt),
+        flag(result.mount_disturbed),
         result.latency_ms,
         or_none(record.variance_factor),
         or_none(record.global_test.map(|test| flag(test == GlobalTest::Passed))),
-        or_none(tip.map(|tip| tip.lift_m)),
-        or_none(tip.and_then(|tip| tip.sigma_lift_m)),
-        or_none(tip.and_then(|tip| tip.lift_ground_m)),
-        or_none(tip.and_then(|tip| tip.sigma_lift_ground_m)),
-        or_none(tip.and_then(|tip| tip.lift_root_m)),
-        or_none(tip.and_then(|tip| tip.sigma_lift_root_m)),
+        or_none(tip.map(|tip| tip.deflection_m)),
+        or_none(tip.and_then(|tip| tip.sigma_deflection_m)),
+        or_none(tip.and_then(|tip| tip.deflection_ground_m)),
+        or_none(tip.and_then(|tip| tip.sigma_deflection_ground_m)),
+        or_none(tip.and_then(|tip| tip.deflection_root_m)),
+        or_none(tip.and_then(|tip| tip.sigma_deflection_root_m)),
         or_none(record.redundancy.map(|redundancy| redundancy as f64)),
         flag(exposure.clock.synchronised),
     ]

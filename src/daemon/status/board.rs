@@ -7,7 +7,7 @@ use super::health::{self, Frames, Live};
 use super::recent::Results;
 use super::{Health, LiveStatus, Noted, Recent, Status};
 use crate::clock::{Clock, Stamp};
-use crate::daemon::pulse::Beats;
+use crate::daemon::watchdog::Beats;
 
 /// The status as the threads write it. Cheap to clone; all clones write the same status.
 #[derive(Clone)]
@@ -169,13 +169,13 @@ mod tests {
         let clock = Arc::new(Simulated::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
-        assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Good, None));
+        assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Ok, None));
         board.frame_stored(&clock.stamp());
         clock.sleep(Duration::from_secs(5000));
-        assert_eq!(board.snapshot().health, Health::Good);
+        assert_eq!(board.snapshot().health, Health::Ok);
         assert_eq!(board.snapshot().last_frame_age_s, Some(5000.0));
         clock.sleep(Duration::from_secs(500));
-        assert_eq!(board.snapshot().health, Health::Bad);
+        assert_eq!(board.snapshot().health, Health::Failed);
     }
 
     #[test]
@@ -184,6 +184,6 @@ mod tests {
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         clock.sleep(Duration::from_secs(5500));
-        assert_eq!(board.snapshot().health, Health::Bad);
+        assert_eq!(board.snapshot().health, Health::Failed);
     }
 }

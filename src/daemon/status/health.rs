@@ -12,11 +12,11 @@ use super::recent::{Recent, Results};
 pub enum Health {
     /// Frames and results come as they should, or none is due yet.
     #[default]
-    Good,
+    Ok,
     /// They come, and not as they should.
-    Doubtful,
+    Degraded,
     /// There are none, or most have no numbers.
-    Bad,
+    Failed,
 }
 
 /// Intervals after the last good frame at which the next one is overdue: half of one is for shots that fail and are repeated.
@@ -32,7 +32,7 @@ const REJECTED: f64 = 0.1;
 /// Share of frames skipped, above which the machine is too slow for the rate.
 const SKIPPED: f64 = 0.25;
 /// Of fewer results no share is told.
-const LEAST_RESULTS: u64 = 3;
+const MIN_RESULTS: u64 = 3;
 /// A span is given with a tenth up to here, s.
 const TENTHS_S: f64 = 9.95;
 
@@ -97,7 +97,7 @@ impl Live {
                 let what =
                     format!("the last live result is {} old, one every {every} is expected", span(age_s));
                 reasons.add(
-                    if age_s > OLD_INTERVALS.1 * interval_s { Health::Bad } else { Health::Doubtful },
+                    if age_s > OLD_INTERVALS.1 * interval_s { Health::Failed } else { Health::Degraded },
                     what,
                 );
             }
@@ -122,25 +122,25 @@ impl Reasons {
     }
 
     fn bad(&mut self, what: String) {
-        self.add(Health::Bad, what);
+        self.add(Health::Failed, what);
     }
 
     fn doubtful(&mut self, what: String) {
-        self.add(Health::Doubtful, what);
+        self.add(Health::Degraded, what);
     }
 }
 
 /// Of results of one kind: without numbers, rejected, skipped.
 fn shares(recent: &Recent, kind: &str, reasons: &mut Reasons) {
     let results = recent.results;
-    if results < LEAST_RESULTS {
+    if results < MIN_RESULTS {
         return;
     }
     let count = |share: Option<f64>| (share.unwrap_or(0.0) * results as f64).round();
     let unsolved = recent.solved.map_or(0.0, |share| 1.0 - share);
     if unsolved > UNSOLVED.0 {
         let what = format!("{} of the last {results} {kind} have no numbers", count(Some(unsolved)));
-        reasons.add(if unsolved > UNSOLVED.1 { Health::Bad } else { Health::Doubtful }, what);
+        reasons.add(if unsolved > UNSOLVED.1 { Health::Failed } else { Health::Degraded }, what);
     }
     let rejected = count(recent.rejected);
     // One alone is chance.
@@ -221,28 +221,31 @@ mod tests {
     #[test]
     fn live_results_are_good_old_and_lost_by_their_intervals() {
         let well = live(|_| (true, false, 0));
-        assert_eq!(judged(&well, 10.25), (Health::Good, String::new()));
-        assert_eq!(judged(&well, 10.35).0, Health::Doubtful);
+        assert_eq!(judged(&well, 10.25), (Health::Ok, String::new()));
+        assert_eq!(judged(&well, 10.35).0, Health::Degraded);
         let (health, why) = judged(&well, 40.0);
         assert!(
-            health == Health::Bad && why.contains("the last live result is 30 s old, one every 0.1 s"),
+            health == Health::Failed && why.contains("the last live result is 30 s old, one every 0.1 s"),
             "{why}"
         );
         let none = Live::begin(Some(0.1), 0.0);
-        assert_eq!((judged(&none, 5.0).0, judged(&none, 20.0).0), (Health::Good, Health::Bad));
-        assert_eq!(judged(&Live::begin(None, 0.0), 100.0).0, Health::Doubtful);
+        assert_eq!((judged(&none, 5.0).0, judged(&none, 20.0).0), (Health::Ok, Health::Failed));
+        assert_eq!(judged(&Live::begin(None, 0.0), 100.0).0, Health::Degraded);
     }
 
     #[test]
     fn results_without_numbers_rejected_or_skipped_are_no_good_health() {
         let (health, why) = judged(&live(|k| (k % 10 < 3, false, 0)), 10.05);
-        assert!(health == Health::Bad && why.starts_with("70 of the last 100 live results have no"), "{why}");
-        assert_eq!(judged(&live(|k| (k % 5 > 0, false, 0)), 10.05).0, Health::Doubtful);
+        assert!(
+            health == Health::Failed && why.starts_with("70 of the last 100 live results have no"),
+            "{why}"
+        );
+        assert_eq!(judged(&live(|k| (k % 5 > 0, false, 0)), 10.05).0, Health::Degraded);
         let (health, why) = judged(&live(|_| (true, true, 0)), 10.05);
-        assert!(health == Health::Doubtful && why.contains("100 of the last 100 live results are rejected"));
+        assert!(health == Health::Degraded && why.contains("100 of the last 100 live results are rejected"));
         let (health, why) = judged(&live(|k| (true, false, k)), 10.05);
-        assert!(health == Health::Doubtful && why.contains("50 % of the live frames are skipped"), "{why}");
-        assert_eq!(judged(&live(|k| (k % 20 > 0, k % 20 == 1, k / 10)), 10.05).0, Health::Good, "by chance");
+        assert!(health == Health::Degraded && why.contains("50 % of the live frames are skipped"), "{why}");
+        assert_eq!(judged(&live(|k| (k % 20 > 0, k % 20 == 1, k / 10)), 10.05).0, Health::Ok, "by chance");
     }
 
     #[test]
@@ -251,7 +254,7 @@ mod tests {
         status.store.refuses = Some("it is full".to_owned());
         status.aircraft.get_or_insert_default().fault = Some("no line for 20 s".to_owned());
         let (health, reasons) = judge(&status, (&Frames::default(), &Results::of_series(), None), 1.0);
-        assert_eq!(health, Health::Bad);
+        assert_eq!(health, Health::Failed);
         assert_eq!(reasons, ["the store takes no series: it is full", "aircraft data: no line for 20 s"]);
     }
 

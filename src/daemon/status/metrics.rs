@@ -38,7 +38,7 @@ fn flag(yes: bool) -> Option<f64> {
 fn metrics(status: &Status) -> Vec<Metric> {
     let counts = &status.counts;
     vec![
-        gauge("healthy", "1 while health is good.", flag(status.health == Health::Good)),
+        gauge("healthy", "1 while health is good.", flag(status.health == Health::Ok)),
         gauge("health", "0 good, 1 doubtful, 2 bad.", Some(f64::from(status.health as u8))),
         gauge("result_age_seconds", "Since the last result.", status.age_s),
         gauge("capturing", "1 during a series.", flag(status.activity == Activity::Capturing)),
@@ -110,10 +110,14 @@ fn of_live(live: &LiveStatus) -> Vec<Metric> {
         total("live_failed_shots_total", "Frames that the camera did not deliver.", live.failed_shots),
         total("live_results_total", "Results.", live.results),
         total("live_unsolvable_total", "Results without numbers.", live.unsolvable),
-        total("live_whole_searches_total", "Frames searched as a whole.", live.whole_searches),
+        total("live_full_searches_total", "Frames searched as a whole.", live.full_searches),
         total("live_skipped_total", "Frames not solved: the next had come.", live.skipped),
         total("live_solver_hangs_total", "Frames given up after the deadline.", live.solver_hangs),
-        total("live_jolts_total", "Times that the camera was jolted.", live.jolts),
+        total(
+            "live_mount_disturbances_total",
+            "Times that the camera mount was disturbed.",
+            live.mount_disturbances,
+        ),
         total("live_stored_total", "Results made durable.", live.stored),
         total("live_dropped_total", "Results that the disk did not take.", live.dropped),
         total("live_lines_lost_total", "Lines that listeners were too slow for.", live.lines_lost),

@@ -195,13 +195,13 @@ pub struct LiveStatus {
     /// Of those, without.
     pub unsolvable: u64,
     /// Of the results, those whose whole frame was searched.
-    pub whole_searches: u64,
+    pub full_searches: u64,
     /// Frames that were not solved because the next had come.
     pub skipped: u64,
     /// Frames given up because the solver did not return in time.
     pub solver_hangs: u64,
-    /// Times that the camera was jolted.
-    pub jolts: u64,
+    /// Times that the camera mount was disturbed.
+    pub mount_disturbances: u64,
     /// From exposure to result over the last minute, ms.
     pub latency_median_ms: Option<f64>,
     /// Of 20 results 19 were quicker, ms.

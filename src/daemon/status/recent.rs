@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Live results are looked at over this time, s: as long as the rate is.
 const LIVE_S: f64 = 10.0;
 /// Or over so many, where they come more slowly.
-const LIVE_LEAST: usize = 10;
+const MIN_LIVE_RESULTS: usize = 10;
 /// Results of series are looked at over so many: two series.
 const SERIES: usize = 20;
 
@@ -44,7 +44,7 @@ pub(super) struct Results {
 
 impl Results {
     pub fn of_live() -> Self {
-        Self { last: VecDeque::new(), over_s: LIVE_S, least: LIVE_LEAST }
+        Self { last: VecDeque::new(), over_s: LIVE_S, least: MIN_LIVE_RESULTS }
     }
 
     pub fn of_series() -> Self {

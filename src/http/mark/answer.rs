@@ -3,19 +3,19 @@
 use serde_json::{Value, json};
 
 use super::{Open, Workplace};
-use crate::installation::HandObservation;
+use crate::installation::ManualObservation;
 use crate::measure::raster::Raster;
-use crate::pipeline::by_hand::{observation, rows};
-use crate::pipeline::marking::Said;
+use crate::pipeline::manual_observations::{observation, rows};
+use crate::pipeline::marking::MarkingResult;
 use crate::record::{ImageRecord, MarkerRecord};
-use crate::store::marks::{Act, Mark};
+use crate::store::marks::{Mark, MarkAction};
 
 /// Markers with what is known of each, where lost ones should be, what is solved with the marks and without.
 pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
     let Workplace { installation, pictures, kept, .. } = workplace;
     let image = pictures.get(open.number).map_or("", |p| p.name.as_str());
     let marks = kept.of(image);
-    let said: Vec<HandObservation> =
+    let said: Vec<ManualObservation> =
         marks.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
     let now = open.desk.solve(&said, installation);
     let raster = open.desk.raster();
@@ -35,15 +35,15 @@ pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
     })
 }
 
-fn marker(index: usize, line: &MarkerRecord, now: &Said, mark: Option<&Mark>) -> Value {
+fn marker(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&Mark>) -> Value {
     let seen = now.observations.iter().find(|o| o.marker == index);
     let state = match mark.map(|mark| &mark.act) {
-        Some(Act::Place(_)) => "hand",
-        Some(Act::Reject) => "rejected",
+        Some(MarkAction::Place(_)) => "manual",
+        Some(MarkAction::Reject) => "rejected",
         _ if seen.is_some() => "detected",
         _ => "lost",
     };
-    let foretold = now.foretold.iter().find(|f| f.marker == index).map(|f| {
+    let foretold = now.predicted.iter().find(|f| f.marker == index).map(|f| {
         json!({
             "u_px": f.point_px.x, "v_px": f.point_px.y,
             "outline": {
@@ -72,17 +72,17 @@ fn marker(index: usize, line: &MarkerRecord, now: &Said, mark: Option<&Mark>) ->
 
 fn result(record: &ImageRecord) -> Value {
     let tip = record.tip.as_ref();
-    let shown = tip.map(|tip| tip.shown.unwrap_or_default());
-    let lift = tip.zip(shown).and_then(|(tip, shown)| tip.lift(shown));
+    let shown = tip.map(|tip| tip.reference.unwrap_or_default());
+    let deflection = tip.zip(shown).and_then(|(tip, shown)| tip.deflection(shown));
     json!({
         "status": record.status,
         "reason": record.reason,
         "tip": tip.map(|tip| tip.marker.as_str()),
         "reference": shown.map(|shown| shown.words()),
-        "lift_m": lift.map(|lift| lift.0),
-        "sigma_lift_m": lift.and_then(|lift| lift.1),
-        "lift_survey_m": tip.map(|tip| tip.lift_m),
-        "sigma_lift_survey_m": tip.and_then(|tip| tip.sigma_lift_m),
+        "deflection_m": deflection.map(|deflection| deflection.0),
+        "sigma_deflection_m": deflection.and_then(|deflection| deflection.1),
+        "deflection_survey_m": tip.map(|tip| tip.deflection_m),
+        "sigma_deflection_survey_m": tip.and_then(|tip| tip.sigma_deflection_m),
         "used": record.used(),
         "variance_factor": record.variance_factor,
         "global_test": record.global_test,
@@ -95,7 +95,7 @@ fn change(now: &ImageRecord, bare: &ImageRecord) -> Option<f64> {
     let tip = now.tip.as_ref()?;
     let of = |record: &ImageRecord| {
         let line = record.markers.iter().find(|m| m.id == tip.marker)?;
-        line.lift(tip.shown.unwrap_or_default()).0
+        line.deflection(tip.reference.unwrap_or_default()).0
     };
     Some(of(now)? - of(bare)?)
 }

@@ -5,20 +5,20 @@ use serde::Deserialize;
 
 use super::{Open, Refused, Workplace};
 use crate::clock::{Clock, System};
-use crate::installation::{HandObservation, HandPlace};
+use crate::installation::{ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
-use crate::pipeline::by_hand::{observation, place};
-use crate::store::marks::{Act, By, Mark, Place};
+use crate::pipeline::manual_observations::{observation, place};
+use crate::store::marks::{Mark, MarkAction, MarkSource, Place};
 
 /// A name and a reason are not longer, characters.
-const LONGEST: (usize, usize) = (100, 500);
+const MAX_NAME_AND_REASON: (usize, usize) = (100, 500);
 
 /// What is posted.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Asked {
+pub struct MarkRequest {
     /// What is to be done.
-    pub act: What,
+    pub act: MarkRequestKind,
     /// The marker.
     pub id: String,
     /// Where its centre is, px; with `place`.
@@ -43,7 +43,7 @@ pub struct Asked {
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum What {
+pub enum MarkRequestKind {
     /// The marker's centre is here.
     Place,
     /// What is known of it is not to be used.
@@ -54,18 +54,18 @@ pub enum What {
     Rename,
 }
 
-impl Asked {
+impl MarkRequest {
     /// The marks that say so.
     pub(super) fn marks(&self, at: &Workplace, open: &Open, clock: &System) -> Result<Vec<Mark>, Refused> {
-        let (who, why) = (line(&self.who, LONGEST.0), line(&self.why, LONGEST.1));
+        let (who, why) = (line(&self.who, MAX_NAME_AND_REASON.0), line(&self.why, MAX_NAME_AND_REASON.1));
         if who.is_empty() {
             return Err(Refused::Wrong("say who you are: marks are kept with a name".into()));
         }
-        if why.is_empty() && [What::Reject, What::Rename].contains(&self.act) {
+        if why.is_empty() && [MarkRequestKind::Reject, MarkRequestKind::Rename].contains(&self.act) {
             return Err(Refused::Wrong("say why: what is taken away is kept with a reason".into()));
         }
         let image = at.pictures.get(open.number).ok_or(Refused::NotFound)?.name.clone();
-        let mark = |id: &str, act: Act| Mark {
+        let mark = |id: &str, act: MarkAction| Mark {
             image: image.clone(),
             frame_sha256: open.digest.clone(),
             id: id.to_owned(),
@@ -77,18 +77,18 @@ impl Asked {
         let work = Work { at, open, before: at.kept.of(&image), who: &who };
         work.index(&self.id)?;
         match self.act {
-            What::Place => Ok(vec![mark(&self.id, Act::Place(work.place(self)?))]),
-            What::Reject => Ok(vec![mark(&self.id, Act::Reject)]),
-            What::Withdraw if work.own(&self.id).is_none() => {
+            MarkRequestKind::Place => Ok(vec![mark(&self.id, MarkAction::Place(work.place(self)?))]),
+            MarkRequestKind::Reject => Ok(vec![mark(&self.id, MarkAction::Reject)]),
+            MarkRequestKind::Withdraw if work.own(&self.id).is_none() => {
                 Err(Refused::Wrong(format!("nothing was said of {}", self.id)))
             }
-            What::Withdraw => Ok(vec![mark(&self.id, Act::Withdraw)]),
-            What::Rename => {
+            MarkRequestKind::Withdraw => Ok(vec![mark(&self.id, MarkAction::Withdraw)]),
+            MarkRequestKind::Rename => {
                 let to = self.to.as_deref().filter(|to| *to != self.id);
                 let to = to.ok_or_else(|| Refused::Wrong("say which marker it is".into()))?;
                 let place = work.known(&self.id)?;
                 work.may_stand_for(to, self.over)?;
-                Ok(vec![mark(to, Act::Place(place)), mark(&self.id, Act::Reject)])
+                Ok(vec![mark(to, MarkAction::Place(place)), mark(&self.id, MarkAction::Reject)])
             }
         }
     }
@@ -140,7 +140,7 @@ impl Work<'_> {
     }
 
     /// The place that is pointed at, measured by the detector where that holds.
-    fn place(&self, asked: &Asked) -> Result<Place, Refused> {
+    fn place(&self, asked: &MarkRequest) -> Result<Place, Refused> {
         let setup = &self.at.installation.setup;
         let index = self.index(&asked.id)?;
         let at = asked.u_px.zip(asked.v_px).map(|(u, v)| Vector2::new(u, v));
@@ -149,27 +149,27 @@ impl Work<'_> {
         self.may_stand_for(&asked.id, asked.over)?;
         let fit = if asked.exact { None } else { self.fit(index, at) };
         let sigma = self.at.hand_sigma_px;
-        let hand = HandPlace { pixel: at, covariance_px2: Matrix2::identity() * sigma * sigma };
-        let by = if fit.is_some() { By::Fit } else { By::Hand };
+        let hand = ManualPosition { pixel: at, covariance_px2: Matrix2::identity() * sigma * sigma };
+        let by = if fit.is_some() { MarkSource::Fit } else { MarkSource::Manual };
         Ok(place(&fit.unwrap_or(hand), by))
     }
 
-    fn fit(&self, index: usize, at: Vector2<f64>) -> Option<HandPlace> {
+    fn fit(&self, index: usize, at: Vector2<f64>) -> Option<ManualPosition> {
         let installation = &self.at.installation;
         let others = self.before.iter().filter_map(|mark| observation(mark, &installation.setup));
-        let others: Vec<HandObservation> = others.filter(|o| o.marker != index).collect();
+        let others: Vec<ManualObservation> = others.filter(|o| o.marker != index).collect();
         let said = self.open.desk.solve(&others, installation);
         self.open.desk.refined(&said, installation, (index, at), self.at.hand_sigma_px)
     }
 
     /// Where a marker is known to be.
     fn known(&self, id: &str) -> Result<Place, Refused> {
-        if let Some(Mark { act: Act::Place(place), .. }) = self.own(id) {
+        if let Some(Mark { act: MarkAction::Place(place), .. }) = self.own(id) {
             return Ok(*place);
         }
         let none = || Refused::Wrong(format!("{id} is not seen in this picture: there is nothing to rename"));
         let detected = self.detected(self.index(id)?).filter(|_| self.own(id).is_none()).ok_or_else(none)?;
-        let at = HandPlace { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };
-        Ok(place(&at, By::Renamed))
+        let at = ManualPosition { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };
+        Ok(place(&at, MarkSource::Renamed))
     }
 }

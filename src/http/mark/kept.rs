@@ -3,9 +3,9 @@
 
 use std::path::PathBuf;
 
-use crate::installation::{self, Fault, HandObservation};
+use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
-use crate::pipeline::by_hand::{mark, observation};
+use crate::pipeline::manual_observations::{mark, observation};
 use crate::store::marks::{Mark, standing};
 use crate::store::{Disk, RealDisk, Store, StoreError};
 
@@ -54,7 +54,7 @@ impl Kept {
             Where::Flight { store, flight } => store.add_marks(flight, &new)?,
             Where::File { path, setup } => {
                 let all: Vec<Mark> = self.marks.iter().chain(&new).cloned().collect();
-                let rows: Vec<HandObservation> =
+                let rows: Vec<ManualObservation> =
                     standing(&all).into_iter().filter_map(|m| observation(m, setup)).collect();
                 let disk: &dyn Disk = &RealDisk;
                 let text =

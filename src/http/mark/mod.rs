@@ -33,15 +33,15 @@ use crate::camera::Format;
 use crate::clock::System;
 use crate::installation::Installation;
 use crate::measure::setup::Orientation;
-use crate::pipeline::marking::{Desk, Said};
+use crate::pipeline::marking::{MarkingResult, MarkingSession};
 use crate::record::Reason;
 use crate::store::{FrameRef, RealDisk, read_frame, sha256};
 
-pub use asked::Asked;
+pub use asked::MarkRequest;
 pub use kept::Kept;
 
 /// What a person says is not longer, bytes.
-const LONGEST: usize = 16 * 1024;
+const MAX_REQUEST_BYTES: usize = 16 * 1024;
 const SCRIPT: &str = include_str!("../pages/mark.js");
 /// Its own script, and pictures that it has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
@@ -102,9 +102,9 @@ impl Picture {
 struct Open {
     number: usize,
     digest: String,
-    desk: Desk,
+    desk: MarkingSession,
     /// Without marks.
-    bare: Said,
+    bare: MarkingResult,
 }
 
 struct Table {
@@ -137,7 +137,7 @@ pub async fn serve(
         .route("/mark.js", get(script))
         .route("/pictures.json", get(pictures))
         .route("/picture/{name}", get(picture).post(say))
-        .layer(DefaultBodyLimit::max(LONGEST))
+        .layer(DefaultBodyLimit::max(MAX_REQUEST_BYTES))
         .fallback(async || Refusal::NotFound);
     let router = dressed(router, access.clone()).with_state(shared.clone());
     server::run(router, access, listener, shutdown).await?;
@@ -224,7 +224,7 @@ async fn say(
     if !is_of_this_page(&headers) {
         return Err(Refused::Wrong("this can be said from the page of wingd mark alone".into()));
     }
-    let asked: Asked = serde_json::from_slice(&body).map_err(|e| Refused::Wrong(e.to_string()))?;
+    let asked: MarkRequest = serde_json::from_slice(&body).map_err(|e| Refused::Wrong(e.to_string()))?;
     let state = blocking(shared, move |table, clock| table.say(number, &asked, clock)).await?;
     Ok(Json(state).into_response())
 }
@@ -246,7 +246,13 @@ impl Table {
             let picture = pictures.get(number).ok_or(Refused::NotFound)?;
             let failed = |reason: Reason| Refused::Failed(format!("{}: {reason}", picture.name));
             let (bytes, digest, format) = picture.read().map_err(failed)?;
-            let desk = Desk::open(&picture.name, &bytes, format.as_ref(), installation, orientation.as_ref());
+            let desk = MarkingSession::open(
+                &picture.name,
+                &bytes,
+                format.as_ref(),
+                installation,
+                orientation.as_ref(),
+            );
             let desk = desk.map_err(failed)?;
             let bare = desk.solve(&[], installation);
             self.open = Some(Open { number, digest, desk, bare });
@@ -265,7 +271,7 @@ impl Table {
         answer::png(open.desk.raster()).ok_or_else(|| Refused::Failed("the picture cannot be written".into()))
     }
 
-    fn say(&mut self, number: usize, asked: &Asked, clock: &System) -> Result<Value, Refused> {
+    fn say(&mut self, number: usize, asked: &MarkRequest, clock: &System) -> Result<Value, Refused> {
         let (workplace, open) = self.open(number)?;
         let marks = asked.marks(workplace, open, clock)?;
         self.workplace.kept.add(marks).map_err(|e| Refused::Failed(format!("not kept: {e}")))?;

@@ -1,4 +1,4 @@
-//! Tip lift over time is shown as a small drawing.
+//! Tip deflection over time is shown as a small drawing.
 
 use maud::{Markup, html};
 
@@ -13,16 +13,16 @@ const FEW: usize = 200;
 
 /// Mean of each series with its standard deviation; nothing where nothing is solved. The width is that of
 /// the place on a phone, so that letters keep their size there.
-pub fn lift(overview: &Overview, width: f64, height: f64) -> Markup {
+pub fn deflection(overview: &Overview, width: f64, height: f64) -> Markup {
     let begun = overview.series.iter().find_map(|line| line.begun.as_ref());
     let hour = |index: usize| match (begun, overview.series.get(index).and_then(|l| l.begun.as_ref())) {
         (Some(first), Some(at)) => hours_between(first, at),
         _ => index as f64,
     };
     let lines = overview.series.iter().enumerate();
-    let points: Vec<(f64, Mean)> = lines.filter_map(|(i, l)| Some((hour(i), l.tip_lift_m?))).collect();
+    let points: Vec<(f64, Mean)> = lines.filter_map(|(i, l)| Some((hour(i), l.tip_deflection_m?))).collect();
     if points.is_empty() {
-        return html! { p.soft { "No lift yet." } };
+        return html! { p.soft { "No deflection yet." } };
     }
     let ends = || {
         points.iter().flat_map(|(_, m)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)])
@@ -32,18 +32,18 @@ pub fn lift(overview: &Overview, width: f64, height: f64) -> Markup {
     let (low, high) = ((low / step).floor() * step, ((high / step).ceil() * step).max(low + step));
     let last = points.iter().map(|p| p.0).fold(1e-9, f64::max);
     let x = |hour: f64| LEFT + hour / last * (width - LEFT - 8.0);
-    let y = |lift: f64| 6.0 + (high - lift) / (high - low) * (height - BOTTOM - 6.0);
+    let y = |deflection: f64| 6.0 + (high - deflection) / (high - low) * (height - BOTTOM - 6.0);
     let path: Vec<String> = points.iter().map(|(h, m)| format!("{:.1},{:.1}", x(*h), y(m.value))).collect();
     let ticks = (0..=((high - low) / step).round() as usize).map(|i| low + i as f64 * step);
     let end =
         if points.len() > 1 { format!("after {}", span((3600.0 * last).round())) } else { String::new() };
     html! {
-        svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(format!("Tip lift over time, {} series", points.len())) {
+        svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(format!("Tip deflection over time, {} series", points.len())) {
             @for v in ticks {
                 line.grid x1=(LEFT) y1=(format!("{:.1}", y(v))) x2=(width - 8.0) y2=(format!("{:.1}", y(v))) {}
                 text x=(LEFT - 6.0) y=(format!("{:.1}", y(v) + 4.0)) text-anchor="end" { (format!("{v:.1}")) }
             }
-            text x=(LEFT) y=(height - 4.0) { "tip lift / m" }
+            text x=(LEFT) y=(height - 4.0) { "tip deflection / m" }
             text x=(width - 8.0) y=(height - 4.0) text-anchor="end" { (end) }
             polyline.curve points=(path.join(" ")) {}
             @if points.len() <= FEW {

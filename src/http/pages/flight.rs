@@ -1,4 +1,4 @@
-//! A flight's page shows its lift, its series, what is missing, and how to take it away.
+//! A flight's page shows its deflection, its series, what is missing, and how to take it away.
 
 use maud::{Markup, html};
 
@@ -20,9 +20,9 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
             a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
-        div.figure { (curve::lift(overview, 460.0, 190.0)) }
-        p.caption { "Lift of the outermost marker " (overview.reference.words()) ": mean of each series, with 1 sigma of one frame." }
-        @if let Some((line, lift)) = overview.greatest() { p { (greatest(line, lift, overview.reference)) } }
+        div.figure { (curve::deflection(overview, 460.0, 190.0)) }
+        p.caption { "Deflection of the outermost marker " (overview.reference.words()) ": mean of each series, with 1 sigma of one frame." }
+        @if let Some((line, deflection)) = overview.greatest() { p { (greatest(line, deflection, overview.reference)) } }
         h2 { "What is missing" }
         @if missing.is_empty() { p { "Nothing: every shot has its frame, every frame its result." } } @else {
             details open[missing.len() <= 12] {
@@ -34,7 +34,7 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
         }
         h2 { "Series" }
         table.stack {
-            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip lift / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
+            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip deflection / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
             tbody { @for line in overview.series.iter().rev() { (row(id, line)) } }
         }
         (recipes(id, address))
@@ -43,15 +43,16 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
 }
 
 fn row(flight: &str, line: &Line) -> Markup {
-    let (lift, sigma) = rounded(line.tip_lift_m.map(|m| m.value), line.tip_lift_m.and_then(|m| m.sigma), 3);
+    let (deflection, sigma) =
+        rounded(line.tip_deflection_m.map(|m| m.value), line.tip_deflection_m.and_then(|m| m.sigma), 3);
     html! { tr {
         td data-name="series" { a href={ "/flights/" (flight) "/" (line.name) } { (line.name) } }
         td data-name="begun" { @if let Some(begun) = &line.begun { (minute(begun.utc)) } }
         td.n data-name="frames" { (line.frames) " of " (line.planned) }
         td.n data-name="solved" { (line.solved) }
-        td.n data-name="mean tip lift / m" { (lift) }
+        td.n data-name="mean tip deflection / m" { (deflection) }
         td.n data-name="sigma / m" { (sigma) }
-        td.n data-name="scatter / m" { (table::scatter(line.tip_lift_m)) }
+        td.n data-name="scatter / m" { (table::scatter(line.tip_deflection_m)) }
     } }
 }
 

@@ -46,15 +46,15 @@
     mark(byId(id).parentElement, style);
   };
 
-  // The lift that the frame tells best, and against what it is counted.
-  const LIFTS = {
-    survey: ["lift_m", "sigma_lift_m", "against the survey"],
-    ground: ["lift_ground_m", "sigma_lift_ground_m", "against the ground frame"],
-    root: ["lift_root_m", "sigma_lift_root_m", "from the root's tangent"],
+  // The deflection that the frame tells best, and against what it is counted.
+  const DEFLECTIONS = {
+    survey: ["deflection_m", "sigma_deflection_m", "against the survey"],
+    ground: ["deflection_ground_m", "sigma_deflection_ground_m", "against the ground frame"],
+    root: ["deflection_root_m", "sigma_deflection_root_m", "from the root's tangent"],
   };
-  const shownLift = (tip) => {
-    const [lift, sigma, words] = LIFTS[tip?.shown] ?? LIFTS.survey;
-    return { lift: tip?.[lift], sigma: tip?.[sigma], words };
+  const shownDeflection = (tip) => {
+    const [deflection, sigma, words] = DEFLECTIONS[tip?.reference] ?? DEFLECTIONS.survey;
+    return { deflection: tip?.[deflection], sigma: tip?.[sigma], words };
   };
 
   const solved = () => newest.result.status === "ok";
@@ -65,7 +65,7 @@
     const { result, came } = newest;
     const style = freshness(came);
     const age = `${seconds(since(came))} old`;
-    const doubt = style === "" && (!solved() || rejected(result)) ? "doubtful" : style;
+    const doubt = style === "" && (!solved() || rejected(result)) ? "degraded" : style;
     const measured = (id, value, sigma, digits, unit) => {
       const [shown, spread] = [solved() ? number(value, digits) : null, number(sigma, digits)];
       const said = [shown && spread && `± ${spread} ${unit}`, !solved() && "no numbers", rejected(result) && "test rejected", style && age];
@@ -73,9 +73,9 @@
     };
     const pair = (result.torsion ?? [])[0] ?? {};
     tile("age", `${seconds(since(came))} ago`, `one every ${number(interval(), 2)} s expected`, style);
-    const tip = shownLift(result.tip);
-    measured("lift", tip.lift, tip.sigma, 3, "m");
-    if (solved()) text("lift-name", `Tip lift ${tip.words}`);
+    const tip = shownDeflection(result.tip);
+    measured("deflection", tip.deflection, tip.sigma, 3, "m");
+    if (solved()) text("deflection-name", `Tip deflection ${tip.words}`);
     measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => since(one.came) < RATE_S);
     const over = Math.min(RATE_S, since(history[0].came));
@@ -90,24 +90,24 @@
 
   // One word: the worst of what the recorder says and of what this page sees.
   const health = () => {
-    let [word, reasons] = ["good", []];
+    let [word, reasons] = ["ok", []];
     const worse = (other, why) => {
-      if (other === "bad" || word === "good") word = other;
+      if (other === "failed" || word === "ok") word = other;
       reasons.push(why);
     };
-    if (!link.open) worse(link.young ? "doubtful" : "bad", link.why);
+    if (!link.open) worse(link.young ? "degraded" : "failed", link.why);
     if (daemon !== null && link.open) {
-      if (daemon.health !== "good") word = daemon.health;
+      if (daemon.health !== "ok") word = daemon.health;
       reasons.push(...daemon.reasons);
     }
     if (newest !== null) {
       const style = freshness(newest.came);
       const gone = `no result for ${seconds(since(newest.came))}`;
-      if (style === "lost") worse("bad", gone);
-      else if (style === "old" && link.open) worse("doubtful", gone);
-      if (!solved()) worse("doubtful", `no numbers: ${newest.result.reason ?? "the frame is not solved"}`);
-      else if (rejected(newest.result)) worse("doubtful", "the global test rejects the last result: its standard deviations are in doubt");
-    } else if (link.open && reasons.length === 0) worse("doubtful", "no result yet");
+      if (style === "lost") worse("failed", gone);
+      else if (style === "old" && link.open) worse("degraded", gone);
+      if (!solved()) worse("degraded", `no numbers: ${newest.result.reason ?? "the frame is not solved"}`);
+      else if (rejected(newest.result)) worse("degraded", "the global test rejects the last result: its standard deviations are in doubt");
+    } else if (link.open && reasons.length === 0) worse("degraded", "no result yet");
     // The recorder says the same of the silence in its own words.
     if (reasons.some((why) => why.startsWith("the last live result"))) reasons = reasons.filter((why) => !why.startsWith("no result for"));
     text("word", word);
@@ -123,13 +123,13 @@
     const fresh = freshness(came);
     style("curve", fresh);
     const points = solved()
-      ? (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.lift_m, sigma: p.sigma_lift_m, doubt: rejected(result) })) : [];
+      ? (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.deflection_m, sigma: p.sigma_deflection_m, doubt: rejected(result) })) : [];
     const note = !solved() ? `No numbers in frame ${result.number}` : fresh ? `${seconds(since(came))} old`
       : rejected(result) ? "Test rejected" : undefined;
-    const noteClass = fresh ? "" : "doubtful";
+    const noteClass = fresh ? "" : "degraded";
     const range = points.length > 0 ? [points[0].x, points[points.length - 1].x] : [0, 1];
     const enlarged = plots.plot(byId("curve"), points, {
-      xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, note, noteClass,
+      xRange: range, xLabel: "Deflection, m, over the span, m", yFrom0: true, note, noteClass,
     });
     text("curve-caption", points.length > 0 ? `Of the bending axis, against the survey. ${band(enlarged)}` : "");
   };
@@ -152,7 +152,7 @@
     const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil((now - history[0].time) / 20))), 0];
     const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? undefined : "No numbers";
     const enlarged = plots.plot(byId(id), points, {
-      xRange: range, xLabel: `${unit}, over seconds`, note, noteClass: fresh ? "" : "doubtful",
+      xRange: range, xLabel: `${unit}, over seconds`, note, noteClass: fresh ? "" : "degraded",
       hole: fresh ? [newest.time - now, 0] : undefined,
     });
     text(`${id}-caption`, band(enlarged));
@@ -160,14 +160,14 @@
 
   const draw = () => {
     curve();
-    // Where the frames' choice changes, only those of the newest one's are drawn: two lifts make no curve.
-    const lifted = history.filter((one) => typeof one.lift === "number");
-    const { words } = lifted[lifted.length - 1] ?? shownLift(null);
-    overTime("lifts", `m, ${words}`, (one) => (one.words === words ? { y: one.lift, sigma: one.liftSigma } : {}));
+    // Where the frames' choice changes, only those of the newest one's are drawn: two deflections make no curve.
+    const deflected = history.filter((one) => typeof one.deflection === "number");
+    const { words } = deflected[deflected.length - 1] ?? shownDeflection(null);
+    overTime("deflections", `m, ${words}`, (one) => (one.words === words ? { y: one.deflection, sigma: one.deflectionSigma } : {}));
     overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
     const { result } = newest;
     const when = result.exposure_time.replace("T", " ").slice(0, 21);
-    text("state", `Frame ${result.number}, ${when} UTC, mounting ${result.mounting}${result.jolt ? ", jolted" : ""}`);
+    text("state", `Frame ${result.number}, ${when} UTC, mounting ${result.mounting}${result.mount_disturbed ? ", disturbed" : ""}`);
     style("state", `soft ${freshness(newest.came)}`);
   };
 
@@ -199,7 +199,7 @@
 
   const take = (result) => {
     const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
-    const tip = shownLift(result.status === "ok" ? result.tip : null);
+    const tip = shownDeflection(result.status === "ok" ? result.tip : null);
     // A result is as old as its exposure, by this browser's clock and the time that solving took.
     const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
     // A clock that was set, or a recorder that began anew, begins a new history.
@@ -207,7 +207,7 @@
     newest = { result, came, time };
     history.push({
       time, came, latency: result.latency_ms, rejected: rejected(result),
-      lift: tip.lift, liftSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
+      deflection: tip.deflection, deflectionSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
     });
     while (history.length > 0 && time - history[0].time > SPAN_S) history.shift();
     frames.set(result.number, { came, outlines: result.outlines ?? [] });

@@ -15,10 +15,10 @@ pub fn live(listens: bool) -> Markup {
             p.warning { "It is not known where a recorder in live mode answers: set socket in [live] of wingd.toml, or give "
                 code { "wingd serve --live-socket PATH" } "." }
         } @else {
-            div #health role="status" .doubtful { b #word { "waiting" } span #reasons { "for the recorder" } }
+            div #health role="status" .degraded { b #word { "waiting" } span #reasons { "for the recorder" } }
             ul.tiles {
                 (tile("age", "Last result"))
-                (tile("lift", "Tip lift"))
+                (tile("deflection", "Tip deflection"))
                 (tile("twist", "Twist"))
                 (tile("rate", "Results"))
                 (tile("latency", "Latency"))
@@ -27,8 +27,8 @@ pub fn live(listens: bool) -> Markup {
             }
             p #state .soft {}
             div.live {
-                (figure("curve", "Lift along the span"))
-                (figure("lifts", "Tip lift, the last minutes"))
+                (figure("curve", "Deflection along the span"))
+                (figure("deflections", "Tip deflection, the last minutes"))
                 section { h2 { "Frame" }
                     div.seen { img #frame alt="The newest frame"; svg #outlines aria-hidden="true" {} }
                     p.caption #frame-caption {} }

@@ -216,7 +216,7 @@ function choose(id, centred = false) {
 function words(m) {
   const who = m.mark ? `, ${m.mark.who}${m.mark.why ? `: ${m.mark.why}` : ""}` : "";
   if (m.state === "lost") return `${m.id} is lost: ${m.reason ?? "not measured"}. Click its centre.`;
-  if (m.state === "hand") return `${m.id} ${m.mark.by === "hand" ? "by hand" : "where the hand pointed, measured by the detector"}${who}`;
+  if (m.state === "manual") return `${m.id} ${m.mark.source === "manual" ? "marked manually" : "where the hand pointed, measured by the detector"}${who}`;
   if (m.state === "rejected") return `${m.id} is rejected${who}`;
   return `${m.id} is detected${m.used ? "" : `, not used: ${m.reason}`}. Drag it to mark it yourself.`;
 }
@@ -233,21 +233,21 @@ function nextLost(step) {
 
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 
-function lift(result, big, beside) {
-  const there = result.lift_m !== null && result.lift_m !== undefined;
-  $(big).textContent = there ? `${fixed(result.lift_m, 4)} m` : result.status === "ok" ? "–" : "no result";
-  const sigma = result.sigma_lift_m;
-  const change = big === "lift" && state.change_m !== null ? ` (${signed(1e3 * state.change_m)} mm by the marks)` : "";
+function deflection(result, big, beside) {
+  const there = result.deflection_m !== null && result.deflection_m !== undefined;
+  $(big).textContent = there ? `${fixed(result.deflection_m, 4)} m` : result.status === "ok" ? "–" : "no result";
+  const sigma = result.sigma_deflection_m;
+  const change = big === "deflection" && state.change_m !== null ? ` (${signed(1e3 * state.change_m)} mm by the marks)` : "";
   $(beside).textContent = there ? `± ${fixed(1e3 * sigma, 1)} mm, ${result.used} markers${change}` : (result.reason ?? result.remarks[0] ?? "");
 }
 
 const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(1)}`;
 
 function table() {
-  lift(state.now, "lift", "lift-beside");
-  lift(state.bare, "bare", "bare-beside");
+  deflection(state.now, "deflection", "deflection-beside");
+  deflection(state.bare, "bare", "bare-beside");
   $("bare-name").textContent = state.bare.tip ? `Without marks, ${state.bare.tip}` : "Without marks";
-  $("lift-name").textContent = state.now.tip ? `Lift of ${state.now.tip}, ${state.now.reference}` : "Result";
+  $("deflection-name").textContent = state.now.tip ? `Deflection of ${state.now.tip}, ${state.now.reference}` : "Result";
   const factor = state.now.variance_factor;
   $("test").textContent = factor === null ? "" : `variance factor ${fixed(factor, 2)}${state.now.global_test ? `, global test ${state.now.global_test}` : ""}`;
   const rows = state.markers.map((m) => {
@@ -306,7 +306,7 @@ async function post(asked) {
     chosen = asked.to ?? asked.id;
     const m = marker(chosen);
     const same = before.tip && before.tip === state.now.tip && before.reference === state.now.reference;
-    const change = same ? ` Lift of ${before.tip} ${signed(1e3 * (state.now.lift_m - before.lift_m))} mm.` : "";
+    const change = same ? ` Deflection of ${before.tip} ${signed(1e3 * (state.now.deflection_m - before.deflection_m))} mm.` : "";
     remember();
     say(`${words(m)}.${change}`.replace("..", "."));
     photo.dataset.marks = state.marks;
@@ -336,7 +336,7 @@ function mark(id, [u, v], exact) {
 
 function nudge(du, dv) {
   const m = chosen && marker(chosen);
-  if (m?.state === "hand") mark(m.id, [m.u_px + du, m.v_px + dv], true);
+  if (m?m?.state === "manual") mark(m.id, [m.u_px + du, m.v_px + dv], true);
   else say("Arrows move a mark by hand: choose one.");
 }
 

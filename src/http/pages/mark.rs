@@ -39,7 +39,7 @@ pub fn mark(place: &str, who: &str) -> Markup {
                     select #picture aria-label="Picture" {}
                     button #after title="]" aria-label="the next picture" { "›" } }
                 ul.tiles {
-                    li { span #lift-name { "Tip lift" } b #lift { "–" } span.soft #lift-beside {} }
+                    li { span #deflection-name { "Tip deflection" } b #deflection { "–" } span.soft #deflection-beside {} }
                     li { span #bare-name { "Without marks" } b #bare { "–" } span.soft #bare-beside {} }
                 }
                 p.soft #test {}

@@ -25,7 +25,7 @@ pub use series::{frame, series};
 
 const STYLE: &str = include_str!("style.css");
 
-/// Flights whose lifts are drawn on the first page; of the others it has the name and the beginning.
+/// Flights whose deflections are drawn on the first page; of the others it has the name and the beginning.
 const DRAWN: usize = 6;
 
 /// Room beyond which its hours are no matter, h.
@@ -109,21 +109,21 @@ fn card(one: &Overview) -> Markup {
                 @if let Some(begun) = first { (minute(begun.utc)) ", " }
                 (one.series.len()) " series, " (count(one.sum(|l| l.frames), "frame")) ", " (one.sum(|l| l.solved)) " solved"
             }
-            (curve::lift(one, 330.0, 110.0))
-            @if let Some((line, lift)) = one.greatest() { p { (greatest(line, lift, one.reference)) } }
+            (curve::deflection(one, 330.0, 110.0))
+            @if let Some((line, deflection)) = one.greatest() { p { (greatest(line, deflection, one.reference)) } }
             @if missing > 0 { p.warn { "Something is missing in " (missing) " series." } }
             @if one.warning.is_some() { p.warn { "Results of several inputs." } }
         }
     }
 }
 
-/// A single frame's lift.
-fn greatest(line: &overview::Line, lift: &Single, reference: Reference) -> String {
-    let (value, sigma) = rounded(Some(lift.lift_m), lift.sigma_m, 3);
+/// A single frame's deflection.
+fn greatest(line: &overview::Line, deflection: &Single, reference: Reference) -> String {
+    let (value, sigma) = rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
     let at = line.begun.as_ref().map_or(String::new(), |b| format!(", begun {}", minute(b.utc)));
-    let (image, words) = (&lift.image, reference.words());
+    let (image, words) = (&deflection.image, reference.words());
     format!(
-        "Greatest tip lift of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
+        "Greatest tip deflection of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
         line.name
     )
 }
@@ -151,7 +151,7 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
     let next = daemon.as_ref().and_then(|d| d.next_series_s);
     html! {
         ul.tiles {
-            li.alert[daemon.as_ref().is_some_and(|d| d.health != Health::Good)] {
+            li.alert[daemon.as_ref().is_some_and(|d| d.health != Health::Ok)] {
                 b { (state) }
                 @if daemon.is_some() { "the recorder" } @else { "these pages show a store alone" }
             }

@@ -53,10 +53,10 @@ fn outcome(series: &SeriesData, shot: &ShotData) -> String {
         (_, None) => "not solved yet".to_owned(),
         (_, Some(r)) if r.status == Status::Failed => r.reason.clone().unwrap_or_default(),
         (_, Some(r)) => r.tip.as_ref().map_or("solved".to_owned(), |t| {
-            let reference = t.shown.unwrap_or_default();
-            let (lift_m, sigma_m) = t.lift(reference).unzip();
-            let (lift, sigma) = rounded(lift_m, sigma_m.flatten(), 3);
-            format!("tip lift {lift} m, sigma {sigma} m, {}", reference.words())
+            let reference = t.reference.unwrap_or_default();
+            let (deflection_m, sigma_m) = t.deflection(reference).unzip();
+            let (deflection, sigma) = rounded(deflection_m, sigma_m.flatten(), 3);
+            format!("tip deflection {deflection} m, sigma {sigma} m, {}", reference.words())
         }),
     }
 }

@@ -35,7 +35,7 @@ const CENTRAL: f64 = 0.15;
 /// Tangential terms of lenses are at most some thousandths; larger ones tell of terms in another order.
 const TANGENTIAL: f64 = 0.005;
 /// Largest side of an image, px.
-const LARGEST_SIDE: f64 = 100_000.0;
+const MAX_SIDE: f64 = 100_000.0;
 /// Names of the terms in OpenCV's order.
 const TERMS: [&str; 14] =
     ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"];
@@ -66,7 +66,7 @@ impl Interior {
 
     fn check_size(&self, map: &Node) -> Result<(), Trouble> {
         let [width, height] = self.size;
-        let whole = |side: f64| side.fract() == 0.0 && (1.0..=LARGEST_SIDE).contains(&side);
+        let whole = |side: f64| side.fract() == 0.0 && (1.0..=MAX_SIDE).contains(&side);
         if whole(width) && whole(height) {
             return Ok(());
         }

@@ -1,7 +1,7 @@
 //! A Python literal, as mrcal's `.cameramodel` is one: dictionaries, lists, tuples, strings, bytes, numbers, and comments
 //! from `#` to the line's end (docs.python.org, "Lexical analysis", and `ast.literal_eval`, with which mrcal reads it).
 
-use super::tree::{DEEPEST, Entry, MOST_NODES, Node, Trouble, Value, too_deep, too_many};
+use super::tree::{DEEPEST, Entry, MAX_NODES, Node, Trouble, Value, too_deep, too_many};
 
 pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
     let mut scanner = Scanner { rest: text, line: 1, nodes: 0 };
@@ -61,7 +61,7 @@ impl<'a> Scanner<'a> {
         if depth > DEEPEST {
             return Err(too_deep(line));
         }
-        if self.nodes > MOST_NODES {
+        if self.nodes > MAX_NODES {
             return Err(too_many(line));
         }
         let value = match self.rest.chars().next() {

@@ -163,7 +163,7 @@ fn twice(entry: &Entry) -> Trouble {
 
 /// Values that a file may hold, and how deep they may lie: a calibration has some hundred, in five levels. A few lines of
 /// YAML can stand for millions.
-pub(super) const MOST_NODES: usize = 200_000;
+pub(super) const MAX_NODES: usize = 200_000;
 pub(super) const DEEPEST: usize = 64;
 
 pub(super) fn too_deep(line: u64) -> Trouble {
@@ -171,5 +171,5 @@ pub(super) fn too_deep(line: u64) -> Trouble {
 }
 
 pub(super) fn too_many(line: u64) -> Trouble {
-    Trouble::new(line, "", format!("holds more than {MOST_NODES} values"), "name a camera's file")
+    Trouble::new(line, "", format!("holds more than {MAX_NODES} values"), "name a camera's file")
 }

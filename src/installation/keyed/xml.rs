@@ -2,7 +2,7 @@
 
 use roxmltree::{Document, Node as Element};
 
-use super::tree::{DEEPEST, Entry, MOST_NODES, Node, Trouble, Value, too_deep, too_many};
+use super::tree::{DEEPEST, Entry, MAX_NODES, Node, Trouble, Value, too_deep, too_many};
 
 /// Its outermost element.
 const ROOT: &str = "opencv_storage";
@@ -18,7 +18,7 @@ pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
         return Err(Trouble::new(line(&document, &root), "", problem, mend));
     }
     let tree = element(&document, &root, 0)?;
-    if tree.size() > MOST_NODES { Err(too_many(0)) } else { Ok(tree) }
+    if tree.size() > MAX_NODES { Err(too_many(0)) } else { Ok(tree) }
 }
 
 fn line(document: &Document<'_>, element: &Element<'_, '_>) -> u64 {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use saphyr_parser::{Event, Parser};
 
-use super::tree::{DEEPEST, Entry, MOST_NODES, Node, Trouble, Value, too_deep, too_many};
+use super::tree::{DEEPEST, Entry, MAX_NODES, Node, Trouble, Value, too_deep, too_many};
 
 /// The first line of OpenCV's files, which YAML does not know.
 const OPENCV: &str = "%YAML:";
@@ -127,7 +127,7 @@ impl Builder {
     /// A whole value goes to where it belongs.
     fn put(&mut self, node: Node, anchor: usize) -> Result<(), Trouble> {
         self.nodes += 1;
-        if self.nodes > MOST_NODES {
+        if self.nodes > MAX_NODES {
             return Err(too_many(node.line));
         }
         if anchor > 0 {

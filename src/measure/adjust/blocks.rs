@@ -8,12 +8,12 @@ use crate::estimation::Block;
 
 /// Smallest standard deviation that an image coordinate is credited with, px: some micrometres on a
 /// near quadrant, where neither a decal nor a lens calibration promises more.
-const SMALLEST_SIGMA_PX: f64 = 0.005;
+const MIN_SIGMA_PX: f64 = 0.005;
 
 /// The covariance with which an image enters the spatial methods, px^2: standard deviations below
 /// the smallest are raised to it, along the ellipse's axes.
 fn image_covariance(stated_px2: &Matrix2<f64>) -> Matrix2<f64> {
-    let least = SMALLEST_SIGMA_PX * SMALLEST_SIGMA_PX;
+    let least = MIN_SIGMA_PX * MIN_SIGMA_PX;
     let axes = stated_px2.symmetric_eigen();
     if axes.eigenvalues.min() >= least {
         return *stated_px2;

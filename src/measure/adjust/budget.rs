@@ -1,11 +1,11 @@
-//! What the variance of the tip's lift comes from, in the field's words.
+//! What the variance of the tip's deflection comes from, in the field's words.
 
 use super::layout::Member;
 use super::outcome::Outcome;
 use super::{Budget, BudgetShare, MarkerSolution, Reference};
-use crate::estimation::{Fit, Naming, Observed, Problem, Sources, Told};
+use crate::estimation::{AttributedInformation, Fit, Naming, Observed, Problem, Sources};
 
-/// Sigma of a lift below this share of another's tells better. A difference of less than a hundredth shows in no
+/// Sigma of a deflection below this share of another's tells better. A difference of less than a hundredth shows in no
 /// figure of two digits.
 const BETTER: f64 = 0.99;
 /// What a frame's images are called.
@@ -86,7 +86,7 @@ pub fn with_sources<T>(
     blocks: Blocks,
     problem: &Problem,
     fit: &Fit,
-    told: Option<&Told>,
+    told: Option<&AttributedInformation>,
     with: impl FnOnce(&Sources) -> T,
 ) -> T {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
@@ -97,18 +97,23 @@ pub fn with_sources<T>(
 
 /// What keeps its name when a solution becomes knowledge: its priors on columns that do not change from frame to frame,
 /// survey and ground frame.
-pub fn told(blocks: Blocks, problem: &Problem, fit: &Fit, lasting: impl Fn(usize) -> bool) -> Told {
+pub fn told(
+    blocks: Blocks,
+    problem: &Problem,
+    fit: &Fit,
+    lasting: impl Fn(usize) -> bool,
+) -> AttributedInformation {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
     let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
-    Told::of(problem, fit, lasting, blocks.members.len(), &naming)
+    AttributedInformation::of(problem, fit, lasting, blocks.members.len(), &naming)
 }
 
 impl MarkerSolution {
-    /// Against what the lift is told best: the survey, or the ground frame or the root's tangent where their standard
-    /// deviation is smaller by more than a hundredth. `None` without a lift.
+    /// Against what the deflection is told best: the survey, or the ground frame or the root's tangent where their standard
+    /// deviation is smaller by more than a hundredth. `None` without a deflection.
     fn better(&self) -> Option<Reference> {
-        let sigma = |reference| self.lift_against(reference).and_then(|lift| lift.sigma);
-        self.lift_m?;
+        let sigma = |reference| self.deflection_against(reference).and_then(|deflection| deflection.sigma);
+        self.deflection_m?;
         let better = |best: Reference, other: Reference| {
             let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < BETTER * best);
             if smaller { other } else { best }
@@ -122,10 +127,10 @@ impl Outcome<'_> {
     pub fn budget(&self, markers: &[MarkerSolution], sources: &Sources) -> Option<Budget> {
         let stations = &self.input.scene.ground.stations;
         let span = |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
-        let lifted = markers.iter().filter(|m| m.used && m.lift_m.is_some());
-        let tip = lifted.max_by(|a, b| span(a).total_cmp(&span(b)))?;
+        let deflected = markers.iter().filter(|m| m.used && m.deflection_m.is_some());
+        let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
         let reference = tip.better()?;
-        let parts = sources.parts(self.group, &self.lift_gradient(tip.marker, reference)?);
+        let parts = sources.parts(self.group, &self.deflection_gradient(tip.marker, reference)?);
         let total: f64 = parts.iter().map(|part| part.variance).sum();
         let share = |part: &crate::estimation::Part| BudgetShare {
             source: part.source,

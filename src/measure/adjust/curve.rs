@@ -36,10 +36,10 @@ impl<'a> Curve<'a> {
         Self { scene, values, arcs_m, bent, ground_y_m, root_m }
     }
 
-    /// Lifts of the axis, m.
-    pub fn lifts_m(&self) -> Vec<f64> {
-        let lift = |(bent, ground): (&Section, &f64)| self.with_root(bent) - ground;
-        self.bent.iter().zip(&self.ground_y_m).map(lift).collect()
+    /// Deflections of the axis, m.
+    pub fn deflections_m(&self) -> Vec<f64> {
+        let deflection = |(bent, ground): (&Section, &f64)| self.with_root(bent) - ground;
+        self.bent.iter().zip(&self.ground_y_m).map(deflection).collect()
     }
 
     /// Height of the axis in flight with the root's motion, m.
@@ -48,7 +48,7 @@ impl<'a> Curve<'a> {
     }
 
     /// The same with the bending of this wing on another grid.
-    pub fn lifts_on(&self, grid: &Grid) -> Vec<f64> {
+    pub fn deflections_on(&self, grid: &Grid) -> Vec<f64> {
         let (bent, ground) = both(grid, self.values);
         bent.iter().zip(ground).map(|(bent, ground)| self.with_root(bent) - ground).collect()
     }

@@ -5,8 +5,8 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::geometry::Lens;
 use crate::setup::{
-    Air, GroundSight, Orientation, Pane, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal, Uncertainty,
-    Window,
+    Air, GroundObservation, Orientation, Pane, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal,
+    Uncertainty, Window,
 };
 
 /// Nine markers on 30 m.
@@ -56,7 +56,7 @@ pub fn setup() -> Setup {
 pub fn orientation() -> Orientation {
     let camera_from_survey =
         Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
-    let sight = |marker| GroundSight {
+    let sight = |marker| GroundObservation {
         marker,
         pixel: Vector2::new(1900.0, 1500.0),
         covariance_px2: Matrix2::identity(),

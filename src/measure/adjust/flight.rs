@@ -18,32 +18,32 @@
 //! | frame by frame | `live.rs` |
 //! | what it tells later flights | `learning.rs` |
 
-mod assumed;
 mod blunders;
-mod dressing;
+mod flight_information;
+mod flight_problem;
+mod frame_solution;
 mod frames;
+mod hyperparameters;
 mod joint;
-mod learning;
 mod live;
 mod mountings;
-mod setting;
+mod prior_scaling;
 mod shape;
 mod solving;
 mod tuning;
 mod usage;
-mod widths;
 
-pub use learning::learn;
+pub use flight_information::learn;
 pub use live::Live;
 
-use self::assumed::Assumed;
 use self::frames::Flight;
+use self::hyperparameters::FlightHyperparameters;
 use self::joint::Joint;
 use self::mountings::Mountings;
 use super::input::Input;
-use super::outcome::unless_contradicted;
+use super::outcome::with_prior_if_consistent;
 use super::scene::Scene;
-use super::terms::LEAST_DRIFT_RAD;
+use super::terms::MIN_DRIFT_RAD;
 use super::{AdjustError, Method, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
@@ -62,7 +62,7 @@ pub fn solve(
         let joint = Joint::new(Input { setup, orientation, scene: &scene, options }, frames)?;
         Ok(joint.solutions())
     };
-    unless_contradicted(options, solve, |solutions| solutions)
+    with_prior_if_consistent(options, solve, |solutions| solutions)
 }
 
 /// One frame beside what earlier flights told: a flight of one.
@@ -72,10 +72,10 @@ pub fn one(input: &Input, frame: &[Observation]) -> Result<Solution, AdjustError
         let input = Input { options, ..*input };
         let mountings = Mountings::of_one(options.mountings.as_deref());
         // Its rotation is its mounting's, which has drifted since the ground frames where the camera stayed.
-        let mut assumed = Assumed::at_first(&input, 1, mountings);
-        assumed.drift_rad = LEAST_DRIFT_RAD;
+        let mut assumed = FlightHyperparameters::at_first(&input, 1, mountings);
+        assumed.drift_rad = MIN_DRIFT_RAD;
         let joint = Joint::alone(Flight::new(input, &frames, assumed)?)?;
         Ok(joint.solution(Method::Spatial))
     };
-    unless_contradicted(input.options, solve, std::slice::from_mut)
+    with_prior_if_consistent(input.options, solve, std::slice::from_mut)
 }

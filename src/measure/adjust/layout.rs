@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::factors::Factors;
+use super::flight_prior::{MARKS, SKIN};
 use super::input::{Input, Sights};
 use super::marker_state::{Answers, MarkerState};
 use super::scene::{Bent, Camera, Scene, moved};
-use super::taught::{MARKS, SKIN};
-use super::term::{Columns, Place, Placed, Term};
+use super::term::{Columns, ParameterScope, Placed, Term};
 use super::terms;
 use super::values::Values;
 use crate::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
@@ -85,17 +85,17 @@ pub struct Layout {
     /// All of them but the markers' positions on ground.
     pub terms: Vec<Placed>,
     /// Coefficients of the curvature, which are reported.
-    pub curvature: Place,
+    pub curvature: ParameterScope,
     /// Their number.
     pub curvature_terms: usize,
     /// Coefficients of the twist, which are reported.
-    pub twist: Place,
+    pub twist: ParameterScope,
     /// Their number.
     pub twist_terms: usize,
     /// Parts of the camera's rotation, which is reported: a flight's frames have one in common and one of their own.
-    pub rotation: Vec<Place>,
+    pub rotation: Vec<ParameterScope>,
     /// Height of the bending axis, which is reported.
-    pub axis_height: Place,
+    pub axis_height: ParameterScope,
     /// Expected thermal scale.
     pub expected_scale: f64,
     /// The markers on ground.
@@ -104,7 +104,7 @@ pub struct Layout {
     pub motions: Arc<Motions>,
     /// How markers answer to what the user can only estimate, where a frame's own noise is to be kept out of it.
     pub answers: Option<Arc<Answers>>,
-    /// The root's motion, without which a lift is counted from the root's tangent.
+    /// The root's motion, without which a deflection is counted from the root's tangent.
     pub root: Vec<Placed>,
     /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
@@ -125,8 +125,10 @@ impl Layout {
     /// What is known beforehand of the local parameters.
     pub fn local_priors(&self) -> Vec<Prior> {
         let of = |placed: &Placed| match placed.place {
-            Place::Local(first) => placed.term.priors.iter().map(|p| p.clone().moved(first)).collect(),
-            Place::Global(_) => vec![],
+            ParameterScope::Local(first) => {
+                placed.term.priors.iter().map(|p| p.clone().moved(first)).collect()
+            }
+            ParameterScope::Global(_) => vec![],
         };
         self.terms.iter().flat_map(of).collect()
     }
@@ -134,7 +136,7 @@ impl Layout {
     /// A frame's own unknowns of this name: their columns and the standard deviations that they are 0 with.
     pub fn own_of<'s>(&'s self, name: &'s str) -> impl Iterator<Item = (usize, f64)> + 's {
         self.terms.iter().filter(move |placed| placed.term.name == name).flat_map(|placed| {
-            let first = if let Place::Local(first) = placed.place { Some(first) } else { None };
+            let first = if let ParameterScope::Local(first) = placed.place { Some(first) } else { None };
             let sigma = |prior: &Prior| prior.covariance[(0, 0)].sqrt();
             let one = move |(k, prior)| first.map(|first| (first + k, sigma(prior)));
             placed.term.priors.iter().enumerate().filter_map(one)
@@ -154,7 +156,8 @@ impl Layout {
 
     /// The ground frame's part of it, which knows neither bending nor mounting.
     pub fn on_ground_only(&self) -> Self {
-        let shared = |placed: &&Placed| matches!(placed.place, Place::Global(first) if first < self.head);
+        let shared =
+            |placed: &&Placed| matches!(placed.place, ParameterScope::Global(first) if first < self.head);
         Self {
             terms: self.terms.iter().filter(shared).cloned().collect(),
             own: Own { first: 0, count: 0 },
@@ -215,10 +218,10 @@ impl Layout {
 
     /// Adds `value` to the derivative of a function by an unknown; the gradient's columns are
     /// [`Layout::columns`].
-    pub fn put(&self, gradient: &mut Gradient, place: Place, k: usize, function: usize, value: f64) {
+    pub fn put(&self, gradient: &mut Gradient, place: ParameterScope, k: usize, function: usize, value: f64) {
         match place {
-            Place::Global(first) => gradient.global[(self.column(first) + k, function)] += value,
-            Place::Local(first) => gradient.local[(first + k, function)] += value,
+            ParameterScope::Global(first) => gradient.global[(self.column(first) + k, function)] += value,
+            ParameterScope::Local(first) => gradient.local[(first + k, function)] += value,
         }
     }
 
@@ -306,10 +309,10 @@ struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    fn put(&mut self, place: Place, k: usize, v: Vector2<f64>) {
+    fn put(&mut self, place: ParameterScope, k: usize, v: Vector2<f64>) {
         let (target, column) = match place {
-            Place::Global(first) => (&mut self.out.global, self.layout.column(first) + k),
-            Place::Local(first) => (&mut self.out.local, first + k),
+            ParameterScope::Global(first) => (&mut self.out.global, self.layout.column(first) + k),
+            ParameterScope::Local(first) => (&mut self.out.local, first + k),
         };
         let first = column * target.nrows() + self.row;
         target.as_mut_slice()[first..first + 2].copy_from_slice(v.as_slice());

@@ -3,13 +3,14 @@
 pub mod beam;
 mod blocks;
 mod budget;
-mod causes;
+mod common_displacement;
 mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod factors;
 mod flight;
+pub mod flight_prior;
 pub mod ground;
 mod input;
 mod layout;
@@ -20,7 +21,6 @@ mod scene;
 mod shapes;
 mod snooping;
 mod spatial;
-pub mod taught;
 mod term;
 mod terms;
 mod values;
@@ -36,7 +36,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
-use self::taught::Taught;
+use self::flight_prior::FlightPrior;
 
 use super::estimation::EstimationError;
 
@@ -72,7 +72,7 @@ pub struct Options {
     /// the frames themselves.
     pub mountings: Option<Vec<Mounting>>,
     /// What earlier flights of the installation told of all that lasts; the spatial methods take it.
-    pub taught: Option<Arc<Taught>>,
+    pub flight_prior: Option<Arc<FlightPrior>>,
 }
 
 impl Options {
@@ -93,7 +93,7 @@ impl Default for Options {
             snooping_alpha: 0.001,
             mount_prior: None,
             mountings: None,
-            taught: None,
+            flight_prior: None,
         }
     }
 }
@@ -145,11 +145,11 @@ pub struct MarkerSolution {
     /// Its covariance, m^2.
     pub covariance_m2: Option<Matrix3<f64>>,
     /// Vertical displacement against the survey, positive up, m; `None` for a fixed mark, too.
-    pub lift_m: Option<Estimate>,
+    pub deflection_m: Option<Estimate>,
     /// The same against the ground frame, m; `None` with the profile method, too.
-    pub lift_ground_m: Option<Estimate>,
+    pub deflection_ground_m: Option<Estimate>,
     /// The same from the tangent of the root, which may have turned and moved since the ground frame, m.
-    pub lift_root_m: Option<Estimate>,
+    pub deflection_root_m: Option<Estimate>,
 }
 
 impl MarkerSolution {
@@ -167,14 +167,14 @@ impl MarkerSolution {
             distance_m: None,
             position_m: None,
             covariance_m2: None,
-            lift_m: None,
-            lift_ground_m: None,
-            lift_root_m: None,
+            deflection_m: None,
+            deflection_ground_m: None,
+            deflection_root_m: None,
         }
     }
 }
 
-/// Against what a lift is counted.
+/// Against what a deflection is counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Reference {
@@ -187,34 +187,34 @@ pub enum Reference {
 }
 
 impl MarkerSolution {
-    /// Its lift against one of them, m.
-    pub fn lift_against(&self, reference: Reference) -> Option<Estimate> {
+    /// Its deflection against one of them, m.
+    pub fn deflection_against(&self, reference: Reference) -> Option<Estimate> {
         match reference {
-            Reference::Survey => self.lift_m,
-            Reference::Ground => self.lift_ground_m,
-            Reference::Root => self.lift_root_m,
+            Reference::Survey => self.deflection_m,
+            Reference::Ground => self.deflection_ground_m,
+            Reference::Root => self.deflection_root_m,
         }
     }
 }
 
-/// A source's part of the variance of the tip's lift.
+/// A source's part of the variance of the tip's deflection.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BudgetShare {
     /// In the field's words (docs/adjustment/standard-deviations.md).
     pub source: &'static str,
     /// 0 to 1; those of a budget add up to 1.
     pub share: f64,
-    /// Standard deviation of the lift if the source were known without error, m; `None` for observations.
+    /// Standard deviation of the deflection if the source were known without error, m; `None` for observations.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_if_known_m: Option<f64>,
 }
 
-/// What the variance of the tip's lift comes from.
+/// What the variance of the tip's deflection comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Budget {
-    /// Whose lift: index in [`Setup::markers`] of the outermost used marker.
+    /// Whose deflection: index in [`Setup::markers`] of the outermost used marker.
     pub marker: usize,
-    /// Which lift: the one that is told best.
+    /// Which deflection: the one that is told best.
     pub reference: Reference,
     /// The largest share first.
     pub shares: Vec<BudgetShare>,
@@ -238,8 +238,8 @@ pub struct CurvePoint {
     pub arc_length_m: f64,
     /// Wing-frame X, in flight, m.
     pub span_m: f64,
-    /// Lift of the bending axis, m.
-    pub lift_m: Estimate,
+    /// Deflection of the bending axis, m.
+    pub deflection_m: Estimate,
     /// Twist of the section, nose up positive, rad; `None` with profile.
     pub twist_rad: Option<Estimate>,
 }
@@ -269,7 +269,7 @@ pub struct Solution {
     pub torsion: Vec<Torsion>,
     /// Curves along the span, root to tip.
     pub curve: Vec<CurvePoint>,
-    /// What the variance of the tip's lift comes from; `None` where no used marker has a lift.
+    /// What the variance of the tip's deflection comes from; `None` where no used marker has a deflection.
     pub budget: Option<Budget>,
     /// Where asked for.
     pub variance_components: Vec<VarianceComponent>,

@@ -1,12 +1,12 @@
-//! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
+//! A fit of the spatial methods as a [`Solution`]: positions, deflections, torsion, curves, each with its
 //! standard deviation.
 
-mod contradicted;
-mod judged;
-mod lifts;
+mod deflections;
+mod global_test;
+mod prior_conflict;
 
-pub use contradicted::unless_contradicted;
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
+pub use prior_conflict::with_prior_if_consistent;
 
 use super::beam::{Grid, RAISE_TERMS};
 use super::curve::Curve;
@@ -14,7 +14,7 @@ use super::input::Input;
 use super::layout::{Layout, Member, Survey};
 use super::marker_state::MarkerState;
 use super::scene::Bent;
-use super::snooping::{Judged, Suspect, Target};
+use super::snooping::{ResidualSum, Suspect, Target};
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
 use crate::estimation::quality::{self, Reliability};
@@ -42,7 +42,7 @@ pub struct Outcome<'a> {
     /// Factor of the standard deviations: 1 a priori.
     scale: f64,
     /// What the global test judges.
-    judged: Judged,
+    judged: ResidualSum,
     /// Whether that is what there was before much was removed.
     before_removal: bool,
 }
@@ -60,7 +60,7 @@ impl<'a> Outcome<'a> {
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bent(&values);
         let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
-        let (judged, before_removal) = (Judged::of(fit), false);
+        let (judged, before_removal) = (ResidualSum::of(fit), false);
         let new = Self {
             input,
             layout,
@@ -210,14 +210,14 @@ impl<'a> Outcome<'a> {
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
-        // Position, distance, lifts.
+        // Position, distance, deflections.
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         let none = Vector3::zeros();
         let mut gradient = self.gradient(7, &[member.marker]);
         let directions = [x, y, z, towards, y, y, y];
         self.add(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
         self.add_references(&mut gradient, &state, &(position - ground), [4, 5, 6]);
-        let lifts = self.lifts(&state, &ground);
+        let deflections = self.deflections(&state, &ground);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -228,9 +228,11 @@ impl<'a> Outcome<'a> {
             distance_m: Some(Estimate { value: distance, sigma: sigma(3) }),
             position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
-            lift_m: lifts.map(|lifts| Estimate { value: lifts[0], sigma: sigma(4) }),
-            lift_ground_m: lifts.map(|lifts| Estimate { value: lifts[1], sigma: sigma(5) }),
-            lift_root_m: lifts.map(|lifts| Estimate { value: lifts[2], sigma: sigma(6) }),
+            deflection_m: deflections.map(|deflections| Estimate { value: deflections[0], sigma: sigma(4) }),
+            deflection_ground_m: deflections
+                .map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
+            deflection_root_m: deflections
+                .map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
         self.with_quality(solution, block)
@@ -270,7 +272,7 @@ impl<'a> Outcome<'a> {
         self.input.setup.torsion.iter().map(one).collect()
     }
 
-    /// From the lifts of the two markers (paper, section 4.3).
+    /// From the deflections of the two markers (paper, section 4.3).
     fn angle(&self, pair: &TorsionPair) -> Option<Estimate> {
         let blocks = [self.block_of(pair.leading)?, self.block_of(pair.trailing)?];
         let markers = &self.input.setup.markers;
@@ -302,21 +304,21 @@ impl<'a> Outcome<'a> {
         Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
     }
 
-    /// Lift of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
+    /// Deflection of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
     fn curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
         let curve = Curve::new(self.input.scene, &self.values);
-        let lifts_m = curve.lifts_m();
-        let count = lifts_m.len();
+        let deflections_m = curve.deflections_m();
+        let count = deflections_m.len();
         let gradient = self.along(&curve);
-        let mut by_lift = DVector::zeros(2 * count);
+        let mut by_deflection = DVector::zeros(2 * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
-        for (k, (section, lift_m)) in curve.bent.iter().zip(&lifts_m).enumerate() {
+        for (k, (section, deflection_m)) in curve.bent.iter().zip(&deflections_m).enumerate() {
             let x2 = (section.axis_m.x - curve.root_m.x).powi(2);
-            by_lift[k] = x2;
-            moment += lift_m * x2;
+            by_deflection[k] = x2;
+            moment += deflection_m * x2;
             fourth += x2 * x2;
         }
-        by_lift /= fourth;
+        by_deflection /= fourth;
         let sigmas = self.sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
         // Which way is nose up hangs on it.
@@ -324,24 +326,24 @@ impl<'a> Outcome<'a> {
         let point = |k: usize| CurvePoint {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
-            lift_m: Estimate { value: lifts_m[k], sigma: sigma(k) },
+            deflection_m: Estimate { value: deflections_m[k], sigma: sigma(k) },
             twist_rad: side.map(|_| Estimate { value: curve.bent[k].twist_rad, sigma: sigma(count + k) }),
         };
         let parabola = Gradient {
-            global: DMatrix::from_columns(&[&gradient.global * &by_lift]),
-            local: DMatrix::from_columns(&[&gradient.local * &by_lift]),
+            global: DMatrix::from_columns(&[&gradient.global * &by_deflection]),
+            local: DMatrix::from_columns(&[&gradient.local * &by_deflection]),
             ..gradient
         };
         ((0..count).map(point).collect(), parabola, moment / fourth)
     }
 
-    /// Lifts, then twists, of the curve's points.
+    /// Deflections, then twists, of the curve's points.
     fn along(&self, curve: &Curve) -> Gradient {
         let count = curve.bent.len();
         let mut gradient = self.gradient(2 * count, &[]);
         for (placed, k) in self.layout.unknowns() {
             let mut put = |function, by| self.layout.put(&mut gradient, placed.place, k, function, by);
-            placed.term.lifts(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
+            placed.term.deflections(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
             let twists = curve.bent.iter().map(|section| placed.term.twist(k, section));
             twists.enumerate().for_each(|(at, by)| put(count + at, by));
         }

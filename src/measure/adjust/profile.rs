@@ -33,7 +33,7 @@ const MISSING: &str = "the bending (a) cannot be determined because no marker li
     check root_offset_m and span_direction, or mark more of the wing";
 
 /// Observations that data snooping leaves at least.
-const LEFT_AT_LEAST: usize = 4;
+const MIN_REMAINING: usize = 4;
 
 /// One adjustment, before it is dressed for the results.
 struct Adjusted<'a> {
@@ -122,7 +122,7 @@ pub fn solve(
     let observations: Vec<Observation> = observations.iter().filter(|o| !fixed(o)).cloned().collect();
     let mut adjusted = Adjusted::new(setup, orientation, observations.clone(), options.snooping_alpha)?;
     let mut blunders = Vec::new();
-    let least = LEFT_AT_LEAST.max(observations.len() * 2 / 3);
+    let least = MIN_REMAINING.max(observations.len() * 2 / 3);
     while adjusted.observations.len() > least {
         let Some((index, sentence)) = adjusted.blunder(options) else { break };
         let mut left = adjusted.observations.clone();
@@ -152,8 +152,9 @@ fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem,
             blocks: vec![block(geometry, observation, l, y)],
         });
     }
-    // Start of a: the parabola nearest to the lifts that the ground's distances give.
-    let (up, down) = starts.iter().fold((0.0, 0.0), |(u, d), (x, lift)| (u + lift * x * x, d + x.powi(4)));
+    // Start of a: the parabola nearest to the deflections that the ground's distances give.
+    let (up, down) =
+        starts.iter().fold((0.0, 0.0), |(u, d), (x, deflection)| (u + deflection * x * x, d + x.powi(4)));
     let a = if down > 0.0 { up / down } else { 0.0 };
     Ok(Problem {
         start: DVector::from_element(1, a),
@@ -175,12 +176,12 @@ fn block(geometry: &Geometry, observation: &Observation, l: f64, y: f64) -> Bloc
     Block { observed: DVector::from_vec(vec![l, y, observation.pixel.x, observation.pixel.y]), covariance }
 }
 
-/// Position, lift and distance of one marker as linear functions of the observations.
+/// Position, deflection and distance of one marker as linear functions of the observations.
 struct Placed {
     position_m: Vector3<f64>,
-    lift_m: f64,
+    deflection_m: f64,
     distance: Function,
-    lift: Function,
+    deflection: Function,
     axes: [Function; 3],
 }
 
@@ -206,9 +207,9 @@ impl Adjusted<'_> {
         };
         Ok(Placed {
             position_m,
-            lift_m: position_m.z - self.geometry.setup.markers[observation.marker].position_m.z,
+            deflection_m: position_m.z - self.geometry.setup.markers[observation.marker].position_m.z,
             distance: self.response.function(index, 1.0, RowVector4::zeros()),
-            lift: gradient(1, -1.0),
+            deflection: gradient(1, -1.0),
             axes: [gradient(0, 0.0), gradient(1, 0.0), gradient(2, 0.0)],
         })
     }
@@ -277,14 +278,17 @@ impl Adjusted<'_> {
                 distance_m: Some(Estimate { value, sigma: self.sigma(&placed.distance, scale) }),
                 position_m: Some(placed.position_m),
                 covariance_m2: Some(self.position_covariance(placed) * (scale * scale)),
-                lift_m: Some(Estimate { value: placed.lift_m, sigma: self.sigma(&placed.lift, scale) }),
+                deflection_m: Some(Estimate {
+                    value: placed.deflection_m,
+                    sigma: self.sigma(&placed.deflection, scale),
+                }),
                 ..self.controlled(index, observation.marker)
             };
         }
         markers
     }
 
-    /// Change of the angle of attack from the lifts of two markers (paper, section 4.3).
+    /// Change of the angle of attack from the deflections of two markers (paper, section 4.3).
     fn torsion(&self, placed: &[Placed], scale: f64) -> Vec<Torsion> {
         let find = |marker| Some(&placed[self.observations.iter().position(|o| o.marker == marker)?]);
         let pair = |pair: &TorsionPair| {
@@ -292,10 +296,11 @@ impl Adjusted<'_> {
             let markers = &self.geometry.setup.markers;
             let ground = markers[pair.leading].position_m - markers[pair.trailing].position_m;
             let base = ground.xy().norm();
-            let difference = leading.lift_m - trailing.lift_m;
+            let difference = leading.deflection_m - trailing.deflection_m;
             let c = |f: &Function, g: &Function| self.response.covariance(f, g);
-            let variance = c(&leading.lift, &leading.lift) + c(&trailing.lift, &trailing.lift)
-                - 2.0 * c(&leading.lift, &trailing.lift);
+            let variance = c(&leading.deflection, &leading.deflection)
+                + c(&trailing.deflection, &trailing.deflection)
+                - 2.0 * c(&leading.deflection, &trailing.deflection);
             let by_difference = base / (base * base + difference * difference);
             let sigma = Some(scale * variance.max(0.0).sqrt() * by_difference);
             Some(Estimate { value: difference.atan2(base), sigma })
@@ -320,7 +325,7 @@ impl Adjusted<'_> {
             CurvePoint {
                 arc_length_m: ground,
                 span_m: self.geometry.setup.root_offset_m + x,
-                lift_m: Estimate { value: a * x * x, sigma: Some(by_a.abs() * sigma_a) },
+                deflection_m: Estimate { value: a * x * x, sigma: Some(by_a.abs() * sigma_a) },
                 twist_rad: None,
             }
         };

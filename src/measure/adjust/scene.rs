@@ -233,7 +233,7 @@ impl Scene {
             let there_m = ground_m + Vector3::x().cross(&(ground_m - root_m));
             state.lean(turn_rad, &nominal, &self.on_beam(marker, &bent.sections[marker], &there_m, &bending));
         }
-        state.carry_with_root(&values.root_turn_rad, &values.root_shift_m);
+        state.carry_with_root(&values.root_rotation_rad, &values.root_translation_m);
         state.carried.position_m += moved(&values.moved_m, marker);
         state
     }

@@ -28,9 +28,9 @@ struct Beam {
     taper: f64,
     /// Bending stiffness goes with this power of the chord; 3: skins of constant thickness.
     power: f64,
-    /// Share of a triangular load in an otherwise elliptic lift.
+    /// Share of a triangular load in an otherwise elliptic deflection.
     triangular: f64,
-    /// Weight of the fuel over the lift at the root, proportional to the chord.
+    /// Weight of the fuel over the deflection at the root, proportional to the chord.
     relief: f64,
     /// Where the tanks end, over the span.
     reach: f64,
@@ -68,8 +68,8 @@ const SHORTENING_PASSES: usize = 4;
 impl Beam {
     fn load(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
-        let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
-        lift - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
+        let deflection = elliptic + self.triangular * (1.0 - eta - elliptic);
+        deflection - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
     }
 
     fn chord(&self, eta: f64) -> f64 {

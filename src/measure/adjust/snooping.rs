@@ -21,14 +21,14 @@ const FEW_MARKS: usize = 4;
 
 /// A sum of squares and its redundancy: what a global test judges.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct ResidualSum {
     /// Weighted sum of squares.
     pub omega: f64,
     /// Its redundancy.
     pub redundancy: usize,
 }
 
-impl Judged {
+impl ResidualSum {
     /// Of a solution.
     pub fn of(fit: &Fit) -> Self {
         Self { omega: fit.omega, redundancy: fit.redundancy }
@@ -116,7 +116,7 @@ pub trait Removable: Clone {
     fn solve(&self, before: Option<&Self::Solved>) -> Result<Self::Solved, AdjustError>;
 
     /// What a global test says of a solution.
-    fn judged(solved: &Self::Solved) -> Judged;
+    fn judged(solved: &Self::Solved) -> ResidualSum;
 }
 
 /// What is left after data snooping.
@@ -128,7 +128,7 @@ pub struct Snooped<M: Removable> {
     /// What was taken out.
     pub removed: Vec<Suspect>,
     /// What the global test is to judge where so much is out: all but gross errors.
-    pub judged: Option<Judged>,
+    pub judged: Option<ResidualSum>,
 }
 
 /// Takes blunders out one by one, the worst first, `allowed` of them at most. An early suspect may have been the victim of a
@@ -207,7 +207,7 @@ pub fn marks_contradict(
 }
 
 /// Fixed marks that contradict each other are taken to move by as much more, at most.
-pub const WIDEST_MARKS: f64 = 64.0;
+pub const MAX_FIXED_TARGET_SCALE: f64 = 64.0;
 
 /// Says that fixed marks contradict each other.
 pub fn widened_marks(factor: f64) -> Option<String> {

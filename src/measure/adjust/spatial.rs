@@ -9,24 +9,24 @@ use nalgebra::DMatrix;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{Blocks, with_sources};
-use super::causes::causes;
+use super::common_displacement::causes;
 use super::factors::Factors;
 use super::flight;
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::shapes::shape_covariance;
-use super::snooping::{self, Judged, Removable, Snooped, Suspect, Target};
+use super::snooping::{self, Removable, ResidualSum, Snooped, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
-use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, quality, variance_components};
+use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
-const FEWEST: usize = 6;
+const MIN_MARKERS: usize = 6;
 /// Of a frame's observations, no more than one in so many are left out.
 const LEFT_OUT: usize = 3;
 /// Bending below this counts as unbent when the shape ratios are weighed, 1/m (0.1 m at 32 m).
-const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
+const MIN_CURVATURE_PER_M: f64 = 2e-4;
 /// Bending to start with, 1/m.
 const USUAL_CURVATURE_PER_M: f64 = 5e-3;
 /// Passes in which the amplitude settles that the shape ratios are weighed with.
@@ -54,7 +54,7 @@ impl<'a> Solved<'a> {
         for _ in 0..AMPLITUDE_PASSES {
             let last = solved.as_ref().or(before);
             let (frame, fit) = rough(single, amplitude, last)?;
-            let found = fit.global[0].abs().max(SMALLEST_CURVATURE_PER_M);
+            let found = fit.global[0].abs().max(MIN_CURVATURE_PER_M);
             let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
             solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
             if settled {
@@ -68,7 +68,7 @@ impl<'a> Solved<'a> {
     /// From rough to converged.
     fn finish(&mut self) -> Result<(), AdjustError> {
         self.frame.problem.start = self.fit.global.clone();
-        self.fit = self.frame.solve(&Course { rough: false, residuals: Some(&self.fit) })?;
+        self.fit = self.frame.solve(&SolveOptions { rough: false, residuals: Some(&self.fit) })?;
         Ok(())
     }
 
@@ -105,7 +105,7 @@ fn rough<'a>(
 ) -> Result<(Frame<'a>, Fit), AdjustError> {
     let from = last.map(|s| (&s.frame.layout, &s.fit.global));
     let frame = Frame::new(single, &Start { amplitude_per_m, from });
-    let fit = frame.solve(&Course { rough: true, residuals: last.map(|s| &s.fit) })?;
+    let fit = frame.solve(&SolveOptions { rough: true, residuals: last.map(|s| &s.fit) })?;
     Ok((frame, fit))
 }
 
@@ -123,8 +123,8 @@ impl<'a> Removable for Single<'a> {
         snooping::worst(&self.input, &frame.problem, fit, 0, &frame.members)
     }
 
-    fn judged(solved: &Solved<'a>) -> Judged {
-        Judged::of(&solved.fit)
+    fn judged(solved: &Solved<'a>) -> ResidualSum {
+        ResidualSum::of(&solved.fit)
     }
 
     fn use_marker(&mut self, suspect: &Suspect, used: bool) {
@@ -138,7 +138,7 @@ impl<'a> Removable for Single<'a> {
 
     fn is_enough(&self, _: &Solved<'a>) -> bool {
         let left = self.usage.flight.iter().zip(&self.sights).map(|(used, seen)| seen.filter(|_| *used));
-        on_the_wing(self.input.setup, &left.collect::<Vec<_>>()) >= FEWEST
+        on_the_wing(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
     }
 
     fn solve(&self, before: Option<&Solved<'a>>) -> Result<Solved<'a>, AdjustError> {
@@ -149,7 +149,7 @@ impl<'a> Removable for Single<'a> {
 /// A solution without blunders; fixed marks that contradict each other are widened together.
 fn without_blunders(mut single: Single, allowed: usize) -> Result<Snooped<Single>, AdjustError> {
     let mut all = single.solve(None)?;
-    while single.factors.marks < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
+    while single.factors.marks < snooping::MAX_FIXED_TARGET_SCALE && single.marks_contradict(&all) {
         single.factors.marks *= 2.0;
         all = single.solve(Some(&all))?;
     }
@@ -191,11 +191,11 @@ pub fn solve(
     let scene = Scene::new(setup, orientation)?;
     let sights = by_marker(setup, observations)?;
     let found = on_the_wing(setup, &sights);
-    if found < FEWEST {
-        return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
+    if found < MIN_MARKERS {
+        return Err(AdjustError::TooFewMarkers { found, needed: MIN_MARKERS });
     }
     let input = Input { setup, orientation, scene: &scene, options };
-    if options.taught.is_some() && !options.variance_components {
+    if options.flight_prior.is_some() && !options.variance_components {
         return flight::one(&input, observations);
     }
     let allowed = sights.iter().flatten().count() / LEFT_OUT;

@@ -36,8 +36,8 @@ pub enum Effect {
     Wing {
         /// d position of a marker, wing frame, m per its unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
-        /// d lift of the axis along the curve, m per its unit; empty where it does not lift the axis.
-        lifts: fn(&Curve, usize) -> Vec<f64>,
+        /// d deflection of the axis along the curve, m per its unit; empty where it does not deflection the axis.
+        deflections: fn(&Curve, usize) -> Vec<f64>,
         /// d twist of a section, rad per its unit.
         twist: fn(&Section, usize) -> f64,
     },
@@ -50,10 +50,10 @@ pub enum Effect {
     },
     /// Markers are moved by a little.
     Moves(Displacement),
-    /// The direction that lifts are counted along, in which the wing bends.
+    /// The direction that deflections are counted along, in which the wing bends.
     Vertical {
-        /// d lift, m per its unit, where a marker is displaced by so much (wing frame, m).
-        lift: fn(&Vector3<f64>, usize) -> f64,
+        /// d deflection, m per its unit, where a marker is displaced by so much (wing frame, m).
+        deflection: fn(&Vector3<f64>, usize) -> f64,
         /// d position of a marker, wing frame, m per its unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
     },
@@ -61,7 +61,7 @@ pub enum Effect {
 
 /// When markers are displaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Instant {
+pub enum DisplacementEpoch {
     /// In flight: a part of a marker's position.
     InFlight,
     /// In the ground frame.
@@ -74,21 +74,21 @@ pub enum Instant {
 #[derive(Clone, Debug)]
 pub struct Displacement {
     /// When.
-    pub instant: Instant,
+    pub instant: DisplacementEpoch,
     /// Per column, per marker.
     pub fields: Vec<Vec<Vector3<f64>>>,
 }
 
 impl Displacement {
-    fn by(&self, k: usize, marker: usize, instant: Instant) -> Vector3<f64> {
+    fn by(&self, k: usize, marker: usize, instant: DisplacementEpoch) -> Vector3<f64> {
         if instant == self.instant { self.fields[k][marker] } else { Vector3::zeros() }
     }
 
     fn enter(&self, x: &[f64], values: &mut Values) {
         let target = match self.instant {
-            Instant::InFlight => &mut values.moved_m,
-            Instant::OnGround => &mut values.moved_on_ground_m,
-            Instant::AtItsRow => &mut values.moved_at_row_m,
+            DisplacementEpoch::InFlight => &mut values.moved_m,
+            DisplacementEpoch::OnGround => &mut values.moved_on_ground_m,
+            DisplacementEpoch::AtItsRow => &mut values.moved_at_row_m,
         };
         for (field, x) in self.fields.iter().zip(x) {
             target.resize(field.len(), Vector3::zeros());
@@ -102,7 +102,7 @@ impl Term {
     pub fn position(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {
             Effect::Wing { position, .. } | Effect::Vertical { position, .. } => position(state, k),
-            Effect::Moves(ref moves) => moves.by(k, state.marker, Instant::InFlight),
+            Effect::Moves(ref moves) => moves.by(k, state.marker, DisplacementEpoch::InFlight),
             Effect::Picture { .. } => Vector3::zeros(),
         }
     }
@@ -110,24 +110,24 @@ impl Term {
     /// d place of a marker in the ground frame, wing frame, m per the unknown's unit.
     pub fn ground(&self, k: usize, marker: usize) -> Vector3<f64> {
         match &self.effect {
-            Effect::Moves(moves) => moves.by(k, marker, Instant::OnGround),
+            Effect::Moves(moves) => moves.by(k, marker, DisplacementEpoch::OnGround),
             _ => Vector3::zeros(),
         }
     }
 
-    /// d lift of a marker that is displaced by so much (wing frame, m), where the unknown changes what it is counted
+    /// d deflection of a marker that is displaced by so much (wing frame, m), where the unknown changes what it is counted
     /// along, m per its unit.
     pub fn along_vertical(&self, k: usize, displacement_m: &Vector3<f64>) -> f64 {
         match &self.effect {
-            Effect::Vertical { lift, .. } => lift(displacement_m, k),
+            Effect::Vertical { deflection, .. } => deflection(displacement_m, k),
             _ => 0.0,
         }
     }
 
-    /// d lift of the axis along the curve, m per the unknown's unit; empty where it does not lift the axis.
-    pub fn lifts(&self, k: usize, curve: &Curve) -> Vec<f64> {
+    /// d deflection of the axis along the curve, m per the unknown's unit; empty where it does not deflection the axis.
+    pub fn deflections(&self, k: usize, curve: &Curve) -> Vec<f64> {
         match &self.effect {
-            Effect::Wing { lifts, .. } => lifts(curve, k),
+            Effect::Wing { deflections, .. } => deflections(curve, k),
             _ => vec![],
         }
     }
@@ -148,8 +148,8 @@ impl Term {
             }
             Effect::Picture { pixel, .. } => pixel(predicted, k),
             Effect::Moves(ref moves) => {
-                let at_row = moves.by(k, state.marker, Instant::AtItsRow);
-                predicted.by_point * (at_row + moves.by(k, state.marker, Instant::InFlight))
+                let at_row = moves.by(k, state.marker, DisplacementEpoch::AtItsRow);
+                predicted.by_point * (at_row + moves.by(k, state.marker, DisplacementEpoch::InFlight))
             }
         }
     }
@@ -166,7 +166,7 @@ impl Term {
 
 /// First column of a set of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum ParameterScope {
     /// Among the global parameters.
     Global(usize),
     /// Among the group's local parameters.
@@ -179,15 +179,15 @@ pub struct Placed {
     /// What it is.
     pub term: Arc<Term>,
     /// Where it stands.
-    pub place: Place,
+    pub place: ParameterScope,
 }
 
 impl Placed {
     /// Adds its values to the model's.
     pub fn enter(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut Values) {
         let (vector, first) = match self.place {
-            Place::Global(first) => (global, first),
-            Place::Local(first) => (local, first),
+            ParameterScope::Global(first) => (global, first),
+            ParameterScope::Local(first) => (local, first),
         };
         let x = &vector.as_slice()[first..first + self.term.size];
         (self.term.enter)(x, values);
@@ -224,7 +224,7 @@ impl Columns {
     pub fn place(&mut self, term: Term) -> Placed {
         let first = self.take(term.size, term.missing);
         self.priors.extend(term.priors.iter().map(|prior| prior.clone().moved(first)));
-        let place = if self.is_local { Place::Local(first) } else { Place::Global(first) };
+        let place = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
         Placed { term: Arc::new(term), place }
     }
 }

@@ -3,7 +3,7 @@
 //! A new one is one function that returns a [`Term`], in the file of its subject in this folder, and its name in a list
 //! here: in [`shared`] where all frames have it in common, in [`of_mounting`] where those of one mounting have. The term
 //! says how many columns it has, what is known of them beforehand, which quantity of the model it changes, and how
-//! positions, pixels, lifts and twist answer to it. From there follow start and normal equations, the sentence where
+//! positions, pixels, deflections and twist answer to it. From there follow start and normal equations, the sentence where
 //! nothing determines it, its share of every result's covariance, and under its name the prior's share of a variance
 //! ([`crate::estimation::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
 //! [`super::values::Values`] and to the function of [`super::scene`] that takes it.
@@ -12,7 +12,7 @@ mod camera;
 mod motion;
 mod wing;
 
-pub use camera::{LEAST_DRIFT_RAD, repeatability_rad, rotation_of_mounting, stated_drift_rad};
+pub use camera::{MIN_DRIFT_RAD, repeatability_rad, rotation_of_mounting, stated_drift_rad};
 pub use motion::{SHAKE, VIBRATION, common_cause, of_flight, of_frame, of_rows};
 pub use wing::{curvature, twist};
 
@@ -20,14 +20,14 @@ use nalgebra::Matrix3;
 
 use self::camera::rotation_since_ground;
 use super::input::Input;
-use super::term::{Columns, Place, Placed, Term};
+use super::term::{Columns, ParameterScope, Placed, Term};
 
 /// What all frames have in common, placed.
 pub struct Shared {
     /// All of them.
     pub placed: Vec<Placed>,
     /// Height of the bending axis.
-    pub axis_height: Place,
+    pub axis_height: ParameterScope,
     /// The root's motion.
     pub root: Vec<Placed>,
 }

@@ -30,9 +30,9 @@ pub struct Values {
     /// The same at the instant of its row, against the middle row's.
     pub moved_at_row_m: Vec<Vector3<f64>>,
     /// Rotation of the root since the ground frame, about the wing frame's axes, rad.
-    pub root_turn_rad: Vector3<f64>,
+    pub root_rotation_rad: Vector3<f64>,
     /// Shift of the root since then, m.
-    pub root_shift_m: Vector3<f64>,
+    pub root_translation_m: Vector3<f64>,
     /// Rotation about the span of the plane that the wing bends in, which is upright in an upright survey, rad; `None`: held.
     pub plane_rad: Option<f64>,
     /// How markers answer to corrections of what the user can only estimate, where that is taken for granted.
@@ -52,8 +52,8 @@ impl Values {
             moved_m: vec![],
             moved_on_ground_m: vec![],
             moved_at_row_m: vec![],
-            root_turn_rad: Vector3::zeros(),
-            root_shift_m: Vector3::zeros(),
+            root_rotation_rad: Vector3::zeros(),
+            root_translation_m: Vector3::zeros(),
             plane_rad: None,
             answers: None,
         }
@@ -61,7 +61,7 @@ impl Values {
 
     /// What the root's motion moves a point of the wing by, wing frame, m.
     pub fn by_root_m(&self, from_root_m: &Vector3<f64>) -> Vector3<f64> {
-        self.root_turn_rad.cross(from_root_m) + self.root_shift_m
+        self.root_rotation_rad.cross(from_root_m) + self.root_translation_m
     }
 
     /// What bends the wing.

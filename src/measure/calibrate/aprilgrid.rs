@@ -17,7 +17,7 @@ use super::{BoardPoint, View, reduced, saddle, start};
 use crate::raster::Raster;
 
 /// Tags needed for a view.
-const LEAST_TAGS: usize = 4;
+const MIN_TAGS: usize = 4;
 /// Parts along each side of the picture; each overlaps half of the next, so that a tag of a quarter of the
 /// picture lies whole in one.
 const PARTS: usize = 3;
@@ -32,7 +32,7 @@ pub(super) fn find(
     spacing: f64,
 ) -> Result<Sighting, BoardError> {
     let tags = tags(raster, columns * rows);
-    if tags.len() < LEAST_TAGS {
+    if tags.len() < MIN_TAGS {
         return Err(if tags.is_empty() {
             BoardError::NotFound
         } else {
@@ -95,7 +95,7 @@ fn hint(raster: &Raster, tag: &Tag, k: usize, spacing: f64) -> Option<Hint> {
     let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
     let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
     let centre = saddle::refine(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
-    let radius_px = (REACH * square * sine).min(corner::LARGEST_PX);
+    let radius_px = (REACH * square * sine).min(corner::MAX_REFINEMENT_PX);
     Some(Hint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
 }
 

@@ -4,12 +4,12 @@ use nalgebra::Vector2;
 
 use super::adjust::{Adjusted, Start, adjust};
 use super::model::{Covariance, DISTANCES_M, GLOBAL, INTERIOR};
-use super::{LEAST_VIEWS, View, quality};
+use super::{MIN_VIEWS, View, quality};
 
 /// Cells over the image's and the board's width and height.
 const CELLS: usize = 8;
 /// Points of a cell whose mean tells anything.
-const LEAST_IN_CELL: usize = 4;
+const MIN_CORNERS_IN_CELL: usize = 4;
 
 /// Two cameras, each from every second picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub(super) fn halves(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Halv
             used.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, v)| v.clone()).collect();
         let mut start = Start::of(adjusted);
         start.poses = adjusted.poses.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, p)| *p).collect();
-        (views.len() >= LEAST_VIEWS).then(|| adjust(&views, &start, adjusted.model_sigma_px).ok()).flatten()
+        (views.len() >= MIN_VIEWS).then(|| adjust(&views, &start, adjusted.model_sigma_px).ok()).flatten()
     };
     let (a, b) = (of(0)?, of(1)?);
     let change = b.solution.global - a.solution.global;
@@ -75,7 +75,7 @@ fn common(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 
     }
     let mean = all / n.max(1) as f64;
     let (mut sum, mut points) = (0.0, 0usize);
-    for (count, total, _) in cells.iter().filter(|c| c.0 >= LEAST_IN_CELL) {
+    for (count, total, _) in cells.iter().filter(|c| c.0 >= MIN_CORNERS_IN_CELL) {
         let k = *count as f64;
         sum += k * ((total / k).norm_squared() - mean / k);
         points += count;

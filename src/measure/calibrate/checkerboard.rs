@@ -98,7 +98,7 @@ fn hint(corners: &Corners, cell: Cell) -> Option<Hint> {
     let along = line(corners, cell, (1, 0))?;
     let across = line(corners, cell, (0, 1))?;
     let sine = along.0.normalize().perp(&across.0.normalize()).abs();
-    let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::LARGEST_PX);
+    let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::MAX_REFINEMENT_PX);
     let curvature_per_px = [along.1, across.1];
     Some(Hint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
 }

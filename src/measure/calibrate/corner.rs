@@ -29,7 +29,7 @@ const BAND_BLURS: f64 = 4.0;
 /// The same as a share of the window, for pictures less sharp.
 const BAND_SHARE: f64 = 1.0 / 3.0;
 /// Blurs that fit into the window at least; more blur and the edges' ends count as edges.
-const LEAST_BLURS: f64 = 1.5;
+const MIN_BLURS: f64 = 1.5;
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -49,7 +49,7 @@ pub(super) struct Hint {
 
 /// Radius of the largest window, px: a corner is then known to a few thousandths of a pixel, below what boards
 /// are printed to, and further out a wide lens bends edges more than by their curvature.
-pub(super) const LARGEST_PX: f64 = 24.0;
+pub(super) const MAX_REFINEMENT_PX: f64 = 24.0;
 
 /// A fitted corner.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +94,7 @@ pub(super) fn fit(raster: &Raster, hint: &Hint) -> Option<Corner> {
 fn outcome(hint: &Hint, at: &Unknowns, normal: &Normal, sum: f64, pixels: usize) -> Option<Corner> {
     let pixel = Vector2::new(at[0], at[1]);
     let plausible = (pixel - hint.centre).norm() < 0.5 * hint.radius_px
-        && at[4] * LEAST_BLURS < hint.radius_px
+        && at[4] * MIN_BLURS < hint.radius_px
         && at[6].abs() > 1.0;
     let unit = (SMOOTHED * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
     let inverse = normal.cholesky()?.inverse();

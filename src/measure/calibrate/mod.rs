@@ -168,9 +168,9 @@ pub enum CalibrateError {
 }
 
 /// Views needed: below, the nine interior parameters are not checked at all.
-const LEAST_VIEWS: usize = 3;
+const MIN_VIEWS: usize = 3;
 /// Points of one view needed for its pose and a check.
-const LEAST_POINTS: usize = 8;
+const MIN_POINTS: usize = 8;
 /// Some hundred points leave Student's t at the normal's.
 const SIGNIFICANT: f64 = 1.96;
 

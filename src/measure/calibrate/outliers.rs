@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::adjust::Adjusted;
 use super::model::{Jacobians, Size, jacobians, rms};
-use super::{CalibrateError, LEAST_POINTS, LEAST_VIEWS, View, start};
+use super::{CalibrateError, MIN_POINTS, MIN_VIEWS, View, start};
 use crate::estimation::robust::{Location, MEDIAN_SQUARE_OF_ONE, common_variance, median, scale};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
@@ -28,7 +28,7 @@ const MEDIAN_SCALE: f64 = 0.72;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Dropped {
     /// Not enough of the board.
-    #[error("only {found} points of the board found, {LEAST_POINTS} are needed")]
+    #[error("only {found} points of the board found, {MIN_POINTS} are needed")]
     TooFewPoints {
         /// Points found.
         found: usize,
@@ -97,7 +97,7 @@ impl Selection {
         let limit = FOREIGN * median(rest.clone()).unwrap_or(0.0) + 1.0;
         let foreign = |misfit: f64| misfit.is_nan() || misfit > limit;
         // Where too few would be left, the adjustment must say.
-        if rest.iter().filter(|m| !foreign(**m)).count() >= LEAST_VIEWS {
+        if rest.iter().filter(|m| !foreign(**m)).count() >= MIN_VIEWS {
             for (reason, misfit) in dropped.iter_mut().zip(&misfits) {
                 if reason.is_none() && foreign(*misfit) {
                     *reason = Some(Dropped::NoPlane { misfit_px: *misfit });
@@ -110,7 +110,7 @@ impl Selection {
 
     /// An error with the reasons where too few are left.
     pub(super) fn enough(&self) -> Result<(), CalibrateError> {
-        let (found, needed) = (self.used.len(), LEAST_VIEWS);
+        let (found, needed) = (self.used.len(), MIN_VIEWS);
         if found < needed {
             return Err(CalibrateError::TooFewViews { found, needed, dropped: self.dropped.clone() });
         }
@@ -125,7 +125,7 @@ impl Selection {
         let worst = zoomed.or_else(|| {
             self.far_off(&residuals, &squares).map(|(k, reason)| self.reason(adjusted, &residuals, k, reason))
         });
-        match worst.filter(|_| self.used.len() > LEAST_VIEWS) {
+        match worst.filter(|_| self.used.len() > MIN_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
                 self.dropped[index] = Some(reason);
@@ -194,7 +194,7 @@ impl Selection {
             let kept: View = fits.map(|(p, _)| p).collect();
             changed |= kept.len() < before;
             let of = views[index].len();
-            if 2 * kept.len() >= of && kept.len() >= LEAST_POINTS {
+            if 2 * kept.len() >= of && kept.len() >= MIN_POINTS {
                 self.used.push((index, kept));
             } else {
                 self.dropped[index] = Some(Dropped::Points { lost: of - kept.len(), of });
@@ -238,7 +238,7 @@ fn limit(n: usize, sides: f64) -> f64 {
 }
 
 fn obvious(views: &[View], k: usize) -> Option<Dropped> {
-    if views[k].len() < LEAST_POINTS {
+    if views[k].len() < MIN_POINTS {
         return Some(Dropped::TooFewPoints { found: views[k].len() });
     }
     views[..k].iter().position(|v| same(v, &views[k])).map(|first| Dropped::Twice { of: first + 1 })

@@ -8,11 +8,11 @@ const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;
 
 /// Half the side of the largest window, px. A bound on the time: it only has to begin the fit.
-const LARGEST_HALF: usize = 8;
+const MAX_HALF_WINDOW: usize = 8;
 
 /// Half the side of the window for a known distance to the nearest other corner, px: a third of it.
 pub(super) fn half_window_for(distance_px: f64) -> usize {
-    ((distance_px / 3.0) as usize).clamp(2, LARGEST_HALF)
+    ((distance_px / 3.0) as usize).clamp(2, MAX_HALF_WINDOW)
 }
 
 /// The point to which every edge's gradient in the window is orthogonal (Förstner and Gülch 1987),

@@ -53,7 +53,7 @@ use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
 use crate::detect::revise::neighbours::inflate_unlike;
 use crate::detect::scope::Scope;
-use crate::detect::search::{Look, Progress, is_faint};
+use crate::detect::search::{Progress, SearchOptions, is_faint};
 use crate::detect::segment::windows;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
@@ -61,30 +61,30 @@ use crate::tiles::Tiles;
 
 pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Overshoot, Prediction, RejectReason, Rejected};
-pub use revise::orientation::{Expected, UNSURE_PX2, look_closer};
+pub use revise::orientation::{Expected, UNSURE_PX2, second_pass};
 
 /// Most rejected hypotheses that are reported, the largest.
 const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    detections(image, find(image, Looker::new(image).look(Scope::Frame)))
+    detections(image, find(image, GuidedDetector::new(image).look(Scope::Frame)))
 }
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    Looker::new(image).closely(image, predictions)
+    GuidedDetector::new(image).detect(image, predictions)
 }
 
 /// What is known of a frame that is looked at where markers are predicted, once or several times. Of the picture only what
 /// [`tiles_read`] says need be there at each look.
-pub struct Looker {
+pub struct GuidedDetector {
     noise: f64,
     sharpening: Sharpening,
 }
 
-impl Looker {
+impl GuidedDetector {
     /// At a frame in which nothing has been found.
     pub fn new(image: &Raster) -> Self {
         Self { noise: noise::estimate(image), sharpening: Sharpening::Open }
@@ -97,29 +97,29 @@ impl Looker {
     }
 
     /// The predicted markers, as [`detect_guided`] finds them.
-    pub fn closely(&self, image: &Raster, predictions: &[Prediction]) -> Detections {
+    pub fn detect(&self, image: &Raster, predictions: &[Prediction]) -> Detections {
         let mut all = find(image, self.look(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
         detections(image, all)
     }
 
     /// Those that show without effort, to some tenths of a pixel.
-    pub fn roughly(&mut self, image: &Raster, predictions: &[Prediction]) -> Vec<Detection> {
-        let look = Look { rough: true, ..self.look(Scope::Around(predictions)) };
+    pub fn detect_coarse(&mut self, image: &Raster, predictions: &[Prediction]) -> Vec<Detection> {
+        let look = SearchOptions { rough: true, ..self.look(Scope::Around(predictions)) };
         let All { mut found, sharpening, .. } = find(image, look);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
     }
 
-    fn look<'p>(&self, scope: Scope<'p>) -> Look<'p> {
-        Look { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
+    fn look<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
+        SearchOptions { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
     }
 }
 
 /// What is found, searched for at the usual levels and, where that is faint, at fainter ones: of what is predicted, what is
 /// missing.
-fn find(image: &Raster, look: Look) -> All {
+fn find(image: &Raster, look: SearchOptions) -> All {
     let smooth = |scope, from: f64| if look.noise > from { smoothed(image, scope) } else { None };
     let usual = smooth(look.scope, noise::FRAYING);
     let seen = usual.as_ref().unwrap_or(image);
@@ -136,7 +136,7 @@ fn find(image: &Raster, look: Look) -> All {
         }
         progress.search(seen, true);
     }
-    let Progress { mut found, look: Look { noise, sharpening, .. }, .. } = progress;
+    let Progress { mut found, look: SearchOptions { noise, sharpening, .. }, .. } = progress;
     inflate_unlike(&mut found);
     All { found, noise, sharpening }
 }

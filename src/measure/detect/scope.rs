@@ -21,7 +21,7 @@ const PART: f64 = 0.3;
 /// How much longer it may look before it is measured, a ratio.
 const WIDER: f64 = 1.6;
 /// How far a centre may be off at most, px: a bound on time.
-const FARTHEST_PX: f64 = 500.0;
+const MAX_DISTANCE_PX: f64 = 500.0;
 /// How much larger than predicted a marker may show, a ratio.
 const LARGER: f64 = 1.1;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
@@ -32,7 +32,7 @@ const MARGIN: usize = 40;
 impl Prediction {
     /// How far the centre may be off along u and v, px.
     fn reach(&self) -> Vector2<f64> {
-        self.search_px.map(|far| far.clamp(0.0, FARTHEST_PX))
+        self.search_px.map(|far| far.clamp(0.0, MAX_DISTANCE_PX))
     }
 
     /// A place moved towards the predicted centre by as much as that may be off.
@@ -136,7 +136,7 @@ impl Scope<'_> {
         let seen = &hypothesis.ellipse;
         let beside = |m: &&Measured| {
             let own = m.detection.ellipse();
-            m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
+            m.is_sure() && m.is_whole && !own.contains(seen.centre) && !seen.contains(own.centre)
         };
         let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
         let there = matched(&found, predictions).1;

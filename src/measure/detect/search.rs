@@ -25,7 +25,7 @@ use crate::setup::Shape;
 pub fn is_faint(found: &Found, factor: usize) -> bool {
     /// Share of white or skin by which a marker's darkest block is darker, below which it is faint: two and a half times what
     /// passes the usual levels.
-    const LEAST: f64 = 0.3;
+    const MIN_DARKNESS: f64 = 0.3;
     /// Markers of which nothing can be made: an orientation needs four.
     const TOO_FEW: usize = 4;
     /// Of so many one must be faint: a spot or a cap may be, among markers that are not. In haze half of them are.
@@ -34,7 +34,7 @@ pub fn is_faint(found: &Found, factor: usize) -> bool {
     const LARGE: f64 = 0.5;
     // What is thinner than a block takes a part of it only.
     let covered = |m: &Measured| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
-    let is_weak = |m: &&&Measured| !m.through_glare && covered(m) * m.darkness < LEAST;
+    let is_weak = |m: &&&Measured| !m.through_glare && covered(m) * m.darkness < MIN_DARKNESS;
     let usual = median(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
     let large: Vec<&Measured> =
         found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * usual).collect();
@@ -122,7 +122,7 @@ impl Search<'_> {
 
 /// How a picture is looked at.
 #[derive(Clone, Copy)]
-pub struct Look<'a> {
+pub struct SearchOptions<'a> {
     /// What of it.
     pub scope: Scope<'a>,
     /// Noise of its grey values, grey levels.
@@ -137,13 +137,13 @@ pub struct Look<'a> {
 pub struct Progress<'a> {
     image: &'a Raster,
     gathered: Gathered,
-    pub look: Look<'a>,
+    pub look: SearchOptions<'a>,
     pub found: Found,
 }
 
 impl<'a> Progress<'a> {
     /// Nothing yet of a picture whose blobs are sought in the one that is seen.
-    pub fn new(image: &'a Raster, seen: &Raster, look: Look<'a>) -> Self {
+    pub fn new(image: &'a Raster, seen: &Raster, look: SearchOptions<'a>) -> Self {
         let part = look.scope.part(seen.width(), seen.height());
         let gathered = Gathered::new(seen, part, look.scope.longest_px());
         Self { image, gathered, look, found: Found::default() }
@@ -151,7 +151,7 @@ impl<'a> Progress<'a> {
 
     /// The same with other blobs: those of another part of the picture that is seen.
     pub fn within(self, seen: &Raster, scope: Scope<'a>) -> Self {
-        let look = Look { scope, ..self.look };
+        let look = SearchOptions { scope, ..self.look };
         Self { found: self.found, ..Self::new(self.image, seen, look) }
     }
 
@@ -166,7 +166,7 @@ impl<'a> Progress<'a> {
         let (found, suspects) = self.measured(seen, first);
         self.found = found;
         if self.look.sharpening == Sharpening::Open {
-            self.look.sharpening = sharpening::told(suspects, self.image, self.look.noise);
+            self.look.sharpening = sharpening::estimate_sharpening(suspects, self.image, self.look.noise);
             if let Sharpening::Of(_) = self.look.sharpening {
                 // All over again, with what is known now.
                 self.found = self.measured(seen, Vec::new()).0;
@@ -180,7 +180,7 @@ impl<'a> Progress<'a> {
 
     /// What is found at the levels that were looked at, beside what was measured before; and what tells of sharpening.
     fn measured(&self, seen: &Raster, before: Vec<Measured>) -> (Found, Suspects) {
-        let Look { scope, noise, sharpening, rough } = self.look;
+        let SearchOptions { scope, noise, sharpening, rough } = self.look;
         let bounds = Bounds { overshoot: sharpening.overshoot(), rough, ..Bounds::of(noise) };
         let blobs = self.gathered.blobs();
         let found = Found { measured: before, rejected: Vec::new() };

@@ -1,7 +1,7 @@
 //! The window's pane: a plane-parallel plate moves every ray sideways and turns none.
 //!
 //! Rule of thumb: seen through acrylic, the camera looks as if it stood a third of the thickness nearer to
-//! the pane: 4.8 mm for 14.5 mm, which is 5 px for a marker at 8 m and, seen in flight only, 6 cm of lift.
+//! the pane: 4.8 mm for 14.5 mm, which is 5 px for a marker at 8 m and, seen in flight only, 6 cm of deflection.
 //!
 //! Formula: a ray at the angle i to the normal leaves a plate of thickness t and index n on a line through the
 //! point `k` along the normal from the projection centre, `k = t (1 - cos i / sqrt(n^2 - sin^2 i))`, wherever

@@ -24,9 +24,9 @@ const ROUNDING: f64 = 1e-12;
 /// and above what changes a step in double precision.
 const FIRST_DAMPING: f64 = 1e-4;
 /// See [`FIRST_DAMPING`].
-const LEAST_DAMPING: f64 = 1e-12;
+const MIN_DAMPING: f64 = 1e-12;
 /// See [`FIRST_DAMPING`].
-const MOST_DAMPING: f64 = 1e12;
+const MAX_DAMPING: f64 = 1e12;
 
 /// Knowledge of a shared parameter from elsewhere.
 #[derive(Clone, Copy, Debug)]
@@ -128,9 +128,9 @@ pub fn solve<const G: usize, const L: usize, M: Model<G, L>>(
         match tried {
             Some(next) => {
                 (global, own, equations) = next;
-                damping = (damping * 0.1).max(LEAST_DAMPING);
+                damping = (damping * 0.1).max(MIN_DAMPING);
             }
-            None if damping < MOST_DAMPING => damping *= 10.0,
+            None if damping < MAX_DAMPING => damping *= 10.0,
             None => break,
         }
         if equations.promise(held).is_some_and(|p| p < CONVERGED) {

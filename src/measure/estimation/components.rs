@@ -38,9 +38,9 @@ const SETTLED: f64 = 1e-6;
 /// Information added to each component's own, so that one without any stays where it is.
 const RIDGE: f64 = 0.1;
 /// Longest step, in the logarithm.
-const LONGEST_STEP: f64 = 1.0;
+const MAX_STEP: f64 = 1.0;
 /// A component on its way below this is zero, for all that the observations say.
-const SMALLEST: f64 = 1e-3;
+const MIN_COMPONENT: f64 = 1e-3;
 /// Relative standard deviation of a component that is not worth stating: that of two redundant
 /// observations. How well a component is known that has to be taken as stated: the same.
 const VAGUE: f64 = 1.0;
@@ -99,8 +99,8 @@ pub fn variance_components(
         share = if turned { 0.5 * share } else { (1.5 * share).min(1.0) };
         before.clone_from(&steps);
         for i in 0..groups.len() {
-            logs[i] += share * steps[i].clamp(-LONGEST_STEP, LONGEST_STEP);
-            if logs[i] < SMALLEST.ln() {
+            logs[i] += share * steps[i].clamp(-MAX_STEP, MAX_STEP);
+            if logs[i] < MIN_COMPONENT.ln() {
                 remarks.push(sentence(groups[i].name, shares.redundancy[i]));
                 (free[i], logs[i]) = (false, 0.0);
             }

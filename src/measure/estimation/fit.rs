@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{add_scaled, dot};
-use super::problem::{Known, Linearised};
+use super::problem::{InformationPrior, Linearised};
 
 /// State of one block at the solution.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,9 +118,9 @@ impl Fit {
     }
 
     /// What it tells of the global parameters.
-    pub fn known(&self) -> Known {
+    pub fn known(&self) -> InformationPrior {
         let conditions = self.global.len();
-        Known { mean: self.global.clone(), information: self.information.clone(), conditions }
+        InformationPrior { mean: self.global.clone(), information: self.information.clone(), conditions }
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.

@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use super::error::EstimationError;
 
 /// Smallest pivot of the normal matrix scaled to a unit diagonal.
-const SMALLEST_PIVOT: f64 = 1e-13;
+const MIN_PIVOT: f64 = 1e-13;
 
 /// `W` with `W' W = (B Q B')^-1`, lower triangular, and the `B` that it holds for: most conditions
 /// answer to their observations in the same way at every point.
@@ -201,7 +201,7 @@ pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<
     match Cholesky::new(scaled()) {
         Some(cholesky) => {
             let l = cholesky.l_dirty();
-            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < SMALLEST_PIVOT) {
+            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < MIN_PIVOT) {
                 Some(column) => Err(culprit(column)),
                 None => Ok(Factor { scale, cholesky }),
             }

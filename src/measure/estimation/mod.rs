@@ -31,26 +31,26 @@ pub mod arrow;
 mod components;
 mod error;
 mod fit;
+mod hessian_correction;
 mod linear;
 mod prior;
 mod problem;
 pub mod quality;
 pub mod robust;
 mod secants;
-mod second;
-mod shares;
 mod solve;
 mod stack;
 mod state;
 mod system;
+mod variance_budget;
 
 pub use components::{Components, VarianceComponent, VarianceGroup, variance_components};
 pub use error::EstimationError;
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
-pub use problem::{Block, Group, GroupPoint, Known, Linearised, Point, Prior, Problem};
+pub use problem::{Block, Group, GroupPoint, InformationPrior, Linearised, Point, Prior, Problem};
 pub use quality::{GlobalTest, SigmaKind};
-pub use shares::{Naming, Observed, Part, Sources, Told};
-pub use solve::{Course, solve, solve_from, solve_groups};
+pub use solve::{SolveOptions, solve, solve_from, solve_groups};
+pub use variance_budget::{AttributedInformation, Naming, Observed, Part, Sources};
 
 #[cfg(test)]
 mod tests;

@@ -57,7 +57,7 @@ impl Prior {
 
 /// Knowledge about all global parameters together, as an earlier solution left it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Known {
+pub struct InformationPrior {
     /// Their expected values.
     pub mean: DVector<f64>,
     /// Inverse of the expectation's covariance; singular where it tells of some of them, or of sums, alone.
@@ -77,7 +77,7 @@ pub struct Problem {
     /// Priors on global parameters.
     pub priors: Vec<Prior>,
     /// What else is known of all of them.
-    pub known: Option<Known>,
+    pub known: Option<InformationPrior>,
     /// The groups.
     pub groups: Vec<Group>,
 }

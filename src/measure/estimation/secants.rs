@@ -28,7 +28,7 @@ impl Secants {
     const MEMORY: usize = 8;
     /// Curvature along a step over that of the normal matrix, at least (Powell's damping): no step is more than the inverse too
     /// short.
-    const LEAST: f64 = 0.05;
+    const MIN_CURVATURE_RATIO: f64 = 0.05;
     /// Squared length in standard deviations beyond which a step says nothing of the next.
     const NEAR: f64 = 100.0;
     /// Departure from the normal matrix' curvature, as a share of it, that says nothing: its own steps end quickly then.
@@ -85,7 +85,7 @@ impl Secants {
         if own <= 0.0 || own > Self::NEAR || (curved / own - 1.0).abs() < Self::FORETOLD {
             return;
         }
-        let least = Self::LEAST * own;
+        let least = Self::MIN_CURVATURE_RATIO * own;
         if curved < least {
             let share = (own - least) / (own - curved);
             turned = turned * share + usual * (1.0 - share);

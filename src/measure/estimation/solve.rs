@@ -5,9 +5,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::fit::Fit;
+use super::hessian_correction;
 use super::problem::{GroupPoint, Linearised, Point, Problem};
 use super::secants::Secants;
-use super::second;
 use super::state::{State, residual_change};
 use super::system::System;
 
@@ -31,9 +31,9 @@ const USUALLY_SHORTER: f64 = 0.25;
 /// The same at least and at most, where a parabola tells it.
 const SHORTER: (f64, f64) = (0.1, 0.5);
 /// Damping beyond which nothing leads down.
-const MOST_DAMPING: f64 = 1e12;
+const MAX_DAMPING: f64 = 1e12;
 /// Share of a step below which its direction is no longer believed, and it is damped.
-const SHORTEST: f64 = 0.01;
+const MIN_STEP_FRACTION: f64 = 0.01;
 /// Where the groups' own parameters alone have more to gain than such a share of what a whole step gains, they settle first:
 /// only then is the global right side the gradient of what is left.
 const UNSETTLED: f64 = 0.1;
@@ -65,12 +65,12 @@ pub fn solve_groups(
     problem: &Problem,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
 ) -> Result<Fit, EstimationError> {
-    solve_from(problem, &Course::default(), linearise)
+    solve_from(problem, &SolveOptions::default(), linearise)
 }
 
 /// How far a solution is carried, and what is known before.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Course<'a> {
+pub struct SolveOptions<'a> {
     /// Stop within a hundredth of a standard deviation.
     pub rough: bool,
     /// Residuals of an earlier solution to start from, where its blocks are the same.
@@ -80,10 +80,10 @@ pub struct Course<'a> {
 /// As [`solve_groups`], on a given course.
 pub fn solve_from(
     problem: &Problem,
-    course: &Course,
+    course: &SolveOptions,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
 ) -> Result<Fit, EstimationError> {
-    let mut way = Way::begin(problem, course, linearise)?;
+    let mut way = GaussNewton::begin(problem, course, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
         if way.step(iteration)? {
             let second = if course.rough { None } else { way.second_derivative()? };
@@ -94,7 +94,7 @@ pub fn solve_from(
 }
 
 /// A solution on its way.
-struct Way<'a, L> {
+struct GaussNewton<'a, L> {
     problem: &'a Problem,
     linearise: L,
     converged: f64,
@@ -114,11 +114,11 @@ struct Way<'a, L> {
     astray: Option<(State, f64)>,
 }
 
-impl<'a, L> Way<'a, L>
+impl<'a, L> GaussNewton<'a, L>
 where
     L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
 {
-    fn begin(problem: &'a Problem, course: &Course, linearise: L) -> Result<Self, EstimationError> {
+    fn begin(problem: &'a Problem, course: &SolveOptions, linearise: L) -> Result<Self, EstimationError> {
         let state = State::start(problem, course.residuals);
         let mut system = System::new(problem)?;
         system.assemble(problem, &state, &linearise)?;
@@ -183,7 +183,7 @@ where
         }
         let risen = exists.then(|| self.system.left() - here);
         let error = || tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration });
-        if self.shorten(slope, risen) > MOST_DAMPING {
+        if self.shorten(slope, risen) > MAX_DAMPING {
             return Err(error());
         }
         self.system.assemble(self.problem, &self.state, &self.linearise)?;
@@ -211,7 +211,8 @@ where
     /// Where the steps showed that the normal matrix is not near it, and amplitudes of many groups are behind that.
     fn second_derivative(&self) -> Result<Option<DMatrix<f64>>, EstimationError> {
         let Some(start) = self.secants.unlike(&self.system.normal) else { return Ok(None) };
-        second::derivative(&self.system, self.problem, &self.state, start, &self.linearise).map(Some)
+        hessian_correction::derivative(&self.system, self.problem, &self.state, start, &self.linearise)
+            .map(Some)
     }
 
     /// Goes back behind a step that led up, and makes the next one Gauss's where it was none, else shorter: by the parabola through
@@ -232,7 +233,7 @@ where
             .map(|risen| risen + 2.0 * slope)
             .filter(|bent| *bent > 0.0);
         let shorter = bent.map_or(USUALLY_SHORTER, |bent| (slope / bent).clamp(SHORTER.0, SHORTER.1));
-        if self.damping == 0.0 && shorter * self.length >= SHORTEST {
+        if self.damping == 0.0 && shorter * self.length >= MIN_STEP_FRACTION {
             self.length *= shorter;
         } else {
             self.secants.clear();

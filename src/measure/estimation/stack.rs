@@ -38,7 +38,7 @@ pub(super) struct Stack {
 
 /// Room to work in, used by one group after the other.
 #[derive(Default)]
-pub(super) struct Room {
+pub(super) struct Workspace {
     /// Stack, one condition after the other: local, shared, contradiction.
     rows: Vec<f64>,
     transposed: Vec<f64>,
@@ -93,7 +93,7 @@ impl Stack {
         data: &[Block],
         residuals: &[DVector<f64>],
         linearised: &[Linearised],
-        room: &mut Room,
+        room: &mut Workspace,
         target: &mut Target,
     ) -> Result<f64, EstimationError> {
         let width = self.width();
@@ -212,7 +212,7 @@ impl BlockSystem {
     }
 }
 
-impl Room {
+impl Workspace {
     /// Forgets what was gathered.
     pub(super) fn clear(&mut self) {
         self.gathered.clear();

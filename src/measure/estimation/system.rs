@@ -7,7 +7,7 @@ use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{add_scaled, cholesky, dot, factor, invert_lower, singular};
 use super::prior::{add_prior, weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
-use super::stack::{BlockSystem, Room, Stack, Target};
+use super::stack::{BlockSystem, Stack, Target, Workspace};
 use super::state::State;
 
 /// Rise of the sum of squares that a step may cause, over what of the sum is still open.
@@ -47,7 +47,7 @@ pub(super) struct System {
     /// Inverses of the priors' covariances.
     weights: Vec<DMatrix<f64>>,
     groups: Vec<GroupSystem>,
-    room: Room,
+    room: Workspace,
 }
 
 impl System {
@@ -76,7 +76,7 @@ impl System {
             rounding: 0.0,
             weights: weights(&problem.priors)?,
             groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
-            room: Room::default(),
+            room: Workspace::default(),
         })
     }
 

@@ -237,8 +237,8 @@ impl Lens {
         let length = p.norm();
         let unit = p / length;
         let normalise = (nalgebra::Matrix3::identity() - unit * unit.transpose()) / length;
-        let lift = Matrix3x2::new(1.0, 0.0, 0.0, 1.0, 0.0, 0.0);
-        Ok((unit, normalise * lift * normalised))
+        let deflection = Matrix3x2::new(1.0, 0.0, 0.0, 1.0, 0.0, 0.0);
+        Ok((unit, normalise * deflection * normalised))
     }
 
     /// Whether a pixel lies on the sensor.

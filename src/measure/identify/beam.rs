@@ -148,7 +148,7 @@ impl Beam {
         self.length_m * (state[0] * integrals[0] + state[1] * integrals[1] + state[2] * integrals[2])
     }
 
-    /// Twist at arc length s, rad; lifts the side of positive Z.
+    /// Twist at arc length s, rad; raises the side of positive Z.
     fn twist(&self, state: &State, s_m: f64) -> f64 {
         let x = (s_m / self.length_m).clamp(0.0, 1.0);
         x * (state[3] + x * state[4])

@@ -11,7 +11,7 @@ use crate::setup::Setup;
 
 /// Directions nearer than this to each other fix no rotation well, rad: errors about the line between them are magnified
 /// thirtyfold.
-const LEAST_ANGLE_RAD: f64 = 0.03;
+const MIN_ANGLE_RAD: f64 = 0.03;
 /// Standard deviations allowed between a pair's angles: 6 of 100,000 true pairs are lost, of some hundred that vote.
 const ANGLE_GATE: f64 = 4.0;
 /// Standard deviations allowed between a vote and its prediction, in two directions: as many are lost.
@@ -25,7 +25,7 @@ const NEIGHBOURHOOD_RAD: f64 = 3e-3;
 /// Refined solutions nearer than this are one, rad.
 const SAME_RAD: f64 = 5e-3;
 /// Fewest pairs of a hypothesis: the two that fix the rotation and one that votes.
-const LEAST_VOTES: usize = 3;
+const MIN_VOTES: usize = 3;
 /// By how much a rotation from two directions errs more than they, times the angle between them, rad: votes from it are
 /// allowed as much more. An assumption.
 const TWO_DIRECTIONS_RAD: f64 = 0.1;
@@ -36,7 +36,7 @@ const CLEAR: f64 = 12.0;
 /// ln of the odds that it must have over chance: 8,000 to 1.
 const CERTAIN: f64 = 9.0;
 /// Least that a perfect hit counts, ln of odds: a coarse one in much clutter still tells something.
-const LEAST_GAIN: f64 = 0.5;
+const MIN_GAIN: f64 = 0.5;
 
 /// Directions of both sides with their standard deviations.
 struct Directions<'a> {
@@ -153,7 +153,7 @@ impl<'a> Directions<'a> {
             for b in 0..a {
                 let ((da, sa), (db, sb)) = (self.targets[a], self.targets[b]);
                 let angle = da.angle(&db);
-                if angle < LEAST_ANGLE_RAD {
+                if angle < MIN_ANGLE_RAD {
                     continue;
                 }
                 for &i in &self.alike[a] {
@@ -207,7 +207,7 @@ impl<'a> Directions<'a> {
         let lens = &self.setup.lens;
         let density = clutter_per_px2(self.detections.len(), lens);
         let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
-        (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(LEAST_GAIN)
+        (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(MIN_GAIN)
     }
 
     /// Arun's rotation from all pairs and their vote, in turns.
@@ -227,7 +227,7 @@ impl<'a> Directions<'a> {
 
 /// Keeps the best hypotheses, one per neighbourhood.
 fn keep(best: &mut Vec<Consensus>, next: Consensus) {
-    if next.pairs.len() < LEAST_VOTES || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
+    if next.pairs.len() < MIN_VOTES || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
         return;
     }
     match best.iter().position(|c| apart(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)

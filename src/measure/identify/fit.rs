@@ -32,12 +32,12 @@ pub(super) const SEEN_ODDS: f64 = 2.0;
 /// Candidates crowd along the wing, a tenth of the frame: times as many per area.
 const CROWDING: f64 = 10.0;
 /// False candidates where there are none: as many as hardly any frame is without.
-const LEAST_CLUTTER: f64 = 3.0;
+const MIN_CLUTTER: f64 = 3.0;
 
 /// False candidates per area in a frame of so many detections, 1/px^2.
 pub(super) fn clutter_per_px2(detections: usize, lens: &Lens) -> f64 {
     let area = f64::from(lens.width) * f64::from(lens.height);
-    CROWDING * (detections as f64 + LEAST_CLUTTER) / area.max(1.0)
+    CROWDING * (detections as f64 + MIN_CLUTTER) / area.max(1.0)
 }
 
 /// Frequency of markers and of false candidates in a frame.

@@ -92,7 +92,7 @@ pub(super) fn report(problem: &Problem<'_>, decision: &Decision) -> Identities {
     let mut identities = Identities {
         marker_of: vec![None; problem.detections.len()],
         missing: Vec::new(),
-        tip_lift_m: problem.scene.lift_m(&refined.state, problem.scene.outermost()),
+        tip_deflection_m: problem.scene.deflection_m(&refined.state, problem.scene.outermost()),
     };
     for j in 0..problem.scene.setup.markers.len() {
         let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);

@@ -4,11 +4,11 @@ use super::beam::State;
 use super::bias::centred;
 use super::consensus::{Consensus, consensus, pairs_under};
 use super::decide::decide;
-use super::explain::among_others;
+use super::diagnose::among_others;
 use super::fit::Prior;
 use super::flight::{NEEDED, report};
 use super::matching::Problem;
-use super::refine::{self, Adjusted, Sight, adjust};
+use super::refine::{self, Adjusted, GroundImage, adjust};
 use super::scene::{Scene, looks_like, usable};
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::detect::Detection;
@@ -136,7 +136,7 @@ fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[
         None => Identities {
             marker_of: vec![None; detections.len()],
             missing: (0..setup.markers.len()).map(|j| (j, "this frame fits no orientation".into())).collect(),
-            tip_lift_m: 0.0,
+            tip_deflection_m: 0.0,
         },
     }
 }
@@ -184,13 +184,13 @@ fn say_where_its_like_is(scene: &Scene<'_>, detections: &[Detection], of: &mut I
     }
 }
 
-fn sights(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<Sight> {
+fn sights(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<GroundImage> {
     let mut sights = Vec::new();
     for (frame, (detections, of)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of.marker_of).enumerate() {
             if let Some(marker) = *marker {
                 let (pixel, covariance_px2) = (d.centre_px, *d.covariance_px2);
-                sights.push(Sight { frame, detection, marker, pixel, covariance_px2 });
+                sights.push(GroundImage { frame, detection, marker, pixel, covariance_px2 });
             }
         }
     }

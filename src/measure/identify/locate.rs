@@ -6,17 +6,17 @@ use nalgebra::Vector2;
 use super::beam::State;
 use super::fit::Prior;
 use super::flight::{NEEDED, solutions};
-use super::known::prediction;
 use super::matching::{Problem, Refined};
-use super::scan::LIFT_RANGE;
+use super::scan::DEFLECTION_RANGE;
 use super::scene::{Matrix8, Scene};
+use super::wing_state::prediction;
 use crate::detect::{Detection, Prediction};
 
 /// Standard deviations within which a marker is sought: before anything is known, of a range that is as likely everywhere; and of
 /// a fitted state.
 const SIGMAS: (f64, f64) = (2.0, 4.0);
 /// Least by which a marker may be off its prediction, px: what the simple beam leaves.
-const LEAST_PX: f64 = 10.0;
+const MIN_DIAMETER_PX: f64 = 10.0;
 /// Markers of the first round at least, nearest first: four tell a state, and one may be hidden.
 const FIRST: usize = 5;
 /// Markers of a later round at least.
@@ -35,9 +35,9 @@ const TWIST_RAD: f64 = 0.06;
 /// What is known before a frame is looked at: the wing may be bent as far as the identification scans.
 fn before(scene: &Scene<'_>) -> Prior {
     let span = scene.beam.length_m;
-    let (low, high) = LIFT_RANGE;
-    // Curvature that falls to 0 at the tip lifts that by a third of it times the span squared.
-    let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|lift| 3.0 * lift / span);
+    let (low, high) = DEFLECTION_RANGE;
+    // Curvature that falls to 0 at the tip deflections that by a third of it times the span squared.
+    let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
     let bend = half / SIGMAS.0;
     let [x, y, z] = scene.turn_sigmas();
     let shape = SHAPE * bend;
@@ -55,7 +55,7 @@ fn expected(scene: &Scene<'_>, state: &State, covariance: &Matrix8, sigmas: f64)
             let spread =
                 predicted.jacobian * covariance * predicted.jacobian.transpose() + predicted.covariance;
             let off = Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|v| sigmas * v.max(0.0).sqrt());
-            prediction(scene, marker.shape, &outline?, off.add_scalar(LEAST_PX), true)
+            prediction(scene, marker.shape, &outline?, off.add_scalar(MIN_DIAMETER_PX), true)
         })
         .collect()
 }

@@ -21,7 +21,7 @@ const INFLATION: (f64, f64) = (1.0, 9.0);
 /// A pair keeps its place up to so many times the gate: without it two pairs may take turns.
 const LOYALTY: f64 = 1.5;
 /// Fewest pairs of a fit: as many leave one that checks, with what is known before.
-const LEAST_PAIRS: usize = 4;
+const MIN_PAIRS: usize = 4;
 
 /// One frame in flight.
 pub(super) struct Problem<'a> {
@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
             outlines = self.scene.outlines(&fit.state);
         }
         let (pairs, step) = self.without_outliers(pairs, &fit.predicted, prior, &fit.state)?;
-        (pairs.len() >= LEAST_PAIRS).then_some(Refined {
+        (pairs.len() >= MIN_PAIRS).then_some(Refined {
             state: fit.state + step.delta,
             covariance: step.covariance,
             pairs,

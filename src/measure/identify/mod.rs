@@ -19,11 +19,10 @@ mod beam;
 mod bias;
 mod consensus;
 mod decide;
-mod explain;
+mod diagnose;
 mod fit;
 mod flight;
 mod ground;
-mod known;
 mod locate;
 mod matching;
 mod outline;
@@ -31,6 +30,7 @@ mod refine;
 mod scan;
 mod scene;
 mod skin;
+mod wing_state;
 
 use nalgebra::Vector2;
 
@@ -39,7 +39,7 @@ use super::estimation::quality::critical_w;
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
-pub use explain::Cause;
+pub use diagnose::Cause;
 pub use locate::SAME_PX;
 
 /// Which detection is which marker.
@@ -49,8 +49,8 @@ pub struct Identities {
     pub marker_of: Vec<Option<usize>>,
     /// Per marker of the survey without a detection: one sentence that says why.
     pub missing: Vec<(usize, String)>,
-    /// Estimated tip lift of the consensus, m.
-    pub tip_lift_m: f64,
+    /// Estimated tip deflection of the consensus, m.
+    pub tip_deflection_m: f64,
 }
 
 /// Why identities or an orientation could not be had.
@@ -151,7 +151,7 @@ pub fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit
     ground::orient(setup, frames)
 }
 
-/// Identities in flight, from the orientation and the consensus over the tip lift.
+/// Identities in flight, from the orientation and the consensus over the tip deflection.
 pub fn identify(
     setup: &Setup,
     orientation: &Orientation,
@@ -162,12 +162,12 @@ pub fn identify(
 
 /// What a frame fits that [`identify`] refused, if anything tells.
 pub fn explain(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
-    explain::in_flight(setup, orientation, detections)
+    diagnose::in_flight(setup, orientation, detections)
 }
 
 /// What one of the frames fits that [`orient`] refused, with its index, if anything tells.
 pub fn explain_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, Cause)> {
-    frames.iter().enumerate().find_map(|(k, frame)| Some((k, explain::on_ground(setup, frame)?)))
+    frames.iter().enumerate().find_map(|(k, frame)| Some((k, diagnose::on_ground(setup, frame)?)))
 }
 
 /// Image of each identified marker's true centre: the ellipse's perspective bias removed with the
@@ -179,7 +179,7 @@ pub fn remove_perspective_bias(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Detection> {
-    known::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
+    wing_state::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
 /// Where this frame should show the markers, and which of them were found: what [`crate::detect::look_closer`] looks
@@ -190,12 +190,12 @@ pub fn expect(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Expected> {
-    known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
+    wing_state::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
 /// Where a frame shows a marker, foretold by the others.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Foretold {
+pub struct PredictedMarker {
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// Its outline.
@@ -206,17 +206,21 @@ pub struct Foretold {
 
 /// Where a frame shows the markers, by observations whose names are beyond doubt, as a person's are: from the first one on,
 /// for nothing is to be checked by them. Without any, as on ground. What lies outside the frame is missing.
-pub fn foretell(setup: &Setup, orientation: &Orientation, observations: &[Observation]) -> Vec<Foretold> {
-    known::foretold(&scene::Scene::new(setup, orientation, true), observations)
-}
-
-/// The same for a ground frame.
-pub fn foretell_on_ground(
+pub fn predict_markers(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
-) -> Vec<Foretold> {
-    known::foretold(&scene::Scene::new(setup, orientation, false), observations)
+) -> Vec<PredictedMarker> {
+    wing_state::foretold(&scene::Scene::new(setup, orientation, true), observations)
+}
+
+/// The same for a ground frame.
+pub fn predict_ground_markers(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+) -> Vec<PredictedMarker> {
+    wing_state::foretold(&scene::Scene::new(setup, orientation, false), observations)
 }
 
 /// A marker that was measured by its outline, with its centre at the image of the marker's centre: the state of the wing is
@@ -228,7 +232,7 @@ pub fn centre_of(
     marker: usize,
     found: &Detection,
 ) -> Detection {
-    known::centre_of(&scene::Scene::new(setup, orientation, true), observations, marker, found)
+    wing_state::centre_of(&scene::Scene::new(setup, orientation, true), observations, marker, found)
 }
 
 /// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
@@ -239,7 +243,7 @@ pub fn expect_on_ground(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Expected> {
-    known::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
+    wing_state::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:
@@ -250,18 +254,23 @@ pub fn predict(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Prediction> {
-    predict_within(setup, orientation, detections, identities, NEXT_LIFT_M)
+    predict_within(setup, orientation, detections, identities, NEXT_DEFLECTION_M)
 }
 
-/// The same where the lift of the tip may change by `lift_m`, m, until the next frame.
+/// The same where the deflection of the tip may change by `deflection_m`, m, until the next frame.
 pub fn predict_within(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
     identities: &Identities,
-    lift_m: f64,
+    deflection_m: f64,
 ) -> Vec<Prediction> {
-    known::predictions(&scene::Scene::new(setup, orientation, true), detections, identities, lift_m)
+    wing_state::predictions(
+        &scene::Scene::new(setup, orientation, true),
+        detections,
+        identities,
+        deflection_m,
+    )
 }
 
 /// Where a frame shows the markers: those nearest to the camera first, each round telling where the next ones are. `look` finds
@@ -290,5 +299,5 @@ pub fn nearest(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
     locate::nearest(&scene::Scene::new(setup, orientation, true))
 }
 
-/// How far the wing may move from one frame to the next: change of the tip's lift, m.
-pub const NEXT_LIFT_M: f64 = 0.2;
+/// How far the wing may move from one frame to the next: change of the tip's deflection, m.
+pub const NEXT_DEFLECTION_M: f64 = 0.2;

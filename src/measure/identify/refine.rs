@@ -8,16 +8,16 @@ use crate::environment::Plate;
 use crate::estimation::{Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve};
 use crate::geometry::{left_jacobian, skew};
 use crate::observation::Estimate;
-use crate::setup::{GroundSight, Orientation, Setup};
+use crate::setup::{GroundObservation, Orientation, Setup};
 
 /// Chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;
 /// A survey that claims no error at all is taken at this, m.
-const LEAST_SIGMA_M: f64 = 1e-5;
+const MIN_SIGMA_M: f64 = 1e-5;
 
 /// One marker seen in one ground frame, perspective bias removed.
 #[derive(Clone, Debug)]
-pub(super) struct Sight {
+pub(super) struct GroundImage {
     pub(super) frame: usize,
     pub(super) detection: usize,
     pub(super) marker: usize,
@@ -25,9 +25,9 @@ pub(super) struct Sight {
     pub(super) covariance_px2: Matrix2<f64>,
 }
 
-impl Sight {
-    fn on_ground(&self) -> GroundSight {
-        GroundSight { marker: self.marker, pixel: self.pixel, covariance_px2: self.covariance_px2 }
+impl GroundImage {
+    fn on_ground(&self) -> GroundObservation {
+        GroundObservation { marker: self.marker, pixel: self.pixel, covariance_px2: self.covariance_px2 }
     }
 }
 
@@ -37,8 +37,8 @@ pub(super) struct Adjusted {
     pub(super) variance_factor: f64,
     pub(super) redundancy: usize,
     /// With residuals against the survey as given, observed - computed, px.
-    pub(super) used: Vec<(Sight, Vector2<f64>)>,
-    pub(super) taken_out: Vec<Sight>,
+    pub(super) used: Vec<(GroundImage, Vector2<f64>)>,
+    pub(super) taken_out: Vec<GroundImage>,
 }
 
 /// First columns of the unknowns: small rotation, correction of the projection centre, of every marker.
@@ -47,18 +47,18 @@ const MARKERS: usize = 6;
 const MISSING: &str = "the markers at hand do not tell the rotation";
 
 /// The ground frames' least squares.
-struct Sights<'a> {
+struct OrientationAdjustment<'a> {
     setup: &'a Setup,
     /// Rotation that the small one is counted from, camera from survey.
     start: Rotation3<f64>,
     /// Per marker, survey frame: displacement by a bend of the wing, m per m at the tip; nothing where it is not sought.
     bend: &'a [Vector3<f64>],
-    list: Vec<Sight>,
+    list: Vec<GroundImage>,
 }
 
 /// Adjusts, taking out the worst sight while its residual fails the test.
-pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, list: Vec<Sight>) -> Option<Adjusted> {
-    let mut sights = Sights { setup, start: *start, bend: &[], list };
+pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, list: Vec<GroundImage>) -> Option<Adjusted> {
+    let mut sights = OrientationAdjustment { setup, start: *start, bend: &[], list };
     let (fit, taken_out) = sights.settle()?;
     Some(sights.conclude(&fit, taken_out))
 }
@@ -69,9 +69,9 @@ pub(super) fn bend(
     setup: &Setup,
     start: &Rotation3<f64>,
     by_bend: &[Vector3<f64>],
-    list: Vec<Sight>,
+    list: Vec<GroundImage>,
 ) -> Option<Estimate> {
-    let mut sights = Sights { setup, start: *start, bend: by_bend, list };
+    let mut sights = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
     let (fit, _) = sights.settle()?;
     let column = sights.bend_column();
     let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
@@ -79,8 +79,8 @@ pub(super) fn bend(
     Some(Estimate { value: fit.global[column], sigma: Some(sigma) })
 }
 
-impl Sights<'_> {
-    fn settle(&mut self) -> Option<(Fit, Vec<Sight>)> {
+impl OrientationAdjustment<'_> {
+    fn settle(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
         let mut taken_out = Vec::new();
         loop {
             let fit = self.solve()?;
@@ -100,12 +100,12 @@ impl Sights<'_> {
     fn solve(&self) -> Option<Fit> {
         let Self { setup, list, .. } = self;
         let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
-        let block = |sight: &Sight| Block {
+        let block = |sight: &GroundImage| Block {
             observed: DVector::from_column_slice(sight.pixel.as_slice()),
             covariance: DMatrix::from_column_slice(2, 2, sight.covariance_px2.as_slice()),
         };
         let known = |name, first: usize, sigma_m: f64| {
-            let variance = sigma_m.max(LEAST_SIGMA_M).powi(2);
+            let variance = sigma_m.max(MIN_SIGMA_M).powi(2);
             Prior::centred(name, first, DMatrix::identity(3, 3) * variance)
         };
         let markers = setup.markers.iter().enumerate();
@@ -167,9 +167,9 @@ impl Sights<'_> {
         mahalanobis(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
     }
 
-    fn conclude(self, fit: &Fit, taken_out: Vec<Sight>) -> Adjusted {
+    fn conclude(self, fit: &Fit, taken_out: Vec<GroundImage>) -> Adjusted {
         let (setup, rotation) = (self.setup, self.rotation(fit));
-        let residual = |s: &Sight| {
+        let residual = |s: &GroundImage| {
             let ground = setup.markers[s.marker].position_m;
             let p = seen(setup, &rotation, &ground, &setup.projection_centre_m);
             setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| s.pixel - pixel)
@@ -180,7 +180,10 @@ impl Sights<'_> {
             orientation: Orientation {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
-                ground: GroundSight::means(setup.markers.len(), self.list.iter().map(Sight::on_ground)),
+                ground: GroundObservation::means(
+                    setup.markers.len(),
+                    self.list.iter().map(GroundImage::on_ground),
+                ),
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
             redundancy: fit.redundancy,

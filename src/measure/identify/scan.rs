@@ -11,9 +11,9 @@ const CELL_PX: f64 = 20.0;
 const MAX_CELLS: usize = 31;
 /// Motion of the outermost marker between two deflections of the scan, px.
 const STEP_PX: f64 = 30.0;
-/// Tip lift over span.
-pub(super) const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
-/// Curvature over the span as coefficients, and L^2 * curvature / tip lift: (1 - x)(1 + 3x) for a
+/// Tip deflection over span.
+pub(super) const DEFLECTION_RANGE: (f64, f64) = (-0.11, 0.22);
+/// Curvature over the span as coefficients, and L^2 * curvature / tip deflection: (1 - x)(1 + 3x) for a
 /// strong taper, 1, 1 - x, (1 - x)^2.
 pub(super) const FAMILY: [([f64; 3], f64); 4] =
     [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
@@ -40,16 +40,18 @@ pub(super) fn scan(problem: &Problem<'_>) -> Vec<Guess> {
     let span_m = beam.length_m;
     let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
     let step_m = STEP_PX * range_m / setup.lens.focal_px();
-    let steps = (((LIFT_RANGE.1 - LIFT_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
+    let steps =
+        (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
     let window = window_px(setup.mount_repeatability_px);
     let mut guesses: Vec<Guess> = Vec::new();
     for step in 0..=steps {
         let fraction = step as f64 / steps as f64;
-        let lift_m = span_m * (LIFT_RANGE.0 + (LIFT_RANGE.1 - LIFT_RANGE.0) * fraction);
+        let deflection_m =
+            span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
         let best = FAMILY
             .iter()
             .filter_map(|(shape, unit)| {
-                let amplitude = unit * lift_m / (span_m * span_m);
+                let amplitude = unit * deflection_m / (span_m * span_m);
                 let mut state = State::zeros();
                 for (k, s) in shape.iter().enumerate() {
                     state[k] = s * amplitude;
@@ -62,7 +64,7 @@ pub(super) fn scan(problem: &Problem<'_>) -> Vec<Guess> {
     best_apart(guesses)
 }
 
-/// The best guesses that are not each other's neighbours in lift.
+/// The best guesses that are not each other's neighbours in deflection.
 fn best_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
     guesses.sort_by_key(|g| (std::cmp::Reverse(g.pairs.len()), g.cell));
     let mut kept: Vec<Guess> = Vec::new();

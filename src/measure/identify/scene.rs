@@ -17,9 +17,9 @@ const MODEL_SIGMA_M: f64 = 0.004;
 /// What outline centres and a lens of few terms leave, px.
 const PIXEL_FLOOR_PX: f64 = 0.6;
 /// The camera may have turned by this at least, standard deviation, px.
-const LEAST_TURN_PX: f64 = 20.0;
+const MIN_TURN_PX: f64 = 20.0;
 /// And about its axis by this, rad: a mounting repeats it less well.
-const LEAST_ROLL_RAD: f64 = 5e-3;
+const MIN_ROLL_RAD: f64 = 5e-3;
 /// Differences for the wing's part of the Jacobian: 1/m, rad.
 const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
@@ -55,8 +55,8 @@ impl<'a> Scene<'a> {
 
     /// How far the camera may have turned since the ground frames, about its own axes, standard deviations, rad.
     pub(super) fn turn_sigmas(&self) -> [f64; 3] {
-        let turn = self.setup.mount_repeatability_px.max(LEAST_TURN_PX) / self.setup.lens.focal_px();
-        [turn, turn, turn.max(LEAST_ROLL_RAD)]
+        let turn = self.setup.mount_repeatability_px.max(MIN_TURN_PX) / self.setup.lens.focal_px();
+        [turn, turn, turn.max(MIN_ROLL_RAD)]
     }
 
     /// Where the camera sees a point of the wing frame, camera frame.
@@ -148,7 +148,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Position in flight, survey frame, m.
-    pub(super) fn lift_m(&self, state: &State, marker: usize) -> f64 {
+    pub(super) fn deflection_m(&self, state: &State, marker: usize) -> f64 {
         let placed = self.beam.place(state, self.scale);
         match (placed.get(marker), self.beam.ground_m.get(marker)) {
             (Some(flight), Some(ground)) => flight.y - ground.y,

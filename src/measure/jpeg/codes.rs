@@ -10,7 +10,7 @@ const ALL: usize = 64;
 /// Bits of the coded data that are looked at together.
 const AHEAD: u32 = 12;
 /// No code and its number together have more bits.
-const LONGEST: u32 = 32;
+const MAX_CODE_BITS: u32 = 32;
 /// Of a symbol that is no coefficient: so many zeros. Any other ends the block.
 const ZEROS: u8 = 0xf0;
 
@@ -105,7 +105,7 @@ impl<'a> Codes<'a> {
     /// At least [`LONGEST`] bits.
     #[inline(always)]
     fn fill(&mut self) {
-        if self.left < LONGEST {
+        if self.left < MAX_CODE_BITS {
             let next = match self.data.get(self.at..).and_then(|rest| rest.first_chunk()) {
                 Some(eight) => u64::from_be_bytes(*eight),
                 None => self.last(),

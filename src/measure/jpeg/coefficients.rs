@@ -37,8 +37,8 @@ pub struct Runs {
 
 /// Bits that refine, of a run, and blocks of one, from which on libjpeg's encoder begins another: its buffer of 1000 is
 /// to hold those of one more block.
-const MOST_REFINED: usize = 937;
-const LONGEST_RUN: u16 = 0x7fff;
+const MAX_REFINED_BITS: usize = 937;
+const MAX_RUN: u16 = 0x7fff;
 
 impl Runs {
     fn begin(&mut self, length: u16, at_start: bool) {
@@ -50,7 +50,7 @@ impl Runs {
     fn next(&mut self, refined: usize) {
         self.refined += refined;
         self.left = self.left.saturating_sub(1);
-        self.open = self.left == 0 && self.refined <= MOST_REFINED && self.length < LONGEST_RUN;
+        self.open = self.left == 0 && self.refined <= MAX_REFINED_BITS && self.length < MAX_RUN;
     }
 
     /// Begins a new interval or scan.

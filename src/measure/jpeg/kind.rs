@@ -6,7 +6,7 @@ use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::{HuffmanTable, std_huffman_tables};
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
 
-use super::{JpegFault, LARGEST_SIDE};
+use super::{JpegFault, MAX_SIDE};
 
 /// What the first component holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,12 +18,12 @@ pub enum Colour {
 }
 
 /// Scans at most: a progressive file has about ten, and many of them cost time without end.
-const MOST_SCANS: usize = 200;
+const MAX_SCANS: usize = 200;
 
 /// The header of a picture of 8 bits, Huffman-coded by cosine transform, grey or in colour, and its colour.
 pub fn header(bytes: &[u8]) -> Result<(JpegMetadata, Colour), JpegFault> {
     let mut reader = MarkerReader::new(bytes);
-    reader.set_scan_cap(MOST_SCANS);
+    reader.set_scan_cap(MAX_SCANS);
     let mut header = reader.read_markers().map_err(|error| match error {
         JpegError::Unsupported(_) => JpegFault::Kind("hierarchical coding".into()),
         other => JpegFault::Damaged(other.to_string()),
@@ -80,7 +80,7 @@ fn sound(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
     let damaged = |what: String| Err(JpegFault::Damaged(what));
     let frame = &header.frame;
     let (width, height) = (frame.width(), frame.height());
-    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+    if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
         return damaged(format!("its size is {width} x {height} px"));
     }
     // A block of 8 x 8 px takes a bit at least.

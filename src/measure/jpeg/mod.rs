@@ -36,7 +36,7 @@ pub enum JpegFault {
 }
 
 /// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
-pub const LARGEST_SIDE: usize = 30_000;
+pub const MAX_SIDE: usize = 30_000;
 
 /// What is wanted of a picture of some width and height, px.
 pub type Wanted<'a> = dyn Fn(usize, usize) -> Tiles + 'a;

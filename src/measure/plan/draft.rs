@@ -36,7 +36,7 @@ const USED: f64 = 0.9;
 /// Quadrants out to this share of the span, discs beyond.
 const QUADRANTS: f64 = 0.45;
 /// Least image of a disc along the view that is measured well, px; and what a print may measure, m.
-const LEAST_IMAGE_PX: f64 = 6.0;
+const MIN_IMAGE_PX: f64 = 6.0;
 const PRINTS_M: (f64, f64) = (0.2, 0.6);
 /// Prints come in steps, m.
 const PRINT_STEP_M: f64 = 0.05;
@@ -59,9 +59,9 @@ pub fn best(
     let mut failure = AdjustError::Input("no layout can be made of these numbers".into());
     for crowding in CROWDING {
         let setup = laid_out(draft, installation, options, crowding)?;
-        match want::worth_of(&setup, None, options, frames, None) {
-            Ok(worth) if best.as_ref().is_none_or(|(sigma, _)| worth.sigma_tip_lift_m < *sigma) => {
-                best = Some((worth.sigma_tip_lift_m, setup));
+        match want::predict_precision(&setup, None, options, frames, None) {
+            Ok(worth) if best.as_ref().is_none_or(|(sigma, _)| worth.sigma_tip_deflection_m < *sigma) => {
+                best = Some((worth.sigma_tip_deflection_m, setup));
             }
             Ok(_) => {}
             Err(error) => failure = error,
@@ -77,11 +77,11 @@ fn laid_out(
     crowding: f64,
 ) -> Result<Setup, AdjustError> {
     let mut setup = installation.clone();
-    setup.markers = markers(draft, options.tip_lift_m, crowding);
+    setup.markers = markers(draft, options.tip_deflection_m, crowding);
     let count = setup.markers.len();
     setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
     if draft.fixed > 0 {
-        let attitude = super::prediction::Rehearsal::new(&setup, None, options)?.orientation;
+        let attitude = super::prediction::SimulatedFlight::new(&setup, None, options)?.orientation;
         let wanted = (0, draft.fixed, options.pixel_sigma);
         if let Some((with, _)) = fixed_marks::with_marks(&setup, &attitude, wanted) {
             setup = with;
@@ -91,15 +91,15 @@ fn laid_out(
 }
 
 /// A first layout, evenly spaced.
-pub fn layout(draft: &Draft, tip_lift_m: f64) -> Vec<SurveyMarker> {
-    markers(draft, tip_lift_m, 1.0)
+pub fn layout(draft: &Draft, tip_deflection_m: f64) -> Vec<SurveyMarker> {
+    markers(draft, tip_deflection_m, 1.0)
 }
 
 /// The markers on the wing, leading and trailing edge in turn, at least five of them.
-fn markers(draft: &Draft, tip_lift_m: f64, crowding: f64) -> Vec<SurveyMarker> {
+fn markers(draft: &Draft, tip_deflection_m: f64, crowding: f64) -> Vec<SurveyMarker> {
     let count = draft.markers.max(5);
     let single = count - 2;
-    let first = nearest_m(draft, tip_lift_m);
+    let first = nearest_m(draft, tip_deflection_m);
     let last = OUTERMOST * draft.span_m;
     let station = |k: usize| first + (last - first) * (k as f64 / (single - 1) as f64).powf(crowding);
     // Clear of the prints on both sides.
@@ -131,14 +131,14 @@ fn marker(draft: &Draft, k: usize, along_m: f64, leading: bool) -> SurveyMarker 
 /// Kind and size of a marker: large enough for its image along the view.
 fn print(draft: &Draft, along_m: f64) -> (Shape, f64) {
     let shape = if along_m < QUADRANTS * draft.span_m { Shape::Quadrant } else { Shape::Circle };
-    let least = LEAST_IMAGE_PX * along_m * along_m / (draft.height_m * draft.lens.fy);
+    let least = MIN_IMAGE_PX * along_m * along_m / (draft.height_m * draft.lens.fy);
     let steps = (least.clamp(PRINTS_M.0, PRINTS_M.1) / PRINT_STEP_M - 1e-9).ceil();
     (shape, steps * PRINT_STEP_M)
 }
 
-/// The nearest station that the picture shows together with the lifted tip, m from the camera.
-fn nearest_m(draft: &Draft, tip_lift_m: f64) -> f64 {
-    let top = (tip_lift_m.max(0.0) - draft.height_m).atan2(draft.span_m);
+/// The nearest station that the picture shows together with the deflected tip, m from the camera.
+fn nearest_m(draft: &Draft, tip_deflection_m: f64) -> f64 {
+    let top = (tip_deflection_m.max(0.0) - draft.height_m).atan2(draft.span_m);
     let view = 2.0 * USED * (0.5 * f64::from(draft.lens.height) / draft.lens.fy).atan();
     let bottom = (top - view).max(-1.4);
     let nearest = if bottom < 0.0 { draft.height_m / (-bottom).tan() } else { draft.span_m };

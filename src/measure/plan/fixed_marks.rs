@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::estimation::robust::median;
-use crate::setup::{GroundSight, Orientation, Setup, Shape, SurveyMarker, fixed_mark};
+use crate::setup::{GroundObservation, Orientation, Setup, Shape, SurveyMarker, fixed_mark};
 
 /// Numbers of marks that are planned with.
 pub(super) const COUNTS: [usize; 3] = [1, 2, 4];
@@ -24,7 +24,7 @@ pub(super) fn with_marks(
         let position_m = setup.projection_centre_m
             + orientation.camera_from_survey.inverse() * ray * fixed_mark::DISTANCE_M;
         let covariance_px2 = Matrix2::identity() * (pixel_sigma * pixel_sigma);
-        orientation.ground.push(GroundSight { marker: setup.markers.len(), pixel, covariance_px2 });
+        orientation.ground.push(GroundObservation { marker: setup.markers.len(), pixel, covariance_px2 });
         setup.markers.push(SurveyMarker {
             id: format!("F{:02}", k + 1),
             shape: Shape::Quadrant,

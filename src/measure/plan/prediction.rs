@@ -7,18 +7,18 @@ use serde::Serialize;
 
 use super::view::{bent, looking_at, seen};
 use super::{PlanOptions, Skin, adjustment_options, fixed_marks, terms};
+use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
-use crate::adjust::taught::Taught;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
-use crate::setup::{GroundSight, Orientation, Setup, SurveyMarker};
+use crate::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MarkerSigma {
     /// Index in the survey.
     pub marker: usize,
-    /// Of the lift, m.
-    pub lift_m: f64,
+    /// Of the deflection, m.
+    pub deflection_m: f64,
     /// Of the position along the span, m.
     pub span_m: f64,
     /// Of the position along the flow, m.
@@ -30,29 +30,29 @@ pub struct MarkerSigma {
 /// What a layout is worth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Standard deviation of the lift of the bending axis at the tip, m.
-    pub sigma_tip_lift_m: f64,
+    /// Standard deviation of the deflection of the bending axis at the tip, m.
+    pub sigma_tip_deflection_m: f64,
     /// Mean square root of that along the span, m.
-    pub sigma_mean_lift_m: f64,
+    pub sigma_mean_deflection_m: f64,
     /// Standard deviation of the twist at the tip, degrees.
     pub sigma_tip_twist_deg: Option<f64>,
     /// Largest standard deviation of a marker along the span, m.
     pub sigma_span_m: f64,
 }
 
-/// Predicted standard deviations of the outermost visible marker's lift, counted from three places.
+/// Predicted standard deviations of the outermost visible marker's deflection, counted from three places.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TipSigma {
     /// Its id.
     pub marker: String,
-    /// Which lift results would show: the one that is told best.
-    pub shown: adjust::Reference,
+    /// Which deflection results would show: the one that is told best.
+    pub reference: adjust::Reference,
     /// Against the survey, m.
-    pub lift_m: Option<f64>,
+    pub deflection_m: Option<f64>,
     /// Against the ground frame, m.
-    pub lift_ground_m: Option<f64>,
+    pub deflection_ground_m: Option<f64>,
     /// From the root's tangent, m.
-    pub lift_root_m: Option<f64>,
+    pub deflection_root_m: Option<f64>,
 }
 
 /// A layout with one marker more or one less.
@@ -82,9 +82,9 @@ pub struct Prediction {
     pub redundancy: usize,
     /// The layout as it is.
     pub expected: Expected,
-    /// The tip marker's lift.
+    /// The tip marker's deflection.
     pub tip: Option<TipSigma>,
-    /// What the variance of the lift that results would show comes from, the largest share first.
+    /// What the variance of the deflection that results would show comes from, the largest share first.
     pub budget: Vec<adjust::BudgetShare>,
     /// Every visible marker.
     pub markers: Vec<MarkerSigma>,
@@ -98,12 +98,12 @@ pub struct Prediction {
     pub fixed_marks: Vec<Alternative>,
     /// With each term known that the installation leaves open: what it costs.
     pub terms_known: Vec<Alternative>,
-    /// (span from the projection centre, sigma of lift m, sigma of twist degrees).
+    /// (span from the projection centre, sigma of deflection m, sigma of twist degrees).
     curve: Vec<(f64, f64, Option<f64>)>,
 }
 
 impl Prediction {
-    /// Standard deviations of lift (m) and twist (degrees) at a span, by linear interpolation.
+    /// Standard deviations of deflection (m) and twist (degrees) at a span, by linear interpolation.
     pub fn at(&self, span_m: f64) -> Option<(f64, Option<f64>)> {
         let next = self.curve.iter().position(|p| p.0 >= span_m).or(self.curve.len().checked_sub(1))?;
         let (b, a) = (self.curve.get(next)?, self.curve.get(next.saturating_sub(1))?);
@@ -115,11 +115,11 @@ impl Prediction {
 
 /// Variance of a sight that tells nothing, over that of one that is seen.
 const UNSEEN: f64 = 1e8;
-/// Lowest lift of a flight's frames over the highest: from full tanks on ground speed to a gust.
-const LEAST_LIFT: f64 = 0.4;
+/// Lowest deflection of a flight's frames over the highest: from full tanks on ground speed to a gust.
+const MIN_DEFLECTION_FRACTION: f64 = 0.4;
 
 /// A flight that has not taken place.
-pub struct Rehearsal<'a> {
+pub struct SimulatedFlight<'a> {
     setup: &'a Setup,
     options: &'a PlanOptions,
     /// Markers on ground, wing frame, m.
@@ -135,8 +135,8 @@ pub struct Rehearsal<'a> {
     a_per_m: f64,
 }
 
-impl<'a> Rehearsal<'a> {
-    /// Bends the wing as a tapered beam under an elliptic load until the outermost marker is lifted as
+impl<'a> SimulatedFlight<'a> {
+    /// Bends the wing as a tapered beam under an elliptic load until the outermost marker is deflected as
     /// asked. The load's shape matters little: the covariance depends on it weakly.
     pub fn new(
         setup: &'a Setup,
@@ -145,11 +145,11 @@ impl<'a> Rehearsal<'a> {
     ) -> Result<Self, AdjustError> {
         let shape = GroundShape::new(setup, &[])?;
         let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
-        let flight = bent(setup, &shape, options.tip_lift_m);
+        let flight = bent(setup, &shape, options.tip_deflection_m);
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
         let wing = setup.on_the_wing();
         let tip = wing.iter().map(|(_, p)| reach(p)).fold(0.0, f64::max);
-        let a_per_m = if tip > 0.0 { options.tip_lift_m / (tip * tip) } else { 0.0 };
+        let a_per_m = if tip > 0.0 { options.tip_deflection_m / (tip * tip) } else { 0.0 };
         let skin = Skin::through(&wing.into_iter().map(|(_, p)| p).collect::<Vec<_>>());
         let mut rehearsal = Self {
             setup,
@@ -194,7 +194,7 @@ impl<'a> Rehearsal<'a> {
             None => taken.is_empty().then_some(covariance_px2),
         };
         let sight = |(marker, p): (usize, &Vector3<f64>)| {
-            Some(GroundSight { marker, covariance_px2: told(marker)?, pixel: see(p, false)? })
+            Some(GroundObservation { marker, covariance_px2: told(marker)?, pixel: see(p, false)? })
         };
         let ground = self.ground.iter().enumerate().filter_map(sight).collect();
         (self.observations, self.orientation.ground) = (observations, ground);
@@ -232,7 +232,7 @@ impl<'a> Rehearsal<'a> {
                 .iter()
                 .filter_map(|p| {
                     let twist = p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees);
-                    Some((p.span_m, p.lift_m.sigma?, twist))
+                    Some((p.span_m, p.deflection_m.sigma?, twist))
                 })
                 .collect(),
         })
@@ -244,20 +244,20 @@ impl<'a> Rehearsal<'a> {
         worth.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
-    /// What so many frames of one mounting are worth together, their tips lifted from [`LEAST_LIFT`] of the lift to all of it:
-    /// that of the most lifted frame; `taught`: beside what earlier flights told.
-    pub fn together(&self, frames: usize, taught: Option<&Taught>) -> Result<Expected, AdjustError> {
-        let share = |k: usize| 1.0 - (1.0 - LEAST_LIFT) * k as f64 / (frames.max(2) - 1) as f64;
-        let lifts = (0..frames.max(1)).map(|k| self.options.tip_lift_m * share(k));
-        let seen = lifts.map(|tip_lift_m| {
-            let options = PlanOptions { tip_lift_m, ..*self.options };
-            let frame = Rehearsal::new(self.setup, Some(&self.orientation), &options)?;
+    /// What so many frames of one mounting are worth together, their tips deflected from [`LEAST_DEFLECTION`] of the deflection to all of it:
+    /// that of the frame with the largest deflection; `taught`: beside what earlier flights told.
+    pub fn together(&self, frames: usize, taught: Option<&FlightPrior>) -> Result<Expected, AdjustError> {
+        let share = |k: usize| 1.0 - (1.0 - MIN_DEFLECTION_FRACTION) * k as f64 / (frames.max(2) - 1) as f64;
+        let deflections = (0..frames.max(1)).map(|k| self.options.tip_deflection_m * share(k));
+        let seen = deflections.map(|tip_deflection_m| {
+            let options = PlanOptions { tip_deflection_m, ..*self.options };
+            let frame = SimulatedFlight::new(self.setup, Some(&self.orientation), &options)?;
             Ok(frame.observations)
         });
         let seen: Vec<Vec<Observation>> = seen.collect::<Result<_, AdjustError>>()?;
         let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
         let taught = taught.map(|taught| Arc::new(taught.as_stated()));
-        let options = Options { mountings, taught, ..adjustment_options(self.options) };
+        let options = Options { mountings, flight_prior: taught, ..adjustment_options(self.options) };
         // Observations without noise would tell that nothing moves.
         let mut setup = self.setup.clone();
         setup.uncertainty.in_flight = setup.uncertainty.in_flight.held();
@@ -308,7 +308,7 @@ impl<'a> Rehearsal<'a> {
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
-        orientation.ground.push(GroundSight { marker: setup.markers.len() - 1, pixel, covariance_px2 });
+        orientation.ground.push(GroundObservation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
         Some(Change {
             without: None,
             span_m: frame.wing_point(&position_m).x,
@@ -335,7 +335,7 @@ impl<'a> Rehearsal<'a> {
     }
 
     fn replayed(&self, setup: &Setup, orientation: &Orientation) -> Option<Expected> {
-        let other = Rehearsal::new(setup, Some(orientation), self.options).ok()?;
+        let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
         expected(&other.solve(&other.observations).ok()?, setup)
     }
 }
@@ -343,13 +343,13 @@ impl<'a> Rehearsal<'a> {
 fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
     let budget = solution.budget.as_ref()?;
     let marker = &solution.markers[budget.marker];
-    let sigma = |reference| marker.lift_against(reference)?.sigma;
+    let sigma = |reference| marker.deflection_against(reference)?.sigma;
     Some(TipSigma {
         marker: setup.markers.get(budget.marker)?.id.clone(),
-        shown: budget.reference,
-        lift_m: sigma(adjust::Reference::Survey),
-        lift_ground_m: sigma(adjust::Reference::Ground),
-        lift_root_m: sigma(adjust::Reference::Root),
+        reference: budget.reference,
+        deflection_m: sigma(adjust::Reference::Survey),
+        deflection_ground_m: sigma(adjust::Reference::Ground),
+        deflection_root_m: sigma(adjust::Reference::Root),
     })
 }
 
@@ -360,18 +360,24 @@ fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
         let wing = turn * m.covariance_m2? * turn.inverse();
         let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
         let (span_m, height_m, chord_m) = (sigma(0), sigma(1), sigma(2));
-        Some(MarkerSigma { marker: m.marker, lift_m: m.lift_m?.sigma?, span_m, chord_m, height_m })
+        Some(MarkerSigma {
+            marker: m.marker,
+            deflection_m: m.deflection_m?.sigma?,
+            span_m,
+            chord_m,
+            height_m,
+        })
     };
     solution.markers.iter().filter(of_the_wing).filter_map(one).collect()
 }
 
 fn expected(solution: &Solution, setup: &Setup) -> Option<Expected> {
     let tip = solution.curve.last()?;
-    let sigmas: Vec<f64> = solution.curve.iter().filter_map(|p| p.lift_m.sigma).collect();
+    let sigmas: Vec<f64> = solution.curve.iter().filter_map(|p| p.deflection_m.sigma).collect();
     let square = sigmas.iter().map(|s| s * s).sum::<f64>() / sigmas.len().max(1) as f64;
     Some(Expected {
-        sigma_tip_lift_m: tip.lift_m.sigma?,
-        sigma_mean_lift_m: square.sqrt(),
+        sigma_tip_deflection_m: tip.deflection_m.sigma?,
+        sigma_mean_deflection_m: square.sqrt(),
         sigma_tip_twist_deg: tip.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
         sigma_span_m: marker_sigmas(solution, setup).iter().fold(0.0, |m, s| m.max(s.span_m)),
     })

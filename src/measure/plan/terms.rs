@@ -50,7 +50,7 @@ fn know_panes(setup: &mut Setup) {
 
 fn know_root(setup: &mut Setup) {
     let width = &mut setup.uncertainty.in_flight;
-    (width.root_turn_rad, width.root_shift_m) = (0.0, 0.0);
+    (width.root_rotation_rad, width.root_translation_m) = (0.0, 0.0);
 }
 
 fn know_camera_in_flight(setup: &mut Setup) {

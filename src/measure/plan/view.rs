@@ -1,4 +1,4 @@
-//! The wing bent by a lift, and a camera that looks at all of it.
+//! The wing bent by a deflection, and a camera that looks at all of it.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -7,7 +7,7 @@ use crate::adjust::ground::{GroundShape, Station};
 use crate::environment::Plate;
 use crate::setup::Setup;
 
-/// Steps to the curvature of a tip lift; each leaves a hundredth of the error.
+/// Steps to the curvature of a tip deflection; each leaves a hundredth of the error.
 const PROPORTIONS: usize = 4;
 
 /// Where the camera sees a point (from the projection centre, survey frame, m); camera frame.
@@ -22,7 +22,7 @@ pub(super) fn seen(
 }
 
 /// Markers in flight, wing frame, m: one coefficient of curvature, found by the rule of proportion.
-pub(super) fn bent(setup: &Setup, shape: &GroundShape, tip_lift_m: f64) -> Vec<Vector3<f64>> {
+pub(super) fn bent(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) -> Vec<Vector3<f64>> {
     let arcs: Vec<f64> = shape.stations.iter().map(|s| s.arc_m).collect();
     let grid = Grid::new(shape, &arcs);
     let mounts = grid.mounts(&shape.stations);
@@ -36,13 +36,13 @@ pub(super) fn bent(setup: &Setup, shape: &GroundShape, tip_lift_m: f64) -> Vec<V
         carried.zip(&setup.markers).map(|(of, m)| if m.fixed { of.1.surveyed_m } else { place(of) }).collect()
     };
     let outermost = (0..arcs.len()).max_by(|&a, &b| arcs[a].total_cmp(&arcs[b]));
-    let lift =
+    let deflection =
         |points: &[Vector3<f64>]| outermost.map_or(0.0, |k| points[k].y - shape.stations[k].surveyed_m.y);
-    let mut curvature = 2.0 * tip_lift_m / shape.axis.length_m.powi(2);
+    let mut curvature = 2.0 * tip_deflection_m / shape.axis.length_m.powi(2);
     for _ in 0..PROPORTIONS {
-        let reached = lift(&place(curvature)) - lift(&place(0.0));
+        let reached = deflection(&place(curvature)) - deflection(&place(0.0));
         if reached.abs() > 1e-9 {
-            curvature *= (tip_lift_m - lift(&place(0.0))) / reached;
+            curvature *= (tip_deflection_m - deflection(&place(0.0))) / reached;
         }
     }
     place(curvature)

@@ -3,16 +3,16 @@
 
 use serde::Serialize;
 
-use super::prediction::{Expected, Rehearsal};
+use super::prediction::{Expected, SimulatedFlight};
 use super::{PlanOptions, fixed_marks, terms};
 use crate::adjust::AdjustError;
-use crate::adjust::taught::Taught;
+use crate::adjust::flight_prior::FlightPrior;
 use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// What is wanted of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
-    /// Standard deviation of the tip's lift, m.
+pub struct Requirement {
+    /// Standard deviation of the tip's deflection, m.
     pub sigma_m: f64,
     /// Frames of a flight adjusted together; 1: each by itself.
     pub frames: usize,
@@ -23,7 +23,7 @@ pub struct Wish {
 pub struct Source {
     /// A term that the installation leaves open, or images and survey.
     pub source: String,
-    /// Of the variance of the tip's lift; together 1.
+    /// Of the variance of the tip's deflection; together 1.
     pub share: f64,
 }
 
@@ -34,7 +34,7 @@ pub struct Remedy {
     pub remedy: String,
     /// What it takes.
     pub cost: &'static str,
-    /// The standard deviation of the tip's lift with it alone, m.
+    /// The standard deviation of the tip's deflection with it alone, m.
     pub sigma_alone_m: Option<f64>,
     /// With it and those taken before it, m; `None` where it is not among those taken.
     pub sigma_taken_m: Option<f64>,
@@ -50,7 +50,7 @@ pub struct Answer {
     /// Frames adjusted together.
     pub frames: usize,
     /// What was planned gives, m.
-    pub sigma_tip_lift_m: f64,
+    pub sigma_tip_deflection_m: f64,
     /// Where that comes from, the largest first.
     pub sources: Vec<Source>,
     /// What would lower it, cheapest first.
@@ -108,18 +108,18 @@ pub fn answer(
     setup: &Setup,
     orientation: Option<&Orientation>,
     options: &PlanOptions,
-    wish: &Wish,
+    wish: &Requirement,
 ) -> Result<(Answer, Setup, Orientation), AdjustError> {
-    let first = Rehearsal::new(setup, orientation, options)?;
+    let first = SimulatedFlight::new(setup, orientation, options)?;
     let attitude = Orientation { ground: vec![], ..first.orientation };
     let planned = State { setup: setup.clone(), orientation: attitude, frames: wish.frames.max(1) };
-    let sigma_m = worth(&planned, options)?.sigma_tip_lift_m;
+    let sigma_m = worth(&planned, options)?.sigma_tip_deflection_m;
     let (remedies, proposal, proposal_m) = remedied(&planned, options, (sigma_m, wish.sigma_m));
     let answer = Answer {
         reached: sigma_m <= wish.sigma_m,
         want_m: wish.sigma_m,
         frames: planned.frames,
-        sigma_tip_lift_m: sigma_m,
+        sigma_tip_deflection_m: sigma_m,
         sources: sources(&planned, options, sigma_m),
         remedies,
         proposal_reached: proposal_m <= wish.sigma_m,
@@ -134,14 +134,14 @@ pub fn answer(
 ///
 /// # Errors
 /// As [`answer`].
-pub fn worth_of(
+pub fn predict_precision(
     setup: &Setup,
     orientation: Option<&Orientation>,
     options: &PlanOptions,
     frames: usize,
-    taught: Option<&Taught>,
+    taught: Option<&FlightPrior>,
 ) -> Result<Expected, AdjustError> {
-    let rehearsal = Rehearsal::new(setup, orientation, options)?;
+    let rehearsal = SimulatedFlight::new(setup, orientation, options)?;
     match (frames, taught) {
         (..=1, None) => rehearsal.alone(),
         _ => rehearsal.together(frames, taught),
@@ -157,11 +157,11 @@ pub fn attitude(
     orientation: Option<&Orientation>,
     options: &PlanOptions,
 ) -> Result<Orientation, AdjustError> {
-    Ok(Rehearsal::new(setup, orientation, options)?.orientation)
+    Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
 }
 
 fn worth(state: &State, options: &PlanOptions) -> Result<Expected, AdjustError> {
-    worth_of(&state.setup, Some(&state.orientation), options, state.frames, None)
+    predict_precision(&state.setup, Some(&state.orientation), options, state.frames, None)
 }
 
 /// The remedies with what each brings alone and after those before it, and the proposal that takes as many as it needs.
@@ -181,12 +181,12 @@ fn remedied(
         let mut taken_m = None;
         if reached_m > want_m
             && let Ok(better) = worth(&next, options)
-            && better.sigma_tip_lift_m < (1.0 - WORTH) * reached_m
+            && better.sigma_tip_deflection_m < (1.0 - WORTH) * reached_m
         {
-            (proposal, reached_m) = (next, better.sigma_tip_lift_m);
+            (proposal, reached_m) = (next, better.sigma_tip_deflection_m);
             taken_m = Some(reached_m);
         }
-        let sigma_alone_m = alone.map(|e| e.sigma_tip_lift_m);
+        let sigma_alone_m = alone.map(|e| e.sigma_tip_deflection_m);
         if !all.iter().any(|known| known.remedy == remedy) {
             all.push(Remedy { remedy, cost, sigma_alone_m, sigma_taken_m: taken_m });
         }
@@ -199,7 +199,7 @@ fn remedied(
 fn sources(planned: &State, options: &PlanOptions, sigma_m: f64) -> Vec<Source> {
     let variance = |setup: &Setup| {
         let state = State { setup: setup.clone(), ..planned.clone() };
-        worth(&state, options).ok().map(|e| (e.sigma_tip_lift_m / sigma_m).powi(2))
+        worth(&state, options).ok().map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
     };
     let mut left = 1.0;
     let mut all: Vec<Source> = Vec::new();
@@ -225,7 +225,7 @@ fn sources(planned: &State, options: &PlanOptions, sigma_m: f64) -> Vec<Source> 
 
 fn more_frames(state: &State, _: &PlanOptions) -> Option<(String, State)> {
     let frames = if state.frames < FEW_FRAMES { FEW_FRAMES } else { 2 * state.frames };
-    let remedy = format!("adjust {frames} frames of a flight together, with lifts from small to large");
+    let remedy = format!("adjust {frames} frames of a flight together, with deflections from small to large");
     Some((remedy, State { frames, ..state.clone() }))
 }
 

@@ -3,7 +3,7 @@
 //!
 //! Euler and Bernoulli: curvature = M / EI with EI ~ chord^p. The net load (lift less the relief of
 //! the fuel) is vertical, the lever arm is the horizontal one of the bent axis, and the axis keeps
-//! its length. The amplitude is the one that gives the wanted lift of the tip.
+//! its length. The amplitude is the one that gives the wanted deflection of the tip.
 
 /// Intervals along the beam.
 const INTERVALS: usize = 800;
@@ -83,9 +83,15 @@ impl Beam {
         (0..=INTERVALS).map(|i| unit(i) / tip).collect()
     }
 
-    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the load lifts the tip by `tip_lift_m`; beside that it
+    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the load raises the tip by `tip_deflection_m`; beside that it
     /// swings in its second mode, by `second_m` at the tip.
-    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_lift_m: f64, second_m: f64) -> Bent {
+    pub fn bend(
+        &self,
+        ground_slope_rad: &[f64],
+        load: &LoadShape,
+        tip_deflection_m: f64,
+        second_m: f64,
+    ) -> Bent {
         let step = self.step_m();
         let swing: Vec<f64> = match second_m {
             0.0 => vec![0.0; INTERVALS + 1],
@@ -104,15 +110,15 @@ impl Beam {
                 // First guess by small slopes; the loop sets it right.
                 let mut unit_slope = integrated(step, (0..=INTERVALS).map(unit));
                 unit_slope = integrated(step, unit_slope.into_iter());
-                amplitude = tip_lift_m / unit_slope[INTERVALS];
+                amplitude = tip_deflection_m / unit_slope[INTERVALS];
             }
             curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + swing[i]).collect();
             slope = integrated(step, curvature.iter().copied());
-            let lift = tip_lift(step, ground_slope_rad, &slope) - second_m;
-            if (lift - tip_lift_m).abs() < 1e-12 || lift == 0.0 {
+            let deflection = tip_deflection(step, ground_slope_rad, &slope) - second_m;
+            if (deflection - tip_deflection_m).abs() < 1e-12 || deflection == 0.0 {
                 break;
             }
-            amplitude *= tip_lift_m / lift;
+            amplitude *= tip_deflection_m / deflection;
         }
         Bent { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
     }
@@ -147,7 +153,7 @@ pub fn integrated(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
         .collect()
 }
 
-fn tip_lift(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
+fn tip_deflection(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
     let rise = ground_slope.iter().zip(slope).map(|(&ground, &bent)| (ground + bent).sin() - ground.sin());
     integrated(step, rise).last().copied().unwrap_or(0.0)
 }
@@ -168,10 +174,10 @@ mod tests {
     #[test]
     fn the_tip_rises_as_asked_and_its_end_is_free_of_moment() {
         let beam = beam(0.3);
-        for lift in [3.1, -0.8, 0.0] {
-            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, lift, 0.0);
-            let rise = tip_lift(bent.step_m, &flat(&beam), &bent.slope_rad);
-            assert!((rise - lift).abs() < 1e-9, "{rise} for {lift}");
+        for deflection in [3.1, -0.8, 0.0] {
+            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, deflection, 0.0);
+            let rise = tip_deflection(bent.step_m, &flat(&beam), &bent.slope_rad);
+            assert!((rise - deflection).abs() < 1e-9, "{rise} for {deflection}");
             assert_eq!(*bent.moment.last().unwrap(), 0.0);
             assert_eq!(*bent.curvature_per_m.last().unwrap(), 0.0);
             assert_eq!(bent.slope_rad[0], 0.0);

@@ -10,7 +10,9 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::Random;
 use super::scene::{Scene, Shot};
 use super::wing::Moved;
-use crate::setup::{InFlight, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty};
+use crate::setup::{
+    FlightEffectPriors, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty,
+};
 
 /// One aircraft of those that an installation allows, in one flight.
 #[derive(Clone, Debug)]
@@ -36,9 +38,9 @@ impl Drawn {
         let mut normal = |sigma: f64| sigma * random.normal();
         let moved = Moved {
             camera_m: Vector3::from_fn(|_, _| normal(widths.mount_shift_m)),
-            root_m: Vector3::from_fn(|_, _| normal(flight.root_shift_m)),
-            root_pitch_rad: normal(flight.root_turn_rad),
-            root_slope_rad: normal(flight.root_turn_rad),
+            root_m: Vector3::from_fn(|_, _| normal(flight.root_translation_m)),
+            root_pitch_rad: normal(flight.root_rotation_rad),
+            root_slope_rad: normal(flight.root_rotation_rad),
         };
         let length =
             1.0 + normal(scene.setup.thermal.as_ref().map_or(UNSTATED_SCALE_SIGMA, Thermal::scale_sigma));
@@ -62,7 +64,7 @@ impl Drawn {
 
     /// The ground frame's shot: the wing may stand otherwise than it was surveyed.
     pub fn on_ground(&self, mut shot: Shot) -> Shot {
-        shot.state.tip_lift_m += self.ground_bend_m;
+        shot.state.tip_deflection_m += self.ground_bend_m;
         shot
     }
 
@@ -105,8 +107,8 @@ impl Drawn {
 
     /// Widths without what is never drawn.
     pub fn undrawn(widths: Uncertainty) -> Uncertainty {
-        let none = InFlight::NONE.vibration;
-        let in_flight = InFlight {
+        let none = FlightEffectPriors::NONE.vibration;
+        let in_flight = FlightEffectPriors {
             constant_bend_m: 0.0,
             skin_motion_m: 0.0,
             skin_by_frames: false,

@@ -30,7 +30,7 @@ pub enum FitFault {
 }
 
 const LOAD: LoadShape = LoadShape { triangular: 0.35, relief: 0.15 };
-const LARGEST_OFFSET_M: f64 = 0.15;
+const MAX_OFFSET_M: f64 = 0.15;
 
 impl Scene {
     /// The installation's wing, taken as surveyed without error. What a survey does not tell
@@ -39,7 +39,7 @@ impl Scene {
         setup: &Setup,
         camera_from_survey: Option<Rotation3<f64>>,
         seed: u64,
-        tip_lift_m: f64,
+        tip_deflection_m: f64,
     ) -> Result<Self, FitFault> {
         let mut random = Random::new(seed, 12);
         let frame = setup.wing_frame();
@@ -67,11 +67,11 @@ impl Scene {
                 if surveyed.fixed { marker } else { put(marker, &pose, &point) }
             })
             .collect();
-        let off = |marker: &&Marker| marker.height_m.abs() > LARGEST_OFFSET_M;
+        let off = |marker: &&Marker| marker.height_m.abs() > MAX_OFFSET_M;
         if let Some(marker) = markers.iter().find(off) {
             return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
         }
-        let options = Options { lens: setup.lens, tip_lift_m, ..Options::random(seed, wing.side) };
+        let options = Options { lens: setup.lens, tip_deflection_m, ..Options::random(seed, wing.side) };
         let attitude =
             camera_from_survey.unwrap_or_else(|| aim(&mut random, &wing, &options) * frame.wing_from_survey);
         Ok(Self {

@@ -27,8 +27,8 @@ pub struct Options {
     pub markers: usize,
     /// Length of the wing, m.
     pub length_m: f64,
-    /// Largest tip lift that must stay in the frame, m.
-    pub tip_lift_m: f64,
+    /// Largest tip deflection that must stay in the frame, m.
+    pub tip_deflection_m: f64,
     /// Noise of the survey and of the projection centre, m.
     pub survey_sigma_m: f64,
     /// Camera above the skin at the root, m.
@@ -69,7 +69,7 @@ impl Options {
             quadrants: random.integer(8, 12),
             markers: random.integer(18, 27),
             length_m,
-            tip_lift_m: length_m * random.between(0.08, 0.10),
+            tip_deflection_m: length_m * random.between(0.08, 0.10),
             survey_sigma_m: 0.002,
             camera_height_m: random.between(1.6, 2.2),
             diameter_m: random.between(0.28, 0.38),
@@ -109,7 +109,7 @@ impl Scene {
         scene
     }
 
-    /// Places markers one after another where ground frame and highest lift show them whole.
+    /// Places markers one after another where ground frame and highest deflection show them whole.
     fn lay_out(&mut self, random: &mut Random, options: &Options, fixed: &[Marker]) {
         let single = options.markers.saturating_sub(2);
         let length = self.wing.beam.length_m;
@@ -194,7 +194,7 @@ impl Scene {
     }
 
     fn last_fits(&self, options: &Options, fixed: &[Marker]) -> bool {
-        let highest = self.flight_shot(options.tip_lift_m, Light::Plain, 0);
+        let highest = self.flight_shot(options.tip_deflection_m, Light::Plain, 0);
         [self.ground_shot(0), highest].iter().all(|shot| {
             let pose = self.wing.pose(&shot.state);
             let seen: Vec<_> =
@@ -264,7 +264,8 @@ fn random_wing(random: &mut Random, options: &Options) -> Wing {
 /// Looks along the wing so that the highest tip is near the frame's upper edge.
 pub(super) fn aim(random: &mut Random, wing: &Wing, options: &Options) -> Rotation3<f64> {
     let load = LoadShape { triangular: 0.3, relief: 0.1 };
-    let state = super::wing::State { tip_lift_m: options.tip_lift_m, ..super::wing::State::ground(load) };
+    let state =
+        super::wing::State { tip_deflection_m: options.tip_deflection_m, ..super::wing::State::ground(load) };
     let tip = wing.pose(&state).point(wing.beam.length_m, 0.0);
     let half = (0.5 * f64::from(options.lens.height) / options.lens.fy).atan();
     let pitch = (tip.y / tip.x).atan() - 0.93 * half;

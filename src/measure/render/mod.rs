@@ -2,7 +2,7 @@
 //!
 //! | stage | in | out | file |
 //! |---|---|---|---|
-//! | beam | load, wanted tip lift | slopes, twist | `beam` |
+//! | beam | load, wanted tip deflection | slopes, twist | `beam` |
 //! | wing | planform, slopes | skin in space | `wing` |
 //! | trace | ray | first point of the skin | `trace` |
 //! | decals, markers | point of the skin | reflectance | `decals`, `markers` |

@@ -29,7 +29,7 @@ pub struct Scene {
     pub camera_from_survey: Rotation3<f64>,
     /// Load in flight.
     pub load: LoadShape,
-    /// Nose up, rad per metre of tip lift.
+    /// Nose up, rad per metre of tip deflection.
     pub twist_rad_per_m: f64,
     pub(super) clutter: Clutter,
 }
@@ -73,13 +73,13 @@ impl Scene {
         }
     }
 
-    /// The wing in flight, its tip bent up by `tip_lift_m`.
-    pub fn flight_shot(&self, tip_lift_m: f64, light: Light, seed: u64) -> Shot {
+    /// The wing in flight, its tip bent up by `tip_deflection_m`.
+    pub fn flight_shot(&self, tip_deflection_m: f64, light: Light, seed: u64) -> Shot {
         let state = State {
-            tip_lift_m,
+            tip_deflection_m,
             second_mode_m: 0.0,
             load: self.load,
-            tip_twist_rad: self.twist_rad_per_m * tip_lift_m,
+            tip_twist_rad: self.twist_rad_per_m * tip_deflection_m,
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
             moved: Moved::default(),
         };

@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn rays_return_to_the_points_they_were_shot_at() {
-        let state = State { tip_lift_m: 2.5, ..State::ground(LOAD) };
+        let state = State { tip_deflection_m: 2.5, ..State::ground(LOAD) };
         let pose = wing().pose(&state);
         for (s, z) in [(6.0, 1.0), (15.0, -1.4), (24.0, 0.0), (32.0, 0.8)] {
             let direction = pose.point(s, z).normalize();

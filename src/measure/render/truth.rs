@@ -14,7 +14,7 @@ use crate::setup::Shape;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTruth {
     /// Rise of the axis at its tip by bending, m.
-    pub tip_lift_m: f64,
+    pub tip_deflection_m: f64,
     /// Attitude in this frame.
     pub camera_from_survey: Rotation3<f64>,
     /// Of the installation's first pair, as the paper computes it, rad.
@@ -39,7 +39,7 @@ pub struct MarkerTruth {
     /// Centre, survey frame, m.
     pub position_m: Vector3<f64>,
     /// Against the true place on ground, m.
-    pub lift_m: f64,
+    pub deflection_m: f64,
 }
 
 /// Added light over diffuse light beyond which a marker's contrast is gone.
@@ -51,17 +51,17 @@ impl Scene {
         let ground = self.positions(&self.wing.pose(&State::ground(shot.state.load)), &[]);
         let pose = self.wing.pose(&shot.state);
         let flight = self.positions(&pose, &shot.marks_m);
-        let lift: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
+        let deflection: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
         let placed = self.placed(&pose, &shot.marks_m);
         let plates = self.plates(shot, &placed);
         let markers = self.markers.iter().zip(&placed).enumerate();
         FrameTruth {
-            tip_lift_m: shot.state.tip_lift_m,
+            tip_deflection_m: shot.state.tip_deflection_m,
             camera_from_survey: self.camera_from_survey(shot),
             torsion_rad: self.setup.torsion.first().map(|pair| {
                 let arm = (ground[pair.leading] - ground[pair.trailing]).xy().norm();
-                (lift[pair.leading] - lift[pair.trailing]).atan2(arm)
+                (deflection[pair.leading] - deflection[pair.trailing]).atan2(arm)
             }),
             markers: markers
                 .map(|(i, (marker, placed))| {
@@ -80,7 +80,7 @@ impl Scene {
                         size_px,
                         visible: in_view && !saturated(&lit) && !shot.hidden.contains(&i),
                         position_m: flight[i],
-                        lift_m: lift[i],
+                        deflection_m: deflection[i],
                     }
                 })
                 .collect(),

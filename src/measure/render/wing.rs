@@ -98,7 +98,7 @@ impl Wing {
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
         let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
-        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m, state.second_mode_m);
+        let bent = self.beam.bend(&ground, &state.load, state.tip_deflection_m, state.second_mode_m);
         let Moved { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
         let twist = self.beam.twist(state.tip_twist_rad);
         let slope: Vec<f64> =
@@ -126,8 +126,8 @@ impl Wing {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Rise of the axis at its tip by bending, m.
-    pub tip_lift_m: f64,
-    /// Swing in the second bending mode, at the tip, m; beside `tip_lift_m`.
+    pub tip_deflection_m: f64,
+    /// Swing in the second bending mode, at the tip, m; beside `tip_deflection_m`.
     pub second_mode_m: f64,
     /// Shape of the load.
     pub load: LoadShape,
@@ -156,7 +156,14 @@ impl State {
     /// At rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
         let moved = Moved::default();
-        Self { tip_lift_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, moved }
+        Self {
+            tip_deflection_m: 0.0,
+            second_mode_m: 0.0,
+            load,
+            tip_twist_rad: 0.0,
+            thermal_scale: 1.0,
+            moved,
+        }
     }
 }
 
@@ -267,28 +274,32 @@ pub(super) mod tests {
 
     #[test]
     fn the_axis_keeps_its_length_but_for_temperature() {
-        let state = State { tip_lift_m: 3.0, thermal_scale: 0.9984, ..State::ground(LOAD) };
+        let state = State { tip_deflection_m: 3.0, thermal_scale: 0.9984, ..State::ground(LOAD) };
         let pose = wing().pose(&state);
         let length: f64 = pose.sections.windows(2).map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y)).sum();
         assert!((length - 33.0 * 0.9984).abs() < 1e-6, "{length}");
     }
 
     #[test]
-    fn twist_lifts_the_leading_edge_on_both_sides() {
+    fn twist_raises_the_leading_edge_on_both_sides() {
         for side in [Side::Left, Side::Right] {
             let wing = Wing { side, ..wing() };
             let state = State { tip_twist_rad: 0.05, ..State::ground(LOAD) };
             let (ground, flight) = (wing.pose(&State::ground(LOAD)), wing.pose(&state));
             let leading = -side.aft();
-            let lift = flight.point(32.0, leading).y - ground.point(32.0, leading).y;
-            assert!(lift > 0.03, "{side:?} {lift}");
+            let deflection = flight.point(32.0, leading).y - ground.point(32.0, leading).y;
+            assert!(deflection > 0.03, "{side:?} {deflection}");
         }
     }
 
     #[test]
     fn the_gap_is_nothing_on_the_skin() {
-        let state =
-            State { tip_lift_m: 2.0, tip_twist_rad: 0.03, thermal_scale: 0.9984, ..State::ground(LOAD) };
+        let state = State {
+            tip_deflection_m: 2.0,
+            tip_twist_rad: 0.03,
+            thermal_scale: 0.9984,
+            ..State::ground(LOAD)
+        };
         let pose = wing().pose(&state);
         for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
             let point = pose.point(s, z);

@@ -13,7 +13,7 @@ const GAP: f64 = 1.5;
 /// Of the frames between two holes so many must be there: where more are missing extremes are.
 const THERE: f64 = 0.9;
 /// Of the time so much must be told: less says nothing of a flight.
-const LEAST_TOLD: f64 = 0.1;
+const MIN_DETERMINED: f64 = 0.1;
 
 /// How often a history has frames, and where it has none.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,7 @@ impl Sampling {
 
     /// Whether cycles can be told, of the time that is told.
     pub fn tells_cycles(&self) -> bool {
-        self.is_fast_enough() && self.told_s > LEAST_TOLD * (self.told_s + self.untold_s)
+        self.is_fast_enough() && self.told_s > MIN_DETERMINED * (self.told_s + self.untold_s)
     }
 
     /// What is to be allowed for.

@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, gray_of, word};
 
 /// Most bits of a count that one exposure may mix: each doubles what is tried.
-const MOST_MIXED: u32 = 5;
+const MAX_MIXED_FRACTION: u32 = 5;
 /// Most ticks in a row that one exposure may mix: so many change five bits.
-const MOST_TICKS: u32 = 16;
+const MAX_TICKS: u32 = 16;
 /// Counts before the code begins anew.
 const COUNTS: u32 = 1 << COUNT_BITS;
 /// Up to so many ticks a picture may show new rows above old ones: a screen is written row by row.
@@ -39,7 +39,7 @@ pub fn decode(one: u32, mixed: u32) -> Option<Shown> {
         return None;
     }
     let seen = candidates(&pattern)?;
-    (1..=MOST_TICKS).find_map(|ticks| {
+    (1..=MAX_TICKS).find_map(|ticks| {
         let starts =
             seen.iter().flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
         let starts: BTreeSet<u32> = starts.filter(|&start| explains(start, ticks, &pattern)).collect();
@@ -57,7 +57,7 @@ fn has_parity(pattern: &Pattern) -> bool {
 /// Counts that agree with all bits that are not mixed.
 fn candidates(pattern: &Pattern) -> Option<Vec<u32>> {
     let (one, mixed) = (gray_of(pattern.one), gray_of(pattern.mixed));
-    if mixed.count_ones() > MOST_MIXED {
+    if mixed.count_ones() > MAX_MIXED_FRACTION {
         return None;
     }
     // All subsets of the mixed bits.

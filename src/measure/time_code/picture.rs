@@ -12,9 +12,9 @@ use crate::setup::Shape;
 /// Of the discs that a picture shows so many are tried, the largest first.
 const TRIED: usize = 8;
 /// Least difference of white and black cells, grey levels.
-const LEAST_CONTRAST: f64 = 20.0;
+const MIN_CONTRAST: f64 = 20.0;
 /// Least side of a cell, px: below it blur mixes neighbours.
-const LEAST_SIDE_PX: f64 = 6.0;
+const MIN_SIDE_PX: f64 = 6.0;
 /// A bit is told where its cells differ by this share of the contrast: a tenth of the light is another one's, with a tone
 /// curve of 2.2.
 const TOLD: f64 = 0.6;
@@ -35,7 +35,7 @@ pub enum Unread {
     )]
     NoCode,
     /// The cells are too small.
-    #[error("the cells are less than {LEAST_SIDE_PX} px wide; go nearer to the screen")]
+    #[error("the cells are less than {MIN_SIDE_PX} px wide; go nearer to the screen")]
     TooSmall,
     /// Glare or shade hides a bit.
     #[error("glare or shade hides a bit of the clock; turn the screen")]
@@ -110,7 +110,7 @@ fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unre
     let white = usual(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
     let black = usual(pairs.iter().map(|[a, b]| a.min(*b)).collect())?;
     let contrast = white - black;
-    if contrast < LEAST_CONTRAST {
+    if contrast < MIN_CONTRAST {
         return Err(Unread::NoCode);
     }
     let (mut one, mut mixed, mut hidden) = (0, 0, false);
@@ -133,7 +133,7 @@ fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unre
     if hidden {
         return Err(Unread::Hidden);
     }
-    if least_side(pixel_from_page) < LEAST_SIDE_PX {
+    if least_side(pixel_from_page) < MIN_SIDE_PX {
         return Err(Unread::TooSmall);
     }
     Ok(shown)

@@ -8,7 +8,7 @@ use image::codecs::pnm::PnmDecoder;
 use image::codecs::tiff::TiffDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
-use super::{DecodeError, LARGEST_SIDE};
+use super::{DecodeError, MAX_SIDE};
 use crate::measure::raster::Raster;
 
 /// Each kind by its own decoder: the library's choice among all that any dependency switches on would bring every one of
@@ -38,8 +38,8 @@ pub fn luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeError> {
 
 fn limits() -> Limits {
     let mut limits = Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE as u32);
-    limits.max_image_height = Some(LARGEST_SIDE as u32);
+    limits.max_image_width = Some(MAX_SIDE as u32);
+    limits.max_image_height = Some(MAX_SIDE as u32);
     limits
 }
 

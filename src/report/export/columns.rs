@@ -6,7 +6,7 @@ use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Parameters, Term, To
 use crate::store::installations;
 
 /// Of the columns' names, units and meanings (docs/tables.md). Columns may be added to a version, never changed or removed.
-pub const SCHEMA_VERSION: i64 = 2;
+pub const SCHEMA_VERSION: i64 = 3;
 
 /// Values of one column; `None` where there is none.
 #[derive(Clone, Debug, PartialEq)]
@@ -291,13 +291,15 @@ fn image_columns(rows: &[Row]) -> Vec<Column> {
         words(rows, "global_test", |row| row.image?.global_test.map(word)),
         words(rows, "sigma_kind", |row| row.image?.sigma_kind.map(word)),
         words(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
-        number(rows, "tip_lift_m", |row| row.image?.tip.as_ref().map(|t| t.lift_m)),
-        number(rows, "tip_sigma_lift_m", |row| row.image?.tip.as_ref()?.sigma_lift_m),
-        number(rows, "tip_lift_ground_m", |row| row.image?.tip.as_ref()?.lift_ground_m),
-        number(rows, "tip_sigma_lift_ground_m", |row| row.image?.tip.as_ref()?.sigma_lift_ground_m),
-        number(rows, "tip_lift_root_m", |row| row.image?.tip.as_ref()?.lift_root_m),
-        number(rows, "tip_sigma_lift_root_m", |row| row.image?.tip.as_ref()?.sigma_lift_root_m),
-        words(rows, "tip_lift_shown", |row| row.image?.tip.as_ref()?.shown.map(word)),
+        number(rows, "tip_deflection_m", |row| row.image?.tip.as_ref().map(|t| t.deflection_m)),
+        number(rows, "tip_sigma_deflection_m", |row| row.image?.tip.as_ref()?.sigma_deflection_m),
+        number(rows, "tip_deflection_ground_m", |row| row.image?.tip.as_ref()?.deflection_ground_m),
+        number(rows, "tip_sigma_deflection_ground_m", |row| {
+            row.image?.tip.as_ref()?.sigma_deflection_ground_m
+        }),
+        number(rows, "tip_deflection_root_m", |row| row.image?.tip.as_ref()?.deflection_root_m),
+        number(rows, "tip_sigma_deflection_root_m", |row| row.image?.tip.as_ref()?.sigma_deflection_root_m),
+        words(rows, "tip_reference", |row| row.image?.tip.as_ref()?.reference.map(word)),
     ]
 }
 
@@ -324,8 +326,8 @@ fn point_columns(rows: &[Row]) -> Vec<Column> {
     vec![
         of("arc_length_m", |p| Some(p.arc_length_m)),
         of("span_m", |p| Some(p.span_m)),
-        of("lift_m", |p| Some(p.lift_m)),
-        of("sigma_lift_m", |p| p.sigma_lift_m),
+        of("deflection_m", |p| Some(p.deflection_m)),
+        of("sigma_deflection_m", |p| p.sigma_deflection_m),
         of("twist_deg", |p| p.twist_deg),
         of("sigma_twist_deg", |p| p.sigma_twist_deg),
     ]
@@ -364,12 +366,12 @@ fn marker_columns(rows: &[Row]) -> Vec<Column> {
         marker_number(rows, "mdb_v_px", |m| m.mdb_v_px),
         marker_number(rows, "distance_m", |m| m.distance_m),
         marker_number(rows, "sigma_distance_m", |m| m.sigma_distance_m),
-        marker_number(rows, "lift_m", |m| m.lift_m),
-        marker_number(rows, "sigma_lift_m", |m| m.sigma_lift_m),
-        marker_number(rows, "lift_ground_m", |m| m.lift_ground_m),
-        marker_number(rows, "sigma_lift_ground_m", |m| m.sigma_lift_ground_m),
-        marker_number(rows, "lift_root_m", |m| m.lift_root_m),
-        marker_number(rows, "sigma_lift_root_m", |m| m.sigma_lift_root_m),
+        marker_number(rows, "deflection_m", |m| m.deflection_m),
+        marker_number(rows, "sigma_deflection_m", |m| m.sigma_deflection_m),
+        marker_number(rows, "deflection_ground_m", |m| m.deflection_ground_m),
+        marker_number(rows, "sigma_deflection_ground_m", |m| m.sigma_deflection_ground_m),
+        marker_number(rows, "deflection_root_m", |m| m.deflection_root_m),
+        marker_number(rows, "sigma_deflection_root_m", |m| m.sigma_deflection_root_m),
     ]
 }
 

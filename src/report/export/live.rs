@@ -9,7 +9,7 @@ use super::live_facts::result_ids;
 use crate::store::columns::{Block, FLAG, Head, Kind, LiveTable, UTC, WORD};
 use crate::store::live::{ONCE, names};
 
-/// Lists of a table by the names of its columns: `markers.lift` is of `markers`.
+/// Lists of a table by the names of its columns: `markers.deflection` is of `markers`.
 const STATIONS: &str = "stations";
 const TORSION: &str = "torsion";
 
@@ -133,7 +133,7 @@ impl Place {
     }
 }
 
-/// `markers.lift` in m is `lift_M01_m`, `stations.lift` `lift_s01_m` with `arc_length_s01_m` beside it, `torsion.twist`
+/// `markers.deflection` in m is `deflection_M01_m`, `stations.deflection` `deflection_s01_m` with `arc_length_s01_m` beside it, `torsion.twist`
 /// `torsion_tip_twist_deg` as of frames; what is not named is counted.
 fn places(table: &LiveTable) -> Vec<Place> {
     let mut all = arc_lengths(table);

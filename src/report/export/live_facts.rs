@@ -129,7 +129,7 @@ impl Once {
             utc: column(names::UTC),
             solved: column(names::SOLVED),
             passed: column(names::GLOBAL_TEST_PASSED),
-            sigmas_m: ["", "_ground", "_root"].map(|which| column(&format!("sigma_tip_lift{which}"))),
+            sigmas_m: ["", "_ground", "_root"].map(|which| column(&format!("sigma_tip_deflection{which}"))),
             method: word("method"),
             tip: word("tip"),
         }
@@ -158,7 +158,7 @@ fn as_of_frames(once: &Once) -> Vec<Column> {
     ];
     for (which, sigma) in ["", "_ground", "_root"].into_iter().zip(&once.sigmas_m) {
         let of = rows.clone().map(|row| number(sigma, row)).collect();
-        columns.push(Column { name: format!("tip_sigma_lift{which}_m"), values: Values::Number(of) });
+        columns.push(Column { name: format!("tip_sigma_deflection{which}_m"), values: Values::Number(of) });
     }
     columns
 }

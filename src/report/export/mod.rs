@@ -77,13 +77,13 @@ mod tests {
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!(rows.len(), 2 * 4 + 1, "four markers twice, and the failed image");
         let tip = rows.iter().find(|r| &r[at("marker")] == "M03").unwrap();
-        assert_eq!(tip[at("lift_m")].parse::<f64>().unwrap(), 2.9);
+        assert_eq!(tip[at("deflection_m")].parse::<f64>().unwrap(), 2.9);
         assert_eq!(tip[at("position_z_m")].parse::<f64>().unwrap(), 3.0 + 2.9);
         assert_eq!((&tip[at("torsion_tip_twist_deg")], &tip[at("recorder_id")]), ("2.7", "ab"));
         assert_eq!(&tip[at("used")], "true");
         assert!(tip[at("utc")].ends_with('Z'), "with its zone");
         let hidden = rows.iter().find(|r| &r[at("marker")] == "M04").unwrap();
-        assert_eq!((&hidden[at("lift_m")], &hidden[at("marker_reason")]), ("", "hidden by glare"));
+        assert_eq!((&hidden[at("deflection_m")], &hidden[at("marker_reason")]), ("", "hidden by glare"));
         let failed = rows.last().unwrap();
         assert_eq!(&failed[at("reason")], "dark, \"quoted\"\nand broken");
         assert_eq!(&failed[at("marker")], "");
@@ -101,7 +101,7 @@ mod tests {
         let series = [series];
         let (heading, span) = rows(&text(Table::Span, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
-        assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("lift_m")]), (13, "36", "2.9"));
+        assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("deflection_m")]), (13, "36", "2.9"));
         let (heading, parameters) = rows(&text(Table::Parameters, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((&parameters[0][at("parameter")], &parameters[0][at("value")]), ("a_per_m", "0.00219"));

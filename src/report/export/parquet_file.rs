@@ -142,12 +142,12 @@ mod tests {
             rows[row].get_column_iter().find(|(n, _)| *n == name).map(|(_, f)| f.clone()).unwrap()
         };
         assert_eq!(value(2, "marker"), Field::Str("M03".to_owned()));
-        assert_eq!(value(2, "lift_m"), Field::Double(2.9));
+        assert_eq!(value(2, "deflection_m"), Field::Double(2.9));
         assert_eq!(value(2, "redundancy"), Field::Long(33));
         assert_eq!(value(2, "recorder_id"), Field::Str("ab".to_owned()));
         assert_eq!(value(2, "utc"), Field::TimestampMicros(utc.as_microsecond()));
         assert_eq!(value(3, "used"), Field::Bool(false));
-        assert_eq!(value(3, "lift_m"), Field::Null);
+        assert_eq!(value(3, "deflection_m"), Field::Null);
         assert_eq!(value(4, "reason"), Field::Str("dark".to_owned()));
         let notes = reader.metadata().file_metadata().key_value_metadata().unwrap();
         assert!(notes.iter().any(|note| note.key == "store_id" && note.value.as_deref() == Some("ab")));
@@ -160,7 +160,7 @@ mod tests {
         let number = |k| (k % 10 != 0).then_some(noise(k));
         let column = |name: &str, values| Column { name: name.to_owned(), values };
         let columns = vec![
-            column("lift_m", Values::Number((0..rows).map(number).collect())),
+            column("deflection_m", Values::Number((0..rows).map(number).collect())),
             column("sigma_m", Values::Single((0..rows).map(|k| number(k).map(|v| v as f32)).collect())),
         ];
         let bytes = ParquetFile::begin(Vec::new(), columns, &[]).unwrap().end().unwrap();

@@ -9,11 +9,11 @@ pub(super) struct Point {
     pub id: String,
     pub position_m: [f64; 3],
     sigma_m: [Option<f64>; 3],
-    pub lift_m: Option<Mean>,
+    pub deflection_m: Option<Mean>,
     frames: usize,
 }
 
-/// Points with lift and standard deviation as vectors; `None` where the series has no positions.
+/// Points with deflection and standard deviation as vectors; `None` where the series has no positions.
 /// VTK has no missing number: a standard deviation that is not known is `nan`.
 pub fn vtk(series: &SeriesData) -> Option<String> {
     let points = points(&solved(series));
@@ -28,16 +28,18 @@ pub fn vtk(series: &SeriesData) -> Option<String> {
     };
     let head = format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double");
     let vertices: String = (0..n).map(|i| format!("1 {i}\n")).collect();
-    let lift = |p: &Point| p.lift_m.map_or(f64::NAN, |l| l.value);
-    let sigma_lift = |p: &Point| p.lift_m.and_then(|l| l.sigma).unwrap_or(f64::NAN);
+    let deflection = |p: &Point| p.deflection_m.map_or(f64::NAN, |l| l.value);
+    let sigma_deflection = |p: &Point| p.deflection_m.and_then(|l| l.sigma).unwrap_or(f64::NAN);
     let blocks = [
         block(head, &|p| line(&p.position_m)),
         format!("VERTICES {n} {}\n{vertices}", 2 * n),
-        block(format!("POINT_DATA {n}\nVECTORS lift_m double"), &|p| line(&[0.0, 0.0, lift(p)])),
+        block(format!("POINT_DATA {n}\nVECTORS deflection_m double"), &|p| line(&[0.0, 0.0, deflection(p)])),
         block("VECTORS sigma_position_m double".to_owned(), &|p| {
             line(&p.sigma_m.map(|s| s.unwrap_or(f64::NAN)))
         }),
-        block(format!("FIELD FieldData 3\nsigma_lift_m 1 {n} double"), &|p| line(&[sigma_lift(p)])),
+        block(format!("FIELD FieldData 3\nsigma_deflection_m 1 {n} double"), &|p| {
+            line(&[sigma_deflection(p)])
+        }),
         block(format!("frames 1 {n} int"), &|p| p.frames.to_string()),
         block(format!("marker 1 {n} string"), &|p| encoded(&p.id)),
     ];
@@ -73,13 +75,14 @@ fn point(records: &[&ImageRecord], id: &str) -> Option<Point> {
         let value = |m: &&MarkerRecord| Some((m.position_m?[k], m.sigma_position_m.map(|s| s[k])));
         Mean::of(&placed.iter().filter_map(value).collect::<Vec<_>>())
     };
-    let lifts: Vec<_> = placed.iter().filter_map(|m| Some((m.lift_m?, m.sigma_lift_m))).collect();
+    let deflections: Vec<_> =
+        placed.iter().filter_map(|m| Some((m.deflection_m?, m.sigma_deflection_m))).collect();
     let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
     Some(Point {
         id: id.to_owned(),
         position_m: [x.value, y.value, z.value],
         sigma_m: [x.sigma, y.sigma, z.sigma],
-        lift_m: Mean::of(&lifts),
+        deflection_m: Mean::of(&deflections),
         frames: x.count,
     })
 }
@@ -97,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_holds_mean_positions_lifts_and_names() {
+    fn the_file_holds_mean_positions_deflections_and_names() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
         for record in &mut series.records {
             record.markers[0].id = "M 1%\n".to_owned();
@@ -106,8 +109,8 @@ mod tests {
         assert!(text.starts_with("# vtk DataFile Version 3.0\nwingd flight-0001/s000001"));
         assert!(text.contains("POINTS 3 double\n") && text.contains("VERTICES 3 6\n1 0\n1 1\n1 2\n"));
         assert_eq!(block(&text, "POINTS", 3)[2], [1.0, 36.0, 6.0]);
-        let lift = &block(&text, "VECTORS lift_m", 3)[2];
-        assert!((lift[2] - 3.0).abs() < 1e-12 && lift[0] == 0.0);
+        let deflection = &block(&text, "VECTORS deflection_m", 3)[2];
+        assert!((deflection[2] - 3.0).abs() < 1e-12 && deflection[0] == 0.0);
         let sigma = &block(&text, "VECTORS sigma_position_m", 3)[2];
         assert!(sigma.iter().zip([0.002, 0.004, 0.006]).all(|(a, b)| (a - b).abs() < 1e-12));
         assert_eq!(block(&text, "frames", 3), [[2.0], [2.0], [2.0]]);

@@ -132,8 +132,8 @@ pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> Shape {
         "sigma_position_m",
         placed.iter().map(|(m, _)| m.sigma_position_m.unwrap_or(UNKNOWN)).collect(),
     );
-    shape.scalar("lift_m", one(|m| m.lift_m));
-    shape.scalar("sigma_lift_m", one(|m| m.sigma_lift_m));
+    shape.scalar("deflection_m", one(|m| m.deflection_m));
+    shape.scalar("sigma_deflection_m", one(|m| m.sigma_deflection_m));
     shape.scalar("used", placed.iter().map(|(m, _)| f64::from(u8::from(m.used))).collect());
     shape
 }
@@ -155,13 +155,13 @@ pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> Shape {
         ids: points.iter().map(|p| p.id.clone()).collect(),
         ..Shape::default()
     };
-    let lift = |of: fn(Mean) -> Option<f64>| {
-        points.iter().map(|p| p.lift_m.and_then(of).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+    let deflection = |of: fn(Mean) -> Option<f64>| {
+        points.iter().map(|p| p.deflection_m.and_then(of).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
     };
     shape
         .vector("displacement_m", points.iter().map(|p| displacement(ground, &p.id, p.position_m)).collect());
-    shape.scalar("lift_m", lift(|m| Some(m.value)));
-    shape.scalar("sigma_lift_m", lift(|m| m.sigma));
+    shape.scalar("deflection_m", deflection(|m| Some(m.value)));
+    shape.scalar("sigma_deflection_m", deflection(|m| m.sigma));
     shape
 }
 
@@ -206,7 +206,7 @@ mod tests {
         assert!(way[0].is_nan(), "a marker without ground has none");
         assert!([0.1, -0.2, 2.8].iter().zip(&way[6..]).all(|(a, b)| (a - b).abs() < 1e-12), "{way:?}");
         let mean = series_shape(&series, &ground).vtu();
-        assert_eq!(numbers(&mean, "lift_m")[2], 2.9);
+        assert_eq!(numbers(&mean, "deflection_m")[2], 2.9);
         assert!(collection(&[(0.0, "a.vtp".into())]).contains("timestep=\"0\""));
     }
 }

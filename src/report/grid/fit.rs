@@ -196,8 +196,8 @@ mod tests {
     #[test]
     fn what_fits_keeps_its_headings_on_a_line() {
         assert_eq!(
-            grid(&["<name", "lift / m"], "1.5").text(),
-            "name  lift / m\n----  --------\n1.5        1.5\n"
+            grid(&["<name", "deflection / m"], "1.5").text(),
+            "name  deflection / m\n----  --------\n1.5        1.5\n"
         );
     }
 

@@ -1,4 +1,4 @@
-//! This section of the report shows the aircraft's data beside the lift.
+//! This section of the report shows the aircraft's data beside the deflection.
 
 use maud::{Markup, html};
 
@@ -11,7 +11,7 @@ use crate::aircraft::Quantity;
 
 const WIDTH: f64 = 1040.0;
 const COLOUR: &str = "#17456f";
-/// What the lift follows: more weight asks for more lift, a wing's own fuel relieves it.
+/// What the deflection follows: more weight asks for more deflection, a wing's own fuel relieves it.
 const AGAINST: [(Quantity, &str, f64); 3] = [
     (Quantity::WeightKg, "weight / t", 1e-3),
     (Quantity::FuelKg, "fuel on board / t", 1e-3),
@@ -28,7 +28,7 @@ pub fn section(data: &ReportData) -> Markup {
             @if points.len() > 1 {
                 figure {
                     (against(&points, label, scale))
-                    p.caption { "Lift of the tip marker " (summary::reference(&data.series).words()) " of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
+                    p.caption { "Deflection of the tip marker " (summary::reference(&data.series).words()) " of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
                 }
             }
         }
@@ -40,14 +40,14 @@ pub fn section(data: &ReportData) -> Markup {
     }
 }
 
-/// Quantity, lift and its standard deviation of each frame that has both.
+/// Quantity, deflection and its standard deviation of each frame that has both.
 fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
     let reference = summary::reference(&data.series);
     let of = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
-            let (lift_m, sigma_m) = record.tip.as_ref()?.lift(reference)?;
+            let (deflection_m, sigma_m) = record.tip.as_ref()?.deflection(reference)?;
             let shot = series.shot_of(record)?;
-            Some((shot.aircraft.get(&quantity)?.value, lift_m, sigma_m))
+            Some((shot.aircraft.get(&quantity)?.value, deflection_m, sigma_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
     };
@@ -59,7 +59,7 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
     let plot = Plot {
         area: [64.0, 12.0, WIDTH - 100.0, 240.0],
         x: Axis::over(points.iter().map(|p| scale * p.0), label),
-        y: Axis::over(points.iter().flat_map(ends), "lift of the tip marker / m"),
+        y: Axis::over(points.iter().flat_map(ends), "deflection of the tip marker / m"),
     };
     let content = html! {
         (plot.frame())
@@ -67,12 +67,12 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
             (plot.value(scale * x, *y, *sigma, COLOUR, ""))
         }
     };
-    let name = format!("Lift against {label}");
+    let name = format!("Deflection against {label}");
     let chart = Chart {
         name: name.clone(),
         height: 300.0,
         x: Across::plain(label),
-        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        y: Upright { label: "deflection of the tip marker / m".to_owned(), zero: false },
         tracks: vec![Trace {
             name: "single frames".to_owned(),
             colour: COLOUR.to_owned(),

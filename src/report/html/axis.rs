@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_cover_the_data() {
-        let axis = Axis::over([0.02, 2.93].into_iter(), "lift / m");
+        let axis = Axis::over([0.02, 2.93].into_iter(), "deflection / m");
         assert_eq!(axis.range(), (0.0, 3.0));
         let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
         assert_eq!(texts, ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5", "3.0"]);

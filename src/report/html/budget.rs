@@ -1,4 +1,4 @@
-//! What the variance of the tip's lift comes from, and what would help most.
+//! What the variance of the tip's deflection comes from, and what would help most.
 
 use maud::{Markup, html};
 
@@ -10,7 +10,7 @@ use crate::record::{BudgetShare, GlobalTest, ImageRecord, Tip};
 pub fn section(data: &ReportData) -> Markup {
     let reference = summary::reference(&data.series);
     let records = || data.series.iter().flat_map(summary::solved);
-    let of_it = |r: &&ImageRecord| r.tip.as_ref().and_then(|tip| tip.shown) == Some(reference);
+    let of_it = |r: &&ImageRecord| r.tip.as_ref().and_then(|tip| tip.reference) == Some(reference);
     let all: Vec<&ImageRecord> = records().filter(of_it).filter(|r| !r.budget.is_empty()).collect();
     let split = accepted(&all);
     let shares = mean(&split);
@@ -22,7 +22,7 @@ pub fn section(data: &ReportData) -> Markup {
             p { (helps(&split, &shares)) }
             div.scroll { (table::budget(&shares).html()) }
             p.caption {
-                "Shares of the variance of the tip marker's lift " (reference.words()) ", by propagation through the adjustment as it was weighted; mean over "
+                "Shares of the variance of the tip marker's deflection " (reference.words()) ", by propagation through the adjustment as it was weighted; mean over "
                 (split.len()) " of " (count(records().count(), "solved frame"))
                 @if split.len() < all.len() { ", without those whose global test rejects the model" }
                 ". Beside a share stands the standard deviation that would be left if the source were known without error; images and survey are never that. It is not what the other shares add up to: a source that is known tells of the others, too."
@@ -60,9 +60,9 @@ fn mean(records: &[&ImageRecord]) -> Vec<BudgetShare> {
     shares
 }
 
-/// Of the lift that a frame shows, m.
+/// Of the deflection that a frame shows, m.
 fn sigma_shown_m(tip: &Tip) -> Option<f64> {
-    tip.lift(tip.shown.unwrap_or_default())?.1
+    tip.deflection(tip.reference.unwrap_or_default())?.1
 }
 
 /// What would help most.
@@ -74,7 +74,7 @@ fn helps(records: &[&ImageRecord], shares: &[BudgetShare]) -> String {
     let known = shares.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
     match (known.min_by(|a, b| a.1.total_cmp(&b.1)), shares.first()) {
         (Some((one, sigma)), _) => format!(
-            "What would help most if it were known without error: {}. The standard deviation{now} of the tip's lift would fall to {} mm.",
+            "What would help most if it were known without error: {}. The standard deviation{now} of the tip's deflection would fall to {} mm.",
             one.source,
             mm(sigma)
         ),

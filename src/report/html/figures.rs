@@ -1,4 +1,4 @@
-//! These figures show deflection and twist along the span, and lift and torsion over time.
+//! These figures show deflection and twist along the span, and deflection and torsion over time.
 
 use maud::{Markup, html};
 
@@ -21,16 +21,23 @@ const DEFLECTION: &str = "Deflection curves";
 
 type Column<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
 
-/// Lift of the bending axis along the span, one curve per series, with 1-sigma bands.
+/// Deflection of the bending axis along the span, one curve per series, with 1-sigma bands.
 pub fn deflection(summaries: &[SeriesSummary]) -> Markup {
-    let lift = |p: &CurveRecord| (p.lift_m, p.sigma_lift_m);
-    curves(summaries, DEFLECTION, "lift of the bending axis / m", 400.0, &lift, 2)
+    let deflection = |p: &CurveRecord| (p.deflection_m, p.sigma_deflection_m);
+    curves(summaries, DEFLECTION, "deflection of the bending axis / m", 400.0, &deflection, 2)
 }
 
-/// How sure the lift is along the span, mm.
+/// How sure the deflection is along the span, mm.
 pub fn uncertainty(summaries: &[SeriesSummary]) -> Markup {
-    let sigma = |p: &CurveRecord| (1e3 * p.sigma_lift_m.unwrap_or(f64::NAN), None);
-    curves(summaries, "Standard deviation of the lift", "std. dev. of the lift / mm", 170.0, &sigma, 1)
+    let sigma = |p: &CurveRecord| (1e3 * p.sigma_deflection_m.unwrap_or(f64::NAN), None);
+    curves(
+        summaries,
+        "Standard deviation of the deflection",
+        "std. dev. of the deflection / mm",
+        170.0,
+        &sigma,
+        1,
+    )
 }
 
 /// Twist along the span, with 1-sigma bands; `None` where no frame has one.
@@ -144,13 +151,20 @@ fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
     })
 }
 
-/// Lift of the tip marker over time: shots, means with their standard deviations.
-pub fn tip_lift(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
+/// Deflection of the tip marker over time: shots, means with their standard deviations.
+pub fn tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
-    let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.lift(reference)?.0);
-    let mean = |s: &SeriesSummary| s.tip_lift_m;
-    let track = Track { name: "tip lift", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
-    over_time(series, summaries, "Tip lift over time", "lift of the tip marker / m", 260.0, &[track])
+    let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.deflection(reference)?.0);
+    let mean = |s: &SeriesSummary| s.tip_deflection_m;
+    let track = Track { name: "tip deflection", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
+    over_time(
+        series,
+        summaries,
+        "Tip deflection over time",
+        "deflection of the tip marker / m",
+        260.0,
+        &[track],
+    )
 }
 
 /// Torsion and twist of one pair over time.
@@ -163,7 +177,7 @@ pub fn torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &str) -
     let mean_twist = |s: &SeriesSummary| mean_of(s).and_then(|t| t.twist_deg);
     let tracks = [
         Track {
-            name: "torsion from the two lifts",
+            name: "torsion from the two deflections",
             colour: "#b3541e",
             dashed: true,
             shot: &angle,

@@ -1,4 +1,4 @@
-//! This page shows several flights: the lift of each against time.
+//! This page shows several flights: the deflection of each against time.
 
 use maud::{Markup, html};
 
@@ -18,7 +18,7 @@ fn track(flight: &Overview) -> Vec<(f64, Mean)> {
     let first = flight.series.iter().find_map(|line| line.begun.as_ref());
     let hour = |(index, line): (usize, &Line)| {
         let known = first.zip(line.begun.as_ref()).map(|(first, at)| hours_between(first, at));
-        Some((known.unwrap_or(index as f64), line.tip_lift_m?))
+        Some((known.unwrap_or(index as f64), line.tip_deflection_m?))
     };
     flight.series.iter().enumerate().filter_map(hour).collect()
 }
@@ -29,10 +29,10 @@ pub fn flights(flights: &[Overview]) -> String {
     let main = html! {
         header { h1 { "Wing deflection, flight by flight" } p.sub { (count(flights.len(), "flight")) } }
         @for warning in warnings { p.warning { (warning) } }
-        h2 { "Lift over time" }
+        h2 { "Deflection over time" }
         figure {
-            (lift(flights))
-            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series, its lifts counted as the table says." }
+            (deflection(flights))
+            p.caption { "Deflection of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series, its deflections counted as the table says." }
         }
         h2 { "Flights" }
         div.scroll { (table(flights).html()) }
@@ -54,7 +54,7 @@ fn unit(longest_h: f64) -> (&'static str, f64) {
     }
 }
 
-fn lift(flights: &[Overview]) -> Markup {
+fn deflection(flights: &[Overview]) -> Markup {
     let mut tracks: Vec<(usize, Vec<(f64, Mean)>)> =
         flights.iter().map(track).enumerate().filter(|(_, track)| !track.is_empty()).collect();
     let (unit, an_hour) = unit(tracks.iter().flat_map(|(_, track)| track).map(|p| p.0).fold(0.0, f64::max));
@@ -66,7 +66,7 @@ fn lift(flights: &[Overview]) -> Markup {
     let plot = Plot {
         area: [64.0, 12.0, WIDTH - 64.0 - 120.0, height],
         x: Axis::over(points().map(|p| p.0), &label),
-        y: Axis::over(points().flat_map(|p| ends(&p.1)), "lift of the tip marker / m"),
+        y: Axis::over(points().flat_map(|p| ends(&p.1)), "deflection of the tip marker / m"),
     };
     let content = html! {
         (plot.frame())
@@ -88,12 +88,12 @@ fn lift(flights: &[Overview]) -> Markup {
         points: track.iter().map(|(h, m)| point(*h, m.value, m.sigma)).collect(),
         ..Trace::default()
     };
-    let name = "Lift over time of each flight";
+    let name = "Deflection over time of each flight";
     let chart = Chart {
         name: name.to_owned(),
         height: 380.0,
         x: Across::plain(&label),
-        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        y: Upright { label: "deflection of the tip marker / m".to_owned(), zero: false },
         tracks: tracks.iter().map(trace).collect(),
     };
     html! { (drawing(WIDTH, height + 60.0, name, &content)) (chart.values(None)) }
@@ -102,9 +102,13 @@ fn lift(flights: &[Overview]) -> Markup {
 fn table(flights: &[Overview]) -> Grid {
     let begun = |f: &Overview| f.series.iter().find_map(|line| line.begun.clone());
     let day = |at: Stamp| at.utc.strftime("%Y-%m-%d %H:%M").to_string();
-    let lift = |f: &Overview| {
-        let greatest = f.greatest().map(|(_, lift)| lift);
-        rounded(greatest.map(|lift| lift.lift_m), greatest.and_then(|lift| lift.sigma_m), 3)
+    let deflection = |f: &Overview| {
+        let greatest = f.greatest().map(|(_, deflection)| deflection);
+        rounded(
+            greatest.map(|deflection| deflection.deflection_m),
+            greatest.and_then(|deflection| deflection.sigma_m),
+            3,
+        )
     };
     Grid::each(flights).columns(&[
         ("<flight", &|f| f.flight.clone()),
@@ -112,10 +116,11 @@ fn table(flights: &[Overview]) -> Grid {
         ("series", &|f| f.series.len().to_string()),
         ("frames", &|f| f.sum(|line| line.frames).to_string()),
         ("solved", &|f| f.sum(|line| line.solved).to_string()),
-        ("greatest lift / m", &|f| lift(f).0),
-        ("sigma / m", &|f| lift(f).1),
+        ("greatest deflection / m", &|f| deflection(f).0),
+        ("sigma / m", &|f| deflection(f).1),
         ("<in frame", &|f| {
-            f.greatest().map_or(String::new(), |(line, lift)| format!("{}/{}", line.name, lift.image))
+            f.greatest()
+                .map_or(String::new(), |(line, deflection)| format!("{}/{}", line.name, deflection.image))
         }),
         ("<counted", &|f| f.reference.words().to_owned()),
     ])

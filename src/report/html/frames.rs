@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::super::{ReportData, SeriesData, Site, Whole, doubt, summary};
+use super::super::{ReportData, SeriesData, Site, Whole, frame_ranking, summary};
 use super::chart::{brief, json, point};
 use super::views::{Placed, frame_of, placed};
 use crate::record::{GlobalTest, ImageRecord, MarkerRecord, Reference};
@@ -17,10 +17,10 @@ struct Frame<'a> {
     why: &'a str,
     doubt: Option<String>,
     /// Of the tip with its sigma, m.
-    lift: [Option<f64>; 2],
+    deflection: [Option<f64>; 2],
     factor: Option<f64>,
     test: Option<GlobalTest>,
-    /// Span, lift, sigma, m.
+    /// Span, deflection, sigma, m.
     curve: Vec<[Option<f64>; 3]>,
     markers: Vec<Marker<'a>>,
 }
@@ -36,7 +36,7 @@ struct Marker<'a> {
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
     /// Against the survey with its sigma, m, as the curve's.
-    lift: [Option<f64>; 2],
+    deflection: [Option<f64>; 2],
 }
 
 /// The section; without the script it says so.
@@ -59,7 +59,7 @@ pub fn section(data: &ReportData) -> Markup {
 
 #[derive(Serialize)]
 struct Frames<'a> {
-    /// Against what the tips' lifts are counted.
+    /// Against what the tips' deflections are counted.
     counted: &'static str,
     /// Markers stand in the wing frame, as the curves do.
     surveyed: bool,
@@ -83,7 +83,7 @@ fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
         solved: false,
         why: "it is not solved yet.",
         doubt: None,
-        lift: [None; 2],
+        deflection: [None; 2],
         factor: None,
         test: None,
         curve: Vec::new(),
@@ -93,17 +93,17 @@ fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
 
 fn whole<'a>(frame: &'a Whole, site: Option<&Site>, reference: Reference) -> Frame<'a> {
     let record = &frame.record;
-    let (lift, sigma) = record.tip.as_ref().and_then(|tip| tip.lift(reference)).unzip();
+    let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
     Frame {
         series: &frame.series,
         image: &record.image,
         solved: record.is_solved(),
         why: record.reason.as_deref().unwrap_or_default(),
-        doubt: doubt::doubt(record),
-        lift: [lift.and_then(brief), sigma.flatten().and_then(brief)],
+        doubt: frame_ranking::doubt(record),
+        deflection: [deflection.and_then(brief), sigma.flatten().and_then(brief)],
         factor: record.variance_factor.and_then(brief),
         test: record.global_test,
-        curve: record.curve.iter().map(|p| point(p.span_m, p.lift_m, p.sigma_lift_m)).collect(),
+        curve: record.curve.iter().map(|p| point(p.span_m, p.deflection_m, p.sigma_deflection_m)).collect(),
         markers: markers(record, site),
     }
 }
@@ -126,6 +126,6 @@ fn marker<'a>(m: &'a MarkerRecord, place: Option<&Placed>) -> Marker<'a> {
         }),
         ground: place.and_then(|p| p.ground).map(metres),
         flight: place.and_then(|p| p.flight).map(metres),
-        lift: [m.lift_m.and_then(brief), m.sigma_lift_m.and_then(brief)],
+        deflection: [m.deflection_m.and_then(brief), m.sigma_deflection_m.and_then(brief)],
     }
 }

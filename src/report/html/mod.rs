@@ -134,26 +134,28 @@ fn tiles(summaries: &[SeriesSummary]) -> Markup {
     }
 }
 
-/// The greatest lift of a single frame; nothing where no frame has one.
+/// The greatest deflection of a single frame; nothing where no frame has one.
 fn greatest(summaries: &[SeriesSummary]) -> Markup {
-    let with_lift = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
-    let Some((s, one)) = with_lift.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m)) else { return html! {} };
-    let (lift, sigma) = rounded(Some(one.lift_m), one.sigma_m, 3);
+    let with_deflection = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let Some((s, one)) = with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m)) else {
+        return html! {};
+    };
+    let (deflection, sigma) = rounded(Some(one.deflection_m), one.sigma_m, 3);
     html! {
         div.tile {
-            b { (lift) @if sigma != NONE { " ± " (sigma) } " m" }
-            span { "greatest tip lift of a single frame ± 1 sigma, " (s.reference.words()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", begun " (s.begun_text()) " UTC" } }
+            b { (deflection) @if sigma != NONE { " ± " (sigma) } " m" }
+            span { "greatest tip deflection of a single frame ± 1 sigma, " (s.reference.words()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", begun " (s.begun_text()) " UTC" } }
         }
     }
 }
 
-/// From the first series with a lift to the last one; of one series its mean, with the scatter that the mean hides.
+/// From the first series with a deflection to the last one; of one series its mean, with the scatter that the mean hides.
 fn change(summaries: &[SeriesSummary]) -> Markup {
-    let means: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.tip_lift_m?))).collect();
+    let means: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.tip_deflection_m?))).collect();
     let scatter = |mean: Mean| table::scatter(Some(mean));
     match means.as_slice() {
         [(_, mean)] if mean.count > 1 => html! {
-            div.tile { b { (fixed(Some(mean.value), 3)) " m" } span { "mean tip lift of " (mean.count) " frames, which scatter by " (scatter(*mean)) " m about it" } }
+            div.tile { b { (fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection of " (mean.count) " frames, which scatter by " (scatter(*mean)) " m about it" } }
         },
         [(first, a), .., (last, b)] => {
             // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
@@ -164,7 +166,7 @@ fn change(summaries: &[SeriesSummary]) -> Markup {
                 div.tile {
                     b { (change) @if sigma != NONE { " ± " (sigma) } " m" }
                     span {
-                        "change of the mean tip lift from series " (first.name) " to " (last.name) " ± 1 sigma at most"
+                        "change of the mean tip deflection from series " (first.name) " to " (last.name) " ± 1 sigma at most"
                         @if scattered { "; single frames scatter by " (scatter(*a)) " and " (scatter(*b)) " m about these means" }
                     }
                 }
@@ -196,7 +198,7 @@ fn period(data: &ReportData) -> String {
 fn contents() -> Markup {
     let parts = [
         ("deflection", "Deflection along the span"),
-        ("time", "Lift and torsion over time"),
+        ("time", "Deflection and torsion over time"),
         ("series", "Series"),
         ("budget", "What the uncertainty comes from"),
         ("every", "Every frame"),
@@ -228,13 +230,13 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
         h2 id="deflection" { "Deflection along the span" }
         figure {
             (figures::deflection(summaries))
-            p.caption { "Mean curve of every series, vertical lift of the bending axis against the survey. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+            p.caption { "Mean curve of every series, vertical deflection of the bending axis against the survey. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
             @if let Some(text) = scattered(summaries) { p.caption { (text) } }
             @if let Some(text) = shown.and_then(marker_and_axis) { p.caption { (text) } }
         }
         figure {
             (figures::uncertainty(summaries))
-            p.caption { "Standard deviation of the lift in the figure above." }
+            p.caption { "Standard deviation of the deflection in the figure above." }
         }
         @if let Some(twist) = figures::twist(summaries) {
             figure {
@@ -248,7 +250,7 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
 /// Series whose frames differ by more than the band of their mean curve says.
 fn scattered(summaries: &[SeriesSummary]) -> Option<String> {
     let beyond = |mean: Mean| mean.scatter.filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma));
-    let wide: Vec<_> = summaries.iter().filter_map(|s| Some((s, beyond(s.tip_lift_m?)?))).collect();
+    let wide: Vec<_> = summaries.iter().filter_map(|s| Some((s, beyond(s.tip_deflection_m?)?))).collect();
     let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
         "Single frames of {} scatter about their mean by more than its band says, at the tip by up to {} m (series {}): each \
@@ -259,38 +261,39 @@ fn scattered(summaries: &[SeriesSummary]) -> Option<String> {
     ))
 }
 
-/// A marker's lift is not the bending axis's where the section turns: said with numbers where they differ.
+/// A marker's deflection is not the bending axis's where the section turns: said with numbers where they differ.
 fn marker_and_axis(record: &ImageRecord) -> Option<String> {
     let tip = record.tip.as_ref()?;
     let axis = record.curve.last()?;
-    let differ = (tip.lift_m - axis.lift_m).abs() > 3.0 * tip.sigma_lift_m.unwrap_or(0.0).max(0.001);
+    let differ =
+        (tip.deflection_m - axis.deflection_m).abs() > 3.0 * tip.sigma_deflection_m.unwrap_or(0.0).max(0.001);
     differ.then(|| {
         format!(
-            "In {}, marker {} lifts by {} m against the survey and the bending axis, at the end of its curve, by {} m: a marker \
+            "In {}, marker {} moves up by {} m against the survey and the bending axis, at the end of its curve, by {} m: a marker \
              before or behind the axis also moves by the section's twist, and the curve may end at another span.",
             record.image,
             tip.marker,
-            fixed(Some(tip.lift_m), 3),
-            fixed(Some(axis.lift_m), 3)
+            fixed(Some(tip.deflection_m), 3),
+            fixed(Some(axis.deflection_m), 3)
         )
     })
 }
 
 fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.solved == 0) {
-        return html! { h2 id="time" { "Lift and torsion over time" } p { "No frame has been solved." } };
+        return html! { h2 id="time" { "Deflection and torsion over time" } p { "No frame has been solved." } };
     }
     let pairs = distinct(summaries.iter().flat_map(|s| &s.torsion).map(|pair| pair.name.as_str()));
     html! {
-        h2 id="time" { "Lift and torsion over time" }
+        h2 id="time" { "Deflection and torsion over time" }
         figure {
-            (figures::tip_lift(&data.series, summaries))
-            p.caption { "Lift of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ": single frames (circles), means of the series with 1 sigma of one frame." }
+            (figures::tip_deflection(&data.series, summaries))
+            p.caption { "Deflection of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ": single frames (circles), means of the series with 1 sigma of one frame." }
         }
         @for pair in pairs {
             figure {
                 (figures::torsion(&data.series, summaries, pair))
-                p.caption { "Pair '" (pair) "'. Torsion from the two lifts alone contains bending where the two markers do not share a spanwise station; twist is the adjusted rotation of the section." }
+                p.caption { "Pair '" (pair) "'. Torsion from the two deflections alone contains bending where the two markers do not share a spanwise station; twist is the adjusted rotation of the section." }
             }
         }
     }
@@ -306,7 +309,7 @@ fn orthographic(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Mar
                 p.caption {
                     (name) ", true scale. "
                     @if views.surveyed { "Wing frame: origin in the camera's projection centre, X outboard, Y up, Z = X x Y." }
-                    @else { "Without the installation (option --installation): axes along the row of markers, ground as flight less lift, no camera." }
+                    @else { "Without the installation (option --installation): axes along the row of markers, ground as flight less deflection, no camera." }
                 }
             }
         } @else { p { "No frame has positions." } }

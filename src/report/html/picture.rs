@@ -17,7 +17,7 @@ use crate::pipeline::shrink::small_jpeg;
 use crate::record::{ImageRecord, MarkerRecord};
 
 /// The embedded picture is at most this wide and high, px.
-const LARGEST: usize = 1600;
+const MAX_IMAGE_PX: usize = 1600;
 /// Of its JPEG, percent.
 const QUALITY: u8 = 82;
 const USED: &str = "#3dea6d";
@@ -43,7 +43,7 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
     };
-    let Some(jpeg) = small_jpeg(&raster, LARGEST, QUALITY) else {
+    let Some(jpeg) = small_jpeg(&raster, MAX_IMAGE_PX, QUALITY) else {
         return html! { p.warning { (picture.image) ": the frame is too large to be shown" } };
     };
     let found = detect(&raster);

@@ -15,7 +15,7 @@ pub fn series(summaries: &[SeriesSummary]) -> Markup {
     html! {
         h2 id="series" { "Series" }
         div.scroll { (table::series_grid(summaries).html()) }
-        p.caption { "Mean over the solved frames of a series, lifts of the tip marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ". sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
+        p.caption { "Mean over the solved frames of a series, deflections of the tip marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ". sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
     }
 }
 
@@ -29,7 +29,7 @@ pub fn results(data: &ReportData) -> Markup {
         @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
         @let many = data.series.len() > OPEN;
         @let reference = summary::reference(&data.series);
-        p.caption { "Lifts of the tip marker " (reference.words()) "." }
+        p.caption { "Deflections of the tip marker " (reference.words()) "." }
         div.many[many] {
             @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
                 details open[!many] {

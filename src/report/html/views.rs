@@ -64,7 +64,7 @@ pub(super) fn placed(record: &ImageRecord, site: Option<&Site>, frame: &WingFram
     }
     let lowered = |m: &crate::record::MarkerRecord| {
         let position = flight(&m.id)?;
-        let ground = m.lift_m.map(|l| frame.wing_point(&(position - Vector3::z() * l)));
+        let ground = m.deflection_m.map(|l| frame.wing_point(&(position - Vector3::z() * l)));
         Some(Placed { id: m.id.clone(), ground, flight: Some(frame.wing_point(&position)) })
     };
     record.markers.iter().filter_map(lowered).collect()
@@ -143,7 +143,7 @@ fn view(
         }
         @for p in placed {
             @if let (Some(ground), Some(flight)) = (&p.ground, &p.flight) {
-                (line(at(ground), at(flight), "lift", FLIGHT))
+                (line(at(ground), at(flight), "deflection", FLIGHT))
             }
             @if let Some((x, y)) = p.ground.as_ref().map(at) {
                 circle.hollow cx=(px(x)) cy=(px(y)) r="2.6" stroke=(GROUND) { title { (p.id) " on ground" } }
@@ -200,8 +200,8 @@ fn key(x: f64, y: f64, camera: bool) -> Markup {
         (text(0.0, "on ground"))
         circle cx=(px(x + 8.0)) cy=(px(y + 20.0)) r="2.6" fill=(FLIGHT) {}
         (text(1.0, "in flight"))
-        line.lift x1=(px(x)) y1=(px(y + 40.0)) x2=(px(x + 16.0)) y2=(px(y + 40.0)) stroke=(FLIGHT) {}
-        (text(2.0, "lift"))
+        line.deflection x1=(px(x)) y1=(px(y + 40.0)) x2=(px(x + 16.0)) y2=(px(y + 40.0)) stroke=(FLIGHT) {}
+        (text(2.0, "deflection"))
         @if camera {
             line.sight x1=(px(x)) y1=(px(y + 60.0)) x2=(px(x + 16.0)) y2=(px(y + 60.0)) stroke=(SIGHT) {}
             (text(3.0, "line of sight"))

@@ -25,7 +25,7 @@ const ERROR_SIZE: f64 = 10.0;
 const MANY: usize = 150;
 
 /// Longest side of the picture, px: with markers drawn on it some 2 MB as PNG.
-const LONGEST: usize = 2000;
+const MAX_SIDE_PX: usize = 2000;
 
 /// Draws on a copy of the frame that is at most [`LONGEST`] px wide and high. `ids` in the order of the markers; may be
 /// shorter or empty. Candidates turned down are counted, and with `rejected` drawn, too.
@@ -60,7 +60,7 @@ pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>], rejec
 
 /// Frame and detections on fewer pixels, each the mean of a square; `None` where the frame is small enough.
 fn reduced(frame: &Raster, found: &Detections) -> Option<(Raster, Detections)> {
-    let side = frame.width().max(frame.height()).div_ceil(LONGEST);
+    let side = frame.width().max(frame.height()).div_ceil(MAX_SIDE_PX);
     let (width, height) = (frame.width() / side.max(1), frame.height() / side.max(1));
     let mean = |x: usize, y: usize| {
         let rows = (0..side).filter_map(|dy| frame.row(side * y + dy).get(side * x..side * (x + 1)));

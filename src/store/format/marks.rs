@@ -27,7 +27,7 @@ pub struct Mark {
     pub id: String,
     /// What is said of it.
     #[serde(flatten)]
-    pub act: Act,
+    pub act: MarkAction,
     /// Who said it.
     pub who: String,
     /// When, UTC; `None` where it is not known.
@@ -40,7 +40,7 @@ pub struct Mark {
 /// What is said of a marker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "mark", rename_all = "lowercase")]
-pub enum Act {
+pub enum MarkAction {
     /// Its centre is here; stands for what was detected of it.
     Place(Place),
     /// What was detected of it is not to be used.
@@ -59,15 +59,15 @@ pub struct Place {
     /// Covariance of the two, px^2.
     pub covariance_px2: [[f64; 2]; 2],
     /// What measured it.
-    pub by: By,
+    pub source: MarkSource,
 }
 
 /// What measured a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum By {
+pub enum MarkSource {
     /// The eye.
-    Hand,
+    Manual,
     /// The detector, where the hand showed it.
     Fit,
     /// The detector, under another marker's name.
@@ -80,7 +80,7 @@ pub fn standing(marks: &[Mark]) -> Vec<&Mark> {
     for mark in marks {
         last.insert((&mark.image, &mark.id), mark);
     }
-    last.into_values().filter(|mark| mark.act != Act::Withdraw).collect()
+    last.into_values().filter(|mark| mark.act != MarkAction::Withdraw).collect()
 }
 
 /// Head and whole lines; `None` where the first line is damaged.
@@ -103,24 +103,32 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    fn mark(id: &str, act: Act) -> Mark {
+    fn mark(id: &str, act: MarkAction) -> Mark {
         let (image, who) = ("s000001/0001.jpg".to_owned(), "ada".to_owned());
         Mark { image, frame_sha256: "ab".into(), id: id.into(), act, who, at: None, why: String::new() }
     }
 
     #[test]
     fn the_last_mark_of_a_marker_counts_and_a_withdrawn_one_does_not() {
-        let place = Place { u_px: 1.5, v_px: 2.5, covariance_px2: [[4.0, 0.0], [0.0, 4.0]], by: By::Hand };
+        let place = Place {
+            u_px: 1.5,
+            v_px: 2.5,
+            covariance_px2: [[4.0, 0.0], [0.0, 4.0]],
+            source: MarkSource::Manual,
+        };
         let all = [
-            mark("M01", Act::Place(place)),
-            mark("M02", Act::Reject),
-            mark("M01", Act::Reject),
-            mark("M02", Act::Withdraw),
+            mark("M01", MarkAction::Place(place)),
+            mark("M02", MarkAction::Reject),
+            mark("M01", MarkAction::Reject),
+            mark("M02", MarkAction::Withdraw),
         ];
         assert_eq!(standing(&all), [&all[2]]);
         let line = jsonl::line(&all[0]).unwrap();
         let text = String::from_utf8(line.clone()).unwrap();
-        assert!(text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""by":"hand""#), "{text}");
+        assert!(
+            text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""source":"manual""#),
+            "{text}"
+        );
         let file =
             [&jsonl::line(&Head { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"].concat();
         assert_eq!(parse(&file).unwrap().1, [all[0].clone()]);

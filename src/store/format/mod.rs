@@ -4,12 +4,12 @@ pub mod aircraft;
 pub mod chain;
 pub mod columns;
 mod digest;
-pub mod heads;
 pub mod jsonl;
 pub(crate) mod kinds;
 pub mod layout;
 pub mod manifest;
 pub(crate) mod marks;
+pub mod result_summary;
 pub(crate) mod sums;
 
 pub use digest::{Inputs, sha256};

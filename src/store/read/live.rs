@@ -40,8 +40,8 @@ pub mod names {
     pub const GLOBAL_TEST_PASSED: &str = "global_test_passed";
     /// Standard deviations are a priori or a posteriori: a word.
     pub const SIGMA_KIND: &str = "sigma_kind";
-    /// Which of the tip's lifts is told best: a word.
-    pub const TIP_LIFT_SHOWN: &str = "tip_lift_shown";
+    /// Which of the tip's deflections is told best: a word.
+    pub const TIP_REFERENCE: &str = "tip_reference";
 }
 
 /// Name, unit and kind of what a row has once.
@@ -56,24 +56,24 @@ pub const ONCE: [Once; 25] = [
     (names::NUMBER, "", Kind::U64),
     ("skipped", "", Kind::U64),
     (names::SOLVED, "", Kind::U8),
-    ("whole_search", "", Kind::U8),
+    ("full_search", "", Kind::U8),
     ("mounting", "", Kind::U32),
-    ("jolt", "", Kind::U8),
+    ("mount_disturbed", "", Kind::U8),
     ("latency", "ms", Kind::F32),
     ("variance_factor", "", Kind::F32),
     (names::GLOBAL_TEST_PASSED, "", Kind::U8),
-    ("tip_lift", "m", Kind::F32),
-    ("sigma_tip_lift", "m", Kind::F32),
-    ("tip_lift_ground", "m", Kind::F32),
-    ("sigma_tip_lift_ground", "m", Kind::F32),
-    ("tip_lift_root", "m", Kind::F32),
-    ("sigma_tip_lift_root", "m", Kind::F32),
+    ("tip_deflection", "m", Kind::F32),
+    ("sigma_tip_deflection", "m", Kind::F32),
+    ("tip_deflection_ground", "m", Kind::F32),
+    ("sigma_tip_deflection_ground", "m", Kind::F32),
+    ("tip_deflection_root", "m", Kind::F32),
+    ("sigma_tip_deflection_root", "m", Kind::F32),
     ("redundancy", "", Kind::U32),
     (names::UTC_SYNCHRONISED, FLAG, Kind::U8),
     (names::EXPOSURE_SOURCE, WORD, Kind::U8),
     (names::REASON, WORD, Kind::U8),
     (names::SIGMA_KIND, WORD, Kind::U8),
-    (names::TIP_LIFT_SHOWN, WORD, Kind::U8),
+    (names::TIP_REFERENCE, WORD, Kind::U8),
 ];
 
 /// The closed files of a flight, in order.

@@ -6,7 +6,7 @@ use super::catalogue::{self, FlightRef};
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::kinds::MARKS;
 use crate::store::format::marks::parse;
-pub use crate::store::format::marks::{Act, By, Mark, Place, standing};
+pub use crate::store::format::marks::{Mark, MarkAction, MarkSource, Place, standing};
 use crate::store::format::sha256;
 
 /// All marks of a flight in the order in which they were made, those of the file being written among them; and what could not

@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef, SeriesRef};
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::heads::{self, Head};
 use crate::store::format::manifest::ResultLine;
+use crate::store::format::result_summary::{self, Head};
 use crate::store::format::{Inputs, layout};
 
 /// Characters of a set's key that a person reads and types.
@@ -91,7 +91,7 @@ pub fn of_flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Sets, StoreError
     let mut gather = Gather::default();
     for series in catalogue::series(disk, flight)? {
         let bytes = disk.load_if_there(&series.folder.join(layout::RESULTS_FILE))?;
-        gather.add(&series.id, &heads::parse(&bytes.unwrap_or_default(), &[]));
+        gather.add(&series.id, &result_summary::parse(&bytes.unwrap_or_default(), &[]));
     }
     Ok(gather.end())
 }
@@ -174,7 +174,7 @@ mod tests {
         let mut gather = Gather::default();
         for (number, lines) in series.iter().enumerate() {
             let text: String = lines.iter().map(|(frame, program)| line(*frame, program)).collect();
-            gather.add(&layout::series_id(number as u64 + 1), &heads::parse(text.as_bytes(), &[]));
+            gather.add(&layout::series_id(number as u64 + 1), &result_summary::parse(text.as_bytes(), &[]));
         }
         gather.end()
     }

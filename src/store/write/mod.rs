@@ -2,10 +2,10 @@
 //!
 //! Recovering belongs here: it finishes what a writer began, with the same steps, and every opening begins with it.
 
+mod append_files;
 pub(crate) mod chain;
 pub(crate) mod evidence;
 pub mod flight;
-mod grown;
 mod index;
 pub(crate) mod installations;
 pub(crate) mod opening;

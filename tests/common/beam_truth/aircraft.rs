@@ -31,9 +31,9 @@ pub struct Effects {
     /// The wing stood higher at the ground frame than at the survey, at the tip, m.
     pub ground_bend_m: f64,
     /// The root turned against the cabin since the ground frame, about X, Y, Z of the wing frame, rad.
-    pub root_turn_rad: Vector3<f64>,
+    pub root_rotation_rad: Vector3<f64>,
     /// And moved, m.
-    pub root_shift_m: Vector3<f64>,
+    pub root_translation_m: Vector3<f64>,
     /// The skin bulges near the root, m.
     pub bulge_m: f64,
     /// Each marker moves along the skin's normal by as much, standard deviation, m.
@@ -93,9 +93,9 @@ pub struct Aircraft {
 pub enum When {
     Survey,
     Ground,
-    /// Lift of the tip, m, and fuel on board.
+    /// Deflection of the tip, m, and fuel on board.
     Flight {
-        lift_m: f64,
+        deflection_m: f64,
         fuel: f64,
     },
 }
@@ -133,7 +133,7 @@ impl Aircraft {
         self.fixed_m = marks.collect();
     }
 
-    /// Bending moment's curvature in flight, before it is scaled to a lift.
+    /// Bending moment's curvature in flight, before it is scaled to a deflection.
     fn curvature(&self, fuel: f64) -> Vec<f64> {
         let wing = self.truth.wing;
         let mut curvature = wing.curvature(fuel);
@@ -153,9 +153,9 @@ impl Aircraft {
         match when {
             When::Survey => (wing.bend(&[0.0; STEPS + 1], 0.0, 1.0), vec![0.0; STEPS + 1]),
             When::Ground => self.scaled(wing.weight(), self.effects.ground_bend_m, 1.0),
-            When::Flight { lift_m, fuel } => {
+            When::Flight { deflection_m, fuel } => {
                 let scale = self.truth.setup.thermal.map_or(1.0, |t| t.scale());
-                let (_, mut curvature) = self.scaled(self.curvature(fuel), lift_m, 1.0);
+                let (_, mut curvature) = self.scaled(self.curvature(fuel), deflection_m, 1.0);
                 curvature[STEPS / 3] += self.effects.kink_rad * STEPS as f64 / wing.length_m;
                 (wing.bend(&curvature, 1.0, scale), curvature)
             }
@@ -178,14 +178,14 @@ impl Aircraft {
 
     /// Twist of a section, nose up positive, rad.
     pub fn twist_rad(&self, e: f64, when: When) -> f64 {
-        let When::Flight { lift_m, .. } = when else { return 0.0 };
+        let When::Flight { deflection_m, .. } = when else { return 0.0 };
         let wing = self.truth.wing;
         let compliance = |e: f64| {
             let part = |k: usize| (1.0 - (1.0 - wing.taper) * e * (k as f64 + 0.5) / 50.0).powf(-wing.power);
             e * (0..50).map(part).sum::<f64>()
         };
         let torque = self.effects.torque_rad * compliance(e.min(AILERON)) / compliance(AILERON);
-        lift_m / 2.5 * wing.twist_tip_rad * e.powf(wing.twist_power) + torque
+        deflection_m / 2.5 * wing.twist_tip_rad * e.powf(wing.twist_power) + torque
     }
 
     /// Twist of the section midway between the torsion pair, rad.
@@ -251,12 +251,12 @@ impl Aircraft {
     }
 
     fn with_root(&self, point: &Vector3<f64>) -> Vector3<f64> {
-        let turned = Rotation3::new(self.effects.root_turn_rad) * (point - self.root_m());
-        self.root_m() + turned + self.effects.root_shift_m
+        let turned = Rotation3::new(self.effects.root_rotation_rad) * (point - self.root_m());
+        self.root_m() + turned + self.effects.root_translation_m
     }
 
-    /// True lifts of all markers against the survey, the ground frame, the root's tangent, m.
-    pub fn lifts_m(&self, when: When) -> Vec<[f64; 3]> {
+    /// True deflections of all markers against the survey, the ground frame, the root's tangent, m.
+    pub fn deflections_m(&self, when: When) -> Vec<[f64; 3]> {
         let (survey, ground) = (self.in_wing_frame(When::Survey), self.in_wing_frame(When::Ground));
         let one = |(k, flight): (usize, Vector3<f64>)| {
             let carried = self.with_root(&ground[k]);
@@ -311,8 +311,8 @@ impl Aircraft {
         let centre = self.truth.setup.projection_centre_m + shift_m;
         let points = self.points(when);
         let shown = |k: usize, time_s: f64| {
-            let lifted = self.vibrated(k, &points[k], time_s, phases[0]);
-            let seen = self.shaken(time_s, phases[1]) * turn * self.refracted(&(lifted - centre));
+            let deflected = self.vibrated(k, &points[k], time_s, phases[0]);
+            let seen = self.shaken(time_s, phases[1]) * turn * self.refracted(&(deflected - centre));
             lens.project(&seen).expect("before the camera")
         };
         let mut seen = vec![];

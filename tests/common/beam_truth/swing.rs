@@ -82,17 +82,17 @@ impl Truth {
     /// Survey-frame positions in flight, with a swing in the second mode, m at the tip.
     pub fn swinging(
         &self,
-        tip_lift_m: f64,
+        tip_deflection_m: f64,
         fuel: f64,
         mode: &SecondMode,
         second_m: f64,
     ) -> Vec<Vector3<f64>> {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
-        let (mut curvature, factor) = self.loaded(tip_lift_m, fuel);
+        let (mut curvature, factor) = self.loaded(tip_deflection_m, fuel);
         curvature.iter_mut().zip(&mode.0).for_each(|(c, swing)| *c += second_m * swing / factor);
         let bent = self.wing.bend(&curvature, factor, scale);
         let frame = self.setup.wing_frame();
-        let carried = self.carried(&bent, tip_lift_m / 2.5, scale);
+        let carried = self.carried(&bent, tip_deflection_m / 2.5, scale);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 }

@@ -176,7 +176,7 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
         }
         Kind::Observations => {
             let setup = &installation.setup;
-            let row = |o: &wingd::installation::HandObservation| {
+            let row = |o: &wingd::installation::ManualObservation| {
                 let id = Read::Text(setup.markers[o.marker].id.clone());
                 let cell = |value: Option<f64>| value.map_or(Read::Text(String::new()), number);
                 let [u, v] = [0, 1].map(|k| o.place.map(|p| p.pixel[k]));

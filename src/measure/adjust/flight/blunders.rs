@@ -1,10 +1,10 @@
 //! Data snooping in all frames of a flight at once.
 
-use super::frames::{FEWEST, Flight};
+use super::frames::{Flight, MIN_MARKERS};
 use super::solving::Solved;
 use super::usage::Removed;
 use crate::adjust::AdjustError;
-use crate::adjust::snooping::{self, Judged, Target, WIDEST_MARKS};
+use crate::adjust::snooping::{self, MAX_FIXED_TARGET_SCALE, ResidualSum, Target};
 
 /// Rounds of data snooping, each removing at most one observation per frame.
 const ROUNDS: usize = 4;
@@ -39,7 +39,7 @@ impl Flight<'_> {
     /// A rough solution without blunders, and what they are.
     pub fn without_blunders(&mut self) -> Result<(Solved, Vec<Removed>), AdjustError> {
         let mut solved = self.solve(None)?;
-        while self.factors.marks < WIDEST_MARKS && self.marks_contradict(&solved) {
+        while self.factors.marks < MAX_FIXED_TARGET_SCALE && self.marks_contradict(&solved) {
             self.factors.marks *= 2.0;
             solved = self.solve(Some(&solved.fit))?;
         }
@@ -69,7 +69,7 @@ impl Flight<'_> {
     /// Removes at most one observation per frame and round; returns what was removed.
     fn snoop(&mut self, mut last: Solved) -> Result<(Solved, Vec<Removed>), AdjustError> {
         let mut removed: Vec<Removed> = vec![];
-        let mut with_all = Judged::of(&last.fit);
+        let mut with_all = ResidualSum::of(&last.fit);
         for _ in 0..ROUNDS {
             let mut found = self.suspects(&last);
             let most = found.iter().fold(0.0, |m: f64, r| m.max(r.suspect.w.abs()));
@@ -81,7 +81,7 @@ impl Flight<'_> {
             removed.append(&mut found);
             last = self.solve(Some(&last.fit))?;
             if removed.iter().all(|r| r.suspect.is_gross()) {
-                with_all = Judged::of(&last.fit);
+                with_all = ResidualSum::of(&last.fit);
             }
         }
         // Of one frame, or of survey and ground frame.
@@ -93,7 +93,8 @@ impl Flight<'_> {
     /// The worst of each frame, and of survey and ground frame.
     fn suspects(&self, Solved { setting, fit, .. }: &Solved) -> Vec<Removed> {
         let ground = self.frames.len();
-        let frames = setting.members.iter().enumerate().filter(|(_, members)| members.len() > FEWEST + 1);
+        let frames =
+            setting.members.iter().enumerate().filter(|(_, members)| members.len() > MIN_MARKERS + 1);
         let groups = frames.chain([(ground, &setting.ground_members)]);
         let worst = |(group, members): (usize, &Vec<_>)| {
             let suspect = snooping::worst(&self.input, &setting.problem, fit, group, members)?;

@@ -2,20 +2,20 @@
 
 use nalgebra::DVector;
 
-use super::assumed::{Assumed, own_rotation_column};
+use super::hyperparameters::{FlightHyperparameters, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
 use crate::adjust::blocks::{image_block, survey_block};
-use crate::adjust::causes::{Cause, causes};
+use crate::adjust::common_displacement::{CommonDisplacement, causes};
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights, by_marker, on_the_wing};
 use crate::adjust::layout::{Layout, Member};
-use crate::adjust::snooping::Judged;
+use crate::adjust::snooping::ResidualSum;
 use crate::adjust::{AdjustError, Observation};
 use crate::estimation::{Fit, Group};
 
 /// Fewest markers on the wing in one frame.
-pub const FEWEST: usize = 4;
+pub const MIN_MARKERS: usize = 4;
 
 /// A flight.
 #[derive(Clone)]
@@ -27,13 +27,13 @@ pub struct Flight<'a> {
     /// What takes part.
     pub usage: Usage,
     /// What is taken for granted.
-    pub assumed: Assumed<'a>,
+    pub assumed: FlightHyperparameters<'a>,
     /// What the global test judges, where much was removed.
-    pub judged: Option<Judged>,
+    pub judged: Option<ResidualSum>,
     /// By how much more or less than stated things are taken to move.
     pub factors: Factors,
     /// What many markers have in common in all frames.
-    pub cause: Option<Cause>,
+    pub cause: Option<CommonDisplacement>,
 }
 
 impl<'a> Flight<'a> {
@@ -41,14 +41,14 @@ impl<'a> Flight<'a> {
     pub fn new(
         input: Input<'a>,
         observations: &'a [Vec<Observation>],
-        assumed: Assumed<'a>,
+        assumed: FlightHyperparameters<'a>,
     ) -> Result<Self, AdjustError> {
         let setup = input.setup;
         let frames = observations.iter().map(|o| by_marker(setup, o)).collect::<Result<Vec<_>, _>>()?;
         for frame in &frames {
             let found = on_the_wing(setup, frame);
-            if found < FEWEST {
-                return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
+            if found < MIN_MARKERS {
+                return Err(AdjustError::TooFewMarkers { found, needed: MIN_MARKERS });
             }
         }
         if !assumed.mountings.suit(frames.len()) {
@@ -59,7 +59,7 @@ impl<'a> Flight<'a> {
     }
 
     /// What many markers may have in common, as all frames together show them.
-    pub fn causes(&self) -> Vec<Cause> {
+    pub fn causes(&self) -> Vec<CommonDisplacement> {
         let seen = |marker: usize| self.frames.iter().find_map(|frame| frame[marker]);
         let sights: Sights = (0..self.input.setup.markers.len()).map(seen).collect();
         causes(&self.input, &sights)

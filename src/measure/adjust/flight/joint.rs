@@ -1,8 +1,8 @@
 //! All frames of a flight with their joint solution, from start to end.
 
-use super::assumed::Assumed;
-use super::dressing::{beside, dressed, flight_remarks, of_frame, with_sources};
+use super::frame_solution::{beside, flight_remarks, frame_solution, single_frame_solution, with_sources};
 use super::frames::Flight;
+use super::hyperparameters::FlightHyperparameters;
 use super::mountings::Mountings;
 use super::solving::Solved;
 use super::usage::Removed;
@@ -26,7 +26,8 @@ impl<'a> Joint<'a> {
     /// Of frames whose mountings, drift and departures from the shared shape are to be found.
     pub fn new(input: Input<'a>, frames: &'a [Vec<Observation>]) -> Result<Self, AdjustError> {
         let stated = Mountings::unknown(input.options.mountings.as_deref());
-        let mut flight = Flight::new(input, frames, Assumed::at_first(&input, frames.len(), stated))?;
+        let mut flight =
+            Flight::new(input, frames, FlightHyperparameters::at_first(&input, frames.len(), stated))?;
         let (solved, mut removed) = flight.without_blunders_or_cause()?;
         let solved = flight.tune(solved, 1)?;
         flight.find_mountings(&solved);
@@ -51,7 +52,7 @@ impl<'a> Joint<'a> {
         with_sources(solved, None, |sources| {
             let one = |frame: usize| {
                 let remarks = [beside(flight, solved), flight_remarks(flight, frame)].concat();
-                dressed(flight, solved, removed, frame, remarks, sources)
+                frame_solution(flight, solved, removed, frame, remarks, sources)
             };
             (0..flight.frames.len()).map(one).collect()
         })
@@ -61,8 +62,8 @@ impl<'a> Joint<'a> {
     pub fn solution(&self, method: Method) -> Solution {
         let Self { flight, solved, removed } = self;
         with_sources(solved, None, |sources| match method {
-            Method::Flight => dressed(flight, solved, removed, 0, beside(flight, solved), sources),
-            _ => of_frame(flight, solved, removed, (0, method), beside(flight, solved), sources),
+            Method::Flight => frame_solution(flight, solved, removed, 0, beside(flight, solved), sources),
+            _ => single_frame_solution(flight, solved, removed, (0, method), beside(flight, solved), sources),
         })
     }
 }

@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::assumed::{Assumed, USUAL_CURVATURE_PER_M};
+use super::hyperparameters::{FlightHyperparameters, USUAL_CURVATURE_PER_M};
 use crate::adjust::ground::Axis;
 use crate::adjust::layout::Layout;
 use crate::adjust::shapes::{
@@ -22,9 +22,9 @@ const MISSING_RATIO: &str =
     "the shape of bending cannot be determined; markers along the whole span are needed";
 
 /// A flight whose amplitudes differ by less, over the largest, burns no fuel worth speaking of.
-const SMALLEST_RANGE: f64 = 0.1;
+const MIN_RANGE: f64 = 0.1;
 
-/// What is known of the share of the net load that stays vertical while the wing bends: weight does, lift
+/// What is known of the share of the net load that stays vertical while the wing bends: weight does, deflection
 /// turns with the wing.
 const VERTICAL_SHARE: f64 = 0.5;
 const VERTICAL_SHARE_SIGMA: f64 = 0.5;
@@ -107,7 +107,7 @@ pub struct SharedShape {
 
 impl SharedShape {
     /// Counted from the middle amplitude, which nothing tells before the first solution.
-    pub fn new(columns: ShapeColumns, assumed: &Assumed, axis: &Axis, is_first: bool) -> Self {
+    pub fn new(columns: ShapeColumns, assumed: &FlightHyperparameters, axis: &Axis, is_first: bool) -> Self {
         let shortening = match is_first {
             true => [0.0; RATIOS],
             false => shortening(axis.length_m, |eta| axis.slope_rad(eta * axis.length_m)),
@@ -115,9 +115,9 @@ impl SharedShape {
         let amplitudes = &assumed.amplitudes_per_m;
         let (low, high) =
             amplitudes.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &a| (low.min(a), high.max(a)));
-        // Fuel burns while the lift falls: what its loss does to the shape goes with the amplitude, and
+        // Fuel burns while the deflection falls: what its loss does to the shape goes with the amplitude, and
         // nothing but knowledge of beams tells that from another shape seen with another pitch.
-        let range = (high - low).max(SMALLEST_RANGE * high);
+        let range = (high - low).max(MIN_RANGE * high);
         let middle_per_m = 0.5 * (low + high);
         let progress = Progress::OfFrames(amplitudes.iter().map(|a| (a - middle_per_m) / range).collect());
         let amplitude = if assumed.swing > 0.0 { *first_mode_shares() } else { FIRST_COEFFICIENT };
@@ -130,14 +130,14 @@ impl SharedShape {
     }
 
     /// A frame's departures, as observations.
-    pub fn block(terms: usize, assumed: &Assumed, frame: usize) -> Block {
+    pub fn block(terms: usize, assumed: &FlightHyperparameters, frame: usize) -> Block {
         let [loads, swings] = Self::components(terms, assumed, frame);
         Block { observed: DVector::zeros(terms - 1), covariance: loads + swings }
     }
 
     /// What the covariance of a frame's departures is the sum of: other loads, and swings.
-    pub fn components(terms: usize, assumed: &Assumed, frame: usize) -> [DMatrix<f64>; 2] {
-        let Assumed { departure, swing, .. } = assumed;
+    pub fn components(terms: usize, assumed: &FlightHyperparameters, frame: usize) -> [DMatrix<f64>; 2] {
+        let FlightHyperparameters { departure, swing, .. } = assumed;
         let loads = (departure * assumed.amplitudes_per_m[frame]).powi(2);
         let swings = (swing * USUAL_CURVATURE_PER_M).powi(2);
         [shape_covariance(terms) * loads, beyond_fleet_covariance(terms) * swings]

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::assumed::own_rotation_column;
 use super::frames::Flight;
+use super::hyperparameters::own_rotation_column;
 use super::solving::Solved;
 use crate::adjust::AdjustError;
 use crate::adjust::terms::{repeatability_rad, stated_drift_rad};
@@ -16,7 +16,7 @@ const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);
 /// Change of a standard deviation's logarithm below which it is settled.
 const SETTLED: f64 = 0.3;
 /// Redundancy below which residuals show nothing of a variance.
-const LEAST_REDUNDANCY: f64 = 0.5;
+const MIN_REDUNDANCY: f64 = 0.5;
 /// Level of the test that finds a remounted camera, for a flight as a whole.
 const REMOUNT_ALPHA: f64 = 1e-4;
 /// A mounting moves by less than this between two shots, rad (0.1 px at 8000 px).
@@ -24,7 +24,7 @@ pub const STEADY_RAD: f64 = 1.2e-5;
 
 /// Residuals' weighted square and their redundancy: what they show of their variance (Koch's estimate of one component).
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct VarianceEvidence {
     /// Weighted square.
     pub square: f64,
     /// Redundancy.
@@ -49,7 +49,7 @@ impl Solved {
         &self,
         frame: usize,
         parts: [&DMatrix<f64>; N],
-    ) -> Option<[Shown; N]> {
+    ) -> Option<[VarianceEvidence; N]> {
         let Self { setting, fit, .. } = self;
         let block = setting.members[frame].len();
         let covariance = self.departures(frame);
@@ -57,7 +57,7 @@ impl Solved {
         let weighted = factor.solve(&fit.groups[frame].blocks[block].residuals);
         let of_residuals = covariance - fit.adjusted_covariance(frame, block);
         let weights = factor.solve(&factor.solve(&of_residuals).transpose());
-        let shown = |part: &DMatrix<f64>| Shown {
+        let shown = |part: &DMatrix<f64>| VarianceEvidence {
             square: weighted.dot(&(part * &weighted)),
             redundancy: part.component_mul(&weights).sum(),
         };
@@ -107,7 +107,7 @@ impl Flight<'_> {
                 omega += shown.square;
                 redundancy += shown.redundancy;
             }
-            if redundancy < LEAST_REDUNDANCY {
+            if redundancy < MIN_REDUNDANCY {
                 break;
             }
             let before = self.assumed.departure;
@@ -139,7 +139,7 @@ impl Flight<'_> {
             omega += value.dot(&(weight * value));
             redundancy += 3.0 - (weight * covariance.fixed_view::<3, 3>(0, 0)).trace();
         }
-        let next = before * (omega / redundancy.max(LEAST_REDUNDANCY)).sqrt();
+        let next = before * (omega / redundancy.max(MIN_REDUNDANCY)).sqrt();
         let loosest = repeatability_rad(self.input.setup).max(stated);
         self.assumed.drift_rad = next.clamp(stated, loosest);
         is_settled(before, self.assumed.drift_rad)

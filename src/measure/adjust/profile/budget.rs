@@ -1,4 +1,4 @@
-//! What the variance of the tip's lift comes from: the paper's method knows images and survey alone.
+//! What the variance of the tip's deflection comes from: the paper's method knows images and survey alone.
 
 use super::{Adjusted, Placed};
 use crate::adjust::budget::{IMAGE, SURVEY};
@@ -10,7 +10,7 @@ impl Adjusted<'_> {
         let ground = |index: &usize| self.geometry.ground(self.observations[*index].marker);
         let span = |index: &usize| ground(index).map_or(f64::MIN, |(arc_m, _)| arc_m);
         let tip = (0..self.observations.len()).max_by(|a, b| span(a).total_cmp(&span(b)))?;
-        let parts = self.response.parts(&placed.get(tip)?.lift);
+        let parts = self.response.parts(&placed.get(tip)?.deflection);
         let total: f64 = parts.iter().sum();
         let share = |(source, part)| BudgetShare { source, share: part / total, sigma_if_known_m: None };
         let mut shares: Vec<_> = [SURVEY, IMAGE].into_iter().zip(parts).map(share).collect();

@@ -247,7 +247,7 @@ fn leaning() -> Values {
         twist_rad: vec![0.03, -0.02],
         raise_m: [0.02, -0.01, 0.0, 0.0],
         estimated: [0.1, 0.05, 0.005],
-        root_turn_rad: Vector3::new(1e-2, -2e-2, 1e-2),
+        root_rotation_rad: Vector3::new(1e-2, -2e-2, 1e-2),
         plane_rad: Some(0.03),
         ..Values::expected(0.999)
     }

@@ -6,7 +6,7 @@ use nalgebra::DVector;
 
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
-use crate::adjust::causes::Cause;
+use crate::adjust::common_displacement::CommonDisplacement;
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
@@ -14,7 +14,7 @@ use crate::adjust::scene::Scene;
 use crate::adjust::term::Columns;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_from,
 };
 use crate::setup::Thermal;
 
@@ -44,7 +44,7 @@ pub(super) struct Single<'a> {
     /// By how much more than stated marks and skin are taken to move.
     pub factors: Factors,
     /// What many markers have in common.
-    pub cause: Option<Cause>,
+    pub cause: Option<CommonDisplacement>,
 }
 
 /// A frame set up for the engine.
@@ -90,7 +90,7 @@ impl<'a> Frame<'a> {
         self.layout.linearise(self.scene, &self.members, at, blocks)
     }
 
-    pub fn solve(&self, course: &Course) -> Result<Fit, EstimationError> {
+    pub fn solve(&self, course: &SolveOptions) -> Result<Fit, EstimationError> {
         solve_from(&self.problem, course, |at, blocks| self.linearise(at, blocks))
     }
 }

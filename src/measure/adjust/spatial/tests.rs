@@ -4,19 +4,19 @@ use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;
 use crate::adjust::example::{orientation, setup, window};
+use crate::adjust::flight_prior::{LASTING, MARKS, SKIN};
 use crate::adjust::layout::Motions;
-use crate::adjust::taught::{LASTING, MARKS, SKIN};
 use crate::adjust::term::Columns;
 use crate::adjust::terms;
 use crate::estimation::GroupPoint;
-use crate::setup::{InFlight, Uncertainty};
+use crate::setup::{FlightEffectPriors, Uncertainty};
 
 #[test]
 fn derivatives_match_differences() {
     hold(setup());
     // Every term that an installation may have but for the panes', which the scene's tests hold.
     let lens = Some(SMatrix::identity() * 1e-8);
-    let uncertainty = Uncertainty { lens, in_flight: InFlight::USUAL, ..Uncertainty::default() };
+    let uncertainty = Uncertainty { lens, in_flight: FlightEffectPriors::DEFAULT, ..Uncertainty::default() };
     let mut all = Setup { uncertainty, ..setup() };
     (all.markers[0].fixed, all.markers[0].flight_motion_m) = (true, 5e-4);
     (3..5).for_each(|k| all.markers[k].part = Some("aileron".into()));
@@ -28,7 +28,7 @@ fn derivatives_match_differences() {
 fn what_flights_have_in_common_bears_the_terms_names() {
     let uncertainty = Uncertainty {
         lens: Some(SMatrix::identity() * 1e-8),
-        in_flight: InFlight::USUAL,
+        in_flight: FlightEffectPriors::DEFAULT,
         ..Uncertainty::default()
     };
     let mut setup = Setup { uncertainty, window: Some(window()), ..setup() };

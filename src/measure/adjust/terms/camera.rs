@@ -9,11 +9,11 @@ use crate::geometry::BROWN;
 use crate::setup::Setup;
 
 /// A mounting that is stated not to drift is taken to do so by this, rad: a prior needs a width (0.001 px at 8000 px).
-pub const LEAST_DRIFT_RAD: f64 = 1e-7;
+pub const MIN_DRIFT_RAD: f64 = 1e-7;
 /// A mounting that is stated to repeat itself exactly, px: the same.
-const LEAST_REPEATABILITY_PX: f64 = 1e-3;
+const MIN_REPEATABILITY_PX: f64 = 1e-3;
 /// A pane that is stated without error is taken at this, m: a thousandth of a pixel at 8 m, and a regular prior.
-const LEAST_WINDOW_SIGMA_M: f64 = 1e-6;
+const MIN_WINDOW_SIGMA_M: f64 = 1e-6;
 /// Variance of an interior parameter that the calibration held, in its own unit squared: none that shows.
 const HELD_LENS_VARIANCE: f64 = 1e-16;
 
@@ -35,12 +35,12 @@ fn alike(name: &'static str, sigma_m: f64) -> Vec<Prior> {
 
 /// Drift of one mounting as stated, each axis, rad; not 0.
 pub fn stated_drift_rad(setup: &Setup) -> f64 {
-    setup.uncertainty.mount_drift_rad.max(LEAST_DRIFT_RAD)
+    setup.uncertainty.mount_drift_rad.max(MIN_DRIFT_RAD)
 }
 
 /// How well a mounting's rotation repeats, each axis, rad; not 0.
 pub fn repeatability_rad(setup: &Setup) -> f64 {
-    setup.mount_repeatability_px.max(LEAST_REPEATABILITY_PX) / setup.lens.focal_px()
+    setup.mount_repeatability_px.max(MIN_REPEATABILITY_PX) / setup.lens.focal_px()
 }
 
 /// What is known of a mounting's rotation before a frame is seen, camera frame, rad.
@@ -119,7 +119,7 @@ pub fn shift(sigma_m: f64) -> Term {
 /// centre that all frames share, wing frame, m. Where ground and flight are seen alike it is a part of the centre's.
 /// `covariance_m2`: what the description of the panes leaves unknown of it.
 pub fn pane_shift(covariance_m2: Matrix3<f64>) -> Term {
-    let least = DMatrix::identity(3, 3) * (LEAST_WINDOW_SIGMA_M * LEAST_WINDOW_SIGMA_M);
+    let least = DMatrix::identity(3, 3) * (MIN_WINDOW_SIGMA_M * MIN_WINDOW_SIGMA_M);
     Term {
         name: "panes' shift",
         missing: PANES_MISSING,

@@ -8,15 +8,15 @@ use crate::adjust::beam::Bending;
 use crate::adjust::factors::Factors;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::scene::Scene;
-use crate::adjust::term::{Displacement, Effect, Instant, Term};
+use crate::adjust::term::{Displacement, DisplacementEpoch, Effect, Term};
 use crate::estimation::Prior;
-use crate::setup::{InFlight, SurveyMarker, Vibration};
+use crate::setup::{FlightEffectPriors, SurveyMarker, Vibration};
 
 type Field = Vec<Vector3<f64>>;
 
 const MISSING: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
 
-fn moves(name: &'static str, instant: Instant, fields: Vec<Field>, sigmas: &[f64]) -> Term {
+fn moves(name: &'static str, instant: DisplacementEpoch, fields: Vec<Field>, sigmas: &[f64]) -> Term {
     let prior = |(k, sigma): (usize, &f64)| Prior::scalar(name, k, 0.0, *sigma);
     Term {
         name,
@@ -56,7 +56,7 @@ fn empty(scene: &Scene) -> Field {
     vec![Vector3::zeros(); scene.ground.stations.len()]
 }
 
-/// Bend of the wing between survey and ground frame, at the tip, m: the shape in which lift bends it, scaled.
+/// Bend of the wing between survey and ground frame, at the tip, m: the shape in which deflection bends it, scaled.
 pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
     if sigma_m <= 0.0 {
         return None;
@@ -74,7 +74,7 @@ pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
     let name = "bend between survey and ground frame";
-    (tip > 0.0).then(|| moves(name, Instant::OnGround, vec![field], &[sigma_m]))
+    (tip > 0.0).then(|| moves(name, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
 }
 
 /// Bulges of the skin along the wing.
@@ -99,7 +99,7 @@ fn bulges(scene: &Scene, sigma_m: f64) -> Option<Term> {
             field[marker] = normal * (share / rms);
         }
     }
-    Some(moves("bulges of the skin", Instant::InFlight, fields, &[TOGETHER * sigma_m; BULGES]))
+    Some(moves("bulges of the skin", DisplacementEpoch::InFlight, fields, &[TOGETHER * sigma_m; BULGES]))
 }
 
 /// Second unknown of the bending in the wing's plane over the first.
@@ -120,7 +120,7 @@ fn in_plane(scene: &Scene, sigma_m: f64) -> Option<Term> {
         }
     }
     let sigmas = [sigma_m, SECOND_IN_PLANE * sigma_m];
-    Some(moves("bending in the wing's plane", Instant::InFlight, fields, &sigmas))
+    Some(moves("bending in the wing's plane", DisplacementEpoch::InFlight, fields, &sigmas))
 }
 
 /// Standard deviations of a part's deflection, rad, of its hinge's height, m, and along the chord, m: a part turns by some
@@ -137,7 +137,7 @@ fn part(scene: &Scene, of: &[usize]) -> Term {
         fields[1][marker] = Vector3::y();
         fields[2][marker] = Vector3::z();
     }
-    moves("moving part", Instant::InFlight, fields, &PART)
+    moves("moving part", DisplacementEpoch::InFlight, fields, &PART)
 }
 
 /// All moving parts that markers sit on.
@@ -156,7 +156,7 @@ const COMMON_CAUSE_M: f64 = 0.1;
 
 /// Markers that are displaced together by so much.
 pub fn common_cause(field: Vec<Vector3<f64>>) -> Term {
-    moves("common cause", Instant::InFlight, vec![field], &[COMMON_CAUSE_M])
+    moves("common cause", DisplacementEpoch::InFlight, vec![field], &[COMMON_CAUSE_M])
 }
 
 /// Root mean square of a sinusoid's velocity and of half its acceleration, its unit per s and per s^2.
@@ -185,7 +185,7 @@ fn vibration(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
         field[marker] = Vector3::y() * (mode(eta).0 * times_s[marker]);
     }
     let [velocity, _] = rates(of);
-    (velocity > 0.0).then(|| moves(VIBRATION, Instant::AtItsRow, vec![field], &[velocity]))
+    (velocity > 0.0).then(|| moves(VIBRATION, DisplacementEpoch::AtItsRow, vec![field], &[velocity]))
 }
 
 /// The camera about its two transverse axes while the rows are read, rad/s and rad/s^2. A camera that turns sees what
@@ -199,7 +199,7 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
     }
     let [velocity, acceleration] = rates(of);
     let sigmas = [velocity, acceleration, velocity, acceleration];
-    (velocity > 0.0).then(|| moves(SHAKE, Instant::AtItsRow, fields, &sigmas))
+    (velocity > 0.0).then(|| moves(SHAKE, DisplacementEpoch::AtItsRow, fields, &sigmas))
 }
 
 /// Of drag, and of the torque that trims an aircraft: the part of the standard deviation that a flight's frames have in
@@ -235,7 +235,8 @@ pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bo
 
 /// What of it follows from the rows in which this frame shows its markers.
 pub fn of_rows(input: &Input, sights: &Sights, factors: &Factors) -> Vec<Term> {
-    let InFlight { readout_s, vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty.in_flight;
+    let FlightEffectPriors { readout_s, vibration: of_wing, shake: of_camera, .. } =
+        input.setup.uncertainty.in_flight;
     if readout_s <= 0.0 {
         return vec![];
     }
@@ -259,17 +260,17 @@ fn root_turn(sigma_rad: f64) -> Term {
     let name = "rotation of the root";
     Term {
         name,
-        missing: "the root's rotation cannot be determined; give wing.root_turn_sigma_mrad",
+        missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
         size: 3,
         priors: three(name, sigma_rad),
-        enter: |x, values| values.root_turn_rad += Vector3::from_column_slice(x),
+        enter: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
         effect: Effect::Wing {
             position: |state, k| {
                 state.from_root_m.map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
             },
-            lifts: |curve, k| {
-                let lift = |from_root_m: Vector3<f64>| Vector3::ith(k, 1.0).cross(&from_root_m).y;
-                curve.bent.iter().map(|section| lift(section.axis_m - curve.root_m)).collect()
+            deflections: |curve, k| {
+                let deflection = |from_root_m: Vector3<f64>| Vector3::ith(k, 1.0).cross(&from_root_m).y;
+                curve.bent.iter().map(|section| deflection(section.axis_m - curve.root_m)).collect()
             },
             twist: |_, _| 0.0,
         },
@@ -281,25 +282,25 @@ fn root_shift(sigma_m: f64) -> Term {
     let name = "shift of the root";
     Term {
         name,
-        missing: "the root's shift cannot be determined; give wing.root_heave_sigma_m",
+        missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
         size: 3,
         priors: three(name, sigma_m),
-        enter: |x, values| values.root_shift_m += Vector3::from_column_slice(x),
+        enter: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
         effect: Effect::Wing {
             position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
-            lifts: |curve, k| vec![f64::from(u8::from(k == 1)); curve.bent.len()],
+            deflections: |curve, k| vec![f64::from(u8::from(k == 1)); curve.bent.len()],
             twist: |_, _| 0.0,
         },
     }
 }
 
 /// The root's motion against the cabin, as far as it is not held.
-pub fn root(width: &InFlight) -> impl Iterator<Item = Term> {
-    let turn = (width.root_turn_rad > 0.0).then(|| root_turn(width.root_turn_rad));
-    turn.into_iter().chain((width.root_shift_m > 0.0).then(|| root_shift(width.root_shift_m)))
+pub fn root(width: &FlightEffectPriors) -> impl Iterator<Item = Term> {
+    let turn = (width.root_rotation_rad > 0.0).then(|| root_turn(width.root_rotation_rad));
+    turn.into_iter().chain((width.root_translation_m > 0.0).then(|| root_shift(width.root_translation_m)))
 }
 
-/// The survey's vertical about the wing frame's X and Z, rad: lifts are counted along it, and the wing bends in the plane that
+/// The survey's vertical about the wing frame's X and Z, rad: deflections are counted along it, and the wing bends in the plane that
 /// is upright by it.
 pub fn vertical(sigma_rad: f64) -> Term {
     let name = "vertical of the survey";
@@ -310,7 +311,7 @@ pub fn vertical(sigma_rad: f64) -> Term {
         priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
         enter: |x, values| values.plane_rad = Some(x[0]),
         effect: Effect::Vertical {
-            lift: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
+            deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
             position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
         },
     }

@@ -22,7 +22,7 @@ pub fn curvature(terms: usize, amplitude_per_m: Option<f64>) -> Term {
         enter: |x, values| values.curvature_per_m = x.to_vec(),
         effect: Effect::Wing {
             position: |state, k| state.by_curvature[k],
-            lifts: |curve, k| curve.bent.iter().map(|section| section.axis_by_curvature[k].y).collect(),
+            deflections: |curve, k| curve.bent.iter().map(|section| section.axis_by_curvature[k].y).collect(),
             twist: |_, _| 0.0,
         },
     }
@@ -44,7 +44,7 @@ pub fn twist(terms: usize) -> Term {
         enter: |x, values| values.twist_rad = x.to_vec(),
         effect: Effect::Wing {
             position: |state, k| state.by_twist[k],
-            lifts: |_, _| vec![],
+            deflections: |_, _| vec![],
             twist: |section, k| section.twist_by_terms[k],
         },
     }
@@ -64,7 +64,7 @@ pub fn torques(sigma_rad: f64) -> Option<Term> {
         },
         effect: Effect::Wing {
             position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],
-            lifts: |_, _| vec![],
+            deflections: |_, _| vec![],
             twist: |section, k| section.twist_by_terms[MAX_TWIST_TERMS + k],
         },
     })
@@ -96,7 +96,7 @@ pub fn axis_height(ground: &GroundShape) -> Term {
         enter: |x, values| values.raise_m.iter_mut().zip(x).for_each(|(raise, x)| *raise += x),
         effect: Effect::Wing {
             position: |state, k| state.by_raise[k],
-            lifts: |curve, k| {
+            deflections: |curve, k| {
                 curve
                     .bent
                     .iter()
@@ -119,7 +119,7 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<Term> {
         enter: |x, values| values.scale += x[0],
         effect: Effect::Wing {
             position: |state, _| state.by_scale,
-            lifts: |curve, _| {
+            deflections: |curve, _| {
                 let above_root = curve.bent.iter().map(|section| section.axis_m.y - curve.root_m.y);
                 above_root.map(|y| y / curve.values.scale).collect()
             },
@@ -142,7 +142,7 @@ pub fn drawn(uncertainty: &Uncertainty) -> impl Iterator<Item = Term> {
     all.into_iter().zip(sigmas(uncertainty)).filter_map(known)
 }
 
-/// The one of this number among [`sigmas`]. Lifts are compared with those of a wing that differs in it, at the same places.
+/// The one of this number among [`sigmas`]. Deflections are compared with those of a wing that differs in it, at the same places.
 fn one_drawn<const WHICH: usize>(name: &'static str) -> Term {
     Term {
         name,
@@ -152,12 +152,15 @@ fn one_drawn<const WHICH: usize>(name: &'static str) -> Term {
         enter: |x, values| values.estimated[WHICH] += x[0],
         effect: Effect::Wing {
             position: |state, _| state.by_estimated[WHICH],
-            lifts: |curve, _| {
+            deflections: |curve, _| {
                 let Some(neighbour) = &curve.scene.neighbours[WHICH] else { return vec![] };
                 let own: Vec<f64> =
                     curve.arcs_m.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
-                let there = curve.lifts_on(&Grid::new(&neighbour.ground, &own)).into_iter();
-                there.zip(curve.lifts_m()).map(|(there, here)| (there - here) / neighbour.step).collect()
+                let there = curve.deflections_on(&Grid::new(&neighbour.ground, &own)).into_iter();
+                there
+                    .zip(curve.deflections_m())
+                    .map(|(there, here)| (there - here) / neighbour.step)
+                    .collect()
             },
             twist: |_, _| 0.0,
         },

@@ -15,7 +15,7 @@ pub fn distinct(found: &mut Found) {
     without_rows_of_discs(found);
     let within = |one: &Detection, other: &Detection| {
         let most = if one.shape == other.shape { CONSISTENCY.within } else { CONSISTENCY.within_other };
-        other.ellipse().outwards(one.centre_px) < most
+        other.ellipse().normalized_radius(one.centre_px) < most
     };
     let mut i = 0;
     while let Some(one) = found.measured.get(i).map(|m| m.detection.clone()) {
@@ -46,7 +46,7 @@ fn without_rows_of_discs(found: &mut Found) {
             between.norm() - one.radius(between) - other.radius(between) > CONSISTENCY.apart_blurs * m.blur
         };
         let inside =
-            discs.iter().filter(|(disc, rms)| whole.holds(disc.centre) && *rms < m.detection.fit_rms);
+            discs.iter().filter(|(disc, rms)| whole.contains(disc.centre) && *rms < m.detection.fit_rms);
         let inside: Vec<&Ellipse> = inside.map(|(disc, _)| disc).collect();
         let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
         m.detection.shape == Shape::Quadrant && two_apart()

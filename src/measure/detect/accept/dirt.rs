@@ -62,7 +62,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
     let skirt = DIRT.skirt_blurs * blur;
     let near = |other: &&Ellipse| {
         let apart = (other.centre - ellipse.centre).norm();
-        !ellipse.holds(other.centre)
+        !ellipse.contains(other.centre)
             && apart < other.major + major + 2.0 * skirt + DIRT.clear_blurs * blur + DIRT.reach_px as f64
     };
     let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.larger(1.0, skirt)).collect();
@@ -77,7 +77,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
                 let off = normal * (DIRT.clear_blurs * blur + 0.5 + j as f64);
                 let (s, t) = (p * major + off.x, side * (q * minor + off.y));
                 let at = ellipse.centre + along * s + across * t;
-                if others.iter().any(|other| other.holds(at)) {
+                if others.iter().any(|other| other.contains(at)) {
                     continue;
                 }
                 let (p, q) = (s / major, t / minor);

@@ -15,7 +15,7 @@ pub struct Found {
 impl Found {
     /// Whether a place, px, lies in something that was measured.
     pub fn holds(&self, at: Vector2<f64>) -> bool {
-        self.measured.iter().any(|m| m.detection.ellipse().holds(at))
+        self.measured.iter().any(|m| m.detection.ellipse().contains(at))
     }
 
     /// Puts an answer in the place of a former one, or beside all of them.

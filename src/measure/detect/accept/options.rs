@@ -75,7 +75,7 @@ numbers! {
         /// Three places from there, radii, all short of the corner at 1.25 radii of a square of the same size. Most of them
         /// decide, for the outline is rough, and a line may cross it.
         places: [f64; 3] = [0.0, 0.04, 0.08],
-        /// Where black is looked at, radii: blur lifts a thin tip.
+        /// Where black is looked at, radii: blur brightens a thin tip.
         inside: f64 = 0.75,
         /// Share of the way from black to white by which skin is lighter than black: it may be darker than half way.
         lighter: f64 = 0.2,

@@ -31,11 +31,11 @@ impl Ladder<'_> {
     pub fn hold_discs(&self, quadrants: &Detection) -> bool {
         let whole = quadrants.ellipse();
         let mut found: Vec<Ellipse> = Vec::new();
-        for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
+        for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.contains(b.centroid)) {
             let Some(Ok(disc)) = self.measure_round(i) else { continue };
             let ellipse = disc.detection.ellipse();
             let better = disc.is_sure() && disc.detection.fit_rms < WHOLE.better * quadrants.fit_rms;
-            if better && !found.iter().any(|other| other.holds(ellipse.centre)) {
+            if better && !found.iter().any(|other| other.contains(ellipse.centre)) {
                 found.push(ellipse);
             }
         }

@@ -26,7 +26,7 @@ use crate::detect::occlusion::{glare, paint, seam};
 use crate::detect::propose::quadrant_outline::{outlined, with_outline};
 use crate::detect::propose::reduced::Reduced;
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
+use crate::detect::sample::select::{COARSE, EdgeAppearance, FINAL, Masked, PixelBudget, UNLIMITED, pixels};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 use crate::setup::Shape;
@@ -84,7 +84,7 @@ pub fn measure(
         place = found;
     }
     if bounds.rough {
-        return judge(image, &place, &Fit::roughly(near, scale, MEASURE.rough_px), bounds.noise);
+        return judge(image, &place, &Fit::coarse(near, scale, MEASURE.rough_px), bounds.noise);
     }
     let tells = !place.is_in_glare() || place.prior.tells_all_of_size();
     if place.pattern == Pattern::Disc && !place.is_under_decal() && tells {
@@ -140,17 +140,17 @@ impl Attempt<'_> {
     /// The first geometry, with its residuals' scale.
     fn first_fit(&self) -> Result<(Parameters, f64), RejectReason> {
         let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
-        let few = if hypothesis.is_under_decal() { EVERY } else { FEW };
+        let few = if hypothesis.is_under_decal() { UNLIMITED } else { COARSE };
         let known = hypothesis.prior.edge.map(|edge| edge.blur.value).or(hypothesis.prior.blur);
         let blur = known.unwrap_or(MEASURE.blur_px);
-        let first = |look: Look| {
+        let first = |look: EdgeAppearance| {
             roughly(image, Masked::Blobs(blobs), hypothesis, (look, bounds.overshoot), few, floor)
         };
-        let look = Look { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
+        let look = EdgeAppearance { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
         first(look).or_else(|reason| {
             let crossing = crossing_in_small(image, hypothesis, floor).ok_or(reason)?;
-            let soft = Look { crossing, blur: MEASURE.soft_px, ..look };
-            first(Look { crossing, ..look }).or_else(|_| first(soft))
+            let soft = EdgeAppearance { crossing, blur: MEASURE.soft_px, ..look };
+            first(EdgeAppearance { crossing, ..look }).or_else(|_| first(soft))
         })
     }
 
@@ -163,9 +163,9 @@ impl Attempt<'_> {
         bounds.overshoot.iter().for_each(|known| overshoot::know(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
         let (masked, all) =
-            if whole { (darker_than(near, floor), ALL) } else { (Masked::Blobs(blobs), EVERY) };
+            if whole { (darker_than(near, floor), FINAL) } else { (Masked::Blobs(blobs), UNLIMITED) };
         let sag = if place.edges.is_none() { near[SAG] } else { 0.0 };
-        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
+        let look = EdgeAppearance { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
         let mut bent = fit(&pixels, near, scale, &unknowns, floor);
         if bent.is_none() && place.pattern == Pattern::Disc {
@@ -250,8 +250,8 @@ impl Attempt<'_> {
         let m = &fit.parameters;
         let mut place = place(seen, m).with_glare(bands);
         for _ in 0..2 {
-            let look = Look { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
-            let pixels = pixels(self.image, darker_than(m, floor), &place, look, EVERY)?;
+            let look = EdgeAppearance { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
+            let pixels = pixels(self.image, darker_than(m, floor), &place, look, UNLIMITED)?;
             let (mut unknowns, _) = unknowns(&place);
             // Glare changes the contrast along the disc far more than its own darkness does.
             unknowns.free[DARK + 1..=DARK + 2].fill(false);
@@ -311,8 +311,8 @@ fn roughly(
     image: &Raster,
     masked: Masked,
     hypothesis: &Hypothesis,
-    (look, sharpened): (Look, Option<Overshoot>),
-    few: Wanted,
+    (look, sharpened): (EdgeAppearance, Option<Overshoot>),
+    few: PixelBudget,
     floor: f64,
 ) -> Result<(Parameters, f64), RejectReason> {
     let pixels = pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
@@ -324,15 +324,15 @@ fn roughly(
 /// Where the edges of large quadrants cross in a smaller picture of them.
 fn crossing_in_small(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Option<Vector2<f64>> {
     let small = Reduced::of(image, hypothesis)?;
-    let look = Look { crossing: small.hypothesis.ellipse.centre, blur: MEASURE.blur_px, sag: 0.0 };
+    let look = EdgeAppearance { crossing: small.hypothesis.ellipse.centre, blur: MEASURE.blur_px, sag: 0.0 };
     // What is left of an overshoot in the smaller picture hardly shifts a crossing.
     let (m, _) =
-        roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, (look, None), FEW, floor).ok()?;
+        roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, (look, None), COARSE, floor).ok()?;
     Some(small.back(Vector2::new(m[X], m[Y])))
 }
 
 /// First parameters: geometry of the hypothesis, grey levels of its pixels.
-fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look, floor: f64) -> Option<Parameters> {
+fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: EdgeAppearance, floor: f64) -> Option<Parameters> {
     let ellipse = &hypothesis.ellipse;
     let mut m = [0.0; N];
     m[X] = look.crossing.x;

@@ -8,42 +8,42 @@ use crate::detect::appearance::parameters::{BLUR, SAG, X, Y, contrast};
 use crate::detect::attempt::measure::{darker_than, least_scale};
 use crate::detect::attempt::suspects::{Suspect, Suspects};
 use crate::detect::estimate::options::OVERSHOT;
-use crate::detect::estimate::overshoot::{Sharpening, Sighting, agreed, outvoted, sought};
+use crate::detect::estimate::overshoot::{Sharpening, SharpeningEvidence, agreed, outvoted, sought};
 use crate::detect::estimate::prior::unknowns;
-use crate::detect::sample::select::{ALL, Look, pixels};
+use crate::detect::sample::select::{EdgeAppearance, FINAL, pixels};
 use crate::raster::Raster;
 
 /// How a picture of some noise, grey levels, was sharpened, as they agree.
-pub fn told(mut suspects: Suspects, image: &Raster, noise: f64) -> Sharpening {
+pub fn estimate_sharpening(mut suspects: Suspects, image: &Raster, noise: f64) -> Sharpening {
     let area = |s: &Suspect| s.place.ellipse.major * s.place.ellipse.minor;
     suspects.all.sort_by(|one, other| area(other).total_cmp(&area(one)));
     suspects.all.truncate(OVERSHOT.looked_at);
-    let mut sightings: Vec<Sighting> = Vec::new();
+    let mut sightings: Vec<SharpeningEvidence> = Vec::new();
     for (k, suspect) in suspects.all.iter().enumerate() {
         let shown = sightings.iter().filter(|seen| seen.best().is_some()).count();
-        let excluded = sightings.iter().filter(|seen| **seen == Sighting::None).count();
+        let excluded = sightings.iter().filter(|seen| **seen == SharpeningEvidence::None).count();
         let most = (shown + suspects.all.len() - k).min(OVERSHOT.enough);
         let hopeless = most < OVERSHOT.least || outvoted(most, suspects.without + excluded);
         if hopeless || shown >= OVERSHOT.enough {
             break;
         }
-        sightings.extend(tells(suspect, image, noise));
+        sightings.extend(marker_evidence(suspect, image, noise));
     }
     agreed(&sightings, suspects.without)
 }
 
 /// What one shows of sharpening; `None` where it is no marker whether there is any or not: a letter says nothing.
-fn tells(
+fn marker_evidence(
     Suspect { place, plain, scale, is_marker }: &Suspect,
     image: &Raster,
     noise: f64,
-) -> Option<Sighting> {
+) -> Option<SharpeningEvidence> {
     let (mut unknowns, bends) = unknowns(place);
     bends.iter().for_each(|&k| unknowns.free[k] = false);
     let floor = least_scale(noise);
     let sag = if place.edges.is_none() { plain[SAG] } else { 0.0 };
-    let look = Look { crossing: Vector2::new(plain[X], plain[Y]), blur: plain[BLUR], sag };
-    let pixels = pixels(image, darker_than(plain, floor), place, look, ALL)?;
+    let look = EdgeAppearance { crossing: Vector2::new(plain[X], plain[Y]), blur: plain[BLUR], sag };
+    let pixels = pixels(image, darker_than(plain, floor), place, look, FINAL)?;
     let seen = sought(&pixels, plain, *scale, &unknowns, floor);
     let is_marker = match seen.best() {
         Some((rms, amplitude)) => !fits_poorly(image, place, rms, noise, (contrast(plain), amplitude)),

@@ -3,7 +3,7 @@
 use crate::detect::appearance::parameters::{BLUR, Parameters, X, Y, contrast};
 use crate::detect::attempt::options::MEASURE;
 use crate::detect::estimate::options::OVERSHOT;
-use crate::detect::estimate::overshoot::{Sighting, excluded};
+use crate::detect::estimate::overshoot::{SharpeningEvidence, excluded};
 use crate::detect::hypothesis::{Hypothesis, prior::Prior};
 
 /// What may be a marker whose residuals may be those of sharpened edges.
@@ -44,7 +44,7 @@ impl Suspects {
         }
         match excluded(*scale, contrast(plain), noise) {
             None if !self.all.iter().any(|known| known.is_of(plain)) => self.all.push(suspect),
-            Some(Sighting::None) if *is_marker => self.without += 1,
+            Some(SharpeningEvidence::None) if *is_marker => self.without += 1,
             _ => {}
         }
     }

@@ -1,6 +1,6 @@
 //! Normal equations solved for those parameters that are sought.
 
-use super::normal_equations::{Column, LEAST_WEIGHT, Square};
+use super::normal_equations::{Column, MIN_WEIGHT, Square};
 use crate::detect::appearance::parameters::N;
 
 /// Cholesky's factor of the normal equations of some of the parameters.
@@ -22,7 +22,7 @@ impl Factor {
                 out.lower[row][column] = (normal[(k, out.list[column])] - known) * out.lower[column][column];
             }
             let own = &out.lower[row][..row];
-            let square = normal[(k, k)] * (1.0 + damping) + LEAST_WEIGHT - dot(own, own);
+            let square = normal[(k, k)] * (1.0 + damping) + MIN_WEIGHT - dot(own, own);
             if !(square > 0.0 && square.is_finite()) {
                 return None;
             }

@@ -39,7 +39,7 @@ pub struct Fit {
 
 impl Fit {
     /// From a rough one, which leaves twice what the last one does, whose place is known to some standard deviation, px.
-    pub fn roughly(parameters: Parameters, scale: f64, sigma_px: f64) -> Self {
+    pub fn coarse(parameters: Parameters, scale: f64, sigma_px: f64) -> Self {
         let white = Matrix2::identity() * sigma_px * sigma_px;
         let mut covariance = Square::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&white);
@@ -98,11 +98,11 @@ struct End {
 
 /// When an iteration ends.
 #[derive(Clone, Copy, PartialEq)]
-enum Until {
+enum Tolerance {
     /// Within a hundredth of a pixel.
-    Near,
+    Coarse,
     /// Within a small part of the centre's standard deviation.
-    Fixed,
+    Final,
 }
 
 /// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
@@ -114,7 +114,7 @@ pub fn rough(
 ) -> Option<(Parameters, f64)> {
     let mut problem = Problem::new(pixels, start, unknowns, floor)?;
     // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
-    let end = problem.solve(*start, ITERATION.first_scale * contrast(start), Until::Near)?;
+    let end = problem.solve(*start, ITERATION.first_scale * contrast(start), Tolerance::Coarse)?;
     Some((end.parameters, end.scale))
 }
 
@@ -124,7 +124,7 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
     problem.images = Some(Images::new());
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
     let End { parameters, start, step, factor, .. } =
-        problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
+        problem.solve(*start, scale.max(problem.floor), Tolerance::Final)?;
     let variance = step.variance(count);
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
@@ -154,12 +154,12 @@ impl<'a> Problem<'a> {
     }
 
     /// Repeats the linear solution until the centre stands still.
-    fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
+    fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Tolerance) -> Option<End> {
         let (mut last, near_px) = (scale, ITERATION.near_px);
-        let most = if until == Until::Near { ITERATION.most_rough } else { ITERATION.most_last };
+        let most = if until == Tolerance::Coarse { ITERATION.most_rough } else { ITERATION.most_last };
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
-            let damped = until == Until::Near && iteration < ITERATION.damped;
+            let damped = until == Tolerance::Coarse && iteration < ITERATION.damped;
             let damping = if damped { ITERATION.damping } else { ITERATION.undamped };
             let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
@@ -182,9 +182,9 @@ impl<'a> Problem<'a> {
             last = step.scale;
             scale = step.scale.max(ITERATION.fall * scale);
             let settled = match until {
-                Until::Near => moved < near_px && steady && self.is_calm(&change, near_px),
+                Tolerance::Coarse => moved < near_px && steady && self.is_calm(&change, near_px),
                 // What is known to a pixel only need not stand as still.
-                Until::Fixed => {
+                Tolerance::Final => {
                     ratio < ITERATION.steady_last && {
                         let most = ITERATION.still * self.sigma(&step, &factor);
                         moved < most && self.is_calm(&change, most.max(near_px))
@@ -194,14 +194,14 @@ impl<'a> Problem<'a> {
             if settled || (iteration + 1 == most && moved < near_px) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
-            if until == Until::Fixed && iteration + 1 >= ITERATION.slow && moved > ITERATION.slow_px {
+            if until == Tolerance::Final && iteration + 1 >= ITERATION.slow && moved > ITERATION.slow_px {
                 return None;
             }
             let leaves = |share: f64| step.scale > share * contrast(&m);
             let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_left);
             if (is_far && iteration >= ITERATION.late)
                 || (iteration >= ITERATION.early && leaves(ITERATION.early_left))
-                || (until == Until::Near && self.is_hopeless(iteration, step.scale / contrast(&m)))
+                || (until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / contrast(&m)))
             {
                 return None;
             }

@@ -20,7 +20,7 @@ pub type Square = SMatrix<f64, N, N>;
 pub type Column = SVector<f64, N>;
 
 /// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
-pub const LEAST_WEIGHT: f64 = 1e-12;
+pub const MIN_WEIGHT: f64 = 1e-12;
 
 /// One linearisation: normal equations and residual statistics.
 pub struct Step {

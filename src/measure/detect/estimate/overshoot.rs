@@ -18,7 +18,7 @@ use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 
 /// What one marker shows of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sighting {
+pub enum SharpeningEvidence {
     /// Residuals that an amplitude explains, for each halo that is tried.
     Of([Shown; HALOS]),
     /// An amplitude that would matter is excluded.
@@ -38,7 +38,7 @@ pub struct Shown {
 /// Halos that are tried.
 const HALOS: usize = OVERSHOT.halos_px.len();
 
-impl Sighting {
+impl SharpeningEvidence {
     /// Least root mean square of what it leaves, grey levels, and the amplitude then.
     pub fn best(&self) -> Option<(f64, f64)> {
         let Self::Of(all) = self else { return None };
@@ -78,12 +78,12 @@ pub fn know(known: &Overshoot, unknowns: &mut Unknowns) {
 }
 
 /// What markers show together, with the halo that leaves least, and so many besides that are explained without.
-pub fn agreed(sightings: &[Sighting], without: usize) -> Sharpening {
+pub fn agreed(sightings: &[SharpeningEvidence], without: usize) -> Sharpening {
     let shown: Vec<&[Shown; HALOS]> = sightings
         .iter()
-        .filter_map(|seen| if let Sighting::Of(all) = seen { Some(all) } else { None })
+        .filter_map(|seen| if let SharpeningEvidence::Of(all) = seen { Some(all) } else { None })
         .collect();
-    let without = without + sightings.iter().filter(|seen| **seen == Sighting::None).count();
+    let without = without + sightings.iter().filter(|seen| **seen == SharpeningEvidence::None).count();
     if outvoted(shown.len(), without) {
         return if without < OVERSHOT.least { Sharpening::Open } else { Sharpening::None };
     }
@@ -112,32 +112,40 @@ fn common(shown: &[&[Shown; HALOS]]) -> Option<Overshoot> {
 
 /// What the residuals of a marker, root mean square, say at first: those of a sharpened edge are larger than noise, and no larger
 /// than sharpening leaves; what is smaller than the image formula's own floor excludes it. `None` where they may be such.
-pub fn excluded(rms: f64, contrast: f64, noise: f64) -> Option<Sighting> {
+pub fn excluded(rms: f64, contrast: f64, noise: f64) -> Option<SharpeningEvidence> {
     let (least, most) = OVERSHOT.leaves;
     match rms / contrast {
-        share if share < least => Some(Sighting::None),
+        share if share < least => Some(SharpeningEvidence::None),
         share if rms > OVERSHOT.over_noise * noise && share < most => None,
-        _ => Some(Sighting::Open),
+        _ => Some(SharpeningEvidence::Open),
     }
 }
 
 /// What a marker shows of sharpening, from parameters without it that leave residuals of some scale, grey levels. One linear step
 /// tells whether it is worth a fit.
-pub fn sought(pixels: &Pixels, plain: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Sighting {
+pub fn sought(
+    pixels: &Pixels,
+    plain: &Parameters,
+    scale: f64,
+    unknowns: &Unknowns,
+    floor: f64,
+) -> SharpeningEvidence {
     let at_once = one_step(pixels, plain, scale.max(floor), unknowns, floor);
     match at_once {
-        None => return Sighting::Open,
-        Some(seen) if excludes(&seen) => return Sighting::None,
-        Some(Estimate { value, sigma }) if value < OVERSHOT.chance * sigma => return Sighting::Open,
+        None => return SharpeningEvidence::Open,
+        Some(seen) if excludes(&seen) => return SharpeningEvidence::None,
+        Some(Estimate { value, sigma }) if value < OVERSHOT.chance * sigma => {
+            return SharpeningEvidence::Open;
+        }
         Some(_) => {}
     }
     let all = OVERSHOT.halos_px.map(|halo_px| with_halo(pixels, plain, (scale, halo_px), unknowns, floor));
     let shown = all.map(|one| if let Some(Ok(shown)) = one { Some(shown) } else { None });
     if let [Some(one), Some(two), Some(three)] = shown {
-        return Sighting::Of([one, two, three]);
+        return SharpeningEvidence::Of([one, two, three]);
     }
     let none = all.iter().all(|one| matches!(one, Some(Err(seen)) if excludes(seen)));
-    if none { Sighting::None } else { Sighting::Open }
+    if none { SharpeningEvidence::None } else { SharpeningEvidence::Open }
 }
 
 /// Whether an amplitude that would matter is excluded.
@@ -200,8 +208,8 @@ fn with_halo(
 mod tests {
     use super::*;
 
-    fn sighting(amplitude: f64) -> Sighting {
-        Sighting::Of([3.0, 1.0, 2.0].map(|rms| Shown { amplitude, rms }))
+    fn sighting(amplitude: f64) -> SharpeningEvidence {
+        SharpeningEvidence::Of([3.0, 1.0, 2.0].map(|rms| Shown { amplitude, rms }))
     }
 
     #[test]
@@ -212,10 +220,10 @@ mod tests {
         assert!((found.amplitude - 1.6).abs() < 1e-9 && found.amplitude_sigma >= 0.1 * 1.6);
         assert_eq!(found.halo_px, OVERSHOT.halos_px[1]);
         // What tells nothing says nothing.
-        assert_eq!(agreed(&[&seen[..], &[Sighting::Open; 9]].concat(), 0), told);
+        assert_eq!(agreed(&[&seen[..], &[SharpeningEvidence::Open; 9]].concat(), 0), told);
         // Too few; more that exclude it; too little to matter; no agreement.
         assert_eq!(agreed(&seen[..3], 0), Sharpening::Open);
-        assert_eq!(agreed(&[&seen[..], &[Sighting::None; 6]].concat(), 0), Sharpening::None);
+        assert_eq!(agreed(&[&seen[..], &[SharpeningEvidence::None; 6]].concat(), 0), Sharpening::None);
         assert_eq!(agreed(&seen, 6), Sharpening::None);
         assert_eq!(agreed(&[0.05; 8].map(sighting), 0), Sharpening::Open);
         assert_eq!(agreed(&[0.2, 5.8, 0.3, 6.0, 3.0].map(sighting), 0), Sharpening::Open);

@@ -58,19 +58,19 @@ impl Ellipse {
     }
 
     /// How far out a point, px, is: 0 at the centre, 1 on the outline.
-    pub fn outwards(&self, at: Vector2<f64>) -> f64 {
+    pub fn normalized_radius(&self, at: Vector2<f64>) -> f64 {
         let (s, t) = self.local(at);
         (s / self.major).hypot(t / self.minor)
     }
 
     /// Whether a point, px, lies within.
-    pub fn holds(&self, at: Vector2<f64>) -> bool {
-        self.outwards(at) < 1.0
+    pub fn contains(&self, at: Vector2<f64>) -> bool {
+        self.normalized_radius(at) < 1.0
     }
 
     /// From the centre to the outline in a direction, whatever its length, px.
     pub fn radius(&self, direction: Vector2<f64>) -> f64 {
-        direction.norm() / self.outwards(self.centre + direction)
+        direction.norm() / self.normalized_radius(self.centre + direction)
     }
 
     /// Share of the outline for which a test of the place, px, holds.

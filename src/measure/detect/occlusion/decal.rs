@@ -124,7 +124,7 @@ mod tests {
         let neighbour = Ellipse { centre: Vector2::new(104.0, 64.0), ..disc };
         let grey = |i: usize| {
             let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
-            let black = disc.holds(at) && at.y < 51.3 + slope * (at.x - 100.0);
+            let black = disc.contains(at) && at.y < 51.3 + slope * (at.x - 100.0);
             if black { 50 } else { 180 }
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;

@@ -26,7 +26,7 @@ pub fn at_end(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> 
         let along = |(x, y, value): (usize, usize, u8)| {
             let at = Vector2::new(x as f64, y as f64);
             let (s, t) = ellipse.local(at);
-            let lies_there = end * s > PAINT.end * ellipse.major && outer.holds(at) && !inner.holds(at);
+            let lies_there = end * s > PAINT.end * ellipse.major && outer.contains(at) && !inner.contains(at);
             let darker = || light_at(m, s / ellipse.major, t / ellipse.minor) - f64::from(value);
             (lies_there && darker() > limit).then_some(end * s)
         };

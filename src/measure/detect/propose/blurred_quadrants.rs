@@ -73,7 +73,7 @@ pub fn narrow(
             continue;
         }
         let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
-        found.blobs = (0..blobs.len()).filter(|&i| found.ellipse.holds(blobs[i].centroid)).collect();
+        found.blobs = (0..blobs.len()).filter(|&i| found.ellipse.contains(blobs[i].centroid)).collect();
         out.push(found);
     }
     out
@@ -157,7 +157,7 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
         parts.extend(blob::beyond(image, low, high, Side::Lighter(light)));
         let least = BLURRED.part * seen.major * seen.minor;
         let parts: Vec<&Blob> =
-            parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
+            parts.iter().filter(|b| b.area > least && longest.contains(b.centroid)).collect();
         let found = hull(&parts).filter(|ellipse| ellipse.minor >= BLURRED.thinnest_px)?;
         if found.major < BLURRED.longer * seen.major {
             let mut m = [0.0; N];

@@ -119,7 +119,7 @@ fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>
         (from.floor() as i64..=to.ceil() as i64).any(|k| {
             let (s, t) = if along_rows { (k as f64, at) } else { (at, k as f64) };
             let place = axis * s + Vector2::new(-axis.y, axis.x) * t;
-            grown.holds(place) && image.nearest(place.x, place.y) < level
+            grown.contains(place) && image.nearest(place.x, place.y) < level
         })
     };
     let (mut bounds, mut white) = (print, print);
@@ -149,7 +149,7 @@ mod tests {
     fn hidden(other: Ellipse, decal_from: usize) -> Option<Vec<Decal>> {
         let grey = |i: usize| {
             let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
-            let black = other.holds(at) || (i / 200 < decal_from && EXPECTED.holds(at));
+            let black = other.contains(at) || (i / 200 < decal_from && EXPECTED.contains(at));
             if black { 50 } else { 180 }
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;

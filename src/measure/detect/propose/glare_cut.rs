@@ -84,7 +84,7 @@ fn together(
     let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
     let ellipse = any_ellipse(&points, blob)?;
     // One ellipse passes through both.
-    let off = |p: &Vector2<f64>| (ellipse.outwards(*p) - 1.0).abs() * ellipse.minor;
+    let off = |p: &Vector2<f64>| (ellipse.normalized_radius(*p) - 1.0).abs() * ellipse.minor;
     let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
     let along = |p: &Vector2<f64>| p.dot(&one.axis);
     let ends = |points: &[Vector2<f64>]| {

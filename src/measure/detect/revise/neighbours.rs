@@ -105,7 +105,7 @@ pub fn revise_with_edge_prior(ladder: &Ladder, found: &mut Found, unsure: Vec<Hy
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, NEIGHBOUR.unlike_thin_sigmas));
         if let Some(measured) = measured.filter(sure) {
             let own = measured.detection.ellipse();
-            found.rejected.retain(|r| !own.holds(r.centre_px));
+            found.rejected.retain(|r| !own.contains(r.centre_px));
             found.measured.push(measured);
         }
     }

@@ -130,7 +130,7 @@ impl Sizes {
 
 /// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is predicted,
 /// and quadrants that were not found; whether that is better for any. The markers stay in order.
-pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
+pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
     let sure = Sure::of(&found.markers, expected);
     let off = |(p, d): &(Prediction, Detection)| (d.centre_px - p.centre_px).norm();
@@ -167,7 +167,7 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
     let mut quadrants: Vec<Ellipse> = Vec::new();
     for (own, measured) in new {
         let ellipse = measured.detection.ellipse();
-        found.rejected.retain(|r| !ellipse.holds(r.centre_px));
+        found.rejected.retain(|r| !ellipse.contains(r.centre_px));
         quadrants.extend((measured.detection.shape == Shape::Quadrant).then_some(ellipse));
         match own.and_then(|i| found.markers.get_mut(i)) {
             Some(old) => *old = measured.detection,
@@ -175,7 +175,7 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
         }
     }
     // A black part of them may have passed for a disc.
-    let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.holds(d.centre_px);
+    let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.contains(d.centre_px);
     found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
 }
@@ -221,8 +221,9 @@ impl Closer<'_> {
             let (measured, whole) = self.measured(&sought, hypothesis)?;
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
-            let own = own
-                .or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < CONSISTENCY.within));
+            let own = own.or_else(|| {
+                markers.iter().position(|d| d.ellipse().normalized_radius(centre) < CONSISTENCY.within)
+            });
             let mut old = own.and_then(|i| markers.get(i)).cloned();
             // What has another size than predicted may have another place too.
             old.iter_mut().for_each(|old| sought.sizes.inflate(prediction, old));

@@ -42,7 +42,7 @@ impl Part<'_> {
     fn is_for_it(&self, new: &Measured) -> bool {
         is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
             && same(new.detection.contrast, self.neighbour.detection.contrast, UNDER_DECAL.same_contrast)
-            && !self.neighbour.detection.ellipse().holds(new.detection.centre_px)
+            && !self.neighbour.detection.ellipse().contains(new.detection.centre_px)
     }
 
     /// What the decal leaves of the disc, if it lies along rows or along the line in which the blob ends.
@@ -80,13 +80,13 @@ pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&
     let touched = |blob: &Blob| !blob.at_edge && decals.iter().any(|decal| decal_cut::meets(blob, decal));
     let mut inflations: Vec<(Ellipse, Matrix2<f64>)> = Vec::new();
     for (index, blob) in ladder.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
-        let own = found.measured.iter().position(|m| m.detection.ellipse().holds(blob.centroid));
+        let own = found.measured.iter().position(|m| m.detection.ellipse().contains(blob.centroid));
         let slot = own.and_then(|own| found.measured.get(own));
         if slot.is_some_and(|slot| !is_disc(slot)) {
             continue;
         }
         // It may have been found at two levels.
-        let others = found.measured.iter().filter(|m| !m.detection.ellipse().holds(blob.centroid));
+        let others = found.measured.iter().filter(|m| !m.detection.ellipse().contains(blob.centroid));
         let near = |m: &&Measured| has_decal(m) && decal_cut::meets(blob, &reach(m));
         let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
         let neighbour = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
@@ -117,11 +117,11 @@ pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&
             continue;
         };
         let ellipse = measured.detection.ellipse();
-        found.rejected.retain(|r| !ellipse.holds(r.centre_px));
+        found.rejected.retain(|r| !ellipse.contains(r.centre_px));
         // The same part may have been seen at another level.
         let is_part = |m: &Measured| {
             is_disc(m)
-                && ellipse.holds(m.detection.centre_px)
+                && ellipse.contains(m.detection.centre_px)
                 && flatness(m) < UNDER_DECAL.thinner * flatness(&measured)
         };
         let parts = found.measured.iter().enumerate().filter(|(k, m)| Some(*k) != own && is_part(m));
@@ -137,7 +137,7 @@ pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&
 fn inflate(found: &mut Found, inflations: &[(Ellipse, Matrix2<f64>)]) {
     let is_it = |m: &Measured, ellipse: &Ellipse| {
         let own = m.detection.ellipse();
-        ellipse.holds(own.centre) && same(own.minor, ellipse.minor, UNDER_DECAL.same_size)
+        ellipse.contains(own.centre) && same(own.minor, ellipse.minor, UNDER_DECAL.same_size)
     };
     let mut none = Vec::new();
     for (i, m) in found.measured.iter_mut().enumerate() {

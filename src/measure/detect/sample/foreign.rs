@@ -82,7 +82,7 @@ pub fn foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Optio
         let b = blob.bounds;
         let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
         if apart
-            || ellipse.holds(blob.centroid)
+            || ellipse.contains(blob.centroid)
             || hypothesis.blobs.contains(&i)
             || own_at_laxer_level(blobs, hypothesis, blob)
         {

@@ -20,7 +20,7 @@ use crate::raster::Raster;
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
 /// they only tell the levels.
 #[derive(Clone, Copy)]
-pub struct Wanted {
+pub struct PixelBudget {
     pub edge: f64,
     pub flat: f64,
     /// Share of the flat ground that is used about the thinnest disc. What lies on the skin is as foreshortened as the
@@ -29,15 +29,15 @@ pub struct Wanted {
 }
 
 /// Pixels of a fit: more would only cost time.
-pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0, nearest: 0.55 };
+pub const FINAL: PixelBudget = PixelBudget { edge: 450.0, flat: 550.0, nearest: 0.55 };
 /// Enough for the geometry that the pixels of the last stage are chosen by.
-pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0, nearest: 1.0 };
+pub const COARSE: PixelBudget = PixelBudget { edge: 130.0, flat: 70.0, nearest: 1.0 };
 /// All that there are, where much of the outline is hidden.
-pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9, nearest: 0.55 };
+pub const UNLIMITED: PixelBudget = PixelBudget { edge: 1e9, flat: 1e9, nearest: 0.55 };
 /// Length from which on an edge's pixels are not all used, px.
 const LONG: f64 = 150.0;
 /// Share of the flat pixels that is wanted about the longest.
-const LEAST_FLAT: f64 = 0.5;
+const MIN_FLAT_PIXELS: f64 = 0.5;
 /// Band of a sharp edge, px.
 const SHARP: f64 = 1.5;
 
@@ -72,7 +72,7 @@ struct Keep {
 
 impl Keep {
     /// For an edge of some length, px, seen on both sides.
-    fn new(wanted: Wanted, bands: Bands, length: f64) -> Self {
+    fn new(wanted: PixelBudget, bands: Bands, length: f64) -> Self {
         let (edge, flat) = (f64::from(bands.edge), f64::from(bands.flat));
         // A blurred edge spreads what it tells over more pixels.
         let more = (edge / SHARP).max(1.0);
@@ -80,7 +80,7 @@ impl Keep {
             PERIOD as f64 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0)
         };
         // Where an edge is long, there is enough of it to know the levels less well.
-        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(LEAST_FLAT, 1.0);
+        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(MIN_FLAT_PIXELS, 1.0);
         Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
     }
 
@@ -176,7 +176,7 @@ pub enum Masked<'a> {
 
 /// How a hypothesis's edges look.
 #[derive(Clone, Copy)]
-pub struct Look {
+pub struct EdgeAppearance {
     /// Where quadrants' edges cross, px.
     pub crossing: Vector2<f64>,
     /// Blur, px.
@@ -190,8 +190,8 @@ pub fn pixels(
     image: &Raster,
     masked: Masked,
     hypothesis: &Hypothesis,
-    look: Look,
-    wanted: Wanted,
+    look: EdgeAppearance,
+    wanted: PixelBudget,
 ) -> Option<Pixels> {
     let blur = blur_within(look.blur);
     let ellipse = &hypothesis.ellipse;

@@ -101,7 +101,7 @@ fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
 pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> Vec<Blob> {
     let (low, high) = about(ellipse, margin);
     let mut out = beyond(image, low, high, Side::Darker(level));
-    out.retain(|blob| ellipse.holds(blob.centroid));
+    out.retain(|blob| ellipse.contains(blob.centroid));
     out.sort_by(|a, b| b.area.total_cmp(&a.area));
     out
 }

@@ -103,7 +103,7 @@ class Frames {
     const test = frame.test ? `, global test ${frame.test}` : "";
     const factor = finite(frame.factor) ? `, variance factor ${frame.factor.toFixed(2)}` : "";
     this.said.textContent = frame.solved
-      ? `Tip lift ${measured(frame.lift[0], frame.lift[1], "m")} ${this.data.counted}${factor}${test}${frame.doubt && frame.test !== "rejected" ? `. To be looked at: ${frame.doubt}` : ""}.`
+      ? `Tip deflection ${measured(frame.deflection[0], frame.deflection[1], "m")} ${this.data.counted}${factor}${test}${frame.doubt && frame.test !== "rejected" ? `. To be looked at: ${frame.doubt}` : ""}.`
       : `No result: ${frame.why}`;
     this.said.className = frame.solved && frame.test !== "rejected" ? "said" : "said warning";
     this.picture(frame);
@@ -157,15 +157,15 @@ class Frames {
     this.curve.replaceChildren();
     const mean = this.curves?.tracks.find((track) => track.series === frame.series);
     // Without an installation the markers' spans count from a guessed origin.
-    const lifts = frame.markers.filter((m) => this.data.surveyed && m.ground !== null && finite(m.lift[0]));
+    const deflections = frame.markers.filter((m) => this.data.surveyed && m.ground !== null && finite(m.deflection[0]));
     const tracks = [
       { name: "this frame", colour: "#17456f", joined: true, dashed: false, points: frame.curve, texts: [] },
       { name: "mean of its series", colour: "#8a4b00", joined: true, dashed: true, points: mean?.points ?? [], texts: [] },
-      { name: "markers", colour: "#1d6b4f", joined: false, dashed: false, points: lifts.map((m) => [m.ground[0], m.lift[0], m.lift[1]]), texts: lifts.map((m) => m.id) },
+      { name: "markers", colour: "#1d6b4f", joined: false, dashed: false, points: deflections.map((m) => [m.ground[0], m.deflection[0], m.deflection[1]]), texts: deflections.map((m) => m.id) },
     ].filter((track) => track.points.length > 0);
     if (tracks.length === 0) { node(this.curve, "p", {}, "It has no curve."); return; }
     const name = `Deflection of ${frame.series} ${frame.image}`;
-    new Chart(this.curve, { name, height: 320, x: { label: "span, outboard from the camera / m" }, y: { label: "lift against the survey / m", zero: true }, tracks });
+    new Chart(this.curve, { name, height: 320, x: { label: "span, outboard from the camera / m" }, y: { label: "deflection against the survey / m", zero: true }, tracks });
   }
 
   markers(frame) {
@@ -176,14 +176,14 @@ class Frames {
       const made = node(place, "tr", {});
       cells.forEach((cell, k) => node(made, kind, { className: k === 0 ? "s" : k < 7 ? "n" : "l" }, cell));
     };
-    row(node(table, "thead", {}), ["marker", "u / px", "v / px", "residual u / px", "residual v / px", "lift against the survey / m", "σ / m", "remark"], "th");
+    row(node(table, "thead", {}), ["marker", "u / px", "v / px", "residual u / px", "residual v / px", "deflection against the survey / m", "σ / m", "remark"], "th");
     const body = node(table, "tbody", {});
     const fixed = (value, digits) => (finite(value) ? value.toFixed(digits) : "–");
     for (const m of frame.markers) {
       const [u, v, ru, rv] = m.at ?? [];
-      const digits = decimalsFor(m.lift[1]);
+      const digits = decimalsFor(m.deflection[1]);
       const said = m.used ? "" : m.why || "not used";
-      row(body, [m.id, fixed(u, 2), fixed(v, 2), fixed(ru, 3), fixed(rv, 3), fixed(m.lift[0], digits), fixed(m.lift[1], digits), said], "td");
+      row(body, [m.id, fixed(u, 2), fixed(v, 2), fixed(ru, 3), fixed(rv, 3), fixed(m.deflection[0], digits), fixed(m.deflection[1], digits), said], "td");
     }
     csvButton(table, () => `markers-${frame.series}-${frame.image}`);
   }

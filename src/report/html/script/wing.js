@@ -118,10 +118,10 @@ class Wing {
     }
     for (const { m, ground: g, flight: f } of places) {
       if (f) edge(g, f, { stroke: flight, "stroke-width": 0.8, opacity: 0.6 });
-      const lift = measured(m.lift[0], m.lift[1], "m");
+      const deflection = measured(m.deflection[0], m.deflection[1], "m");
       const circle = (p, attributes) => {
         const made = svgNode(svg, "circle", { cx: at(p)[0], cy: at(p)[1], r: 3.4, ...attributes });
-        svgNode(made, "title", {}, `${m.id}: lift ${lift}`);
+        svgNode(made, "title", {}, `${m.id}: deflection ${deflection}`);
       };
       circle(g, { fill: theme.paper, stroke: ground });
       if (f) circle(f, { fill: flight });

@@ -7,7 +7,7 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
-use super::{Column, FORMAT, Head, LiveTable, MOST_ROWS, Row};
+use super::{Column, FORMAT, Head, LiveTable, MAX_ROWS, Row};
 
 /// What each block begins with.
 const MAGIC: &[u8; 8] = b"wingdrow";
@@ -182,7 +182,7 @@ impl<'a> File<'a> {
         let rows = number(counts.get(8..12)?)?;
         let content = rest.get(..number(counts.get(12..)?)?)?;
         let check = check(&self.check, counts, content);
-        let whole = counts.starts_with(MAGIC) && rows <= MOST_ROWS && check == said;
+        let whole = counts.starts_with(MAGIC) && rows <= MAX_ROWS && check == said;
         whole.then_some(((rows, content), check))
     }
 }

@@ -16,7 +16,7 @@ use crate::clock::Stamp;
 /// Of the file.
 pub const FORMAT: u32 = 1;
 /// Rows of a block at most, so that a damaged count asks for no memory.
-const MOST_ROWS: usize = 1 << 20;
+const MAX_ROWS: usize = 1 << 20;
 
 /// How a value lies in the file, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,7 +37,7 @@ pub enum Kind {
 /// A column.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
-    /// Once in a table. `list.rest` says that `list` of the source names its values: `markers.lift` has one for each
+    /// Once in a table. `list.rest` says that `list` of the source names its values: `markers.deflection` has one for each
     /// of `source.markers`.
     pub name: String,
     /// `m`, `deg`, `px`, …; empty where it has none; [`UTC`] for moments.
@@ -156,7 +156,7 @@ impl LiveTable {
             }
             at += column.width;
         }
-        (rows.len() > MOST_ROWS).then(|| format!("{} rows are too many for a block", rows.len()))
+        (rows.len() > MAX_ROWS).then(|| format!("{} rows are too many for a block", rows.len()))
     }
 }
 

@@ -12,7 +12,7 @@ fn table() -> LiveTable {
         |name: &str, unit: &str, kind, width| Column { name: name.into(), unit: unit.into(), kind, width };
     let columns = vec![
         column("utc", UTC, Kind::U64, 1),
-        column("markers.lift", "m", Kind::F32, 3),
+        column("markers.deflection", "m", Kind::F32, 3),
         column("latency", "ms", Kind::F64, 1),
         column("number", "", Kind::U32, 1),
         column("markers.used", "", Kind::U8, 3),
@@ -25,11 +25,21 @@ fn rows(count: usize) -> Vec<Row> {
     let row = |n: usize| {
         let x = n as f64;
         let none = |value: f64| if n % 7 == 3 { f64::NAN } else { value };
-        let lift = |k: f64| f64::from((0.5 + 1e-3 * (x * k).sin()) as f32);
+        let deflection = |k: f64| f64::from((0.5 + 1e-3 * (x * k).sin()) as f32);
         let moment = 1.7e15 + 1e5 * x;
         let wide = if n == 1 { 2_f64.powi(53) } else { none(moment) };
         let number = if n == 2 { f64::from(u32::MAX - 1) } else { none(x) };
-        vec![wide, lift(1.0), none(lift(2.0)), lift(3.0), none(-1e300 * x), number, 0.0, none(254.0), x % 2.0]
+        vec![
+            wide,
+            deflection(1.0),
+            none(deflection(2.0)),
+            deflection(3.0),
+            none(-1e300 * x),
+            number,
+            0.0,
+            none(254.0),
+            x % 2.0,
+        ]
     };
     (0..count).map(row).collect()
 }

@@ -2,19 +2,19 @@
 
 use nalgebra::DVector;
 
-use crate::adjust::flight::frames::{FEWEST, Flight};
-use crate::adjust::flight::setting::Setting;
+use crate::adjust::flight::flight_problem::FlightProblem;
+use crate::adjust::flight::frames::{Flight, MIN_MARKERS};
 use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::Solved;
 use crate::adjust::flight::usage::Removed;
 use crate::adjust::layout::Layout;
-use crate::adjust::snooping::{self, Judged, Removable, Suspect};
+use crate::adjust::snooping::{self, Removable, ResidualSum, Suspect};
 use crate::adjust::{AdjustError, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
-use crate::estimation::{Course, Known, Problem};
+use crate::estimation::{InformationPrior, Problem, SolveOptions};
 
-/// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
-pub const JOLT_ALPHA: f64 = 1e-6;
+/// What a mount disturbance must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
+pub const DISTURBANCE_ALPHA: f64 = 1e-6;
 /// No more markers than one in so many are left out of a frame.
 const LEFT_OUT: usize = 3;
 
@@ -48,7 +48,7 @@ impl Attempt {
         model: &Model,
         local: &DVector<f64>,
         flight: &Flight,
-        known: &Known,
+        known: &InformationPrior,
     ) -> Result<Self, AdjustError> {
         let mut flight = flight.clone();
         let everywhere: Vec<_> = model.wrong.iter().map(|s| Removed { group: 0, suspect: *s }).collect();
@@ -70,12 +70,12 @@ impl Attempt {
     /// Whether chance explains what is left, where standard deviations are stated too small by the root of a factor.
     pub fn is_explained(&self, factor: f64) -> bool {
         let fit = &self.solved.fit;
-        quality::global_test(fit.omega / factor, fit.redundancy, JOLT_ALPHA) != GlobalTest::Rejected
+        quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA) != GlobalTest::Rejected
     }
 
     /// Sum of squares, and for each marker left out what a marker must gain to be left out.
     pub fn cost(&self) -> f64 {
-        self.solved.fit.omega + self.removed.len() as f64 * chi_square_limit(2.0, JOLT_ALPHA)
+        self.solved.fit.omega + self.removed.len() as f64 * chi_square_limit(2.0, DISTURBANCE_ALPHA)
     }
 }
 
@@ -86,7 +86,7 @@ struct Frame<'s, 'a> {
     layout: Layout,
     local: &'s DVector<f64>,
     flight: Flight<'a>,
-    known: &'s Known,
+    known: &'s InformationPrior,
 }
 
 impl Frame<'_, '_> {
@@ -101,8 +101,8 @@ impl Frame<'_, '_> {
             known: Some((*known).clone()),
             groups: vec![],
         };
-        let setting = Setting::of_frame(layout.clone(), model.shape.clone(), group, members, problem);
-        let course = Course { rough, residuals: before.map(|b| &b.fit) };
+        let setting = FlightProblem::of_frame(layout.clone(), model.shape.clone(), group, members, problem);
+        let course = SolveOptions { rough, residuals: before.map(|b| &b.fit) };
         let fit = setting.solve(flight.input.scene, &course)?;
         Ok(Solved { setting, fit, judged: None })
     }
@@ -115,8 +115,8 @@ impl Removable for Frame<'_, '_> {
         snooping::worst(&self.flight.input, &setting.problem, fit, 0, &setting.members[0])
     }
 
-    fn judged(solved: &Solved) -> Judged {
-        Judged::of(&solved.fit)
+    fn judged(solved: &Solved) -> ResidualSum {
+        ResidualSum::of(&solved.fit)
     }
 
     fn use_marker(&mut self, suspect: &Suspect, used: bool) {
@@ -124,7 +124,7 @@ impl Removable for Frame<'_, '_> {
     }
 
     fn is_enough(&self, last: &Solved) -> bool {
-        last.setting.members[0].len() > FEWEST + 1
+        last.setting.members[0].len() > MIN_MARKERS + 1
     }
 
     fn solve(&self, before: Option<&Solved>) -> Result<Solved, AdjustError> {

@@ -1,9 +1,9 @@
 //! How far a frame's shape leaves the one that frames share, learnt as they come.
 
-use crate::adjust::flight::assumed::{Assumed, DEPARTURE};
+use crate::adjust::flight::hyperparameters::{DEPARTURE, FlightHyperparameters};
 use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::Solved;
-use crate::adjust::flight::tuning::{Shown, bounded_departure};
+use crate::adjust::flight::tuning::{VarianceEvidence, bounded_departure};
 
 /// The departure from the shared shape is learnt from this time's frames, s.
 const DEPARTURE_MEMORY_S: f64 = 600.0;
@@ -17,32 +17,34 @@ const SWING_BOUNDS: (f64, f64) = (0.002, 3.0);
 /// Sums that the departures from the shared shape are learnt from.
 #[derive(Clone, Copy, Debug)]
 pub struct Departure {
-    loads: Shown,
-    swings: Shown,
+    loads: VarianceEvidence,
+    swings: VarianceEvidence,
 }
 
 impl Departure {
     /// Before the first frame.
     pub fn assumed() -> Self {
-        let of =
-            |share: f64| Shown { square: DEPARTURE_WEIGHT * share * share, redundancy: DEPARTURE_WEIGHT };
+        let of = |share: f64| VarianceEvidence {
+            square: DEPARTURE_WEIGHT * share * share,
+            redundancy: DEPARTURE_WEIGHT,
+        };
         Self { loads: of(DEPARTURE), swings: of(SWING) }
     }
 
     /// Takes for granted of the next frame what is learnt.
-    pub fn taken<'a>(&self, assumed: Assumed<'a>) -> Assumed<'a> {
-        let share = |Shown { square, redundancy }: Shown| (square / redundancy).sqrt();
+    pub fn taken<'a>(&self, assumed: FlightHyperparameters<'a>) -> FlightHyperparameters<'a> {
+        let share = |VarianceEvidence { square, redundancy }: VarianceEvidence| (square / redundancy).sqrt();
         let (least, most) = SWING_BOUNDS;
         assumed.departing(bounded_departure(share(self.loads)), share(self.swings).clamp(least, most))
     }
 
     /// Adds this share of what a frame's departures show, solved with what was `assumed`.
-    pub fn learn(&mut self, solved: &Solved, assumed: &Assumed, elapsed_s: f64, share: f64) {
+    pub fn learn(&mut self, solved: &Solved, assumed: &FlightHyperparameters, elapsed_s: f64, share: f64) {
         let terms = solved.setting.layouts[0].curvature_terms;
         let [loads, swings] = SharedShape::components(terms, assumed, 0);
         let Some([of_loads, of_swings]) = solved.departure_shown(0, [&loads, &swings]) else { return };
         let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        let add = |sum: &mut Shown, shown: Shown, used: f64| {
+        let add = |sum: &mut VarianceEvidence, shown: VarianceEvidence, used: f64| {
             sum.square = sum.square * kept + share * shown.square * used * used;
             sum.redundancy = sum.redundancy * kept + share * shown.redundancy;
         };

@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::attempt::{Attempt, JOLT_ALPHA, Model};
+use super::attempt::{Attempt, DISTURBANCE_ALPHA, Model};
 use super::departure::Departure;
-use super::known::{fade, forget, walk};
+use super::process_model::{add_process_noise, apply_forgetting, reset_parameters};
 use crate::adjust::AdjustError;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms::rotation_of_mounting;
 use crate::estimation::quality::chi_square_limit;
-use crate::estimation::{Known, Told};
+use crate::estimation::{AttributedInformation, InformationPrior};
 
 /// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
 /// time, s, and leaves its walk by it in any frame.
@@ -30,11 +30,11 @@ const FACTOR_STEP: f64 = 1.25;
 #[derive(Clone, Debug)]
 pub struct State {
     /// Of all that frames share.
-    pub known: Known,
+    pub known: InformationPrior,
     /// The same with the first frame alone, with survey and ground frame: what does not fade.
-    pub base: Known,
+    pub base: InformationPrior,
     /// What of it keeps its name in a budget of variance.
-    pub told: Arc<Told>,
+    pub told: Arc<AttributedInformation>,
     /// What all frames are set up with.
     pub model: Model,
     /// Own unknowns of the last frame: where the next one begins.
@@ -44,11 +44,11 @@ pub struct State {
     /// Frames of this mounting.
     pub frames: usize,
     /// Frames that it rests on.
-    pub learnt: usize,
+    pub accepted_frames: usize,
     /// Frames that contradicted it since the last that it rests on, and the time that went by with them, s.
-    pub doubts: usize,
+    pub rejected_frames: usize,
     /// See there.
-    pub doubted_s: f64,
+    pub rejected_s: f64,
     /// Variance factor that frames have shown of late, not below 1.
     pub factor: f64,
 }
@@ -58,36 +58,36 @@ pub struct Step {
     /// Under the hypothesis that explains it better.
     pub attempt: Attempt,
     /// Whether that is a mounting of its own.
-    pub jolt: bool,
+    pub mount_disturbed: bool,
     /// What does not fade, after the time that went by.
-    base: Known,
+    base: InformationPrior,
 }
 
 impl State {
-    /// The next frame, as it is carried by the state, or after a jolt where that explains it better.
+    /// The next frame, as it is carried by the state, or after a mount disturbance where that explains it better.
     pub fn step(&self, flight: &Flight, elapsed_s: f64) -> Result<Step, AdjustError> {
         let mut base = self.base.clone();
         let walked = self.walked(flight, &mut base, elapsed_s)?;
         let carried = self.attempt(flight, &walked);
         let doubtful = carried.as_ref().map_or(true, |a| !a.passed);
-        let restarted = doubtful.then(|| self.jolted(flight, &walked)).and_then(Result::ok);
-        let (attempt, jolt) = match (carried, restarted) {
+        let restarted = doubtful.then(|| self.try_new_mounting(flight, &walked)).and_then(Result::ok);
+        let (attempt, mount_disturbed) = match (carried, restarted) {
             (Ok(carried), Some(restarted)) => {
-                let gain = chi_square_limit(self.model.layout.own.count as f64, JOLT_ALPHA);
-                let jolt = restarted.cost() + gain < carried.cost();
-                (if jolt { restarted } else { carried }, jolt)
+                let gain = chi_square_limit(self.model.layout.own.count as f64, DISTURBANCE_ALPHA);
+                let mount_disturbed = restarted.cost() + gain < carried.cost();
+                (if mount_disturbed { restarted } else { carried }, mount_disturbed)
             }
             (Ok(carried), None) => (carried, false),
             (Err(_), Some(restarted)) => (restarted, true),
             (Err(error), None) => return Err(error),
         };
-        if jolt {
+        if mount_disturbed {
             self.remounted(flight, &mut base)?;
         }
-        Ok(Step { attempt, jolt, base })
+        Ok(Step { attempt, mount_disturbed, base })
     }
 
-    fn attempt(&self, flight: &Flight, known: &Known) -> Result<Attempt, AdjustError> {
+    fn attempt(&self, flight: &Flight, known: &InformationPrior) -> Result<Attempt, AdjustError> {
         Attempt::new(&self.model, &self.local, flight, known)
     }
 
@@ -99,17 +99,17 @@ impl State {
 
     /// The state with a frame. One that chance does not explain teaches as much less as its variance factor says.
     pub fn learn(&self, step: &Step, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
-        let Step { attempt, jolt, base } = step;
+        let Step { attempt, mount_disturbed, base } = step;
         let fit = &attempt.solved.fit;
-        let frames = if *jolt { 1 } else { self.frames + 1 };
+        let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
         let mut next = State {
             known: fit.known(),
             base: base.clone(),
             local: fit.groups[0].local.clone(),
             frames,
-            learnt: self.learnt.saturating_add(1),
-            doubts: 0,
-            doubted_s: 0.0,
+            accepted_frames: self.accepted_frames.saturating_add(1),
+            rejected_frames: 0,
+            rejected_s: 0.0,
             factor: self.next_factor(fit.variance_factor()),
             ..self.clone()
         };
@@ -117,7 +117,7 @@ impl State {
         let share = if attempt.is_explained(1.0) { 1.0 } else { 1.0 / factor };
         let before = attempt.solved.setting.problem.known.as_ref();
         if let Some(before) = before.filter(|_| share < 1.0) {
-            fade(&mut next.known, before, share)?;
+            apply_forgetting(&mut next.known, before, share)?;
         }
         next.departure.learn(&attempt.solved, &flight.assumed, elapsed_s, share);
         Ok(next)
@@ -125,7 +125,12 @@ impl State {
 
     /// What is known when the next frame comes: rotation and ratios have walked, of the base too, and all beside that
     /// has faded.
-    fn walked(&self, flight: &Flight, base: &mut Known, elapsed_s: f64) -> Result<Known, AdjustError> {
+    fn walked(
+        &self,
+        flight: &Flight,
+        base: &mut InformationPrior,
+        elapsed_s: f64,
+    ) -> Result<InformationPrior, AdjustError> {
         let terms = self.model.layout.curvature_terms;
         let n = terms.saturating_sub(1);
         let drift = flight.assumed.drift_covariance(&flight.input.scene.camera_from_wing);
@@ -135,21 +140,21 @@ impl State {
         let (mounting, ratios) = (self.model.layout.own.first, self.model.shape.columns.ratios);
         let columns: Vec<_> = (mounting..mounting + 3).chain(ratios..ratios + n).collect();
         let mut known = self.known.clone();
-        walk(&mut known, &columns, noise.clone())?;
-        walk(base, &columns, noise)?;
-        fade(&mut known, base, (-elapsed_s / MEMORY_S).exp())?;
+        add_process_noise(&mut known, &columns, noise.clone())?;
+        add_process_noise(base, &columns, noise)?;
+        apply_forgetting(&mut known, base, (-elapsed_s / MEMORY_S).exp())?;
         Ok(known)
     }
 
     /// The frame in a mounting of its own.
-    fn jolted(&self, flight: &Flight, walked: &Known) -> Result<Attempt, AdjustError> {
+    fn try_new_mounting(&self, flight: &Flight, walked: &InformationPrior) -> Result<Attempt, AdjustError> {
         let mut known = walked.clone();
         self.remounted(flight, &mut known)?;
         self.attempt(flight, &known)
     }
 
     /// Of rotation and shift only the mount's repeatability is left.
-    fn remounted(&self, flight: &Flight, known: &mut Known) -> Result<(), AdjustError> {
+    fn remounted(&self, flight: &Flight, known: &mut InformationPrior) -> Result<(), AdjustError> {
         let own = self.model.layout.own;
         let rotation = rotation_of_mounting(&flight.input);
         let shift = flight.input.setup.uncertainty.mount_shift_m;
@@ -157,6 +162,6 @@ impl State {
         covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);
         let mut mean = DVector::zeros(own.count);
         mean.rows_mut(0, 3).copy_from(&rotation.mean);
-        forget(known, own.first, &mean, covariance)
+        reset_parameters(known, own.first, &mean, covariance)
     }
 }

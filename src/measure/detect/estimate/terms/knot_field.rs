@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
 use crate::detect::appearance::formula::Model;
 use crate::detect::appearance::parameters::{COMMON, Parameters, X, Y};
-use crate::detect::estimate::normal_equations::{Block, LEAST_WEIGHT, Products, Square};
+use crate::detect::estimate::normal_equations::{Block, MIN_WEIGHT, Products, Square};
 use crate::detect::estimate::{gauss_newton::Fit, sandwich::Blocks};
 use crate::detect::hypothesis::prior::Estimate;
 use crate::detect::numbers::TINY;
@@ -75,7 +75,7 @@ impl Step {
     /// Adds what is known beforehand of the `i`-th unknown, which has some value now.
     pub fn hold(&mut self, i: usize, now: f64, prior: Estimate, scale: f64) {
         let weight = (scale / prior.sigma).powi(2);
-        self.normal[(i, i)] += weight + LEAST_WEIGHT;
+        self.normal[(i, i)] += weight + MIN_WEIGHT;
         self.right[i] += weight * (prior.value - now);
     }
 

@@ -1,0 +1,76 @@
+//! Promise: with an installation a frame is searched where markers can be, from the nearest outwards, and the answers are those
+//! of the whole frame.
+
+use std::path::Path;
+
+use nalgebra::Cholesky;
+use wingd::installation::{self, Installation};
+use wingd::measure::identify;
+use wingd::measure::setup::Orientation;
+use wingd::pipeline::stages::{self, ProcessedFrame, Work};
+
+fn installed(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(set);
+    let installation = installation::load_without_orientation(&root.join("installation")).unwrap();
+    let read = |entry: std::io::Result<std::fs::DirEntry>| {
+        let entry = entry.unwrap();
+        (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())
+    };
+    let mut frames: Vec<_> = std::fs::read_dir(root.join("frames")).unwrap().map(read).collect();
+    frames.sort();
+    let (ground, flight): (Vec<_>, Vec<_>) =
+        frames.into_iter().partition(|(name, _)| name.starts_with("ground"));
+    let seen =
+        |(name, bytes): &(String, Vec<u8>)| stages::detect_only(name, bytes, None).0.detections.markers;
+    let ground: Vec<_> = ground.iter().map(seen).collect();
+    let fit = identify::orient(&installation.setup, &ground).unwrap();
+    let ground = stages::ground_sights(&installation.setup, &ground, &fit);
+    let orientation = Orientation { ground, ..fit.orientation };
+    (installation, orientation, flight)
+}
+
+fn whole_and_located(
+    (name, bytes): &(String, Vec<u8>),
+    installation: &Installation,
+    orientation: &Orientation,
+) -> [ProcessedFrame; 2] {
+    let whole = stages::process_full_frame(name, bytes, None, installation, Some(orientation)).0;
+    [whole, stages::process_frame(name, bytes, None, installation, Some(orientation))]
+}
+
+#[test]
+fn the_answers_are_those_of_the_whole_frame() {
+    let (mut count, mut alike, mut frames, mut parts) = (0, 0, 0, 0);
+    for set in ["dev", "demo"] {
+        let (installation, orientation, flight) = installed(set);
+        for frame in &flight {
+            let [whole, located] = whole_and_located(frame, &installation, &orientation);
+            frames += 1;
+            parts += usize::from(located.stages.iter().filter(|s| s.work == Work::Decode).count() == 1);
+            let markers = |s: &ProcessedFrame| s.observations.iter().map(|o| o.marker).collect::<Vec<_>>();
+            assert_eq!(markers(&whole), markers(&located), "{set} {}", frame.0);
+            for (one, other) in whole.observations.iter().zip(&located.observations) {
+                let off = other.pixel - one.pixel;
+                let apart = Cholesky::new(one.covariance_px2).unwrap().solve(&off).dot(&off).sqrt();
+                assert!(apart < 1.0, "{set} {}: {apart} standard deviations", frame.0);
+                count += 1;
+                alike += usize::from(apart < 0.01);
+            }
+        }
+    }
+    println!(
+        "{alike} of {count} within 0.01 standard deviations; {parts} of {frames} frames searched in part"
+    );
+    assert!(100 * alike >= 98 * count && 10 * parts >= 9 * frames);
+}
+
+#[test]
+fn where_that_leads_nowhere_the_whole_frame_tells() {
+    let (installation, orientation, flight) = installed("dev");
+    // The camera was turned by more than any mounting repeats: the whole frame says so, as ever.
+    let turn = nalgebra::Rotation3::from_euler_angles(0.05, 0.05, 0.0);
+    let turned = Orientation { camera_from_survey: turn * orientation.camera_from_survey, ..orientation };
+    let [whole, located] = whole_and_located(&flight[0], &installation, &turned);
+    assert_eq!(whole.detections, located.detections);
+    assert_eq!(whole.failure, located.failure);
+}

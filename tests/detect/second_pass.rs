@@ -1,0 +1,173 @@
+//! Promise: with the sizes that the orientation predicts, markers that glare hides in part are found, nearer to the truth,
+//! and say how near.
+
+use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
+use wingd::measure::identify::{identify, remove_perspective_bias};
+use wingd::measure::render::{Light, MarkerTruth, Options, Scene, Side};
+use wingd::measure::setup::{GroundObservation, Orientation, Shape};
+use wingd::pipeline::stages::identified;
+
+/// What is off, px, and in standard deviations, of the markers that were seen badly; and how many are missing.
+#[derive(Default)]
+struct Tally {
+    squares: f64,
+    normalised: f64,
+    count: usize,
+    missing: usize,
+}
+
+impl Tally {
+    fn add(&mut self, other: &Self) {
+        self.squares += other.squares;
+        self.normalised += other.normalised;
+        self.count += other.count;
+        self.missing += other.missing;
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / self.count as f64).sqrt()
+    }
+
+    fn spread(&self) -> f64 {
+        (self.normalised / self.count as f64).sqrt()
+    }
+}
+
+/// The markers of a frame that one look saw badly or not at all, as another one sees them.
+fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection>]) -> Tally {
+    let mut out = Tally::default();
+    for &j in bad.iter().filter(|&&j| truth[j].1) {
+        let Some(marker) = &seen[j] else {
+            out.missing += 1;
+            continue;
+        };
+        let error = marker.centre_px - truth[j].0;
+        out.squares += error.norm_squared();
+        out.normalised += 0.5 * error.dot(&Cholesky::new(*marker.covariance_px2).unwrap().solve(&error));
+        out.count += 1;
+    }
+    out
+}
+
+/// Each marker's detection, its perspective bias removed.
+fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
+    let identities = identify(&scene.setup, orientation, &found.markers).unwrap();
+    let centred = remove_perspective_bias(&scene.setup, orientation, &found.markers, &identities);
+    let of = |j: usize| identities.marker_of.iter().position(|m| *m == Some(j)).map(|i| centred[i].clone());
+    (0..scene.markers.len()).map(of).collect()
+}
+
+/// Frames of which some markers are looked at.
+#[derive(Clone, Copy)]
+struct Case {
+    shape: Shape,
+    light: Light,
+    /// Deflection of the tip, m.
+    deflection_m: f64,
+    /// Length of the wing, m, where it is not by the seed.
+    length_m: Option<f64>,
+}
+
+/// Standard deviation of prints' diameters, as a share.
+const PRINTS: f64 = 0.0015;
+/// Of a marker's place in a ground frame, px.
+const SIGHT_PX: f64 = 0.03;
+
+/// As a ground frame tells it, which other tests render.
+fn oriented(scene: &Scene, seed: u64) -> Orientation {
+    let truth = scene.truth(&scene.ground_shot(seed)).markers;
+    let sight = |(marker, truth): (usize, &MarkerTruth)| {
+        let covariance_px2 = Matrix2::identity() * (SIGHT_PX * SIGHT_PX);
+        truth.pixel.filter(|_| truth.visible).map(|pixel| GroundObservation { marker, pixel, covariance_px2 })
+    };
+    Orientation {
+        camera_from_survey: scene.camera_from_survey,
+        covariance_rad2: Some(Matrix3::identity() * (SIGHT_PX / scene.setup.lens.focal_px()).powi(2)),
+        ground: truth.iter().enumerate().filter_map(sight).collect(),
+    }
+}
+
+/// At once and after a closer look.
+fn looks(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tally; 2] {
+    let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
+    let usual = Options::random(seed, side);
+    let mut scene = Scene::random(seed, &Options { length_m: length_m.unwrap_or(usual.length_m), ..usual });
+    // No print is quite as large as the survey says.
+    for (marker, j) in scene.setup.markers.iter_mut().zip(0u64..) {
+        let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;
+        marker.diameter_m *= 1.0 + 3f64.sqrt() * PRINTS * share;
+    }
+    let orientation = oriented(&scene, seed);
+    let shot = scene.flight_shot(deflection_m, light, seed);
+    let image = scene.render(&shot).unwrap();
+    let truth: Vec<(Vector2<f64>, bool)> =
+        (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
+
+    let first = detect(&image);
+    let (closer, _) = identified(&scene.setup, &orientation, &mut &image, first.clone()).unwrap();
+    for (i, one) in closer.markers.iter().enumerate() {
+        let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
+        assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");
+    }
+    let [before, after] = [&first, &closer].map(|found| by_marker(&scene, &orientation, found));
+    let unsure = |j: &usize| before[*j].as_ref().is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2);
+    let alike = |j: &usize| scene.markers[*j].shape == shape;
+    let bad: Vec<usize> = (0..scene.markers.len()).filter(alike).filter(unsure).collect();
+    for (j, marker) in scene.markers.iter().enumerate() {
+        let off = after[j].as_ref().map(|d| (d.centre_px - truth[j].0).norm());
+        assert!(off.is_none_or(|off| off < 6.0), "seed {seed}: {} is off by {off:?} px", marker.id);
+    }
+    [before, after].map(|seen| tally(&truth, &bad, &seen))
+}
+
+/// Both looks at so many scenes.
+fn tallies(seeds: std::ops::Range<u64>, case: Case) -> [Tally; 2] {
+    let all: Vec<[Tally; 2]> = seeds.into_par_iter().map(|seed| looks(seed, case)).collect();
+    let [mut once, mut closer] = [Tally::default(), Tally::default()];
+    for [first, second] in &all {
+        once.add(first);
+        closer.add(second);
+    }
+    println!(
+        "at once {:.3} px of {}, {} missing; closer {:.3} px of {}, {} missing, normalised {:.2}",
+        once.rms(),
+        once.count,
+        once.missing,
+        closer.rms(),
+        closer.count,
+        closer.missing,
+        closer.spread()
+    );
+    [once, closer]
+}
+
+#[test]
+fn discs_in_glare_are_nearer_with_their_sizes_known() {
+    let case = Case { shape: Shape::Circle, light: Light::Glare, deflection_m: 1.8, length_m: None };
+    let [once, closer] = tallies(40..70, case);
+    assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
+    assert!(closer.missing <= once.missing && closer.rms() < 0.6 * once.rms());
+    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+}
+
+/// A wing that bends downwards shows the discs near its tip as flat as 1:30.
+#[test]
+fn discs_in_haze_that_are_hardly_seen_are_found_with_their_sizes_known() {
+    let case = Case { shape: Shape::Circle, light: Light::Haze, deflection_m: -0.5, length_m: None };
+    let [once, closer] = tallies(80..92, case);
+    assert!(once.missing > 0, "all are seen at once");
+    assert_eq!(closer.missing, 0, "of {}", closer.count);
+    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+}
+
+/// Near the camera markers are so large that a streak of glare takes an end of several.
+#[test]
+fn quadrants_that_glare_cuts_are_found_by_their_outline() {
+    let case = Case { shape: Shape::Quadrant, light: Light::Glare, deflection_m: 1.8, length_m: Some(12.0) };
+    let [once, closer] = tallies(100..112, case);
+    assert!(once.missing >= 5, "glare cuts {} quadrants", once.missing);
+    assert!(closer.missing <= once.missing / 2 && closer.rms() < 0.2);
+    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+}
