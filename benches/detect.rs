@@ -3,9 +3,9 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use wingd::measure::detect::{Prediction, detect, detect_guided};
+use wingd::measure::detect::{MarkerPrediction, detect, detect_guided};
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Light, Options, Scene, Side};
+use wingd::measure::render::{Light, SceneOptions, Scene, SceneSide};
 
 /// Discs in rows on a shaded, noisy ground.
 fn picture() -> Raster {
@@ -32,8 +32,8 @@ fn picture() -> Raster {
 
 fn benches(c: &mut Criterion) {
     let image = picture();
-    let predictions: Vec<Prediction> = (detect(&image).markers.iter())
-        .map(|m| Prediction {
+    let predictions: Vec<MarkerPrediction> = (detect(&image).markers.iter())
+        .map(|m| MarkerPrediction {
             shape: m.shape,
             centre_px: m.centre_px,
             semi_major_px: m.semi_major_px,
@@ -49,7 +49,7 @@ fn benches(c: &mut Criterion) {
     group.bench_function("guided", |b| b.iter(|| detect_guided(&image, &predictions)));
     group.finish();
     // A wing with clutter; shadow, glare, back light and haze take longer than plain light.
-    let scene = Scene::random(51, &Options::random(51, Side::Left));
+    let scene = Scene::random(51, &SceneOptions::random(51, SceneSide::Left));
     let mut group = c.benchmark_group("detect rendered");
     group.sample_size(20);
     for light in Light::ALL {

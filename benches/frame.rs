@@ -17,10 +17,10 @@ fn benches(c: &mut Criterion) {
     let setup = installation::load_without_orientation(&fixture.join("installation")).expect("sound").setup;
     let on_ground = detect::detect(&decode(&ground, None).expect("decodes")).markers;
     let orientation =
-        identify::orient(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
+        identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
     let markers = detect::detect(&raster).markers;
-    let identities = identify::identify(&setup, &orientation, &markers).expect("identifies");
-    let predictions = identify::predict(&setup, &orientation, &markers, &identities);
+    let identities = identify::identify_markers(&setup, &orientation, &markers).expect("identifies");
+    let predictions = identify::predict_next_frame(&setup, &orientation, &markers, &identities);
     let mut group = c.benchmark_group("frame");
     group.sample_size(20);
     group.bench_function("read", |b| {
@@ -30,10 +30,10 @@ fn benches(c: &mut Criterion) {
     group.bench_function("detect full", |b| b.iter(|| detect::detect(&raster)));
     group.bench_function("detect guided", |b| b.iter(|| detect::detect_guided(&raster, &predictions)));
     group.bench_function("orient", |b| {
-        b.iter(|| identify::orient(&setup, std::slice::from_ref(&on_ground)).is_ok());
+        b.iter(|| identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).is_ok());
     });
     group.bench_function("identify", |b| {
-        b.iter(|| identify::identify(&setup, &orientation, &markers).is_ok())
+        b.iter(|| identify::identify_markers(&setup, &orientation, &markers).is_ok())
     });
     group.bench_function("remove perspective bias", |b| {
         b.iter(|| identify::remove_perspective_bias(&setup, &orientation, &markers, &identities));

@@ -12,7 +12,7 @@ pub mod quality;
 use std::sync::Mutex;
 use std::time::Duration;
 
-use quality::Quality;
+use quality::ClockQuality;
 
 /// A moment as a shot keeps it, so that times can be mended later.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -34,7 +34,7 @@ pub trait Clock: Send + Sync {
     /// Since boot; never goes back.
     fn since_boot(&self) -> Duration;
     /// How far UTC may be trusted now.
-    fn quality(&self) -> Quality;
+    fn quality(&self) -> ClockQuality;
     /// How long the machine waits for `duration` to pass on this clock.
     fn machine_time(&self, duration: Duration) -> Duration {
         duration
@@ -50,11 +50,11 @@ pub trait Clock: Send + Sync {
 
 /// The machine's clock.
 #[derive(Clone, Debug)]
-pub struct System {
+pub struct SystemClock {
     boot_id: String,
 }
 
-impl System {
+impl SystemClock {
     /// Reads the boot id once; `unknown` where the kernel does not give one.
     pub fn new() -> Self {
         let id = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
@@ -63,13 +63,13 @@ impl System {
     }
 }
 
-impl Default for System {
+impl Default for SystemClock {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Clock for System {
+impl Clock for SystemClock {
     #[allow(clippy::disallowed_methods)] // the one place where the wall clock is read
     fn stamp(&self) -> Stamp {
         Stamp {
@@ -80,34 +80,34 @@ impl Clock for System {
         }
     }
 
-    fn quality(&self) -> Quality {
-        quality::of_the_kernel()
+    fn quality(&self) -> ClockQuality {
+        quality::read_kernel_quality()
             .filter(|quality| quality.synchronised)
-            .unwrap_or_else(|| Quality::unasked(utc_was_set()))
+            .unwrap_or_else(|| ClockQuality::without_kernel_values(utc_was_set()))
     }
 
     fn since_boot(&self) -> Duration {
-        read(rustix::time::ClockId::Boottime)
+        read_clock(rustix::time::ClockId::Boottime)
     }
 }
 
-fn read(clock: rustix::time::ClockId) -> Duration {
+fn read_clock(clock: rustix::time::ClockId) -> Duration {
     let time = rustix::time::clock_gettime(clock);
     Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 /// The machine's time since boot, s: what cameras stamp with.
 pub fn since_boot_s() -> f64 {
-    read(rustix::time::ClockId::Boottime).as_secs_f64()
+    read_clock(rustix::time::ClockId::Boottime).as_secs_f64()
 }
 
 /// The machine's monotonic time, s, which drivers stamp with: it stands still while the machine sleeps.
 pub fn monotonic_s() -> f64 {
-    read(rustix::time::ClockId::Monotonic).as_secs_f64()
+    read_clock(rustix::time::ClockId::Monotonic).as_secs_f64()
 }
 
 /// Time since boot of a monotonic time, s.
-pub fn since_boot_of_monotonic(at_s: f64) -> f64 {
+pub fn since_boot_from_monotonic(at_s: f64) -> f64 {
     at_s + (since_boot_s() - monotonic_s())
 }
 
@@ -119,7 +119,7 @@ fn utc_was_set() -> bool {
 
 /// A clock that moves only by waiting: at once, or paced by a speed-up factor.
 #[derive(Debug)]
-pub struct Simulated {
+pub struct SimulatedClock {
     boot_id: String,
     speed_up: Option<f64>,
     state: Mutex<SimulatedTime>,
@@ -131,7 +131,7 @@ struct SimulatedTime {
     since_boot: Duration,
 }
 
-impl Simulated {
+impl SimulatedClock {
     /// Starts at `start`. Waiting takes no machine time with `speed_up = None`, and `1 / factor` of
     /// the simulated time otherwise; a factor that is not positive counts as `None`.
     pub fn starting_at(start: &Stamp, speed_up: Option<f64>) -> Self {
@@ -149,14 +149,14 @@ impl Simulated {
         Self::starting_at(&start, speed_up)
     }
 
-    fn with<T>(&self, f: impl FnOnce(&mut SimulatedTime) -> T) -> T {
+    fn with_time<T>(&self, f: impl FnOnce(&mut SimulatedTime) -> T) -> T {
         f(&mut self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 }
 
-impl Clock for Simulated {
+impl Clock for SimulatedClock {
     fn stamp(&self) -> Stamp {
-        let now = self.with(|time| *time);
+        let now = self.with_time(|time| *time);
         Stamp {
             utc: now.utc,
             utc_synchronised: true,
@@ -166,11 +166,11 @@ impl Clock for Simulated {
     }
 
     fn since_boot(&self) -> Duration {
-        self.with(|time| time.since_boot)
+        self.with_time(|time| time.since_boot)
     }
 
-    fn quality(&self) -> Quality {
-        Quality::exact()
+    fn quality(&self) -> ClockQuality {
+        ClockQuality::exact()
     }
 
     fn machine_time(&self, duration: Duration) -> Duration {
@@ -178,7 +178,7 @@ impl Clock for Simulated {
     }
 
     fn advance(&self, duration: Duration) {
-        self.with(|time| {
+        self.with_time(|time| {
             time.since_boot = time.since_boot.saturating_add(duration);
             if let Ok(utc) = time.utc.checked_add(duration) {
                 time.utc = utc;
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn simulated_time_moves_only_by_waiting() {
-        let clock = Simulated::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None);
+        let clock = SimulatedClock::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None);
         let before = clock.stamp();
         clock.sleep(Duration::from_secs(3600));
         let after = clock.stamp();
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn system_time_since_boot_does_not_go_back() {
-        let clock = System::new();
+        let clock = SystemClock::new();
         let first = clock.since_boot();
         assert!(first > Duration::ZERO);
         assert!(clock.since_boot() >= first);

@@ -1,4 +1,4 @@
-//! This file reads `wingd.toml`, which is composed of the sections that each module defines for itself.
+//! Configuration `wingd.toml`, composed of the sections that each module defines.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,44 +13,37 @@ use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
 use crate::store::StoreConfig;
 
-/// The daemon's configuration.
+/// Configuration of the recorder.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The prepared directory; without it frames are recorded only.
+    /// Installation directory; without it frames are only recorded.
     pub installation: Option<PathBuf>,
-    /// `[camera]`.
     pub camera: CameraSection,
-    /// `[series]`.
     #[serde(default)]
     pub series: SeriesConfig,
-    /// `[store]`.
     pub store: StoreConfig,
-    /// `[status]`.
     #[serde(default)]
     pub status: StatusConfig,
-    /// `[power]`.
     #[serde(default)]
     pub power: PowerConfig,
-    /// `[live]`.
     #[serde(default)]
     pub live: LiveConfig,
-    /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
-    /// `[serve]`; without it the recorder shows no page.
+    /// Web page; without this section the recorder has none.
     pub serve: Option<ServeConfig>,
 }
 
-/// `[solve]`: how frames are solved on board.
+/// Section `[solve]`: solution of frames on board.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolveConfig {
     /// `spatial` (default) or `profile`.
     pub method: SolveMethod,
-    /// Terms of the curvature, 1 to 10; chosen by test where not given.
+    /// Number of curvature terms, 1 to 10; chosen by test if absent.
     pub curvature_terms: Option<usize>,
-    /// A frame that takes longer is recorded as failed. Machine time.
+    /// Maximum time for a frame; one that takes longer is recorded as failed.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub deadline: Duration,
 }
@@ -61,20 +54,20 @@ impl Default for SolveConfig {
     }
 }
 
-/// Words of `[solve] method`.
+/// Values of `[solve] method`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SolveMethod {
-    /// The rigid-section beam.
+    /// Beam of rigid sections.
     #[default]
     Spatial,
-    /// The published method.
+    /// Published method.
     Profile,
 }
 
 impl SolveConfig {
-    /// What to compute.
-    pub fn job(&self) -> Job {
+    /// Converts the section to a job of the pipeline.
+    pub fn to_job(&self) -> Job {
         let method = match self.method {
             SolveMethod::Spatial => Method::Spatial,
             SolveMethod::Profile => Method::Profile,
@@ -84,73 +77,79 @@ impl SolveConfig {
 
     fn faults(&self) -> Vec<KeyFault> {
         let terms = self.curvature_terms.filter(|n| !(1..=10).contains(n)).map(|terms| {
-            let mend = "give 1 to 10, or leave it out";
-            KeyFault::new("solve.curvature_terms", format!("is {terms}"), mend)
+            let remedy = "give 1 to 10, or omit it";
+            KeyFault::new("solve.curvature_terms", format!("is {terms}"), remedy)
         });
         let deadline = (self.deadline < Duration::from_secs(1)).then(|| {
-            let mend = "give at least \"1s\", or leave it out";
-            KeyFault::new("solve.deadline", format!("is {:?}", self.deadline), mend)
+            let remedy = "give at least \"1s\", or omit it";
+            KeyFault::new("solve.deadline", format!("is {:?}", self.deadline), remedy)
         });
         terms.into_iter().chain(deadline).collect()
     }
 }
 
-/// Reads and checks a configuration; every fault in one go. Relative paths count from the file's folder.
-pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
-    let text = read(file)?;
-    let mut config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
-    let mut faults = config.tildes(file);
-    let config = config.resolved(file.parent().unwrap_or(Path::new("")));
+/// Reads and checks a configuration. Relative paths refer to the folder of the file.
+///
+/// # Errors
+/// Returns all errors found, each with its key and remedy.
+pub fn load_configuration(file: &Path) -> Result<Config, Vec<Fault>> {
+    let text = read_text(file)?;
+    let mut config: Config = toml::from_str(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?;
+    let mut faults = config.tilde_faults(file);
+    let config = config.with_resolved_paths(file.parent().unwrap_or(Path::new("")));
     faults.extend(config.faults(file));
     if faults.is_empty() { Ok(config) } else { Err(faults) }
 }
 
-/// Reads `[camera]` alone; other sections are not looked at.
+/// Reads only the section `[camera]`.
+///
+/// # Errors
+/// Returns all errors found in the section.
 pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
     #[derive(Deserialize)]
-    struct CameraAlone {
+    struct CameraOnly {
         camera: CameraSection,
     }
-    let text = read(file)?;
-    let mut camera = toml::from_str::<CameraAlone>(&text).map_err(|e| vec![syntax(file, &text, &e)])?.camera;
+    let text = read_text(file)?;
+    let mut camera = toml::from_str::<CameraOnly>(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?.camera;
     let faults: Vec<Fault> = camera.faults().into_iter().map(|fault| fault.of(file)).collect();
     resolve_camera(&mut camera, file.parent().unwrap_or(Path::new("")));
     if faults.is_empty() { Ok(camera) } else { Err(faults) }
 }
 
-fn read(file: &Path) -> Result<String, Vec<Fault>> {
-    let mend = "name it with --config; config/wingd.toml is a commented default";
+fn read_text(file: &Path) -> Result<String, Vec<Fault>> {
+    let remedy = "name it with --config; config/wingd.toml is a commented default";
     let bytes = std::fs::read(file)
-        .map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), mend)])?;
-    text_of(bytes).map_err(|(problem, mend)| vec![Fault::new(file, "file", problem, mend)])
+        .map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), remedy)])?;
+    text_of(bytes).map_err(|(problem, remedy)| vec![Fault::new(file, "file", problem, remedy)])
 }
 
-/// A path of the configuration as seen from its folder.
-fn resolve(folder: &Path, path: &mut PathBuf) {
-    // Collected anew, so that no `/./` stands in messages.
+/// Resolves a path relative to the folder of the configuration.
+fn resolve_path(folder: &Path, path: &mut PathBuf) {
+    // Collected from components, so that messages contain no `/./`.
     *path = folder.join(&*path).components().collect();
 }
 
 fn resolve_camera(camera: &mut CameraSection, folder: &Path) {
     if let Some(replay) = camera.replay() {
-        replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(|path| resolve(folder, path));
+        replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(|path| resolve_path(folder, path));
     }
 }
 
 impl Config {
-    fn resolved(mut self, folder: &Path) -> Self {
-        resolve(folder, &mut self.store.path);
-        resolve(folder, &mut self.status.socket);
+    fn with_resolved_paths(mut self, folder: &Path) -> Self {
+        resolve_path(folder, &mut self.store.path);
+        resolve_path(folder, &mut self.status.socket);
         let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
-        optional.into_iter().flatten().for_each(|path| resolve(folder, path));
-        self.live.socket.iter_mut().for_each(|path| resolve(folder, path));
-        self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(|path| resolve(folder, path));
+        optional.into_iter().flatten().for_each(|path| resolve_path(folder, path));
+        self.live.socket.iter_mut().for_each(|path| resolve_path(folder, path));
+        self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(|path| resolve_path(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
     }
 
-    /// Paths with the shell's word for the home directory: nobody expands it in a file.
-    fn tildes(&mut self, file: &Path) -> Vec<Fault> {
+    /// Reports paths that begin with `~`: only a shell expands it.
+    fn tilde_faults(&mut self, file: &Path) -> Vec<Fault> {
         let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
         paths.extend(self.live.socket.iter().map(|path| ("live.socket", path)));
@@ -161,8 +160,8 @@ impl Config {
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
         }
         let one = |(place, path): (&str, &PathBuf)| {
-            let problem = format!("is \"{}\"; ~ is known to shells only", path.display());
-            Fault::new(file, place, problem, "write the whole path, beginning with /")
+            let problem = format!("is \"{}\", but only a shell expands ~", path.display());
+            Fault::new(file, place, problem, "write the full path, beginning with /")
         };
         paths.into_iter().filter(|(_, path)| path.starts_with("~")).map(one).collect()
     }
@@ -183,6 +182,6 @@ impl Config {
     }
 }
 
-fn syntax(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
+fn syntax_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
     crate::installation::toml_fault(file, text, error, "compare it with config/wingd.toml")
 }

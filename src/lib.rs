@@ -1,11 +1,11 @@
 //! `wingd` measures the shape of a wing in flight with one camera at a cabin window.
 //!
-//! A prepared directory, the *installation*, says what the camera is like and where the markers on the wing were surveyed.
-//! Pictures of the wing on ground give the camera's attitude; from then on each picture in flight gives the deflection and twist
-//! of the wing, every number with its standard deviation. The program `wingd` is this library with a command line
-//! ([`cli`]); what scripts may rely on stands in `docs/interface.md`.
+//! A prepared directory, the *installation*, describes the camera and the surveyed positions of the markers on the wing.
+//! Images of the wing on the ground give the camera's attitude. From then on each image in flight gives the deflection and
+//! twist of the wing, every number with its standard deviation. The program `wingd` is this library with a command line
+//! ([`cli`]); `docs/interface.md` lists the interfaces that scripts can rely on.
 //!
-//! The same by hand, from the files of an aircraft to the deflection of the wing's tip:
+//! Example from the files of an aircraft to the deflection of the wing tip:
 //!
 //! ```
 //! use std::path::Path;
@@ -14,9 +14,9 @@
 //! use wingd::{installation, pipeline};
 //!
 //! let dev = Path::new("fixtures/dev");
-//! let mut wing = installation::load(&dev.join("installation")).expect("every fault names file, key and mend");
+//! let mut wing = installation::load(&dev.join("installation")).expect("every error names file, key and remedy");
 //!
-//! // The attitude, from a picture on ground.
+//! // The attitude, from an image on the ground.
 //! let ground = std::fs::read(dev.join("frames/ground.jpg"))?;
 //! let (seen, _) = pipeline::stages::detect_only("ground.jpg", &ground, None);
 //! let frames = [seen.detections.markers];
@@ -24,12 +24,12 @@
 //! let ground = pipeline::stages::ground_sights(&wing.setup, &frames, &fit);
 //! wing.orientation = Some(Orientation { ground, ..fit.orientation });
 //!
-//! // The wing, from a picture in flight, in which the outermost marker was drawn 2.615 m above its place on ground.
+//! // The wing, from an image in flight, rendered with the outermost marker 2.615 m above its position on the ground.
 //! let flight = std::fs::read(dev.join("frames/flight-1.jpg"))?;
 //! let job = pipeline::Job::default();
 //! let result = pipeline::solve_frame("flight-1.jpg", &flight, None, &wing, wing.require_orientation()?, &job);
-//! let tip = result.tip.expect("a frame that cannot be solved has a reason instead");
-//! let sigma_m = tip.sigma_deflection_m.expect("deflection is estimated, not held");
+//! let tip = result.tip.expect("if a frame cannot be solved, the record has a reason");
+//! let sigma_m = tip.sigma_deflection_m.expect("deflection is estimated, not fixed");
 //! assert!((tip.deflection_m - 2.615).abs() < 4.0 * sigma_m, "{} m, sigma {sigma_m} m", tip.deflection_m);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -37,18 +37,18 @@
 //! # Layers
 //!
 //! The layers, lowest first. A module imports only from layers below its own, and modules of one
-//! layer do not know each other (`tests/layers.rs` keeps this).
+//! layer do not import each other (`tests/layers.rs` checks this).
 //!
 //! | layer | modules | subject |
 //! |---|---|---|
 //! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
-//! | 2 | [`installation`], [`clock`], [`record`] | the prepared directory; time; the result as written |
-//! | 3 | [`aircraft`] | the aircraft's own data, joined by time tag |
-//! | 4 | [`camera`], [`store`] | shots; safe keeping |
+//! | 2 | [`installation`], [`clock`], [`record`] | installation directory; time; the written result |
+//! | 3 | [`aircraft`] | the aircraft's own data, assigned by time tag |
+//! | 4 | [`camera`], [`store`] | shots; durable storage |
 //! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
-//! | 6 | [`report`], [`daemon`] | figures and tables; the recorder |
-//! | 7 | [`http`], `upload` | read-only download page; flights into an object store (a feature) |
-//! | 8 | [`config`] | composes every module's own section |
+//! | 6 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
+//! | 7 | [`http`], `upload` | read-only download page; upload of flights to an object store (a feature) |
+//! | 8 | [`config`] | configuration, composed of the modules' sections |
 //! | 9 | [`cli`] | one file per command |
 
 pub use wingd_measure as measure;

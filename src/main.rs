@@ -1,4 +1,4 @@
-//! argv -> command -> exit status.
+//! The program `wingd`: runs a command and returns its exit status.
 
 use std::process::ExitCode;
 

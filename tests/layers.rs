@@ -14,8 +14,13 @@ use std::path::Path;
 
 use syn::visit::Visit;
 
+#[path = "layers/language.rs"]
+mod language;
 #[path = "layers/named.rs"]
 mod named;
+
+#[path = "layers/texts.rs"]
+mod texts;
 
 use named::{Named, Place, place};
 

@@ -3,7 +3,7 @@
 use super::Quantity;
 use super::join::{Joined, State};
 use crate::measure::adjust::Estimate;
-use crate::measure::environment::Conditions;
+use crate::measure::environment::FlightConditions;
 
 const KELVIN: f64 = 273.15;
 /// Half of the ratio of specific heats less 1, air.
@@ -44,7 +44,7 @@ pub fn contradiction(state: &State) -> Option<String> {
 }
 
 /// A value that does not lie in the state is `None`.
-pub fn conditions(state: &State) -> Conditions {
+pub fn conditions(state: &State) -> FlightConditions {
     let of = |q: Quantity| state.get(&q).map(|Joined { value, sigma, .. }| (*value, *sigma));
     let by_altitude = || {
         let (altitude, sigma) = of(Quantity::PressureAltitudeM)?;
@@ -67,7 +67,7 @@ pub fn conditions(state: &State) -> Conditions {
     });
     let estimate =
         |pair: Option<(f64, f64)>| pair.map(|(value, sigma)| Estimate { value, sigma: Some(sigma) });
-    Conditions {
+    FlightConditions {
         cabin_pressure_hpa: estimate(of(Quantity::CabinPressureHpa)),
         outside_pressure_hpa: estimate(of(Quantity::StaticPressureHpa).or_else(by_altitude)),
         outside_temperature_c: estimate(static_c),
@@ -126,6 +126,6 @@ mod tests {
             let numeric = (pressure_hpa(altitude + 1.0).0 - found) / 1.0;
             assert!((slope - numeric).abs() < 1e-3 * slope.abs());
         }
-        assert_eq!(conditions(&State::new()), Conditions::default());
+        assert_eq!(conditions(&State::new()), FlightConditions::default());
     }
 }

@@ -190,7 +190,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::Column;
     use super::*;
-    use crate::clock::quality::Quality;
+    use crate::clock::quality::ClockQuality;
 
     const BEGIN_S: f64 = 1_772_344_800.0;
 
@@ -216,7 +216,7 @@ mod tests {
 
     fn exposure(second: f64) -> Exposure {
         let at = stamp(second, true);
-        Exposure::asked(&at, at.since_boot_s, Quality::exact())
+        Exposure::from_request(&at, at.since_boot_s, ClockQuality::exact())
     }
 
     #[test]

@@ -14,20 +14,20 @@ pub struct Deadline {
 
 impl Deadline {
     /// `span` from now.
-    pub fn after(span: Duration) -> Self {
+    pub fn new(span: Duration) -> Self {
         Self { start: Instant::now(), span }
     }
 
     /// What is left; past the deadline the error says `what` was waited for.
-    pub fn left(&self, what: &str) -> Result<Duration, CameraError> {
+    pub fn remaining(&self, what: &str) -> Result<Duration, CameraError> {
         match self.span.checked_sub(self.start.elapsed()) {
             Some(left) if !left.is_zero() => Ok(left),
-            _ => Err(self.passed(what)),
+            _ => Err(self.timeout_error(what)),
         }
     }
 
     /// The error for `what` not having come in time.
-    pub fn passed(&self, what: &str) -> CameraError {
+    pub fn timeout_error(&self, what: &str) -> CameraError {
         CameraError::Timeout { after_s: self.span.as_secs_f64(), what: what.to_owned() }
     }
 }

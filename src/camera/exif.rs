@@ -6,7 +6,7 @@ use jiff::tz::Offset;
 
 /// What a picture says of itself.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct Taken {
+pub struct CaptureMetadata {
     /// By the camera's clock, in the camera's zone, with what it says of the second's parts.
     pub local: Option<DateTime>,
     /// Digits of the second's parts: 0 where it counts whole seconds.
@@ -32,32 +32,32 @@ const SETTINGS: [(&str, Tag); 8] = [
 /// Digits of a second's parts that count: nanoseconds.
 const MAX_TIME_DIGITS: usize = 9;
 
-fn read(bytes: &[u8]) -> Option<Exif> {
+fn read_exif(bytes: &[u8]) -> Option<Exif> {
     Reader::new().read_from_container(&mut std::io::Cursor::new(bytes)).ok()
 }
 
-fn ascii(exif: &Exif, tag: Tag) -> Option<&str> {
+fn ascii_value(exif: &Exif, tag: Tag) -> Option<&str> {
     let Value::Ascii(texts) = &exif.get_field(tag, In::PRIMARY)?.value else { return None };
     Some(std::str::from_utf8(texts.first()?).ok()?.trim())
 }
 
-fn original(exif: &Exif) -> Option<DateTime> {
-    DateTime::strptime("%Y:%m:%d %H:%M:%S", ascii(exif, Tag::DateTimeOriginal)?).ok()
+fn original_time(exif: &Exif) -> Option<DateTime> {
+    DateTime::strptime("%Y:%m:%d %H:%M:%S", ascii_value(exif, Tag::DateTimeOriginal)?).ok()
 }
 
 /// `DateTimeOriginal` of a JPEG file: whole seconds in an unknown zone. `None` where there is none.
-pub fn taken(bytes: &[u8]) -> Option<DateTime> {
-    original(&read(bytes)?)
+pub fn capture_time(bytes: &[u8]) -> Option<DateTime> {
+    original_time(&read_exif(bytes)?)
 }
 
 /// All that a JPEG, PNG or TIFF file says of when and how it was taken: `DateTimeOriginal` with `SubSecTimeOriginal` and
 /// `OffsetTimeOriginal` (Exif 2.31). Empty where it says nothing.
-pub fn all(bytes: &[u8]) -> Taken {
-    let Some(exif) = read(bytes) else { return Taken::default() };
-    let parts = ascii(&exif, Tag::SubSecTimeOriginal).filter(|t| t.bytes().all(|b| b.is_ascii_digit()));
+pub fn read_metadata(bytes: &[u8]) -> CaptureMetadata {
+    let Some(exif) = read_exif(bytes) else { return CaptureMetadata::default() };
+    let parts = ascii_value(&exif, Tag::SubSecTimeOriginal).filter(|t| t.bytes().all(|b| b.is_ascii_digit()));
     let parts = parts.filter(|t| !t.is_empty()).map(|t| &t[..t.len().min(MAX_TIME_DIGITS)]);
     let nanoseconds = parts.and_then(|t| format!("{t:0<MAX_TIME_DIGITS$}").parse().ok());
-    let local = original(&exif).map(|whole| {
+    let local = original_time(&exif).map(|whole| {
         let finer = nanoseconds.and_then(|n| whole.with().subsec_nanosecond(n).build().ok());
         finer.unwrap_or(whole)
     });
@@ -67,16 +67,16 @@ pub fn all(bytes: &[u8]) -> Taken {
         let text = text.trim_matches(|c: char| c == '"' || c.is_whitespace()).to_owned();
         (!text.is_empty()).then_some((*name, text))
     };
-    Taken {
+    CaptureMetadata {
         local,
         digits: parts.map_or(0, |t| t.len() as u32),
-        offset: ascii(&exif, Tag::OffsetTimeOriginal).and_then(offset),
+        offset: ascii_value(&exif, Tag::OffsetTimeOriginal).and_then(parse_offset),
         settings: SETTINGS.iter().filter_map(setting).collect(),
     }
 }
 
 /// A zone as Exif and people write it: `+02:00`, `-03:30`, `Z`.
-pub fn offset(text: &str) -> Option<Offset> {
+pub fn parse_offset(text: &str) -> Option<Offset> {
     if text == "Z" {
         return Some(Offset::UTC);
     }
@@ -94,8 +94,8 @@ pub fn offset(text: &str) -> Option<Offset> {
 }
 
 /// That clock less UTC, s: the zone, the camera's error, and up to a second.
-pub fn offset_s(bytes: &[u8], utc: jiff::Timestamp) -> Option<f64> {
-    let read = taken(bytes)?.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp();
+pub fn camera_clock_offset_s(bytes: &[u8], utc: jiff::Timestamp) -> Option<f64> {
+    let read = capture_time(bytes)?.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp();
     Some(read.duration_since(utc).as_secs_f64())
 }
 
@@ -134,31 +134,31 @@ mod tests {
     #[test]
     fn the_cameras_clock_is_read_where_it_is() {
         let bytes = picture("2026:03:01 07:00:02");
-        assert_eq!(taken(&bytes).unwrap().to_string(), "2026-03-01T07:00:02");
-        assert_eq!(offset_s(&bytes, "2026-03-01T06:00:00.5Z".parse().unwrap()), Some(3601.5));
+        assert_eq!(capture_time(&bytes).unwrap().to_string(), "2026-03-01T07:00:02");
+        assert_eq!(camera_clock_offset_s(&bytes, "2026-03-01T06:00:00.5Z".parse().unwrap()), Some(3601.5));
         for odd in ["0000:00:00 00:00:00", "    :  :     :  :  ", "yesterday, at noon "] {
-            assert_eq!(taken(&picture(odd)), None, "{odd}");
+            assert_eq!(capture_time(&picture(odd)), None, "{odd}");
         }
-        assert_eq!(taken(b"\xFF\xD8\xFF\xD9"), None);
+        assert_eq!(capture_time(b"\xFF\xD8\xFF\xD9"), None);
     }
 
     #[test]
     fn parts_of_a_second_and_the_zone_are_read_where_they_are() {
-        let read = all(&finer(*b"250\0"));
+        let read = read_metadata(&finer(*b"250\0"));
         assert_eq!((read.local.unwrap().to_string().as_str(), read.digits), ("2026-03-01T09:00:02.25", 3));
         let utc = read.offset.unwrap().to_timestamp(read.local.unwrap()).unwrap();
         assert_eq!(utc, "2026-03-01T07:00:02.25Z".parse().unwrap());
-        let coarse = all(&finer(*b"   \0"));
+        let coarse = read_metadata(&finer(*b"   \0"));
         assert_eq!((coarse.local.unwrap().to_string().as_str(), coarse.digits), ("2026-03-01T09:00:02", 0));
-        assert_eq!(all(&picture("2026:03:01 07:00:02")).offset, None);
-        assert_eq!(all(b"\xFF\xD8\xFF\xD9"), Taken::default());
+        assert_eq!(read_metadata(&picture("2026:03:01 07:00:02")).offset, None);
+        assert_eq!(read_metadata(b"\xFF\xD8\xFF\xD9"), CaptureMetadata::default());
         for (text, seconds) in
             [("+05:45", Some(20_700)), ("-03:30", Some(-12_600)), ("Z", Some(0)), ("+2", Some(7200))]
         {
-            assert_eq!(offset(text).map(Offset::seconds), seconds, "{text}");
+            assert_eq!(parse_offset(text).map(Offset::seconds), seconds, "{text}");
         }
         for odd in ["", "02:00", "+aa:00", "+02:75", "+99:00", "   :  ", "+-1:00"] {
-            assert_eq!(offset(odd), None, "{odd}");
+            assert_eq!(parse_offset(odd), None, "{odd}");
         }
     }
 
@@ -168,7 +168,7 @@ mod tests {
             for mut bytes in [picture("2026:03:01 07:00:02"), finer(*b"250\0")] {
                 let length = bytes.len();
                 bytes[at % length] = with;
-                let _ = (taken(&bytes), all(&bytes));
+                let _ = (capture_time(&bytes), read_metadata(&bytes));
             }
         }
     }

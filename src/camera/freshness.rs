@@ -19,13 +19,13 @@ pub struct Freshness {
 
 impl Default for Freshness {
     fn default() -> Self {
-        Self::remembering(REMEMBERED)
+        Self::with_capacity(REMEMBERED)
     }
 }
 
 impl Freshness {
     /// Remembers so many frames.
-    pub fn remembering(remembered: usize) -> Self {
+    pub fn with_capacity(remembered: usize) -> Self {
         Self { hashes: VecDeque::new(), remembered }
     }
 
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn repeats_are_refused_and_new_frames_pass() {
-        let mut freshness = Freshness::remembering(2);
+        let mut freshness = Freshness::with_capacity(2);
         assert!(freshness.check(b"one").is_ok() && freshness.check(b"two").is_ok());
         assert!(freshness.check(b"one").is_err() && freshness.check(b"two").is_err());
         assert!(freshness.check(b"").is_err() && freshness.check(b"three").is_ok());

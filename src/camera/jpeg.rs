@@ -22,7 +22,7 @@ pub enum JpegError {
 ///
 /// # Errors
 /// Where it is not whole.
-pub fn whole(bytes: &[u8]) -> Result<(), JpegError> {
+pub fn check_complete(bytes: &[u8]) -> Result<(), JpegError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     let bytes = &bytes[zeros..];
     if !bytes.starts_with(&[0xFF, 0xD8]) {
@@ -54,13 +54,13 @@ pub fn whole(bytes: &[u8]) -> Result<(), JpegError> {
         at += length.max(2);
         if marker == 0xDA {
             scans += 1;
-            at = end_of_scan(bytes, at).ok_or_else(cut)?;
+            at = find_scan_end(bytes, at).ok_or_else(cut)?;
         }
     }
 }
 
 /// The next marker after entropy-coded data that is neither a stuffed byte nor a restart.
-fn end_of_scan(bytes: &[u8], from: usize) -> Option<usize> {
+fn find_scan_end(bytes: &[u8], from: usize) -> Option<usize> {
     let data = bytes.get(from..)?;
     let is_marker = |at: &usize| data.get(at + 1).is_some_and(|next| !matches!(next, 0 | 0xD0..=0xD7 | 0xFF));
     memchr::memchr_iter(0xFF, data).find(is_marker).map(|offset| from + offset)
@@ -83,28 +83,28 @@ mod tests {
     #[test]
     fn a_file_is_whole_only_at_its_full_length() {
         let bytes = picture();
-        assert_eq!(whole(&bytes), Ok(()));
+        assert_eq!(check_complete(&bytes), Ok(()));
         for length in 0..bytes.len() {
-            assert!(whole(&bytes[..length]).is_err(), "{length} of {}", bytes.len());
+            assert!(check_complete(&bytes[..length]).is_err(), "{length} of {}", bytes.len());
         }
         let padded: Vec<u8> = bytes.iter().copied().chain([0; 100]).collect();
-        assert_eq!(whole(&padded), Ok(()));
-        assert_eq!(whole(&[&[0; 3], &bytes[..]].concat()), Ok(()));
+        assert_eq!(check_complete(&padded), Ok(()));
+        assert_eq!(check_complete(&[&[0; 3], &bytes[..]].concat()), Ok(()));
     }
 
     #[test]
     fn a_hole_of_zeros_in_the_headers_is_seen() {
         let mut bytes = picture();
         bytes[20..200].fill(0);
-        assert!(whole(&bytes).is_err());
+        assert!(check_complete(&bytes).is_err());
     }
 
     proptest::proptest! {
         #[test]
         fn any_bytes_are_survived(bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..300)) {
-            let _ = whole(&bytes);
+            let _ = check_complete(&bytes);
             let with_start: Vec<u8> = [0xFF, 0xD8].into_iter().chain(bytes).collect();
-            let _ = whole(&with_start);
+            let _ = check_complete(&with_start);
         }
     }
 }

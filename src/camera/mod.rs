@@ -21,11 +21,11 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use crate::clock::exposure::Evidence;
+use crate::clock::exposure::ExposureEvidence;
 
 /// A frame as the camera delivered it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct CameraFrame {
     /// The camera's own bytes, untouched.
     pub bytes: Vec<u8>,
     /// How to read them.
@@ -33,7 +33,7 @@ pub struct Frame {
     /// What the camera says of the shot: exposure, counter, its own time. Kept in `series.json`.
     pub settings: Map<String, Value>,
     /// What the camera knows of when it exposed; `None`: between asking and delivery.
-    pub exposed: Option<Evidence>,
+    pub exposed: Option<ExposureEvidence>,
 }
 
 /// How a frame's bytes are to be read; also gives the file's ending.
@@ -65,7 +65,7 @@ impl Format {
     ///
     /// # Errors
     /// Where it is none.
-    pub fn of_manifest(kept: &Value) -> Result<Self, UnknownFormat> {
+    pub fn from_manifest(kept: &Value) -> Result<Self, UnknownFormat> {
         Ok(serde_json::from_value(kept.clone())?)
     }
 }
@@ -76,7 +76,7 @@ impl Format {
 pub struct UnknownFormat(#[from] serde_json::Error);
 
 /// Of a file with such bytes, without the dot.
-pub fn extension(format: &Format) -> &str {
+pub fn file_extension(format: &Format) -> &str {
     match format {
         Format::Jpeg => "jpg",
         Format::File { extension } => extension,
@@ -134,15 +134,15 @@ pub trait Camera: Send {
     fn open(&mut self) -> Result<CameraInfo, CameraError>;
     /// The next frame that an interrupted series left on the camera's card, `None` when there is none.
     /// To be asked after `open` until `None`; `release_last` follows each, as after a shot.
-    fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
+    fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let _ = deadline;
         Ok(None)
     }
     /// Takes one shot.
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError>;
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError>;
     /// The next frame of a stream that goes on until the next shot of a series or `close`: newly exposed, and without what a
     /// shot costs beside.
-    fn live(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.shoot(deadline)
     }
     /// Tells the camera that our copy of its last frame is durable (it may now delete its own).

@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Camera, CameraError, CameraInfo, Format, Frame};
+use super::{Camera, CameraError, CameraInfo, Format, CameraFrame};
 use crate::clock::Clock;
 use crate::installation::KeyFault;
 
@@ -113,7 +113,7 @@ struct Progress {
     /// Frames delivered of the present group.
     position: usize,
     group: Option<Duration>,
-    last: Option<Frame>,
+    last: Option<CameraFrame>,
 }
 
 /// Makes replay cameras that share their progress.
@@ -158,7 +158,7 @@ impl Camera for Replay {
         Ok(CameraInfo { name: "replay".to_owned(), settings, warnings: Vec::new() })
     }
 
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         if !self.open {
             return Err(CameraError::Gone("the replay camera is not open".to_owned()));
         }
@@ -193,7 +193,7 @@ impl Replay {
     }
 
     #[allow(clippy::panic)] // asked for by the script
-    fn fail(&mut self, kind: FaultKind, lasting: Duration, deadline: Duration) -> Result<Frame, CameraError> {
+    fn fail(&mut self, kind: FaultKind, lasting: Duration, deadline: Duration) -> Result<CameraFrame, CameraError> {
         match kind {
             FaultKind::Busy => Err(CameraError::Busy("as the script asks".to_owned())),
             FaultKind::Refused => Err(CameraError::Refused("as the script asks".to_owned())),
@@ -222,7 +222,7 @@ impl Replay {
         }
     }
 
-    fn deliver(&mut self) -> Result<Frame, CameraError> {
+    fn deliver(&mut self) -> Result<CameraFrame, CameraError> {
         let item = self.next_item()?;
         let bytes = std::fs::read(&item.file)
             .map_err(|error| CameraError::BadFrame(format!("{}: {error}", item.file.display())))?;
@@ -230,7 +230,7 @@ impl Replay {
         let mut settings = Map::new();
         let name = item.file.file_name().unwrap_or_default().to_string_lossy();
         settings.insert("source".to_owned(), Value::from(name.into_owned()));
-        let frame = Frame { bytes, format, settings, exposed: None };
+        let frame = CameraFrame { bytes, format, settings, exposed: None };
         self.progress(|progress| progress.last = Some(frame.clone()));
         Ok(frame)
     }
@@ -260,7 +260,7 @@ impl Replay {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::clock::Simulated;
+    use crate::clock::SimulatedClock;
 
     fn folder(count: u8) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
@@ -270,13 +270,13 @@ mod tests {
         dir
     }
 
-    fn clock() -> Arc<Simulated> {
-        Arc::new(Simulated::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None))
+    fn clock() -> Arc<SimulatedClock> {
+        Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None))
     }
 
     fn shots(camera: &mut Replay, count: usize) -> Vec<Result<u8, String>> {
         let shoot = |_| camera.shoot(Duration::from_millis(10));
-        let name = |frame: Frame| frame.bytes[2];
+        let name = |frame: CameraFrame| frame.bytes[2];
         (0..count).map(shoot).map(|r| r.map(name).map_err(|e| e.to_string())).collect()
     }
 

@@ -1,10 +1,10 @@
-//! This is the camera process, which the recorder starts and never a person.
+//! The camera process: started by the recorder, never by a person.
 
-use crate::cli::{Done, Failure};
+use crate::cli::{Completion, Failure};
 
 /// Serves the recorder on standard input and output.
-pub fn run() -> Result<Done, Failure> {
-    crate::camera::gphoto::child::serve()
-        .map(|()| Done::All)
+pub fn run() -> Result<Completion, Failure> {
+    crate::camera::gphoto::child::serve_requests()
+        .map(|()| Completion::All)
         .map_err(|error| Failure::Failed(format!("camera process: {error}")))
 }

@@ -8,36 +8,36 @@ use clap::Args as ClapArgs;
 use serde_json::json;
 
 use crate::camera::freshness::Freshness;
-use crate::camera::{Camera, CameraError, Frame};
-use crate::cli::{Done, Failure, print};
-use crate::clock::System;
+use crate::camera::{Camera, CameraError, CameraFrame};
+use crate::cli::{Completion, Failure, print_line};
+use crate::clock::SystemClock;
 use crate::config;
 
-/// Arguments.
+/// Arguments of `wingd camera-test`.
 #[derive(ClapArgs)]
-pub struct Args {
-    /// Configuration, of which only [camera] is used [default: wingd.toml of this folder]
+pub struct CameraTestArgs {
+    /// Configuration; only [camera] is used [default: wingd.toml in this directory]
     #[arg(long, value_name = "wingd.toml")]
     config: Option<PathBuf>,
-    /// Shots to take
+    /// Number of shots to take
     #[arg(long, default_value_t = 1, value_name = "N")]
     shots: u32,
-    /// Longest time for a shot, s
+    /// Maximum time for a shot, s
     #[arg(long, default_value_t = 20.0, value_name = "S")]
     deadline: f64,
-    /// Attempts for a shot; the camera is reopened in between
+    /// Attempts per shot; the camera is reopened between attempts
     #[arg(long, default_value_t = 1, value_name = "N")]
     attempts: u32,
-    /// Existing directory that takes the frames, as delivered
+    /// Existing directory for the frames, stored as delivered
     #[arg(long, value_name = "DIR")]
     output: PathBuf,
 }
 
-/// One line of JSON on standard output for each shot.
-pub fn run(args: &Args) -> Result<Done, Failure> {
-    let camera = config::load_camera(&super::default_paths::configuration(args.config.as_deref())?)?;
-    let mut bench = Bench {
-        camera: camera.factory(Arc::new(System::new()), Duration::ZERO)(),
+/// Takes the shots and prints one line of JSON for each.
+pub fn run(args: &CameraTestArgs) -> Result<Completion, Failure> {
+    let camera = config::load_camera(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
+    let mut bench = CameraBench {
+        camera: camera.factory(Arc::new(SystemClock::new()), Duration::ZERO)(),
         args,
         open: false,
         saved: 0,
@@ -46,64 +46,64 @@ pub fn run(args: &Args) -> Result<Done, Failure> {
     let mut good = 0;
     for number in 0..args.shots {
         let start = Instant::now();
-        let shot = bench.shot();
+        let shot = bench.take_with_retries();
         let (error, settings) = match shot {
             Ok(frame) => (None, json!({"format": frame.format, "settings": frame.settings})),
             Err(error) => (Some(error.to_string()), json!(null)),
         };
         good += u32::from(error.is_none());
         let seconds = start.elapsed().as_secs_f64();
-        print(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}).to_string())?;
+        print_line(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}).to_string())?;
     }
     bench.camera.close();
-    Ok(Done::all(good == args.shots))
+    Ok(Completion::from_success(good == args.shots))
 }
 
-struct Bench<'a> {
+struct CameraBench<'a> {
     camera: Box<dyn Camera>,
-    args: &'a Args,
+    args: &'a CameraTestArgs,
     open: bool,
     saved: u32,
     freshness: Freshness,
 }
 
-impl Bench<'_> {
-    fn deadline(&self) -> Duration {
+impl CameraBench<'_> {
+    fn shot_deadline(&self) -> Duration {
         Duration::try_from_secs_f64(self.args.deadline).unwrap_or(Duration::from_secs(20))
     }
 
-    /// Up to the given number of attempts, reopening after each that failed.
-    fn shot(&mut self) -> Result<Frame, CameraError> {
-        let mut result = self.attempt();
+    /// Takes a shot with up to the given number of attempts, reopening the camera after each failure.
+    fn take_with_retries(&mut self) -> Result<CameraFrame, CameraError> {
+        let mut result = self.attempt_shot();
         for attempt in 1..self.args.attempts {
             let Err(error) = &result else { break };
             eprintln!("attempt {attempt}: {error}");
             self.camera.close();
             self.open = false;
             std::thread::sleep(Duration::from_millis(300));
-            result = self.attempt();
+            result = self.attempt_shot();
         }
         result
     }
 
-    fn attempt(&mut self) -> Result<Frame, CameraError> {
+    fn attempt_shot(&mut self) -> Result<CameraFrame, CameraError> {
         if !self.open {
             let info = self.camera.open()?;
             self.open = true;
             let line = json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
-            print(&line.to_string())
+            print_line(&line.to_string())
                 .map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
-            while let Some(frame) = self.camera.recover(self.deadline())? {
-                self.save(&frame, "recovered")?;
+            while let Some(frame) = self.camera.recover(self.shot_deadline())? {
+                self.save_frame(&frame, "recovered")?;
             }
         }
-        let frame = self.camera.shoot(self.deadline())?;
+        let frame = self.camera.shoot(self.shot_deadline())?;
         self.freshness.check(&frame.bytes)?;
-        self.save(&frame, "shot")?;
+        self.save_frame(&frame, "shot")?;
         Ok(frame)
     }
 
-    fn save(&mut self, frame: &Frame, kind: &str) -> Result<(), CameraError> {
+    fn save_frame(&mut self, frame: &CameraFrame, kind: &str) -> Result<(), CameraError> {
         let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
         std::fs::write(&path, &frame.bytes).map_err(|error| {

@@ -1,35 +1,35 @@
-//! `wingd convert`: a camera from and to other programs' files.
+//! `wingd convert` reads and writes the camera files of other programs.
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, print};
+use super::{Completion, Failure, print_line};
 use crate::installation::{self, CameraFormat, ReadCamera};
 
-/// A camera from and to the files of OpenCV, ROS, Kalibr and mrcal; what is read is shown
+/// Convert a camera from or to the files of OpenCV, ROS, Kalibr and mrcal, and print the parameters read
 #[derive(clap::Args)]
-pub struct Args {
-    /// The camera as it is
+pub struct ConvertArgs {
+    /// Camera file to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Where it is written: camera.toml, NAME.cameramodel, camchain.yaml, camera_info.yaml, NAME.yaml (OpenCV)
+    /// File to write: camera.toml, NAME.cameramodel, camchain.yaml, camera_info.yaml, NAME.yaml (OpenCV)
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Which camera of IN, where it holds several: Kalibr's cam0, cam1
+    /// Camera of IN if it holds several: Kalibr's cam0, cam1
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// Format of IN, where neither its name nor its keys tell
+    /// Format of IN if it cannot be derived from its name or keys
     #[arg(long, value_name = "FORMAT")]
-    from: Option<Format>,
-    /// Format of OUT, where its name does not tell
+    from: Option<CameraFormatName>,
+    /// Format of OUT if it cannot be derived from its name
     #[arg(long, value_name = "FORMAT")]
-    to: Option<Format>,
+    to: Option<CameraFormatName>,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum Format {
+enum CameraFormatName {
     /// camera.toml
     Wingd,
-    /// OpenCV's YAML; XML and JSON are read
+    /// OpenCV's YAML; reads also XML and JSON
     Opencv,
     /// ROS camera_info
     Ros,
@@ -39,32 +39,32 @@ enum Format {
     Mrcal,
 }
 
-impl From<Format> for CameraFormat {
-    fn from(format: Format) -> Self {
+impl From<CameraFormatName> for CameraFormat {
+    fn from(format: CameraFormatName) -> Self {
         match format {
-            Format::Wingd => Self::Wingd,
-            Format::Opencv => Self::Opencv,
-            Format::Ros => Self::Ros,
-            Format::Kalibr => Self::Kalibr,
-            Format::Mrcal => Self::Mrcal,
+            CameraFormatName::Wingd => Self::Wingd,
+            CameraFormatName::Opencv => Self::Opencv,
+            CameraFormatName::Ros => Self::Ros,
+            CameraFormatName::Kalibr => Self::Kalibr,
+            CameraFormatName::Mrcal => Self::Mrcal,
         }
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
     let to = args.to.map(CameraFormat::from).or_else(|| installation::format_of_name(&args.output));
     let to = to.ok_or_else(|| {
-        Failure::Usage(format!("the name {} does not tell its format; give --to", args.output.display()))
+        Failure::Usage(format!("the name {} does not determine its format; give --to", args.output.display()))
     })?;
     let from = args.from.map(CameraFormat::from);
     let read = installation::read_exchange(&args.input, from, args.camera.as_deref())?;
     installation::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Failed(e.to_string()))?;
-    print(&shown(args, &read, to))?;
-    Ok(Done::All)
+    print_line(&conversion_text(args, &read, to))?;
+    Ok(Completion::All)
 }
 
-/// What was read, term by term, what stayed behind, and what is to be looked at.
-fn shown(args: &Args, read: &ReadCamera, to: CameraFormat) -> String {
+/// Lists the parameters read, those dropped, and warnings.
+fn conversion_text(args: &ConvertArgs, read: &ReadCamera, to: CameraFormat) -> String {
     let l = &read.lens;
     let name = read.name.as_ref().map_or(String::new(), |name| format!(", {name}"));
     let mut text =
@@ -77,6 +77,6 @@ fn shown(args: &Args, read: &ReadCamera, to: CameraFormat) -> String {
     }
     let dropped = if read.left.is_empty() { "nothing".to_owned() } else { read.left.join(", ") };
     text += &format!("\n  dropped: {dropped}\n");
-    read.remarks.iter().for_each(|remark| text += &format!("  to be looked at: {remark}\n"));
+    read.remarks.iter().for_each(|remark| text += &format!("  warning: {remark}\n"));
     text + &format!("{}: written, {to}", installation::shown_path(&args.output))
 }

@@ -1,110 +1,111 @@
-//! `wingd copy` brings a store's flights to another directory, disk or stick.
+//! `wingd copy` copies a store's flights to another directory, disk or USB stick.
 
 use std::path::{Path, PathBuf};
 
-use super::stores::flights;
-use super::{Done, Failure, frames, print};
+use super::store_access::select_flights;
+use super::{Completion, Failure, image_batch, print_line};
 use crate::report::number::count;
-use crate::store::bundle::{self, Content};
+use crate::store::bundle::{self, BundleContent};
 use crate::store::receive::{Listing, Receiver};
-use crate::store::verify::Report;
+use crate::store::verify::VerifyReport;
 use crate::store::{Disk, FlightRef, RealDisk, StoreError};
 
-/// A store's flights to another directory, disk or stick: goes on where it ended, checked at the end.
+/// Copy a store's flights to another directory, disk or USB stick; an interrupted copy is resumed, and the result
+/// verified.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The store
+pub struct CopyArgs {
+    /// Store
     store: PathBuf,
-    /// Where the copy goes: missing, empty, or an older copy of this store
+    /// Directory of the copy: missing, empty, or with an older copy of this store
     #[arg(value_name = "DIR")]
     directory: PathBuf,
-    /// One flight, for example f0001 [default: all of them]
+    /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
-    /// What the copy holds, as one JSON object
+    /// Print the contents of the copy as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &CopyArgs) -> Result<Completion, Failure> {
     let disk = RealDisk;
-    let flights = flights(&args.store, args.flight.as_deref())?;
+    let flights = select_flights(&args.store, args.flight.as_deref())?;
     let receiver = Receiver::open(&disk, &args.directory)?;
     for flight in &flights {
-        copy(&disk, &args.store, flight, &receiver, false)?;
+        copy_flight(&disk, &args.store, flight, &receiver, false)?;
     }
     let report = read_back(receiver)?;
-    let report = if report.is_sound() { report } else { again(args, &disk, &flights)? };
-    ended(&report, &args.directory, args.json)
+    let report = if report.is_sound() { report } else { recopy_damaged(args, &disk, &flights)? };
+    report_copy(&report, &args.directory, args.json)
 }
 
-/// All of the copy, read from its disk.
-pub(super) fn read_back(receiver: Receiver) -> Result<Report, StoreError> {
-    let _busy = frames::busy("reading back");
+/// Reads the complete copy back from its disk and verifies it.
+pub(super) fn read_back(receiver: Receiver) -> Result<VerifyReport, StoreError> {
+    let _busy = image_batch::show_busy("verifying the copy");
     receiver.finish()
 }
 
-/// What lies there damaged is copied anew, once.
-fn again(args: &Args, disk: &dyn Disk, flights: &[FlightRef]) -> Result<Report, Failure> {
+/// Copies damaged files again, once.
+fn recopy_damaged(args: &CopyArgs, disk: &dyn Disk, flights: &[FlightRef]) -> Result<VerifyReport, Failure> {
     let receiver = Receiver::open(disk, &args.directory)?;
     for flight in flights {
-        copy(disk, &args.store, flight, &receiver, true)?;
+        copy_flight(disk, &args.store, flight, &receiver, true)?;
     }
     Ok(read_back(receiver)?)
 }
 
-fn copy(
+fn copy_flight(
     disk: &dyn Disk,
     store: &Path,
     flight: &FlightRef,
     receiver: &Receiver,
     thorough: bool,
 ) -> Result<(), StoreError> {
-    let bundle = bundle::flight(disk, store, flight)?;
-    let listing = Listing::of(&flight.id, &bundle);
-    receiver.prepare(&listing)?;
-    let missing = receiver.missing(&listing, thorough);
-    let bar = bar(missing.iter().map(|item| item.length).sum(), &flight.id);
+    let bundle = bundle::bundle_flight(disk, store, flight)?;
+    let listing = Listing::from_bundle(&flight.id, &bundle);
+    receiver.prepare_flight(&listing)?;
+    let missing = receiver.missing_files(&listing, thorough);
+    let bar = byte_progress(missing.iter().map(|item| item.length).sum(), &flight.id);
     for (item, listed) in bundle.items.iter().zip(&listing.items) {
         if !missing.contains(&listed) {
             continue;
         }
         let bytes = match &item.content {
-            Content::Bytes(bytes) => bytes.clone(),
-            Content::File(path) => {
+            BundleContent::Bytes(bytes) => bytes.clone(),
+            BundleContent::File(path) => {
                 let mut bytes = disk.read(path).map_err(StoreError::io(path, "read"))?;
-                // Results that were added meanwhile are not of this state.
+                // Results added meanwhile are not part of this listing.
                 bytes.truncate(usize::try_from(item.length).unwrap_or(usize::MAX));
                 bytes
             }
         };
-        receiver.accept(listed, &bytes)?;
+        receiver.accept_file(listed, &bytes)?;
         bar.inc(item.length);
     }
     bar.finish_and_clear();
-    receiver.commit(&listing)
+    receiver.commit_flight(&listing)
 }
 
-/// Bytes on standard error; silent where that is no terminal.
-pub(super) fn bar(bytes: u64, what: &str) -> indicatif::ProgressBar {
+/// Creates a progress bar in bytes on standard error; invisible unless that is a terminal.
+pub(super) fn byte_progress(bytes: u64, what: &str) -> indicatif::ProgressBar {
     let style = indicatif::ProgressStyle::with_template("{msg} [{bar:30}] {bytes}/{total_bytes} {eta}");
     let bar = indicatif::ProgressBar::new(bytes).with_message(what.to_owned());
     bar.set_style(style.unwrap_or_else(|_| indicatif::ProgressStyle::default_bar()));
     bar
 }
 
-/// What the copy is, after all of it was read back.
-pub(super) fn ended(report: &Report, directory: &Path, json: bool) -> Result<Done, Failure> {
+/// Prints the verdict on a copy that was read back.
+pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> Result<Completion, Failure> {
     if json {
-        print(&serde_json::to_string(report).unwrap_or_default())?;
-        return Ok(Done::all(report.is_sound()));
+        print_line(&serde_json::to_string(report).unwrap_or_default())?;
+        return Ok(Completion::from_success(report.is_sound()));
     }
     for fault in &report.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }
-    let verdict = if report.is_sound() { "whole and sound" } else { "NOT SOUND" };
-    print(&format!(
-        "{}: {verdict}, read back: {}, {} series, {} ({:.1} MB), {}",
+    let verdict = if report.is_sound() { "complete and sound" } else { "NOT SOUND" };
+    print_line(&format!(
+        "{}: {verdict}, verified: {}, {} series, {} ({:.1} MB), {}",
         directory.display(),
         count(report.flights, "flight"),
         report.series,
@@ -112,5 +113,5 @@ pub(super) fn ended(report: &Report, directory: &Path, json: bool) -> Result<Don
         report.bytes as f64 / 1e6,
         count(report.results, "result")
     ))?;
-    Ok(Done::all(report.is_sound()))
+    Ok(Completion::from_success(report.is_sound()))
 }

@@ -1,44 +1,44 @@
-//! Configuration and installation of the working directory are found by themselves.
+//! Default configuration and installation: those in the working directory.
 
 use std::path::{Path, PathBuf};
 
 use super::Failure;
 
-/// As `wingd init` names them.
-const CONFIGURATION: &str = "wingd.toml";
-const INSTALLATION: &str = "installation";
-const MAIN_FILE: &str = "installation.toml";
+/// Name of the configuration, as written by `wingd init`.
+const CONFIGURATION_FILE: &str = "wingd.toml";
+const INSTALLATION_FOLDER: &str = "installation";
+const INSTALLATION_FILE: &str = "installation.toml";
 
-/// The configuration that is named, or the one that lies here.
+/// Returns the configuration given, or the one in the working directory.
 ///
 /// # Errors
-/// Where none is named and none lies here.
-pub(super) fn configuration(named: Option<&Path>) -> Result<PathBuf, Failure> {
-    let mend = format!(
-        "name the configuration: --config FILE (there is no {CONFIGURATION} here; `wingd init` writes one)"
+/// Returns an error if none is given and the directory has none.
+pub(super) fn resolve_configuration(named: Option<&Path>) -> Result<PathBuf, Failure> {
+    let text = format!(
+        "name the configuration with --config FILE (this directory has no {CONFIGURATION_FILE}; `wingd init` writes one)"
     );
-    named.map(Path::to_owned).or_else(configuration_here).ok_or(Failure::Usage(mend))
+    named.map(Path::to_owned).or_else(local_configuration).ok_or(Failure::Usage(text))
 }
 
-/// The configuration that lies here.
-pub(super) fn configuration_here() -> Option<PathBuf> {
-    let here = PathBuf::from(CONFIGURATION);
+/// Finds the configuration in the working directory.
+pub(super) fn local_configuration() -> Option<PathBuf> {
+    let here = PathBuf::from(CONFIGURATION_FILE);
     here.is_file().then_some(here)
 }
 
-/// The installation that is named, or the one that lies here: `installation/`, or this very folder.
+/// Returns the installation given, or the one in the working directory: `installation/`, or the directory itself.
 ///
 /// # Errors
-/// Where none is named and none lies here.
-pub(super) fn installation(named: Option<&Path>) -> Result<PathBuf, Failure> {
-    let mend = format!(
-        "name the installation: --installation DIR (there is no {INSTALLATION}/ here; `wingd init` writes one)"
+/// Returns an error if none is given and the directory has none.
+pub(super) fn resolve_installation(named: Option<&Path>) -> Result<PathBuf, Failure> {
+    let text = format!(
+        "name the installation with --installation DIR (this directory has no {INSTALLATION_FOLDER}/; `wingd init` writes one)"
     );
-    named.map(Path::to_owned).or_else(installation_here).ok_or(Failure::Usage(mend))
+    named.map(Path::to_owned).or_else(local_installation).ok_or(Failure::Usage(text))
 }
 
-/// The installation that lies here.
-pub(super) fn installation_here() -> Option<PathBuf> {
-    let places = [Path::new(INSTALLATION), Path::new(".")];
-    places.into_iter().find(|folder| folder.join(MAIN_FILE).is_file()).map(Path::to_owned)
+/// Finds the installation in the working directory.
+pub(super) fn local_installation() -> Option<PathBuf> {
+    let places = [Path::new(INSTALLATION_FOLDER), Path::new(".")];
+    places.into_iter().find(|folder| folder.join(INSTALLATION_FILE).is_file()).map(Path::to_owned)
 }

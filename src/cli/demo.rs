@@ -1,4 +1,4 @@
-//! `wingd demo` sends a bundled flight through the real daemon, with no hardware and no configuration.
+//! `wingd demo` runs a bundled flight through the real daemon, without hardware or configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Done, Failure, logging, print, service, unwritable};
+use super::{Completion, Failure, logging, print_line, recorder, write_failure};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
-use crate::clock::{Clock, Simulated};
+use crate::clock::{Clock, SimulatedClock};
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{Event, Observer, PowerConfig, SeriesConfig, StatusConfig};
 use crate::installation;
@@ -17,22 +17,22 @@ use crate::pipeline::orienting;
 use crate::report::{html, source, summary, table};
 use crate::store::{RealDisk, StoreConfig, verify};
 
-/// A bundled flight of 8.5 hours through the real daemon: ends with a store and a report.
+/// Run a bundled flight of 8.5 hours through the real recorder: writes a store and a report.
 #[derive(clap::Args)]
-pub struct Args {
-    /// Where input, store and report go
+pub struct DemoArgs {
+    /// Directory for input, store and report
     #[arg(long, value_name = "DIR", default_value = "wingd-demo")]
     output: PathBuf,
 }
 
-/// Files of `fixtures/demo`, each with its name there and its bytes.
+/// Lists files of `fixtures/demo`, each with its name and its bytes.
 macro_rules! bundled {
     ($($name:literal)*) => {
         &[$(($name, include_bytes!(concat!("../../fixtures/demo/", $name)).as_slice())),*]
     };
 }
 
-const BUNDLE: &[(&str, &[u8])] = bundled![
+const BUNDLED_FILES: &[(&str, &[u8])] = bundled![
     "README.md"
     "frames.toml"
     "frames/flight-01.jpg"
@@ -52,91 +52,91 @@ const BUNDLE: &[(&str, &[u8])] = bundled![
     "truth.json"
 ];
 
-/// The flight of the demonstration.
-const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
-const SHOTS: u32 = 2;
-/// The bundle shows the wing every two hours.
-const INTERVAL: Duration = Duration::from_secs(2 * 3600);
-/// Simulated seconds per second: an hour between two series passes in a moment.
+/// Duration of the demonstration flight.
+const FLIGHT_DURATION: Duration = Duration::from_secs(8 * 3600 + 1800);
+const SHOTS_PER_SERIES: u32 = 2;
+/// Interval between series: the bundle shows the wing every 2 hours.
+const SERIES_INTERVAL: Duration = Duration::from_secs(2 * 3600);
+/// Simulated seconds per second: the time between two series passes at once.
 const SPEED_UP: f64 = 20_000.0;
-const TAKE_OFF: i64 = 1_780_300_800;
+const TAKE_OFF_UNIX_S: i64 = 1_780_300_800;
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    logging::start_at(LevelFilter::WARN);
+pub(super) fn run(args: &DemoArgs) -> Result<Completion, Failure> {
+    logging::start_logging_at(LevelFilter::WARN);
     let input = args.output.join("input");
-    unpack(&input)?;
+    unpack_files(&input)?;
     let installation = input.join("installation");
-    orient(&installation, &input.join("frames/ground.jpg"))?;
-    fly(&args.output, &input, &installation)?;
-    finish(&args.output, &installation)
+    orient_camera(&installation, &input.join("frames/ground.jpg"))?;
+    record_flight(&args.output, &input, &installation)?;
+    verify_and_report(&args.output, &installation)
 }
 
-/// Writes the bundled files; those that are there already and equal stay.
-fn unpack(input: &Path) -> Result<(), Failure> {
-    for (name, bytes) in BUNDLE {
+/// Writes the bundled files, except those that exist with the same content.
+fn unpack_files(input: &Path) -> Result<(), Failure> {
+    for (name, bytes) in BUNDLED_FILES {
         let path = input.join(name);
         if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
             continue;
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
         let written = made.and_then(|()| std::fs::write(&path, bytes));
-        written.map_err(unwritable(&path, "name another --output"))?;
+        written.map_err(write_failure(&path, "name another --output"))?;
     }
     Ok(())
 }
 
-/// The ground frame's orientation, as `wingd orient` finds it.
-fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
+/// Estimates the orientation from the ground frame, as `wingd orient` does.
+fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let undone = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
+    let failure = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
-    let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
+    let bytes = std::fs::read(ground).map_err(|e| failure(&e))?;
     let frame = orienting::sight("ground.jpg", &bytes, &installation);
-    let mut frames = [frame.map_err(|e| undone(&e))?];
-    let fit = orienting::orient(&installation.setup, &mut frames).map_err(|e| undone(&e))?;
+    let mut frames = [frame.map_err(|e| failure(&e))?];
+    let fit = orienting::orient(&installation.setup, &mut frames).map_err(|e| failure(&e))?;
     let [frame] = frames;
     let images = [(frame.sighting.image, frame.sighting.digest)];
-    installation::write_orientation(&installation, &fit, &images).map_err(|e| undone(&e))
+    installation::write_orientation(&installation, &fit, &images).map_err(|e| failure(&e))
 }
 
-/// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
-fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
+/// Runs the daemon until the end of its timetable. An interrupted demo is resumed.
+fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     let config = Config {
         installation: Some(directory.to_owned()),
         camera: CameraSection::Replay(ReplayConfig::list(input.join("frames.toml"))),
         series: SeriesConfig {
-            interval: INTERVAL,
-            shots: SHOTS,
-            until: Some(FLIGHT),
+            interval: SERIES_INTERVAL,
+            shots: SHOTS_PER_SERIES,
+            until: Some(FLIGHT_DURATION),
             ..SeriesConfig::default()
         },
-        store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
+        store: StoreConfig { reserve_mb: 100, ..StoreConfig::new(output.join("store")) },
         live: crate::daemon::LiveConfig::default(),
         power: PowerConfig::default(),
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
         serve: None,
     };
-    let solver = service::solver(directory, &config.solve)?;
-    let opened = service::open_store(&config)?;
-    service::keep_installation(&opened.store, directory);
+    let solver = recorder::build_solver(directory, &config.solve)?;
+    let opened = recorder::open_store(&config)?;
+    recorder::keep_installation(&opened.store, directory);
     let begun = opened.store.last_moment();
-    let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
+    let take_off = jiff::Timestamp::from_second(TAKE_OFF_UNIX_S).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {
-        Some(last) => Simulated::starting_at(last, Some(SPEED_UP)),
-        None => Simulated::new("demo", take_off, Some(SPEED_UP)),
+        Some(last) => SimulatedClock::starting_at(last, Some(SPEED_UP)),
+        None => SimulatedClock::new("demo", take_off, Some(SPEED_UP)),
     });
-    let origin = opened.store.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
-    service::run(&config, clock, origin, opened, Some(solver), progress())?;
+    let origin = opened.store.series_starts_in_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    recorder::run_recorder(&config, clock, origin, opened, Some(solver), flight_progress())?;
     Ok(())
 }
 
-/// A bar on standard error: frames stored, and how many of them are solved.
-fn progress() -> Observer {
-    let series = FLIGHT.as_secs() / INTERVAL.as_secs() + 1;
-    let bar = super::frames::progress((series * u64::from(SHOTS)) as usize, "flying");
+/// Creates a progress bar on standard error: frames solved.
+fn flight_progress() -> Observer {
+    let series = FLIGHT_DURATION.as_secs() / SERIES_INTERVAL.as_secs() + 1;
+    let bar = super::image_batch::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");
     Arc::new(move |event| match event {
         Event::SeriesBegan { series, .. } => bar.set_message(format!("series {series}")),
         Event::Solved { .. } => bar.inc(1),
@@ -144,26 +144,26 @@ fn progress() -> Observer {
     })
 }
 
-/// Verifies, writes the report, says where things are.
-fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
+/// Verifies the store, writes the report, and prints the paths of both.
+fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Failure> {
     let store = output.join("store");
-    let checked = verify::verify(&RealDisk, &store);
+    let checked = verify::verify_path(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
     let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
-    print(table::series(&summary::summaries(&data.series), false).trim_end())?;
+    std::fs::write(&page, html::page(&data)).map_err(write_failure(&page, "free space"))?;
+    print_line(table::series(&summary::summaries(&data.series), false).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }
     let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
-    print(&format!(
+    print_line(&format!(
         "\nStore: {} ({sound}, {} frames)   Report: {}",
         store.display(),
         checked.frames,
         page.display()
     ))?;
-    Ok(Done::all(checked.is_sound()))
+    Ok(Completion::from_success(checked.is_sound()))
 }
 
 #[cfg(test)]
@@ -181,7 +181,7 @@ mod tests {
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/demo");
         let mut there = files(&fixture);
         there.sort();
-        let mut bundled: Vec<PathBuf> = BUNDLE.iter().map(|(name, _)| fixture.join(name)).collect();
+        let mut bundled: Vec<PathBuf> = BUNDLED_FILES.iter().map(|(name, _)| fixture.join(name)).collect();
         bundled.sort();
         assert_eq!(bundled, there);
     }

@@ -6,167 +6,166 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
-use super::{Done, Failure, frames, print};
+use super::{Completion, Failure, image_batch, print_line};
 use crate::installation::Installation;
-use crate::measure::detect::{Detection, Rejected, Source};
+use crate::measure::detect::{Detection, Rejected, CovarianceSource};
 use crate::measure::raster::Raster;
 use crate::pipeline::{ProcessedFrame, recording, stages};
 use crate::record::Reason;
 use crate::report::{overlay, table};
 
-/// Markers in images.
+/// Detect markers in images.
 #[derive(clap::Args)]
-pub struct Args {
-    /// Frames: JPEG, PNG, PNM or TIFF
+pub struct DetectArgs {
+    /// Images: JPEG, PNG, PNM or TIFF
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Names the markers and removes the circles' perspective bias
+    /// Installation: identifies the markers and corrects the perspective bias of circles
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Write each frame with outlines, ids and error ellipses to DIR, as a picture at most 2000 px wide
+    /// Write each image with outlines, ids and error ellipses to DIR, at most 2000 px wide
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
-    /// One JSON object per image
+    /// Print one JSON object per image
     #[arg(long)]
     json: bool,
-    /// With --json or --overlay: also the candidates that were turned down, and why
+    /// With --json or --overlay: include the rejected candidates, with the reason
     #[arg(long)]
     rejected: bool,
-    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    /// Show all columns of the tables [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
-    /// Images worked on at once [default: the cores]
+    /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
     let installation = args.installation.as_deref().map(super::load_installation).transpose()?;
     if let Some(directory) = &args.overlay {
         std::fs::create_dir_all(directory).map_err(|e| {
-            Failure::Failed(format!("{} cannot be made ({e}); name another", directory.display()))
+            Failure::Failed(format!("{} cannot be created ({e}); name another directory", directory.display()))
         })?;
     }
-    let overlay = args.overlay.as_deref().map(|directory| Overlay { directory, rejected: args.rejected });
+    let overlay = args.overlay.as_deref().map(|directory| OverlayOptions { directory, rejected: args.rejected });
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
         eprintln!(
-            "wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first"
+            "wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first"
         );
     }
     let mut all_well = true;
     let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
-        // Where only the markers are wanted, only they are sought.
+        // Without overlay and rejected candidates, the guided search is enough.
         Ok(bytes) => match &installation {
             Some(installation) if overlay.is_none() && !args.rejected => {
                 stages::process_frame(name, bytes, None, installation, installation.orientation.as_ref())
             }
-            _ => detect(name, bytes, installation.as_ref(), overlay.as_ref()),
+            _ => process_image(name, bytes, installation.as_ref(), overlay.as_ref()),
         },
         Err(reason) => ProcessedFrame::failed(name, reason),
     };
-    frames::each(&super::pictures::expand(&args.images)?, args.jobs, "detecting", work, |sighting| {
-        all_well &= sighting.failure.is_none();
-        print(&if args.json {
-            json_line(&sighting, installation.as_ref(), args.rejected).to_string()
+    image_batch::for_each_image(&super::image_files::expand_folders(&args.images)?, args.jobs, "detecting", work, |processed| {
+        all_well &= processed.failure.is_none();
+        print_line(&if args.json {
+            json_line(&processed, installation.as_ref(), args.rejected).to_string()
         } else {
-            text(&sighting, installation.as_ref(), args.wide)
+            result_text(&processed, installation.as_ref(), args.wide)
         })
     })?;
-    Ok(Done::all(all_well))
+    Ok(Completion::from_success(all_well))
 }
 
-/// Pictures of what was found.
-struct Overlay<'a> {
+/// Options of the images with drawn detections.
+struct OverlayOptions<'a> {
     directory: &'a Path,
-    /// With the candidates that were turned down.
     rejected: bool,
 }
 
-fn detect(
+fn process_image(
     name: &str,
     bytes: &[u8],
     installation: Option<&Installation>,
-    overlay: Option<&Overlay>,
+    overlay: Option<&OverlayOptions>,
 ) -> ProcessedFrame {
-    let (mut sighting, raster) = match installation {
+    let (mut processed, raster) = match installation {
         Some(known) => stages::process_full_frame(name, bytes, None, known, known.orientation.as_ref()),
         None => stages::detect_only(name, bytes, None),
     };
     if let (Some(raster), Some(overlay)) = (&raster, overlay) {
-        let written = draw(raster, &sighting, installation, overlay);
-        sighting.failure = sighting.failure.or(written.err());
+        let written = draw_overlay(raster, &processed, installation, overlay);
+        processed.failure = processed.failure.or(written.err());
     }
-    sighting
+    processed
 }
 
-fn draw(
+fn draw_overlay(
     raster: &Raster,
-    sighting: &ProcessedFrame,
+    processed: &ProcessedFrame,
     installation: Option<&Installation>,
-    Overlay { directory, rejected }: &Overlay,
+    OverlayOptions { directory, rejected }: &OverlayOptions,
 ) -> Result<(), Reason> {
-    let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation), *rejected);
-    // Several folders' frames have their folder in their names.
-    let name = sighting.image.trim_start_matches('/').replace('/', "_");
+    let picture = overlay::overlay(raster, &processed.detections, &marker_ids(processed, installation), *rejected);
+    // Names of images from several folders contain their folder.
+    let name = processed.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
     let mut png = vec![];
     let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
     let drawn = picture.write_with_encoder(encoder);
     let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
     let text = |e: &image::ImageError| {
-        format!("{} cannot be written ({e}); free space or name another DIR", file.display())
+        format!("{} cannot be written ({e}); free space, or name another DIR", file.display())
     };
     written.map_err(|e| Reason::new(text(&e), e))
 }
 
-/// Per detection: the survey's id.
-fn ids(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Option<String>> {
+/// Returns the survey id of each detection.
+fn marker_ids(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Option<String>> {
     let id = |k: usize| -> Option<String> {
-        let marker = *sighting.identities.as_ref()?.marker_of.get(k)?;
+        let marker = *processed.identities.as_ref()?.marker_of.get(k)?;
         Some(installation?.setup.markers.get(marker?)?.id.clone())
     };
-    (0..sighting.detections.markers.len()).map(id).collect()
+    (0..processed.detections.markers.len()).map(id).collect()
 }
 
-/// The detections to list: with identities only those that are known, false ones cost nothing.
-fn named(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
-    let all = ids(sighting, installation).into_iter().zip(sighting.detections.markers.iter().cloned());
-    all.filter(|(id, _)| id.is_some() || sighting.identities.is_none()).collect()
+/// Selects the detections to list: if markers were identified, only those with an id.
+fn listed_detections(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
+    let all = marker_ids(processed, installation).into_iter().zip(processed.detections.markers.iter().cloned());
+    all.filter(|(id, _)| id.is_some() || processed.identities.is_none()).collect()
 }
 
-fn text(sighting: &ProcessedFrame, installation: Option<&Installation>, wide: bool) -> String {
-    match &sighting.failure {
-        Some(reason) => format!("{}: failed: {reason}\n", sighting.image),
-        None => table::detections(&sighting.image, &sighting.detections, &ids(sighting, installation), wide),
+fn result_text(processed: &ProcessedFrame, installation: Option<&Installation>, wide: bool) -> String {
+    match &processed.failure {
+        Some(reason) => format!("{}: failed: {reason}\n", processed.image),
+        None => table::detections(&processed.image, &processed.detections, &marker_ids(processed, installation), wide),
     }
 }
 
-fn json_line(sighting: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
+fn json_line(processed: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
     let mut line = Map::new();
-    line.insert("image".into(), sighting.image.clone().into());
-    line.insert("status".into(), if sighting.failure.is_none() { "ok" } else { "failed" }.into());
-    if let Some(reason) = &sighting.failure {
+    line.insert("image".into(), processed.image.clone().into());
+    line.insert("status".into(), if processed.failure.is_none() { "ok" } else { "failed" }.into());
+    if let Some(reason) = &processed.failure {
         line.insert("reason".into(), reason.text().into());
     }
-    line.insert("width".into(), json!(sighting.size.map(|s| s.0)));
-    line.insert("height".into(), json!(sighting.size.map(|s| s.1)));
-    let markers = named(sighting, installation);
-    line.insert("markers".into(), markers.iter().map(|(id, d)| marker(id.as_deref(), d)).collect());
-    if let Some(seen) = sighting.detections.overshoot {
+    line.insert("width".into(), json!(processed.size.map(|s| s.0)));
+    line.insert("height".into(), json!(processed.size.map(|s| s.1)));
+    let markers = listed_detections(processed, installation);
+    line.insert("markers".into(), markers.iter().map(|(id, d)| marker_json(id.as_deref(), d)).collect());
+    if let Some(seen) = processed.detections.overshoot {
         line.insert("overshoot".into(), json!({ "amplitude": seen.amplitude, "halo_px": seen.halo_px }));
     }
-    let missing = missing(sighting, installation);
+    let missing = missing_json(processed, installation);
     if !missing.is_empty() {
         line.insert("missing".into(), missing.into());
     }
     if with_rejected {
-        line.insert("rejected".into(), sighting.detections.rejected.iter().map(rejected).collect());
+        line.insert("rejected".into(), processed.detections.rejected.iter().map(rejected_json).collect());
     }
-    line.insert("timing_ms".into(), json!(recording::timing(&sighting.stages)));
+    line.insert("timing_ms".into(), json!(recording::timing(&processed.stages)));
     line.into()
 }
 
-fn marker(id: Option<&str>, d: &Detection) -> Value {
+fn marker_json(id: Option<&str>, d: &Detection) -> Value {
     json!({
         "shape": d.shape.name(),
         "id": id,
@@ -174,23 +173,23 @@ fn marker(id: Option<&str>, d: &Detection) -> Value {
         "v_px": d.centre_px.y,
         "sigma_u_px": d.covariance_px2[(0, 0)].max(0.0).sqrt(),
         "sigma_v_px": d.covariance_px2[(1, 1)].max(0.0).sqrt(),
-        "sigma_contributions": contributions(d),
+        "sigma_contributions": contributions_json(d),
         "semi_major_px": d.semi_major_px,
         "semi_minor_px": d.semi_minor_px,
         "angle_deg": d.angle_rad.to_degrees(),
     })
 }
 
-/// Why the standard deviations are as large as they are: the roots of the variances that they are the roots of the sums of.
-fn contributions(d: &Detection) -> Value {
-    let one = |(source, own): (Source, &Matrix2<f64>)| {
+/// Error sources of a centre: standard deviation due to each. Their squares add up to the variance.
+fn contributions_json(d: &Detection) -> Value {
+    let one = |(source, own): (CovarianceSource, &Matrix2<f64>)| {
         let [sigma_u_px, sigma_v_px] = [0, 1].map(|k| own[(k, k)].max(0.0).sqrt());
         json!({ "source": source, "sigma_u_px": sigma_u_px, "sigma_v_px": sigma_v_px })
     };
     d.covariance_px2.contributions().map(one).collect()
 }
 
-fn rejected(r: &Rejected) -> Value {
+fn rejected_json(r: &Rejected) -> Value {
     json!({
         "u_px": r.centre_px.x,
         "v_px": r.centre_px.y,
@@ -201,8 +200,8 @@ fn rejected(r: &Rejected) -> Value {
     })
 }
 
-fn missing(sighting: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
-    let missing = sighting.identities.iter().flat_map(|i| &i.missing);
+fn missing_json(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
+    let missing = processed.identities.iter().flat_map(|i| &i.missing);
     let id = |k: usize| installation.and_then(|i| i.setup.markers.get(k)).map(|m| m.id.clone());
     missing.map(|(k, reason)| json!({ "id": id(*k), "reason": reason })).collect()
 }

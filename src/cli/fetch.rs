@@ -1,9 +1,9 @@
-//! `wingd fetch` brings flights from a recorder's page into a directory.
+//! `wingd fetch` downloads flights from a recorder's page into a directory.
 
 use std::path::PathBuf;
 
-use super::copy::{bar, ended, read_back};
-use super::{Done, Failure};
+use super::copy::{byte_progress, report_copy, read_back};
+use super::{Completion, Failure};
 use crate::http::access;
 use crate::http::client::Client;
 use crate::http::fetch;
@@ -11,62 +11,63 @@ use crate::installation::Fault;
 use crate::store::RealDisk;
 use crate::store::receive::Receiver;
 
-/// Flights from the page that a recorder or `wingd serve` shows: goes on where it ended, checked at the end.
+/// Download flights from the page of a recorder or of `wingd serve`; an interrupted download is resumed, and the
+/// result verified.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The page, for example http://192.168.4.1:8080
+pub struct FetchArgs {
+    /// Page, for example http://192.168.4.1:8080
     url: String,
-    /// Where the copy goes: missing, empty, or an older copy of that store
+    /// Directory of the copy: missing, empty, or with an older copy of that store
     #[arg(value_name = "DIR")]
     directory: PathBuf,
-    /// One flight, for example f0001 [default: all of them]
+    /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
-    /// A file with the page's token
+    /// File with the page's access token
     #[arg(long, alias = "token", value_name = "FILE")]
     token_file: Option<PathBuf>,
-    /// The certificate that the page must show (PEM), for https://
+    /// Certificate that the page must present (PEM), for https://
     #[arg(long, value_name = "FILE")]
     certificate: Option<PathBuf>,
-    /// What the copy holds, as one JSON object
+    /// Print the contents of the copy as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &FetchArgs) -> Result<Completion, Failure> {
     let token = args.token_file.as_deref().map(|file| {
-        access::read_token(file).map_err(|(problem, mend)| Fault::new(file, "token", problem, mend))
+        access::read_token(file).map_err(|(problem, remedy)| Fault::new(file, "token", problem, remedy))
     });
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
     let mut client = client.map_err(|e| Failure::Failed(e.to_string()))?;
     let flights = match &args.flight {
         Some(flight) => vec![flight.clone()],
-        None => fetch::flights(&mut client).map_err(|e| undone(args, e))?,
+        None => fetch::flights(&mut client).map_err(|e| fetch_failure(args, e))?,
     };
     let report = fetch_all(args, &mut client, &flights, false)?;
     let report = if report.is_sound() { report } else { fetch_all(args, &mut client, &flights, true)? };
-    ended(&report, &args.directory, args.json)
+    report_copy(&report, &args.directory, args.json)
 }
 
 fn fetch_all(
-    args: &Args,
+    args: &FetchArgs,
     client: &mut Client,
     flights: &[String],
     thorough: bool,
-) -> Result<crate::store::verify::Report, Failure> {
+) -> Result<crate::store::verify::VerifyReport, Failure> {
     let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
-        let bar = bar(0, flight);
-        let mut progress = |done, whole| {
-            bar.set_length(whole);
+        let bar = byte_progress(0, flight);
+        let mut progress = |done, total| {
+            bar.set_length(total);
             bar.set_position(done);
         };
-        fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| undone(args, e))?;
+        fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| fetch_failure(args, e))?;
         bar.finish_and_clear();
     }
     Ok(read_back(receiver)?)
 }
 
-fn undone(args: &Args, error: fetch::FetchError) -> Failure {
+fn fetch_failure(args: &FetchArgs, error: fetch::FetchError) -> Failure {
     Failure::Failed(format!("{}: {error}", args.url))
 }

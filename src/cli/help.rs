@@ -1,9 +1,9 @@
-//! `wingd help` shows the commands by what they are for, and examples of each.
+//! `wingd help` groups the commands by purpose and shows examples of each.
 
 use clap::Command;
 
-/// The commands in the order of a campaign; each visible one stands in one group.
-const GROUPS: [(&str, &[&str]); 5] = [
+/// Command groups in the order of a campaign; each visible command is in exactly one.
+const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     (
         "Prepare an aircraft",
         &[
@@ -34,11 +34,11 @@ const GROUPS: [(&str, &[&str]); 5] = [
             "stress",
         ],
     ),
-    ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
-    ("Try and learn", &["demo", "simulate", "completions", "man"]),
+    ("Store and transfer", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
+    ("Demo and utilities", &["demo", "simulate", "completions", "man"]),
 ];
 
-/// Examples by command. They run in the folder that the tutorial leaves (docs/tutorial.md), which a test does.
+/// Examples by command. A test runs them in the folder that the tutorial creates (docs/tutorial.md).
 pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("init", &["wingd init aircraft --side left --root-offset 0.7"]),
     (
@@ -108,12 +108,12 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("man", &["wingd man man1"]),
 ];
 
-/// Where the commands' descriptions begin, characters.
-const COLUMN: usize = 17;
+/// Column at which the descriptions of the commands begin, characters.
+const DESCRIPTION_COLUMN: usize = 17;
 
-/// The command line with the commands in groups, and examples below the options of each.
-pub fn dress(mut command: Command) -> Command {
-    let groups = listing(&command);
+/// Adds the grouped list of commands, and examples below the options of each command.
+pub fn with_groups_and_examples(mut command: Command) -> Command {
+    let groups = command_listing(&command);
     for (name, lines) in EXAMPLES {
         let found = command.find_subcommand(name).is_some();
         if found {
@@ -127,14 +127,14 @@ pub fn dress(mut command: Command) -> Command {
     ))
 }
 
-fn listing(command: &Command) -> String {
+fn command_listing(command: &Command) -> String {
     let mut text = String::new();
-    for (heading, names) in GROUPS {
+    for (heading, names) in COMMAND_GROUPS {
         text.push_str(&format!("{heading}:\n"));
         for name in names {
             let about = command.find_subcommand(name).and_then(Command::get_about);
             if let Some(about) = about {
-                text.push_str(&format!("  {name:<width$}{about}\n", width = COLUMN - 2));
+                text.push_str(&format!("  {name:<width$}{about}\n", width = DESCRIPTION_COLUMN - 2));
             }
         }
         text.push('\n');
@@ -153,18 +153,18 @@ mod tests {
         let command = super::super::Arguments::command();
         for known in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = known.get_name();
-            let groups = GROUPS.iter().flat_map(|(_, names)| names.iter()).filter(|n| **n == name).count();
+            let groups = COMMAND_GROUPS.iter().flat_map(|(_, names)| names.iter()).filter(|n| **n == name).count();
             assert_eq!(groups, 1, "{name}");
             assert!(EXAMPLES.iter().any(|(n, lines)| *n == name && !lines.is_empty()), "{name}");
         }
-        let text = listing(&command);
+        let text = command_listing(&command);
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
     }
 
     #[test]
     fn every_help_fits_a_terminal_of_80_columns() {
-        let mut all = dress(super::super::Arguments::command()).term_width(80);
+        let mut all = with_groups_and_examples(super::super::Arguments::command()).term_width(80);
         all.build();
         let mut texts = vec![all.render_long_help().to_string()];
         for command in all.get_subcommands_mut() {

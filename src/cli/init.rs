@@ -1,4 +1,4 @@
-//! `wingd init` writes the files of a new installation, with what is known filled in.
+//! `wingd init` writes the files of a new installation, with the known values filled in.
 
 mod answers;
 
@@ -6,77 +6,77 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Done, Failure, print};
-use answers::Answers;
+use super::{Completion, Failure, print_line};
+use answers::InitAnswers;
 
-/// Write a commented configuration, installation and board: what is not known yet is asked for, or left blank.
+/// Write a commented configuration, installation and board; unknown values are asked for, or left blank.
 #[derive(clap::Args)]
-pub struct Args {
-    /// Where they go; files that are there already stay as they are
+pub struct InitArgs {
+    /// Directory for the files; existing files are not changed
     #[arg(value_name = "DIR", default_value = ".")]
     directory: PathBuf,
     #[command(flatten)]
-    answers: Answers,
+    answers: InitAnswers,
 }
 
-const CONFIGURATION: &str = include_str!("../../config/wingd.toml");
-const BOARD: &str = include_str!("../../config/new/board.toml");
-const INSTALLATION: &str = include_str!("../../config/new/installation.toml");
-const SURVEY: &str = include_str!("../../config/new/survey.csv");
-const DRAWING: &str = include_str!("../../docs/images/installation.svg");
+const CONFIGURATION_TEMPLATE: &str = include_str!("../../config/wingd.toml");
+const BOARD_TEMPLATE: &str = include_str!("../../config/new/board.toml");
+const INSTALLATION_TEMPLATE: &str = include_str!("../../config/new/installation.toml");
+const SURVEY_TEMPLATE: &str = include_str!("../../config/new/survey.csv");
+const INSTALLATION_DRAWING: &str = include_str!("../../docs/images/installation.svg");
 
-/// What comes next, in order.
-const NEXT: &str = "Next (docs/tutorial.md; installation.svg shows what is measured where):
-  board.toml                      describe your board, take pictures of it, then
+/// Next steps, in order.
+const NEXT_STEPS: &str = "Next (docs/tutorial.md; installation.svg shows the quantities to measure):
+  board.toml                      describe your board, take images of it, then
                                   wingd calibrate --board board.toml --output installation/camera.toml board/*.jpg
   installation/survey.csv         a line for each marker
-  installation/installation.toml  what is left blank there, then
+  installation/installation.toml  fill in the blank values, then
                                   wingd check";
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let answers = args.answers.clone().asked();
-    // A configuration without an installation records and does not solve; here there is one.
-    let configuration = CONFIGURATION
+pub(super) fn run(args: &InitArgs) -> Result<Completion, Failure> {
+    let answers = args.answers.clone().ask_missing();
+    // Without this line the recorder records but does not solve.
+    let configuration = CONFIGURATION_TEMPLATE
         .replace("# installation = \"/var/lib/wingd/installation\"", "installation = \"installation\"");
-    let installation = answers.filled(INSTALLATION);
+    let installation = answers.fill_template(INSTALLATION_TEMPLATE);
     let files = [
         ("wingd.toml", configuration.as_str()),
-        ("board.toml", BOARD),
-        ("installation.svg", DRAWING),
+        ("board.toml", BOARD_TEMPLATE),
+        ("installation.svg", INSTALLATION_DRAWING),
         ("installation/installation.toml", installation.as_str()),
-        ("installation/survey.csv", SURVEY),
+        ("installation/survey.csv", SURVEY_TEMPLATE),
     ];
     for (name, text) in files {
         let path = args.directory.join(name);
-        let said = match write(&path, text) {
+        let state = match write_new_file(&path, text) {
             Ok(()) => "written",
-            Err(error) if error.kind() == ErrorKind::AlreadyExists => "is there already, left as it is",
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => "exists, not changed",
             Err(error) => {
-                let what = format!("{}: {error}; name a directory that can be written", path.display());
+                let what = format!("{}: {error}; name a writable directory", path.display());
                 return Err(Failure::Failed(what));
             }
         };
-        print(&format!("{}  {said}", path.display()))?;
+        print_line(&format!("{}  {state}", path.display()))?;
     }
-    for camera in cameras(Path::new("/dev/v4l/by-id")) {
-        print(&format!(
-            "found a camera: {}; in wingd.toml: kind = \"v4l\", device = {:?} (docs/reference/wingd-toml-camera.md)",
+    for camera in find_cameras(Path::new("/dev/v4l/by-id")) {
+        print_line(&format!(
+            "found a camera: {}; in wingd.toml set kind = \"v4l\", device = {:?} (docs/reference/wingd-toml-camera.md)",
             camera.display(),
             camera
         ))?;
     }
-    print(&format!("\n{NEXT}"))?;
-    Ok(Done::All)
+    print_line(&format!("\n{NEXT_STEPS}"))?;
+    Ok(Completion::All)
 }
 
-/// Never over a file that is there.
-fn write(path: &Path, text: &str) -> std::io::Result<()> {
+/// Writes a file, unless it exists.
+fn write_new_file(path: &Path, text: &str) -> std::io::Result<()> {
     path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
     OpenOptions::new().write(true).create_new(true).open(path)?.write_all(text.as_bytes())
 }
 
-/// Cameras that the kernel shows by a name that stays from plug to plug: the pictures, not their metadata.
-fn cameras(folder: &Path) -> Vec<PathBuf> {
+/// Finds cameras by their persistent device names; metadata devices are excluded.
+fn find_cameras(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut found: Vec<PathBuf> =
         entries.filter(|path| path.to_string_lossy().ends_with("-video-index0")).collect();
@@ -95,7 +95,7 @@ mod tests {
         for name in ["usb-Maker_Model_123-video-index0", "usb-Maker_Model_123-video-index1", "other"] {
             std::fs::write(dir.path().join(name), "").unwrap();
         }
-        assert_eq!(cameras(dir.path()), [dir.path().join("usb-Maker_Model_123-video-index0")]);
-        assert!(cameras(Path::new("/nonexistent")).is_empty());
+        assert_eq!(find_cameras(dir.path()), [dir.path().join("usb-Maker_Model_123-video-index0")]);
+        assert!(find_cameras(Path::new("/nonexistent")).is_empty());
     }
 }

@@ -1,11 +1,11 @@
-//! `wingd learn` writes what flights told together of all that lasts.
+//! `wingd learn` estimates flight-invariant parameters from several flights and stores them as a prior.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::{Done, Failure, RIGHTS, default_paths, frames, print, stored, stores, unwritable};
+use super::{Completion, Failure, CHECK_WRITE_ACCESS, default_paths, image_batch, print_line, stored_frames, store_access, write_failure};
 use crate::installation::{self, Installation, LEARNT_FILE, Learnt, Source};
 use crate::measure::adjust::Estimate;
 use crate::measure::adjust::flight_prior::{FlightContribution, InvariantParameter};
@@ -15,37 +15,37 @@ use crate::record::Reason;
 use crate::report::number::{count, rounded};
 use crate::store::{self, FrameRef, RealDisk, catalogue};
 
-/// Write what flights told together of the wing, the camera and the survey into the installation (flight_prior.json), for later
-/// flights, single frames and live mode.
+/// Estimate flight-invariant parameters of wing, camera and survey from several flights, and write them into the
+/// installation (flight_prior.json) as a prior for later flights, single frames and live mode.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The installation; flight_prior.json is written into it [default: installation/ of this folder]
+pub struct LearnArgs {
+    /// Installation; flight_prior.json is written into it [default: installation/ in this directory]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Learn from this flight of the stores alone, for example f0001 [default: all]
+    /// Use only this flight of the stores, for example f0001 [default: all flights]
     #[arg(long, value_name = "FLIGHT")]
     flight: Option<String>,
-    /// One JSON object: file, flights, known
+    /// Print one JSON object: file, flights_in_prior, flights, differences
     #[arg(long)]
     json: bool,
-    /// Images worked on at once [default: the cores]
+    /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
-    /// Stores of flights with this installation; a flight that taught already is not counted again
+    /// Stores with flights of this installation; a flight that is already in the prior is skipped
     #[arg(required = true, value_name = "STORE")]
     stores: Vec<PathBuf>,
 }
 
-/// A flight that is to teach.
+/// A flight that may contribute to the prior.
 struct Candidate {
     store: String,
     flight: String,
     frames: Vec<String>,
-    sightings: Vec<ProcessedFrame>,
-    lesson: Option<FlightContribution>,
+    processed: Vec<ProcessedFrame>,
+    contribution: Option<FlightContribution>,
 }
 
-/// A flight, by store and name, and what became of it.
+/// Outcome of a flight, by store and name.
 struct FlightOutcome {
     store: String,
     flight: String,
@@ -54,86 +54,87 @@ struct FlightOutcome {
     reason: Option<String>,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let directory = default_paths::installation(args.installation.as_deref())?;
+pub(super) fn run(args: &LearnArgs) -> Result<Completion, Failure> {
+    let directory = default_paths::resolve_installation(args.installation.as_deref())?;
     let mut installation = super::load_installation(&directory)?;
     installation.require_orientation()?;
-    let before = installation.learnt.as_ref().map_or(vec![], |learnt| learnt.sources.clone());
-    let (mut told, mut candidates) = (vec![], vec![]);
+    let before = installation.learnt.as_ref().map_or(vec![], |prior| prior.sources.clone());
+    let (mut outcomes, mut candidates) = (vec![], vec![]);
     for root in &args.stores {
-        gather(args, root, &installation, &before, &mut told, &mut candidates)?;
+        gather_candidates(args, root, &installation, &before, &mut outcomes, &mut candidates)?;
     }
-    for _ in 0..ROUNDS {
-        learn(&mut candidates, &before, &mut installation, &mut told)?;
+    for _ in 0..LEARNING_ROUNDS {
+        refine_contributions(&mut candidates, &before, &mut installation, &mut outcomes)?;
     }
-    told.extend(candidates.iter().map(|candidate| candidate.told("added", None)));
+    outcomes.extend(candidates.iter().map(|candidate| candidate.outcome("added", None)));
     let sources: Vec<Source> =
-        before.into_iter().chain(candidates.iter().filter_map(Candidate::source)).collect();
+        before.into_iter().chain(candidates.iter().filter_map(Candidate::to_source)).collect();
     let count = sources.len();
     if !candidates.is_empty() {
-        let learnt = together(sources, &installation)?;
+        let prior = combine_sources(sources, &installation)?;
         let file = installation.directory.join(LEARNT_FILE);
-        installation::write_learnt(&installation, &learnt).map_err(unwritable(&file, RIGHTS))?;
+        installation::write_learnt(&installation, &prior).map_err(write_failure(&file, CHECK_WRITE_ACCESS))?;
     }
-    let known = candidates.last().and_then(|candidate| candidate.lesson.as_ref()).map_or(vec![], known);
-    let output = if args.json { as_json } else { text };
-    print(&output(&installation.directory.join(LEARNT_FILE), &told, count, &known))?;
-    Ok(Done::all(told.iter().all(|told| told.status != "refused")))
+    let known = candidates.last().and_then(|candidate| candidate.contribution.as_ref()).map_or(vec![], estimated_differences);
+    let output = if args.json { outcome_json } else { outcome_text };
+    print_line(&output(&installation.directory.join(LEARNT_FILE), &outcomes, count, &known))?;
+    Ok(Completion::from_success(outcomes.iter().all(|outcome| outcome.status != "refused")))
 }
 
-/// A flight is linearised where it is solved beside those before it, and once more beside all: equations that add up are to
-/// hold at one place.
-const ROUNDS: usize = 2;
+/// Rounds of linearisation. Each flight is linearised first given the flights before it, then given all others:
+/// normal equations that are added must refer to the same point.
+const LEARNING_ROUNDS: usize = 2;
 
-/// Learns from each beside what the others told; those that contradict the model, or what was told, are taken out.
-fn learn(
+/// Estimates the contribution of each candidate given the others, and removes those that contradict the model or
+/// the prior.
+fn refine_contributions(
     candidates: &mut Vec<Candidate>,
     before: &[Source],
     installation: &mut Installation,
-    told: &mut Vec<FlightOutcome>,
+    outcomes: &mut Vec<FlightOutcome>,
 ) -> Result<(), Failure> {
     let mut k = 0;
     while k < candidates.len() {
         let others = candidates.iter().enumerate().filter(|(other, _)| *other != k);
-        let others = others.filter_map(|(_, candidate)| candidate.source());
-        installation.learnt = Some(together(before.iter().cloned().chain(others).collect(), installation)?);
-        match candidates[k].learn(installation) {
+        let others = others.filter_map(|(_, candidate)| candidate.to_source());
+        installation.learnt = Some(combine_sources(before.iter().cloned().chain(others).collect(), installation)?);
+        match candidates[k].estimate_contribution(installation) {
             Ok(()) => k += 1,
-            Err(reason) => told.push(candidates.remove(k).told("refused", Some(reason.to_string()))),
+            Err(reason) => outcomes.push(candidates.remove(k).outcome("refused", Some(reason.to_string()))),
         }
     }
     Ok(())
 }
 
-fn together(sources: Vec<Source>, installation: &Installation) -> Result<Learnt, Failure> {
+fn combine_sources(sources: Vec<Source>, installation: &Installation) -> Result<Learnt, Failure> {
     let file = installation.directory.join(LEARNT_FILE);
-    let undone = |error| Failure::Failed(format!("{}: {error}", file.display()));
-    Learnt::of(sources, &installation.setup).map_err(undone)
+    let failure = |error| Failure::Failed(format!("{}: {error}", file.display()));
+    Learnt::of(sources, &installation.setup).map_err(failure)
 }
 
 impl Candidate {
-    /// What it told so far.
-    fn source(&self) -> Option<Source> {
-        let lesson = self.lesson.as_ref()?;
+    /// Returns the contribution as stored in the prior; `None` before the first estimate.
+    fn to_source(&self) -> Option<Source> {
+        let contribution = self.contribution.as_ref()?;
         Some(Source {
             store: self.store.clone(),
             flight: self.flight.clone(),
             program: format!("wingd {}", env!("CARGO_PKG_VERSION")),
             frames: self.frames.clone(),
-            normals: lesson.normals.clone(),
+            normals: contribution.normals.clone(),
         })
     }
 
-    fn learn(&mut self, installation: &Installation) -> Result<(), Reason> {
-        let busy = frames::busy(&format!("learning from {}", self.flight));
+    fn estimate_contribution(&mut self, installation: &Installation) -> Result<(), Reason> {
+        let busy = image_batch::show_busy(&format!("estimating from {}", self.flight));
         let orientation = installation.orientation.as_ref().ok_or("there is no orientation")?;
-        let lesson = pipeline::learn_flight(&self.sightings, installation, orientation, &Job::default());
+        let contribution = pipeline::learn_flight(&self.processed, installation, orientation, &Job::default());
         drop(busy);
-        self.lesson = Some(lesson?);
+        self.contribution = Some(contribution?);
         Ok(())
     }
 
-    fn told(&self, status: &'static str, reason: Option<String>) -> FlightOutcome {
+    fn outcome(&self, status: &'static str, reason: Option<String>) -> FlightOutcome {
         FlightOutcome {
             store: self.store.clone(),
             flight: self.flight.clone(),
@@ -144,22 +145,22 @@ impl Candidate {
     }
 }
 
-/// Looks at the frames of a store's flights; those that taught already are only named.
-fn gather(
-    args: &Args,
+/// Measures the frames of a store's flights; flights already in the prior are only listed.
+fn gather_candidates(
+    args: &LearnArgs,
     root: &Path,
     installation: &Installation,
     before: &[Source],
-    told: &mut Vec<FlightOutcome>,
+    outcomes: &mut Vec<FlightOutcome>,
     candidates: &mut Vec<Candidate>,
 ) -> Result<(), Failure> {
-    let flights = stores::flights(root, args.flight.as_deref())?;
+    let flights = store_access::select_flights(root, args.flight.as_deref())?;
     let store = catalogue::store_id(&RealDisk, root).unwrap_or_else(|| root.display().to_string());
     for flight in flights {
-        let frames = stores::frames(&RealDisk, &flight, None)?;
+        let frames = store_access::flight_frames(&RealDisk, &flight, None)?;
         let digests: Vec<String> = frames.iter().map(|frame| frame.entry.sha256.clone()).collect();
         let (store, id) = (store.clone(), flight.id.clone());
-        let candidate = Candidate { store, flight: id, frames: digests, sightings: vec![], lesson: None };
+        let candidate = Candidate { store, flight: id, frames: digests, processed: vec![], contribution: None };
         let is_known = |store: &str, flight: &str, frames: &[String]| {
             (store, flight) == (candidate.store.as_str(), candidate.flight.as_str())
                 || frames.iter().any(|frame| candidate.frames.contains(frame))
@@ -167,54 +168,54 @@ fn gather(
         if before.iter().any(|s| is_known(&s.store, &s.flight, &s.frames))
             || candidates.iter().any(|p| is_known(&p.store, &p.flight, &p.frames))
         {
-            let reason = "it taught already, and is not counted twice".to_owned();
-            told.push(candidate.told("known", Some(reason)));
+            let reason = "already included in flight_prior.json; skipped".to_owned();
+            outcomes.push(candidate.outcome("known", Some(reason)));
             continue;
         }
-        let sightings = sighted(args, root, &flight, &frames, installation)?;
-        match sightings.iter().all(|sighting| sighting.failure.is_some()) {
+        let processed_frames = measure_frames(args, root, &flight, &frames, installation)?;
+        match processed_frames.iter().all(|processed| processed.failure.is_some()) {
             true => {
-                let first = sightings.iter().find_map(|sighting| sighting.failure.as_ref());
-                let reason = first.map_or("it has no frames".into(), |failure| {
-                    format!("no frame of it can be solved: {failure}")
+                let first = processed_frames.iter().find_map(|processed| processed.failure.as_ref());
+                let reason = first.map_or("no frames".into(), |failure| {
+                    format!("none of its frames can be processed: {failure}")
                 });
-                told.push(candidate.told("refused", Some(reason)));
+                outcomes.push(candidate.outcome("refused", Some(reason)));
             }
-            false => candidates.push(Candidate { sightings, ..candidate }),
+            false => candidates.push(Candidate { processed: processed_frames, ..candidate }),
         }
     }
     Ok(())
 }
 
-fn sighted(
-    args: &Args,
+fn measure_frames(
+    args: &LearnArgs,
     root: &Path,
     flight: &store::FlightRef,
     list: &[FrameRef],
     installation: &Installation,
 ) -> Result<Vec<ProcessedFrame>, Failure> {
     let orientation = installation.require_orientation()?;
-    let (track, _) = stored::aircraft_data(&RealDisk, root, flight)?;
-    let mountings: BTreeMap<_, _> = stored::mountings(&RealDisk, flight)?;
-    let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
+    let (track, _) = stored_frames::read_aircraft_data(&RealDisk, root, flight)?;
+    let mountings: BTreeMap<_, _> = stored_frames::frame_mountings(&RealDisk, flight)?;
+    let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
         let mounting = mountings.get(&frame.entry.sha256).copied();
-        ProcessedFrame { mounting, ..stored::sight(frame, bytes, installation, orientation, &track) }
+        ProcessedFrame { mounting, ..stored_frames::process_stored_frame(frame, bytes, installation, orientation, &track) }
     };
     let one = |frame: &FrameRef| {
         let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::of);
         let readable = bytes.as_deref().map_err(Clone::clone);
-        guarded(|| sight(frame, readable)).unwrap_or_else(|| sight(frame, Err(BROKE_OFF.into())))
+        guarded(|| process(frame, readable)).unwrap_or_else(|| process(frame, Err(BROKE_OFF.into())))
     };
-    let mut sightings = Vec::with_capacity(list.len());
-    frames::run(list, args.jobs, "measuring", one, |sighting| {
-        sightings.push(sighting);
+    let mut processed_frames = Vec::with_capacity(list.len());
+    image_batch::run_jobs(list, args.jobs, "measuring", one, |processed| {
+        processed_frames.push(processed);
         Ok(())
     })?;
-    Ok(sightings)
+    Ok(processed_frames)
 }
 
-/// What is told of the drawings and the camera: key, factor to its unit, the term, which of its unknowns.
-const NAMES: [(&str, f64, &str, usize); 8] = [
+/// Parameters whose change is printed: key, factor to its unit, term, index within the term.
+const REPORTED_PARAMETERS: [(&str, f64, &str, usize); 8] = [
     ("root_offset_m", 1.0, "root offset", 0),
     ("axis_chord_offset_m", 1.0, "chord offset of the bending axis", 0),
     ("span_direction_deg", 180.0 / std::f64::consts::PI, "direction of the span", 0),
@@ -225,20 +226,20 @@ const NAMES: [(&str, f64, &str, usize); 8] = [
     ("projection_centre_z_m", 1.0, "projection centre", 2),
 ];
 
-/// By how much they differ from what is stated.
-fn known(lesson: &FlightContribution) -> Vec<(&'static str, Estimate)> {
-    let all = || lesson.normals.unknowns.iter().zip(&lesson.known);
+/// Estimated minus specified value of the reported parameters.
+fn estimated_differences(contribution: &FlightContribution) -> Vec<(&'static str, Estimate)> {
+    let all = || contribution.normals.unknowns.iter().zip(&contribution.known);
     let of = |(name, factor, term, index): (&'static str, f64, &str, usize)| {
         let is = |(l, _): &(&InvariantParameter, &Estimate)| l.term == term && l.index == index;
         let (_, found) = all().find(is)?;
         Some((name, Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) }))
     };
-    NAMES.into_iter().filter_map(of).collect()
+    REPORTED_PARAMETERS.into_iter().filter_map(of).collect()
 }
 
-fn as_json(
+fn outcome_json(
     file: &Path,
-    told: &[FlightOutcome],
+    outcomes: &[FlightOutcome],
     sources: usize,
     known: &[(&'static str, Estimate)],
 ) -> String {
@@ -253,28 +254,28 @@ fn as_json(
     json!({
         "file": file,
         "flights_in_prior": sources,
-        "flights": told.iter().map(flight).collect::<Vec<_>>(),
+        "flights": outcomes.iter().map(flight).collect::<Vec<_>>(),
         "differences": known,
     })
     .to_string()
 }
 
-fn text(file: &Path, told: &[FlightOutcome], sources: usize, known: &[(&'static str, Estimate)]) -> String {
+fn outcome_text(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: &[(&'static str, Estimate)]) -> String {
     let flight = |t: &FlightOutcome| {
         let why = t.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
         format!(
             "{}  {} frames  {}{why}\n",
             t.flight,
             t.frames,
-            if t.status == "known" { "left" } else { t.status }
+            if t.status == "known" { "skipped" } else { t.status }
         )
     };
-    let flights: String = told.iter().map(flight).collect();
+    let flights: String = outcomes.iter().map(flight).collect();
     let difference = |(name, e): &(&'static str, Estimate)| {
         let (value, sigma) = rounded(Some(e.value), e.sigma, 4);
         format!("\n{name:<24}{value} ± {sigma}")
     };
     let differences: String = known.iter().map(difference).collect();
-    let head = if known.is_empty() { "" } else { "\nless what is stated, with all that is known:" };
-    format!("{flights}{}: taught by {}{head}{differences}", file.display(), count(sources, "flight"))
+    let head = if known.is_empty() { "" } else { "\nEstimated minus specified value:" };
+    format!("{flights}{}: prior from {}{head}{differences}", file.display(), count(sources, "flight"))
 }

@@ -1,4 +1,4 @@
-//! Logs go to the journal where the service manager listens, and to standard error otherwise.
+//! Logging to the journal if the service manager provides one, else to standard error.
 
 use std::io::IsTerminal;
 
@@ -6,15 +6,15 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Level from `WINGD_LOG` (as `info` or `wingd::daemon=debug`), `info` where it is not set.
-pub fn start() {
-    start_at(LevelFilter::INFO);
+/// Starts logging at the level of `WINGD_LOG` (for example `info` or `wingd::daemon=debug`), by default `info`.
+pub fn start_logging() {
+    start_logging_at(LevelFilter::INFO);
 }
 
-/// The same with another level by default.
-pub fn start_at(level: LevelFilter) {
-    let asked = std::env::var("WINGD_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
-    let filter = asked.unwrap_or_else(|| Targets::new().with_default(level));
+/// Starts logging with another default level.
+pub fn start_logging_at(level: LevelFilter) {
+    let requested = std::env::var("WINGD_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = requested.unwrap_or_else(|| Targets::new().with_default(level));
     let registry = tracing_subscriber::registry().with(filter);
     let journal = std::env::var_os("JOURNAL_STREAM").and_then(|_| tracing_journald::layer().ok());
     let started = match journal {

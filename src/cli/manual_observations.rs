@@ -1,65 +1,65 @@
-//! Image points measured by hand, beside pictures or instead of them.
+//! Image points measured manually, in addition to images or instead of them.
 
 use std::path::{Path, PathBuf};
 
-use super::{Failure, frames};
+use super::{Failure, image_batch};
 use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
 
-/// Points measured by hand, by the pictures they are of.
+/// Manually measured points, by image.
 #[derive(Default)]
-pub(super) struct ByHand {
+pub(super) struct ManualPoints {
     points: Vec<ManualObservation>,
 }
 
-impl ByHand {
-    /// Reads them.
+impl ManualPoints {
+    /// Reads the points.
     ///
     /// # Errors
-    /// Where a point says of no picture, or of none of these, which it is of.
+    /// Returns an error if a point names no image, or one that is not among the given.
     pub fn read(file: &Path, files: &[PathBuf], setup: &Setup) -> Result<Self, Failure> {
         let points = installation::read_observations(file, setup)?;
-        let names = frames::names(files);
-        let fault = |place: &str, problem: String, mend: &str| {
-            Failure::from(Fault::new(file, place.to_owned(), problem, mend.to_owned()))
+        let names = image_batch::image_names(files);
+        let fault = |place: &str, problem: String, remedy: &str| {
+            Failure::from(Fault::new(file, place.to_owned(), problem, remedy.to_owned()))
         };
         if files.len() > 1 && points.iter().any(|p| p.image.is_none()) {
-            let problem = format!("does not say for every point which of {} pictures it is of", files.len());
+            let problem = format!("does not name the image of every point, but {} images are given", files.len());
             return Err(fault(
                 "column image",
                 problem,
-                "name the picture of every point, as results name it",
+                "name the image of every point as in the results",
             ));
         }
-        let is_strange = |p: &&ManualObservation| p.image.as_ref().is_some_and(|name| !names.contains(name));
-        let strange: Vec<&ManualObservation> = points.iter().filter(is_strange).collect();
-        let first = strange.first().and_then(|p| p.image.clone()).filter(|_| !files.is_empty());
+        let is_unknown = |p: &&ManualObservation| p.image.as_ref().is_some_and(|name| !names.contains(name));
+        let unknown: Vec<&ManualObservation> = points.iter().filter(is_unknown).collect();
+        let first = unknown.first().and_then(|p| p.image.clone()).filter(|_| !files.is_empty());
         if let Some(name) = first {
-            if strange.len() == points.len() {
-                let problem = format!("\"{name}\" is none of the pictures");
+            if unknown.len() == points.len() {
+                let problem = format!("\"{name}\" is not one of the images");
                 return Err(fault(
                     "column image",
                     problem,
-                    "name it as results name it, or leave its points out",
+                    "name it as in the results, or omit its points",
                 ));
             }
-            // One file may hold what was marked in a folder of pictures.
-            let count = strange.len();
+            // One file may contain the marks of a whole folder of images.
+            let count = unknown.len();
             eprintln!(
-                "wingd: {}: {count} points are of pictures that are not asked for, first {name}",
+                "wingd: {}: {count} points are in images that were not given, first {name}",
                 file.display()
             );
         }
         Ok(Self { points })
     }
 
-    /// All of them.
-    pub fn all(&self) -> impl Iterator<Item = &ManualObservation> {
+    /// Iterates over all points.
+    pub fn iter(&self) -> impl Iterator<Item = &ManualObservation> {
         self.points.iter()
     }
 
-    /// Those of a picture, by the name that results give it.
-    pub fn of(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
+    /// Iterates over the points of an image, by its name in results.
+    pub fn for_image(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
         self.points.iter().filter(move |p| p.image.as_deref().is_none_or(|image| image == name))
     }
 }

@@ -1,58 +1,60 @@
-//! `wingd mark` serves a page on which a person marks what the detector did not find.
+//! `wingd mark` serves a page for marking undetected markers manually.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Done, Failure, default_paths, frames, interrupt, pictures, stores};
+use super::{Completion, Failure, default_paths, image_batch, stop_signal, image_files, store_access};
 use crate::http::access::Access;
 use crate::http::mark::{Kept, Picture, Source, Workplace, serve};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Installation};
 use crate::pipeline::marking::HAND_SIGMA_PX;
-use crate::store::{FlightRef, RealDisk, layout, marks};
+use crate::store::{FlightRef, RealDisk, layout, manual_marks};
 
-/// Mark markers by hand in a page on this machine, with who, when and why.
+/// Mark undetected markers manually in a browser on this machine; who, when and why are stored with each mark.
 #[derive(clap::Args)]
-pub struct Args {
-    /// A store, or pictures and folders of them
+pub struct MarkArgs {
+    /// Store, or images and folders of images
     #[arg(required = true, value_name = "STORE|PICTURE")]
     what: Vec<PathBuf>,
-    /// The installation [default: installation/ of this folder; of a store: the one kept there that its results came from]
+    /// Installation [default: installation/ in this directory; for a store: the one kept there that its results
+    /// came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Of a store: the flight [default: the newest]
+    /// Flight of a store [default: the newest]
     #[arg(long, value_name = "FLIGHT")]
     flight: Option<String>,
-    /// The pictures show the wing on ground: an orientation is sought in each, for `wingd orient --observations`
-    /// [default: where the installation has no orientation yet]
+    /// The images show the wing on the ground: an orientation is estimated in each, for `wingd orient
+    /// --observations`
+    /// [default: if the installation has no orientation yet]
     #[arg(long)]
     ground: bool,
-    /// Beside pictures: where the marks are kept [default: observations.csv beside the first picture]
+    /// File for the marks in images [default: observations.csv next to the first image]
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
-    /// Who marks [default: the user's name on this machine]
+    /// Name stored with the marks [default: your user name on this machine]
     #[arg(long, value_name = "NAME")]
     who: Option<String>,
-    /// How well a hand points where the detector measures nothing, standard deviation, px
-    #[arg(long, value_name = "PX", default_value_t = HAND_SIGMA_PX, value_parser = sigma)]
+    /// Standard deviation of a manual mark that the detector cannot refine, px
+    #[arg(long, value_name = "PX", default_value_t = HAND_SIGMA_PX, value_parser = parse_sigma)]
     sigma_px: f64,
-    /// Address and port; beyond this machine with --token-file only
+    /// Address and port to listen on; other computers need --token-file
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8088")]
     listen: String,
-    /// A file with a token of at least 16 characters that every request must bring
+    /// File with a token of at least 16 characters that every request must carry
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
 
-fn sigma(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "give a number of pixels, as in 2".to_owned())?;
+fn parse_sigma(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "give a number of pixels, for example 2".to_owned())?;
     Some(value).filter(|v| (0.05..=100.0).contains(v)).ok_or_else(|| "give 0.05 to 100 px".to_owned())
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    super::logging::start_at(LevelFilter::WARN);
+pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
+    super::logging::start_logging_at(LevelFilter::WARN);
     let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
     let config = ServeConfig {
         listen: args.listen.clone(),
@@ -63,86 +65,86 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     };
     let (address, access) = config.open(option)?;
     let workplace = match args.what.as_slice() {
-        [store] if store.join(layout::STORE_FILE).exists() => of_store(args, store)?,
-        _ => of_pictures(args)?,
+        [store] if store.join(layout::STORE_FILE).exists() => workplace_for_store(args, store)?,
+        _ => workplace_for_images(args)?,
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
-    runtime.block_on(listen(workplace, access, address))
+    runtime.block_on(serve_page(workplace, access, address))
 }
 
-async fn listen(workplace: Workplace, access: Access, address: SocketAddr) -> Result<Done, Failure> {
+async fn serve_page(workplace: Workplace, access: Access, address: SocketAddr) -> Result<Completion, Failure> {
     let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
         Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen"))
     })?;
     let bound = listener.local_addr().unwrap_or(address);
     let kept = workplace.kept.words();
-    eprintln!("wingd: marks are kept with {kept}; open http://{bound}/ (Ctrl-C ends)");
-    serve(workplace, access, listener, interrupt()).await.map_err(|e| Failure::Failed(e.to_string()))?;
-    Ok(Done::All)
+    eprintln!("wingd: marks are saved with {kept}; open http://{bound}/ (stop with Ctrl-C)");
+    serve(workplace, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
+    Ok(Completion::All)
 }
 
-fn workplace(args: &Args, installation: Installation, pictures: Vec<Picture>, kept: Kept) -> Workplace {
+fn create_workplace(args: &MarkArgs, installation: Installation, pictures: Vec<Picture>, kept: Kept) -> Workplace {
     let orientation = installation.orientation.clone().filter(|_| !args.ground);
     let login = || std::env::var("USER").or_else(|_| std::env::var("LOGNAME")).unwrap_or_default();
     let who = args.who.clone().unwrap_or_else(login);
     Workplace { installation, orientation, pictures, kept, who, hand_sigma_px: args.sigma_px }
 }
 
-fn load(args: &Args, directory: &Path) -> Result<Installation, Failure> {
+fn load_installation(args: &MarkArgs, directory: &Path) -> Result<Installation, Failure> {
     let read = if args.ground { installation::load_without_orientation } else { installation::load };
     let installation = read(directory)?;
-    super::say_doubts(&installation);
+    super::print_warnings(&installation);
     Ok(installation)
 }
 
-fn of_store(args: &Args, root: &Path) -> Result<Workplace, Failure> {
+fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failure> {
     if args.observations.is_some() {
         return Err(Failure::Usage(
-            "--observations belongs to pictures: a store keeps its marks itself".into(),
+            "--observations is only for images: a store saves its own marks".into(),
         ));
     }
-    let none = || Failure::Failed(format!("{}: holds no flight yet", root.display()));
-    let flight: FlightRef = stores::flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
+    let none = || Failure::Failed(format!("{}: has no flight yet", root.display()));
+    let flight: FlightRef = store_access::select_flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
-        None => stores::installation_of(root, &flight)?,
+        None => store_access::flight_installation(root, &flight)?,
     };
-    let installation = load(args, &directory)?;
-    let frames = stores::frames(&RealDisk, &flight, None)?;
+    let installation = load_installation(args, &directory)?;
+    let frames = store_access::flight_frames(&RealDisk, &flight, None)?;
     if frames.is_empty() {
-        return Err(Failure::Failed(format!("{}: {} holds no frame", root.display(), flight.id)));
+        return Err(Failure::Failed(format!("{}: {} has no frame", root.display(), flight.id)));
     }
-    let (store, recovery) = stores::open(root)?;
+    let (store, recovery) = store_access::open_store(root)?;
     for remark in &recovery.remarks {
         eprintln!("wingd: {remark}");
     }
-    let (known, notes) = marks::read(store.disk(), root, &flight)?;
+    let (known, notes) = manual_marks::read_marks(store.disk(), root, &flight)?;
     for note in notes {
         eprintln!("wingd: {note}");
     }
     let picture = |frame: crate::store::FrameRef| Picture {
-        name: stores::name_of(&frame),
+        name: store_access::frame_name(&frame),
         source: Source::Stored(Box::new(frame)),
     };
     let pictures = frames.into_iter().map(picture).collect();
-    Ok(workplace(args, installation, pictures, Kept::with_flight(store, flight.id, known)))
+    Ok(create_workplace(args, installation, pictures, Kept::with_flight(store, flight.id, known)))
 }
 
-fn of_pictures(args: &Args) -> Result<Workplace, Failure> {
+fn workplace_for_images(args: &MarkArgs) -> Result<Workplace, Failure> {
     if let Some(flight) = &args.flight {
-        return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; name the store")));
+        return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }
-    let files = pictures::expand(&args.what)?;
-    let installation = load(args, &default_paths::installation(args.installation.as_deref())?)?;
-    let names = frames::names(&files);
-    let beside = || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(OBSERVATIONS);
-    let kept = Kept::in_file(args.observations.clone().unwrap_or_else(beside), &installation.setup)?;
+    let files = image_files::expand_folders(&args.what)?;
+    let installation = load_installation(args, &default_paths::resolve_installation(args.installation.as_deref())?)?;
+    let names = image_batch::image_names(&files);
+    let default_file = || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(DEFAULT_OBSERVATIONS_FILE);
+    let kept = Kept::in_file(args.observations.clone().unwrap_or_else(default_file), &installation.setup)?;
     let pictures =
         files.into_iter().zip(names).map(|(file, name)| Picture { name, source: Source::File(file) });
     let pictures = pictures.collect();
-    Ok(workplace(args, installation, pictures, kept))
+    Ok(create_workplace(args, installation, pictures, kept))
 }
 
-/// Beside pictures.
-const OBSERVATIONS: &str = "observations.csv";
+/// File for the marks in images, next to the first one.
+const DEFAULT_OBSERVATIONS_FILE: &str = "observations.csv";

@@ -1,4 +1,4 @@
-//! Each command has a file. Results go to standard output, logs and progress to standard error.
+//! Command line: one file per command. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
 #[cfg(feature = "boards")]
@@ -15,7 +15,7 @@ mod demo;
 mod detect;
 mod export;
 mod fetch;
-mod frames;
+mod image_batch;
 pub mod help;
 mod import;
 mod init;
@@ -24,24 +24,24 @@ mod logging;
 mod manual_observations;
 mod mark;
 mod mount_check;
-#[cfg(any(not(feature = "boards"), not(feature = "upload")))]
-mod not_built;
 mod orient;
 mod pages;
-mod pictures;
+mod image_files;
 mod plan;
 mod prune;
 mod report;
 mod run;
 mod serve;
-mod service;
+mod recorder;
 mod simulate;
 mod solve;
 mod status;
-mod stored;
-mod stores;
+mod stored_frames;
+mod store_access;
 mod stress;
 mod time_check;
+#[cfg(any(not(feature = "boards"), not(feature = "upload")))]
+mod unavailable;
 #[cfg(feature = "upload")]
 mod upload;
 mod verify;
@@ -55,105 +55,109 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use crate::installation::{self, Fault, Installation};
 use crate::record::Reason;
 use crate::store::{StoreError, layout};
+#[cfg(feature = "boards")]
+use calibrate::CalibrateArgs;
 #[cfg(not(feature = "boards"))]
-use not_built as calibrate;
+use unavailable::UnavailableArgs as CalibrateArgs;
 #[cfg(not(feature = "upload"))]
-use not_built as upload;
+use unavailable::UnavailableArgs as UploadArgs;
+#[cfg(feature = "upload")]
+use upload::UploadArgs;
 
-/// The shape of a wing in flight, measured with one camera at a cabin window.
+/// Measure the shape of a wing in flight with one camera at a cabin window.
 #[derive(Parser)]
 #[command(name = "wingd", version, propagate_version = true, arg_required_else_help = true)]
-#[command(after_help = "Exit status: 0 all went well, 1 something could not be done, 2 wrong usage, \
-    78 configuration or installation at fault.")]
+#[command(after_help = "Exit status: 0 success, 1 failure or partial success, 2 wrong usage, \
+    78 errors in configuration or installation.")]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: CliCommand,
 }
 
-// One command exists per run: its size does not matter.
+// Only one value exists per run: its size does not matter.
 #[allow(clippy::large_enum_variant)]
 #[derive(Subcommand)]
-enum Command {
-    /// Be the camera process of a recorder
+enum CliCommand {
+    /// Run the camera process of a recorder
     #[cfg(feature = "gphoto")]
     #[command(hide = true)]
     CameraChild,
-    /// Pictures by the configured camera, without the recorder
-    CameraTest(camera_test::Args),
-    /// A bundled flight through the real recorder: store and report
-    Demo(demo::Args),
-    /// The recorder: series of frames, solved until told to stop
-    Run(run::Args),
-    /// A configuration, an installation and a board to fill in
-    Init(init::Args),
-    /// Every fault of configuration, installation, store and camera
-    Check(check::Args),
-    /// Interior orientation from pictures of a board
-    Calibrate(calibrate::Args),
-    /// A camera from and to OpenCV, ROS, Kalibr and mrcal
-    Convert(convert::Args),
-    /// How far the camera moved between frames taken on ground
-    MountCheck(mount_check::Args),
-    /// The instant of exposure, from pictures of a clock on a screen
-    TimeCheck(time_check::Args),
-    /// Markers in images
-    Detect(detect::Args),
-    /// The camera's attitude from ground frames: orientation.toml
-    Orient(orient::Args),
-    /// Resolution and predicted standard deviations
-    Plan(plan::Args),
-    /// Pictures of a camera's card into a store
-    Import(import::Args),
-    /// Markers that a person sees, in a page: kept with who and why
-    Mark(mark::Args),
-    /// Bending, torsion and positions, one result per image
-    Solve(solve::Args),
-    /// What flights tell together of all that lasts: flight_prior.json
-    Learn(learn::Args),
-    /// A flight's figures and tables as one HTML file
-    Report(report::Args),
-    /// Every checksum and every invariant of a store
-    Verify(verify::Args),
-    /// What changed between two solves, or between two stores
-    Compare(compare::Args),
-    /// A store's flights to another disk, resumed and read back
-    Copy(copy::Args),
-    /// Flights from the page of a recorder or `wingd serve`, read back
-    Fetch(fetch::Args),
-    /// Flights into an object store (not in the program on board)
-    Upload(upload::Args),
+    /// Take shots with the configured camera, without the recorder
+    CameraTest(camera_test::CameraTestArgs),
+    /// Run a bundled flight through the real recorder
+    Demo(demo::DemoArgs),
+    /// Run the recorder: take series of frames and solve them
+    Run(run::RunArgs),
+    /// Write a configuration, an installation and a board to fill in
+    Init(init::InitArgs),
+    /// Check configuration, installation, store and camera
+    Check(check::CheckArgs),
+    /// Estimate the interior orientation from images of a board
+    Calibrate(CalibrateArgs),
+    /// Convert a camera from or to OpenCV, ROS, Kalibr and mrcal
+    Convert(convert::ConvertArgs),
+    /// Measure how far the camera moved between ground frames
+    MountCheck(mount_check::MountCheckArgs),
+    /// Check times of exposure with images of a clock on a screen
+    TimeCheck(time_check::TimeCheckArgs),
+    /// Detect markers in images
+    Detect(detect::DetectArgs),
+    /// Estimate the camera's attitude from ground frames
+    Orient(orient::OrientArgs),
+    /// Predict resolution and standard deviations
+    Plan(plan::PlanArgs),
+    /// Import the images of a camera's card into a store
+    Import(import::ImportArgs),
+    /// Mark undetected markers manually in a browser
+    Mark(mark::MarkArgs),
+    /// Estimate bending, torsion and positions for each image
+    Solve(solve::SolveArgs),
+    /// Estimate flight-invariant parameters from several flights
+    Learn(learn::LearnArgs),
+    /// Write a flight's figures and tables as one HTML file
+    Report(report::ReportArgs),
+    /// Verify every checksum and every invariant of a store
+    Verify(verify::VerifyArgs),
+    /// Compare two solves of a store, or two stores
+    Compare(compare::CompareArgs),
+    /// Copy flights to another disk and verify the copy
+    Copy(copy::CopyArgs),
+    /// Download flights from a recorder or `wingd serve`
+    Fetch(fetch::FetchArgs),
+    /// Upload flights to an object store (not in the on-board build)
+    Upload(UploadArgs),
     /// Delete flights of which a copy holds every byte
-    Prune(prune::Args),
-    /// Ask the running recorder how it is
+    Prune(prune::PruneArgs),
+    /// Show the state of the running recorder
     Status(status::StatusArgs),
     /// Ask the running recorder for an extra series
     Trigger(status::TriggerArgs),
-    /// A store's results as CSV, Parquet, VTK or JSON lines
-    Export(export::Args),
-    /// A table of the aircraft's own data into a flight
-    AircraftData(aircraft_data::Args),
-    /// Bending moments from the curvature: extremes, cycles, damage
-    Stress(stress::Args),
-    /// The page of a store: flights, frames, downloads
-    Serve(serve::Args),
-    /// Frames of a wing, or pictures of a board, with known truth
-    Simulate(simulate::Args),
-    /// Completions for a shell: bash, zsh, fish, elvish, powershell
+    /// Export results as CSV, Parquet, VTK or JSON lines
+    Export(export::ExportArgs),
+    /// Add a table of the aircraft's own data to a flight
+    AircraftData(aircraft_data::AircraftDataArgs),
+    /// Compute bending moments: extremes, load cycles, damage
+    Stress(stress::StressArgs),
+    /// Serve the page of a store: flights, frames, downloads
+    Serve(serve::ServeArgs),
+    /// Render frames of a wing, or images of a board
+    Simulate(simulate::SimulateArgs),
+    /// Print completions for bash, zsh, fish, elvish or powershell
     Completions(pages::CompletionsArgs),
-    /// Man pages, one for each command, into a directory
+    /// Write the man pages into a directory
     Man(pages::ManArgs),
 }
 
-/// How a command ends when it did not end well.
+/// Failure of a command, by exit status.
 #[derive(Debug)]
 pub enum Failure {
-    /// Something could not be done; the text says what and how to mend it. Exit status 1.
+    /// Operation that could not be completed; the text names the cause and the remedy. Exit status 1.
     Failed(String),
-    /// Wrong usage that the parser cannot see. Exit status 2.
+    /// Wrong usage that the parser does not detect. Exit status 2.
     Usage(String),
-    /// Configuration or installation at fault. Exit status 78.
+    /// Errors in configuration or installation. Exit status 78.
     Faults(Vec<Fault>),
-    /// The same, where standard output has said it. Exit status 78.
+    /// Errors that were already printed to standard output. Exit status 78.
     AlreadyReported,
 }
 
@@ -181,75 +185,75 @@ impl From<Reason> for Failure {
     }
 }
 
-/// Outcome of a command: whether everything asked for was done.
-pub enum Done {
-    /// Exit status 0.
+/// Success of a command: complete or in part.
+pub enum Completion {
+    /// Complete success. Exit status 0.
     All,
-    /// Some images failed, each with its own line. Exit status 1.
+    /// Partial success: some images failed, each with a message. Exit status 1.
     Partly,
 }
 
-impl Done {
-    fn all(ok: bool) -> Self {
+impl Completion {
+    fn from_success(ok: bool) -> Self {
         if ok { Self::All } else { Self::Partly }
     }
 }
 
-/// Parses the arguments and runs the command; the exit status is that of docs/interface.md.
+/// Parses the arguments and runs the command; docs/interface.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches = help::dress(Arguments::command()).get_matches_from(joined(std::env::args_os()));
+    let matches = help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let outcome = match arguments.command {
         #[cfg(feature = "gphoto")]
-        Command::CameraChild => camera_child::run(),
-        Command::CameraTest(args) => camera_test::run(&args),
-        Command::Demo(args) => demo::run(&args),
-        Command::Run(args) => run::run(&args),
-        Command::Check(args) => check::run(&args),
+        CliCommand::CameraChild => camera_child::run(),
+        CliCommand::CameraTest(args) => camera_test::run(&args),
+        CliCommand::Demo(args) => demo::run(&args),
+        CliCommand::Run(args) => run::run(&args),
+        CliCommand::Check(args) => check::run(&args),
         #[cfg(feature = "boards")]
-        Command::Calibrate(args) => calibrate::run(&args),
+        CliCommand::Calibrate(args) => calibrate::run(&args),
         #[cfg(not(feature = "boards"))]
-        Command::Calibrate(_) => not_built::refused("calibrate, as for the demonstration", "boards"),
-        Command::Convert(args) => convert::run(&args),
-        Command::MountCheck(args) => mount_check::run(&args),
-        Command::TimeCheck(args) => time_check::run(&args),
-        Command::Detect(args) => detect::run(&args),
-        Command::Orient(args) => orient::run(&args),
-        Command::Plan(args) => plan::run(&args),
-        Command::Import(args) => import::run(&args),
-        Command::Mark(args) => mark::run(&args),
-        Command::Solve(args) => solve::run(&args),
-        Command::Learn(args) => learn::run(&args),
-        Command::Report(args) => report::run(&args),
-        Command::Verify(args) => verify::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Copy(args) => copy::run(&args),
-        Command::Fetch(args) => fetch::run(&args),
+        CliCommand::Calibrate(_) => unavailable::refuse_command("calibrate, like the demonstration build", "boards"),
+        CliCommand::Convert(args) => convert::run(&args),
+        CliCommand::MountCheck(args) => mount_check::run(&args),
+        CliCommand::TimeCheck(args) => time_check::run(&args),
+        CliCommand::Detect(args) => detect::run(&args),
+        CliCommand::Orient(args) => orient::run(&args),
+        CliCommand::Plan(args) => plan::run(&args),
+        CliCommand::Import(args) => import::run(&args),
+        CliCommand::Mark(args) => mark::run(&args),
+        CliCommand::Solve(args) => solve::run(&args),
+        CliCommand::Learn(args) => learn::run(&args),
+        CliCommand::Report(args) => report::run(&args),
+        CliCommand::Verify(args) => verify::run(&args),
+        CliCommand::Compare(args) => compare::run(&args),
+        CliCommand::Copy(args) => copy::run(&args),
+        CliCommand::Fetch(args) => fetch::run(&args),
         #[cfg(feature = "upload")]
-        Command::Upload(args) => upload::run(&args),
+        CliCommand::Upload(args) => upload::run(&args),
         #[cfg(not(feature = "upload"))]
-        Command::Upload(_) => not_built::refused("upload, as for on board", "upload"),
-        Command::Prune(args) => prune::run(&args),
-        Command::Status(args) => status::status(&args),
-        Command::Trigger(args) => status::trigger(&args),
-        Command::Export(args) => export::run(&args),
-        Command::AircraftData(args) => aircraft_data::run(&args),
-        Command::Stress(args) => stress::run(&args),
-        Command::Serve(args) => serve::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
-        Command::Init(args) => init::run(&args),
-        Command::Completions(args) => pages::completions(&args),
-        Command::Man(args) => pages::man(&args),
+        CliCommand::Upload(_) => unavailable::refuse_command("upload, like the on-board build", "upload"),
+        CliCommand::Prune(args) => prune::run(&args),
+        CliCommand::Status(args) => status::print_status(&args),
+        CliCommand::Trigger(args) => status::trigger_series(&args),
+        CliCommand::Export(args) => export::run(&args),
+        CliCommand::AircraftData(args) => aircraft_data::run(&args),
+        CliCommand::Stress(args) => stress::run(&args),
+        CliCommand::Serve(args) => serve::run(&args),
+        CliCommand::Simulate(args) => simulate::run(&args),
+        CliCommand::Init(args) => init::run(&args),
+        CliCommand::Completions(args) => pages::write_completions(&args),
+        CliCommand::Man(args) => pages::write_man_pages(&args),
     };
     match outcome {
-        Ok(Done::All) => ExitCode::SUCCESS,
-        Ok(Done::Partly) => ExitCode::from(1),
-        Err(failure) => complain(&failure),
+        Ok(Completion::All) => ExitCode::SUCCESS,
+        Ok(Completion::Partly) => ExitCode::from(1),
+        Err(failure) => report_failure(&failure),
     }
 }
 
-/// `--flight f0001` as one argument: `--flight` alone stands before images too, and takes no value there.
-fn joined(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
+/// Joins `--flight f0001` into one argument: `--flight` alone, before images, takes no value.
+fn join_flight_option(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
     let mut all: Vec<OsString> = Vec::new();
     for argument in arguments {
         let flight = argument.to_str().is_some_and(|text| layout::flight_number(text).is_some());
@@ -264,7 +268,7 @@ fn joined(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
     all
 }
 
-fn complain(failure: &Failure) -> ExitCode {
+fn report_failure(failure: &Failure) -> ExitCode {
     match failure {
         Failure::Failed(text) => {
             eprintln!("wingd: {text}");
@@ -279,60 +283,60 @@ fn complain(failure: &Failure) -> ExitCode {
                 eprintln!("wingd: {fault}");
             }
             let plural = if faults.len() == 1 { "" } else { "s" };
-            eprintln!("wingd: {} fault{plural} to mend", faults.len());
+            eprintln!("wingd: {} error{plural} in the configuration or installation", faults.len());
             ExitCode::from(78)
         }
         Failure::AlreadyReported => ExitCode::from(78),
     }
 }
 
-/// Prints a line of results; a closed pipe (`| head`) is no fault.
+/// Prints a line of results; a closed pipe (`| head`) is not an error.
 ///
 /// # Errors
-/// Where it cannot be written: exit status 1, for a result that is lost is no result.
-fn print(text: &str) -> Result<(), Failure> {
+/// Returns an error if the line cannot be written, because a lost result must not look like success.
+fn print_line(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
-            "the results cannot be written to standard output ({error}); free space, or send them elsewhere"
+            "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
         ))),
         _ => Ok(()),
     }
 }
 
-/// A file that could not be written, and what to do about it.
-fn unwritable(file: &Path, mend: &str) -> impl Fn(std::io::Error) -> Failure {
-    let (file, mend) = (file.display().to_string(), mend.to_owned());
-    move |error| Failure::Failed(format!("{file} cannot be written ({error}); {mend}"))
+/// Creates the failure for a file that could not be written.
+fn write_failure(file: &Path, remedy: &str) -> impl Fn(std::io::Error) -> Failure {
+    let (file, remedy) = (file.display().to_string(), remedy.to_owned());
+    move |error| Failure::Failed(format!("{file} cannot be written ({error}); {remedy}"))
 }
 
-/// What mostly helps there.
-const RIGHTS: &str = "check rights and space";
+/// Remedy for a file that cannot be written.
+const CHECK_WRITE_ACCESS: &str = "check permissions and free space";
 
-/// Says on standard error which surveyed points are to be looked at; that holds nothing up.
-fn say_doubts(installation: &Installation) {
+/// Prints warnings about the installation to standard error.
+fn print_warnings(installation: &Installation) {
     for doubt in installation::doubts(installation) {
-        eprintln!("wingd: to be looked at: {doubt}");
+        eprintln!("wingd: warning: {doubt}");
     }
 }
 
-/// Says on standard error with what earlier flights taught.
-fn say_learnt(installation: &Installation) {
-    if let Some(learnt) = &installation.learnt {
-        eprintln!("wingd: with what {} taught ({})", learnt.counted(), installation::LEARNT_FILE);
+/// Prints to standard error that a prior from earlier flights is used.
+fn print_flight_prior(installation: &Installation) {
+    if let Some(prior) = &installation.learnt {
+        eprintln!("wingd: using the prior from {} ({})", prior.counted(), installation::LEARNT_FILE);
     }
 }
 
-/// An installation, with a word on its doubtful points.
+/// Loads an installation and prints its warnings.
 fn load_installation(directory: &Path) -> Result<Installation, Failure> {
     let installation = installation::load(directory)?;
-    say_doubts(&installation);
+    print_warnings(&installation);
     Ok(installation)
 }
 
-/// Ctrl-C or SIGTERM.
-async fn interrupt() {
+/// Waits for Ctrl-C or SIGTERM.
+async fn stop_signal() {
     use tokio::signal::unix::{SignalKind, signal};
     match signal(SignalKind::terminate()) {
         Ok(mut terminate) => tokio::select! {

@@ -1,10 +1,10 @@
-//! `wingd mount-check` says whether the camera moved between frames of a scene that did not.
+//! `wingd mount-check` determines whether the camera moved between frames of a static scene.
 
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
-use super::{Done, Failure, frames, print};
+use super::{Completion, Failure, image_batch, print_line};
 use crate::installation::{self, Installation};
 use crate::measure::identify;
 use crate::measure::mount::{self, Movement, Pair};
@@ -12,39 +12,40 @@ use crate::measure::setup::GroundObservation;
 use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 
-/// How far the camera moved between frames of a scene at rest, against what the installation expects
+/// Measure how far the camera moved between frames of a static scene, and compare it with the installation's
+/// expectations
 #[derive(clap::Args)]
-pub struct Args {
-    /// The installation [default: installation/ of this folder]
+pub struct MountCheckArgs {
+    /// Installation [default: installation/ in this directory]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Frames taken on ground: the first, and those that are compared with it
+    /// Ground frames: the reference, and those to compare with it
     #[arg(required = true, num_args = 2.., value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// One JSON object a frame
+    /// Print one JSON object per frame
     #[arg(long)]
     json: bool,
-    /// Images worked on at once [default: the cores]
+    /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
 }
 
-/// A movement is expected where no part of it is beyond this many standard deviations.
-const EXPECTED: f64 = 3.0;
+/// Maximum ratio of a movement's component to its standard deviation that is expected.
+const MAX_NORMALIZED: f64 = 3.0;
 
-/// A frame's markers, and where the survey puts them in the camera.
-struct Frame {
+/// A frame's marker images, and the surveyed markers in camera coordinates.
+struct MountFrame {
     name: String,
-    sights: Vec<GroundObservation>,
+    observations: Vec<GroundObservation>,
     points_m: Vec<Vector3<f64>>,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&super::default_paths::installation(
+pub(super) fn run(args: &MountCheckArgs) -> Result<Completion, Failure> {
+    let installation = installation::load_without_orientation(&super::default_paths::resolve_installation(
         args.installation.as_deref(),
     )?)?;
-    let sightings = frames::map(
-        &super::pictures::expand(&args.images)?,
+    let processed_frames = image_batch::process_images(
+        &super::image_files::expand_folders(&args.images)?,
         args.jobs,
         "detecting",
         |name, bytes| match bytes {
@@ -52,82 +53,82 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             Err(reason) => ProcessedFrame::failed(name, reason),
         },
     )?;
-    let mut found = sightings.iter().map(|s| frame(&installation, s));
+    let mut found = processed_frames.iter().map(|s| orient_frame(&installation, s));
     let first = found.next().transpose()?;
-    let Some(first) = first else { return Ok(Done::All) };
-    let mut whole = true;
+    let Some(first) = first else { return Ok(Completion::All) };
+    let mut complete = true;
     for other in found {
         let outcome =
-            other.and_then(|other| compared(&installation, &first, &other).map(|m| (other.name, m)));
+            other.and_then(|other| compare_frames(&installation, &first, &other).map(|m| (other.name, m)));
         match outcome {
-            Ok((name, movement)) => print(&line(args, &installation, &first.name, &name, &movement))?,
+            Ok((name, movement)) => print_line(&comparison_text(args, &installation, &first.name, &name, &movement))?,
             Err(reason) => {
-                whole = false;
+                complete = false;
                 if args.json {
-                    print(&serde_json::json!({ "status": "failed", "reason": reason.text() }).to_string())?;
+                    print_line(&serde_json::json!({ "status": "failed", "reason": reason.text() }).to_string())?;
                 } else {
                     eprintln!("wingd: {reason}");
                 }
             }
         }
     }
-    Ok(Done::all(whole))
+    Ok(Completion::from_success(complete))
 }
 
-fn frame(installation: &Installation, sighting: &ProcessedFrame) -> Result<Frame, Reason> {
-    if let Some(reason) = &sighting.failure {
-        return Err(reason.clone().about(&sighting.image));
+fn orient_frame(installation: &Installation, processed: &ProcessedFrame) -> Result<MountFrame, Reason> {
+    if let Some(reason) = &processed.failure {
+        return Err(reason.clone().about(&processed.image));
     }
     let setup = &installation.setup;
-    let detections = vec![sighting.detections.markers.clone()];
-    let fit = identify::orient(setup, &detections).map_err(|e| Reason::of(e).about(&sighting.image))?;
+    let detections = vec![processed.detections.markers.clone()];
+    let fit = identify::estimate_orientation(setup, &detections).map_err(|e| Reason::of(e).about(&processed.image))?;
     let into_camera = |k: usize| {
         let from_centre = setup.markers[k].position_m - setup.projection_centre_m;
         fit.orientation.camera_from_survey * from_centre
     };
-    Ok(Frame {
-        name: sighting.image.clone(),
-        sights: stages::ground_sights(setup, &detections, &fit),
+    Ok(MountFrame {
+        name: processed.image.clone(),
+        observations: stages::ground_sights(setup, &detections, &fit),
         points_m: (0..setup.markers.len()).map(into_camera).collect(),
     })
 }
 
-fn compared(installation: &Installation, first: &Frame, other: &Frame) -> Result<Movement, Reason> {
+fn compare_frames(installation: &Installation, first: &MountFrame, other: &MountFrame) -> Result<Movement, Reason> {
     let pair = |before: &GroundObservation| {
-        let after = other.sights.iter().find(|s| s.marker == before.marker)?;
+        let after = other.observations.iter().find(|s| s.marker == before.marker)?;
         Some(Pair {
             point_m: first.points_m[before.marker],
             moved_px: after.pixel - before.pixel,
             covariance_px2: before.covariance_px2 + after.covariance_px2,
         })
     };
-    let pairs: Vec<Pair> = first.sights.iter().filter_map(pair).collect();
-    // A shift of a decimetre is no shift of a mounting: the frames alone decide below it.
-    mount::movement(&installation.setup.lens, &pairs, WIDE_SHIFT_M).ok_or_else(|| {
+    let pairs: Vec<Pair> = first.observations.iter().filter_map(pair).collect();
+    // The prior is so wide that the frames alone determine any real shift.
+    mount::movement(&installation.setup.lens, &pairs, SHIFT_PRIOR_SIGMA_M).ok_or_else(|| {
         let (first, other) = (&first.name, &other.name);
-        format!("{first} and {other} have {} markers in common, three are needed", pairs.len()).into()
+        format!("{first} and {other} have {} markers in common, but 3 are needed", pairs.len()).into()
     })
 }
 
-/// Beforehand any shift of a mounting is this likely, m.
-const WIDE_SHIFT_M: f64 = 0.1;
+/// Prior standard deviation of the shift between two frames, m: wider than any real one.
+const SHIFT_PRIOR_SIGMA_M: f64 = 0.1;
 
-/// Whether a movement is one of the kind that a standard deviation describes.
-fn within(value: &Vector3<f64>, sigma: &Vector3<f64>, expected: f64) -> bool {
-    value.iter().zip(sigma.iter()).all(|(v, s)| v.abs() <= EXPECTED * s.hypot(expected))
+/// Returns whether a movement is consistent with its standard deviation and the expected one.
+fn is_within(value: &Vector3<f64>, sigma: &Vector3<f64>, expected: f64) -> bool {
+    value.iter().zip(sigma.iter()).all(|(v, s)| v.abs() <= MAX_NORMALIZED * s.hypot(expected))
 }
 
-fn line(args: &Args, installation: &Installation, before: &str, after: &str, m: &Movement) -> String {
+fn comparison_text(args: &MountCheckArgs, installation: &Installation, before: &str, after: &str, m: &Movement) -> String {
     let setup = &installation.setup;
-    let stated = &setup.uncertainty;
+    let priors = &setup.uncertainty;
     let turned = setup.mount_repeatability_px / setup.lens.focal_px();
-    let kept = within(&m.rotation_rad, &m.rotation_sigma_rad, stated.mount_drift_rad)
-        && within(&m.shift_m, &m.shift_sigma_m, 0.0);
-    let again = within(&m.rotation_rad, &m.rotation_sigma_rad, turned)
-        && within(&m.shift_m, &m.shift_sigma_m, stated.mount_shift_m);
+    let kept = is_within(&m.rotation_rad, &m.rotation_sigma_rad, priors.mount_drift_rad)
+        && is_within(&m.shift_m, &m.shift_sigma_m, 0.0);
+    let again = is_within(&m.rotation_rad, &m.rotation_sigma_rad, turned)
+        && is_within(&m.shift_m, &m.shift_sigma_m, priors.mount_shift_m);
     let verdict = match (kept, again) {
         (true, _) => "one mounting",
-        (false, true) => "mounted anew",
+        (false, true) => "remounted",
         _ => "moved",
     };
     if args.json {
@@ -138,9 +139,9 @@ fn line(args: &Args, installation: &Installation, before: &str, after: &str, m: 
             "rotation_mrad": milli(&m.rotation_rad), "sigma_rotation_mrad": milli(&m.rotation_sigma_rad),
             "shift_mm": milli(&m.shift_m), "sigma_shift_mm": milli(&m.shift_sigma_m),
             "expected": {
-                "mount_drift_mrad": 1e3 * stated.mount_drift_rad,
+                "mount_drift_mrad": 1e3 * priors.mount_drift_rad,
                 "mount_repeatability_px": setup.mount_repeatability_px,
-                "mount_shift_mm": 1e3 * stated.mount_shift_m,
+                "mount_shift_mm": 1e3 * priors.mount_shift_m,
             },
         })
         .to_string();
@@ -150,15 +151,17 @@ fn line(args: &Args, installation: &Installation, before: &str, after: &str, m: 
         format!("{}, {}, {}", one(0), one(1), one(2))
     };
     let meaning = match verdict {
-        "one mounting" => "the camera kept its place within mount_drift_mrad",
-        "mounted anew" => {
-            "more than the drift of one mounting, less than mount_repeatability_px and mount_shift_m allow between two"
+        "one mounting" => "the camera moved by no more than mount_drift_mrad",
+        "remounted" => {
+            "moved more than the drift within one mounting (mount_drift_mrad), but within the tolerance between two mountings \
+             (mount_repeatability_px, mount_shift_m)"
         }
-        _ => "more than the installation expects between two mountings; fasten it, or state what it does",
+        _ => "moved more than the tolerance between two mountings; fasten the camera, or increase mount_repeatability_px and \
+              mount_shift_m",
     };
     format!(
-        "{after} against {before}: {verdict}: {meaning}\n{} markers moved by {:.3} px rms ({:+.3}, {:+.3} in the mean)\n\
-         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nleft over: {:.3} px rms",
+        "{after} against {before}: {verdict}: {meaning}\n{} markers moved by {:.3} px rms (mean {:+.3}, {:+.3})\n\
+         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nresiduals: {:.3} px rms",
         m.markers,
         m.moved_px,
         m.mean_px.x,

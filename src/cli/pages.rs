@@ -1,50 +1,50 @@
-//! `wingd completions` and the man pages of the package come from the command line's own description.
+//! `wingd completions` and `wingd man` generate their output from the command line's definition.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Command, CommandFactory};
 
-use super::{Arguments, Done, Failure, help, print};
+use super::{Arguments, Completion, Failure, help, print_line};
 
-/// Completions for a shell, to standard output.
+/// Print completions for a shell to standard output.
 #[derive(clap::Args)]
 pub struct CompletionsArgs {
-    /// The shell
+    /// Shell
     shell: clap_complete::Shell,
 }
 
-/// Man pages, one for each command, into a directory.
+/// Write the man pages, one for each command, into a directory.
 #[derive(clap::Args)]
 pub struct ManArgs {
-    /// Where they go
+    /// Directory for the pages
     directory: PathBuf,
 }
 
-pub(super) fn completions(args: &CompletionsArgs) -> Result<Done, Failure> {
+pub(super) fn write_completions(args: &CompletionsArgs) -> Result<Completion, Failure> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Arguments::command(), "wingd", &mut script);
-    print(String::from_utf8_lossy(&script).trim_end())?;
-    Ok(Done::All)
+    print_line(String::from_utf8_lossy(&script).trim_end())?;
+    Ok(Completion::All)
 }
 
-pub(super) fn man(args: &ManArgs) -> Result<Done, Failure> {
-    let mut command = help::dress(Arguments::command());
+pub(super) fn write_man_pages(args: &ManArgs) -> Result<Completion, Failure> {
+    let mut command = help::with_groups_and_examples(Arguments::command());
     command.build();
     let visible: Vec<&Command> =
         command.get_subcommands().filter(|c| !c.is_hide_set() && c.get_name() != "help").collect();
-    write(&args.directory, "wingd", &command)
+    write_man_page(&args.directory, "wingd", &command)
         .and_then(|()| {
-            visible.iter().try_for_each(|c| write(&args.directory, &format!("wingd-{}", c.get_name()), c))
+            visible.iter().try_for_each(|c| write_man_page(&args.directory, &format!("wingd-{}", c.get_name()), c))
         })
         .map_err(|error| {
             let directory = args.directory.display();
-            Failure::Failed(format!("{directory}: {error}; name a directory that can be written"))
+            Failure::Failed(format!("{directory}: {error}; name a writable directory"))
         })?;
-    Ok(Done::All)
+    Ok(Completion::All)
 }
 
-fn write(directory: &Path, name: &str, command: &Command) -> io::Result<()> {
+fn write_man_page(directory: &Path, name: &str, command: &Command) -> io::Result<()> {
     let page = clap_mangen::Man::new(command.clone()).title(name.to_uppercase());
     let mut text = Vec::new();
     page.render(&mut text)?;

@@ -1,8 +1,8 @@
-//! `wingd report` shows a flight's figures and tables as one HTML file.
+//! `wingd report` writes a flight's figures and tables as one HTML file.
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, frames, print};
+use super::{Completion, Failure, image_batch, print_line};
 use crate::installation;
 use crate::report::number::count;
 use crate::report::source::{self, Choice};
@@ -11,67 +11,68 @@ use crate::store::RealDisk;
 
 /// Write a flight's figures and tables as one HTML file.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The store
+pub struct ReportArgs {
+    /// Store
     store: PathBuf,
-    /// Which flight, for example f0001 [default: the newest]
+    /// Flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
-    /// All flights on one page: the deflection over time of each
+    /// Show all flights on one page: the deflection over time of each
     #[arg(long, conflicts_with_all = ["flight", "inputs", "installation"])]
     all_flights: bool,
-    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest
+    /// complete solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// The installation, for the ground shape and the lines of sight [default: the one that the store keeps]
+    /// Installation, for the ground shape and the lines of sight [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// How many frames' pictures it shows, those to be looked at first; each is some 200 kB of the page
+    /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
     #[arg(long, value_name = "COUNT", default_value_t = source::PICTURES, conflicts_with = "all_flights")]
     pictures: usize,
-    /// Every column of the table, however wide [default: those that fit 80 characters]
+    /// Show all columns of the table [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
-    /// Where the page goes
+    /// File for the page
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &ReportArgs) -> Result<Completion, Failure> {
     if args.all_flights {
-        return all_flights(args);
+        return report_all_flights(args);
     }
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let installation = installation.transpose()?;
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
-    let busy = frames::busy("reading the store");
+    let busy = image_batch::show_busy("reading the store");
     let data = source::flight_with(&args.store, choice, setup, args.pictures)?;
     drop(busy);
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
-    write(args, &html::page(&data))?;
-    print(table::series(&summary::summaries(&data.series), args.wide).trim_end())?;
-    print(&format!("\nReport: {}", args.output.display()))?;
-    Ok(Done::all(data.notes.is_empty()))
+    write_page(args, &html::page(&data))?;
+    print_line(table::series(&summary::summaries(&data.series), args.wide).trim_end())?;
+    print_line(&format!("\nReport: {}", args.output.display()))?;
+    Ok(Completion::from_success(data.notes.is_empty()))
 }
 
-fn all_flights(args: &Args) -> Result<Done, Failure> {
+fn report_all_flights(args: &ReportArgs) -> Result<Completion, Failure> {
     let flights = source::chosen(&args.store, None)?;
     let read = flights.iter().map(|flight| overview::flight(&RealDisk, flight));
     let all = read.collect::<Result<Vec<_>, _>>()?;
     for note in all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)) {
         eprintln!("wingd: {note}");
     }
-    write(args, &html::flights(&all))?;
-    print(&format!("Report of {}: {}", count(all.len(), "flight"), args.output.display()))?;
-    Ok(Done::all(all.iter().all(|f| f.notes.is_empty())))
+    write_page(args, &html::flights(&all))?;
+    print_line(&format!("Report of {}: {}", count(all.len(), "flight"), args.output.display()))?;
+    Ok(Completion::from_success(all.iter().all(|f| f.notes.is_empty())))
 }
 
-fn write(args: &Args, page: &str) -> Result<(), Failure> {
+fn write_page(args: &ReportArgs, page: &str) -> Result<(), Failure> {
     std::fs::write(&args.output, page).map_err(|e| {
         let file = args.output.display();
-        Failure::Failed(format!("{file}: could not write: {e}; choose another place with --output"))
+        Failure::Failed(format!("{file}: could not write: {e}; choose another file with --output"))
     })
 }

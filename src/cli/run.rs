@@ -1,39 +1,39 @@
-//! `wingd run` is the daemon.
+//! `wingd run` is the recorder daemon.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{Done, Failure, service};
-use crate::clock::{Clock, System};
+use super::{Completion, Failure, recorder};
+use crate::clock::{Clock, SystemClock};
 use crate::config;
 
-/// Record series and solve them until told to stop.
+/// Record series of frames and solve them until stopped.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The configuration [default: wingd.toml of this folder]
+pub struct RunArgs {
+    /// Configuration [default: wingd.toml in this directory]
     #[arg(long, value_name = "wingd.toml")]
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    super::logging::start();
-    let config = config::load(&super::default_paths::configuration(args.config.as_deref())?)?;
-    let clock: Arc<dyn Clock> = Arc::new(System::new());
-    // A fault of the installation must not keep the frames from being recorded: they are solved later.
+pub(super) fn run(args: &RunArgs) -> Result<Completion, Failure> {
+    super::logging::start_logging();
+    let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
+    // An error in the installation must not prevent recording: the frames can be solved later.
     let solver = config.installation.as_deref().and_then(|directory| {
-        service::solver(directory, &config.solve)
+        recorder::build_solver(directory, &config.solve)
             .map_err(|faults| {
                 for fault in &faults {
-                    tracing::error!(%fault, "frames are recorded but not solved until this is mended");
+                    tracing::error!(%fault, "frames are recorded but not solved until this error is fixed");
                 }
             })
             .ok()
     });
-    let opened = service::open_store(&config)?;
+    let opened = recorder::open_store(&config)?;
     if let (Some(directory), true) = (config.installation.as_deref(), solver.is_some()) {
-        service::keep_installation(&opened.store, directory);
+        recorder::keep_installation(&opened.store, directory);
     }
     let origin = clock.since_boot();
-    service::run(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;
-    Ok(Done::All)
+    recorder::run_recorder(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;
+    Ok(Completion::All)
 }

@@ -1,89 +1,89 @@
-//! `wingd status` and `wingd trigger` ask the running daemon.
+//! `wingd status` and `wingd trigger` query the running recorder.
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, print};
+use super::{Completion, Failure, print_line};
 use crate::config;
 use crate::daemon::{self, AircraftStatus, Health, LiveStatus, Recent, Status, StatusConfig, span};
 use crate::record::word;
 use crate::report::number::count;
 
-/// Ask the running daemon how it is.
+/// Show the state of the running recorder.
 #[derive(clap::Args)]
 pub struct StatusArgs {
     #[command(flatten)]
     socket: SocketArgs,
-    /// The whole state as one JSON object
+    /// Print the complete state as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Ask the running daemon for an extra series; in live mode it also keeps the raw frames of the last and the next seconds,
-/// as [live.keep] says
+/// Ask the running recorder for an extra series; in live mode it also keeps the raw frames before and after, as set
+/// in [live.keep]
 #[derive(clap::Args)]
 pub struct TriggerArgs {
     #[command(flatten)]
     socket: SocketArgs,
-    /// Begin a new flight with it
+    /// Begin a new flight with the series
     #[arg(long)]
     new_flight: bool,
 }
 
 #[derive(clap::Args)]
 struct SocketArgs {
-    /// The daemon's socket, [status] socket of its configuration [default: that of
-    /// wingd.toml in this folder, else /run/wingd/wingd.sock]
+    /// Recorder's socket, [status] socket of its configuration [default: the one in
+    /// wingd.toml of this directory, else /run/wingd/wingd.sock]
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
-    /// The daemon's configuration, to find its socket
+    /// Recorder's configuration, to find its socket
     #[arg(long, value_name = "wingd.toml", conflicts_with = "socket")]
     config: Option<PathBuf>,
 }
 
 impl SocketArgs {
-    fn path(&self) -> Result<PathBuf, Failure> {
+    fn socket_path(&self) -> Result<PathBuf, Failure> {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
-            (None, Some(file)) => Ok(config::load(file)?.status.socket),
-            (None, None) => match super::default_paths::configuration_here() {
-                Some(file) => Ok(config::load(&file)?.status.socket),
+            (None, Some(file)) => Ok(config::load_configuration(file)?.status.socket),
+            (None, None) => match super::default_paths::local_configuration() {
+                Some(file) => Ok(config::load_configuration(&file)?.status.socket),
                 None => Ok(StatusConfig::default().socket),
             },
         }
     }
 }
 
-/// Exit status 1 where the daemon is there and its health is not good.
-pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
+/// Prints the status; exit status 1 if the recorder's health is not `ok`.
+pub(super) fn print_status(args: &StatusArgs) -> Result<Completion, Failure> {
     let value =
-        daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
+        daemon::ask(&args.socket.socket_path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
     if args.json {
-        print(&value.to_string())?;
+        print_line(&value.to_string())?;
     }
     let status: Status = serde_json::from_value(value)
-        .map_err(|error| Failure::Failed(format!("the daemon is of another version: {error}")))?;
+        .map_err(|error| Failure::Failed(format!("the recorder has another version: {error}")))?;
     if !args.json {
-        print(&text(&status))?;
+        print_line(&status_text(&status))?;
     }
-    Ok(Done::all(status.health == Health::Ok))
+    Ok(Completion::from_success(status.health == Health::Ok))
 }
 
-pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
+pub(super) fn trigger_series(args: &TriggerArgs) -> Result<Completion, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
     let answer =
-        daemon::ask(&args.socket.path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
-    print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
-    Ok(Done::All)
+        daemon::ask(&args.socket.socket_path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
+    print_line(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
+    Ok(Completion::All)
 }
 
-/// For a person with one look.
-fn text(status: &Status) -> String {
+/// Describes the status for a person.
+fn status_text(status: &Status) -> String {
     let counts = &status.counts;
     let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
     let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
         format!("wingd {}: {}", status.version, word(status.activity)),
-        health(status),
+        health_text(status),
         format!("flight       {}", or_none(&status.flight)),
         format!(
             "series       {}, shot {} of {}",
@@ -110,8 +110,8 @@ fn text(status: &Status) -> String {
         format!("camera       {}", or_none(&status.camera.name)),
         format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
     ];
-    lines.extend(recent(&status.recent).map(|said| format!("solving      {said}")));
-    lines.extend(status.live.iter().flat_map(live));
+    lines.extend(recent_text(&status.recent).map(|text| format!("solving      {text}")));
+    lines.extend(status.live.iter().flat_map(live_lines));
     if let Some(aircraft) = &status.aircraft {
         let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
         let AircraftStatus { recorded, read, impossible, lost, .. } = aircraft;
@@ -122,16 +122,16 @@ fn text(status: &Status) -> String {
     }
     lines.extend(status.camera.warnings.iter().map(|warning| format!("warning      camera: {warning}")));
     if let Some(fault) = &status.last_fault {
-        lines.push(format!("last fault   {} ({})", fault.what, fault.stamp.utc));
+        lines.push(format!("last error   {} ({})", fault.what, fault.stamp.utc));
     }
     lines.join("\n")
 }
 
-fn live(live: &LiveStatus) -> Vec<String> {
+fn live_lines(live: &LiveStatus) -> Vec<String> {
     let ms = |value: Option<f64>| value.map_or("unknown".to_owned(), |ms| format!("{ms:.0} ms"));
     let mut lines = vec![
         format!(
-            "live         {:.1} results a second of {}, latency {} (95 %: {})",
+            "live         {:.1} of {} results per second, latency {} (95 %: {})",
             live.rate_hz,
             live.wanted_hz,
             ms(live.latency_median_ms),
@@ -146,11 +146,11 @@ fn live(live: &LiveStatus) -> Vec<String> {
             live.stored, live.dropped, live.events, live.kept_frames, live.lost_frames
         ),
     ];
-    lines.extend(recent(&live.recent).map(|said| format!("live         {said}")));
+    lines.extend(recent_text(&live.recent).map(|text| format!("live         {text}")));
     if live.allowed_hz < live.wanted_hz {
         let heat = live.temperature_c.map_or(String::new(), |c| format!(" at {c:.0} C"));
         lines.push(format!(
-            "warning      live: {:.1} frames a second for its temperature{heat}",
+            "warning      live: limited to {:.1} frames per second by temperature{heat}",
             live.allowed_hz
         ));
     }
@@ -158,8 +158,8 @@ fn live(live: &LiveStatus) -> Vec<String> {
     lines
 }
 
-/// The word with its reasons, a line each, and how old the last result and the last good frame are.
-fn health(status: &Status) -> String {
+/// Health with its reasons, a line each, and the age of the last result and the last frame.
+fn health_text(status: &Status) -> String {
     let ago = |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", span(s)));
     let ages = [ago("last result", status.age_s), ago("last frame", status.last_frame_age_s)];
     let ages: Vec<String> = ages.into_iter().flatten().collect();
@@ -169,8 +169,8 @@ fn health(status: &Status) -> String {
     lines.join("\n")
 }
 
-/// Shares of the last results.
-fn recent(recent: &Recent) -> Option<String> {
+/// Percentages of recent results with numbers and rejected.
+fn recent_text(recent: &Recent) -> Option<String> {
     let percent = |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.0} %", 100.0 * s));
     (recent.results > 0).then(|| {
         let (solved, rejected) = (percent(recent.solved), percent(recent.rejected));

@@ -1,4 +1,4 @@
-//! `wingd stress` gives bending moments of a store's flights, their extremes, cycles and relative damage.
+//! `wingd stress` computes bending moments of a store's flights, their extremes, load cycles and relative damage.
 
 mod live;
 
@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::stores::flights;
-use super::{Done, Failure, print};
+use super::store_access::select_flights;
+use super::{Completion, Failure, print_line};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, USUAL_STEPS, bending_length_m};
@@ -15,88 +15,91 @@ use crate::report::grid::Grid;
 use crate::report::number::{NONE, count, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
-use crate::store::sets::{self, ResultSet};
+use crate::store::result_sets::{self, ResultSet};
 use crate::store::{FlightRef, RealDisk, catalogue, installations};
 
-/// Bending moments against ground at stations along the span, from the curvature of the solved bending line.
+/// Compute bending moments relative to the ground at stations along the span, from the curvature of the solved
+/// bending line.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The store
+pub struct StressArgs {
+    /// Store
     store: PathBuf,
     /// Bending stiffness along the span, CSV: s_m,ei_n_m2,sigma_ei_n_m2 and optionally ground_n_m,ultimate_n_m
-    /// [default: the installation's, structure.stiffness]
+    /// [default: structure.stiffness of the installation]
     #[arg(long, value_name = "FILE")]
     structure: Option<PathBuf>,
-    /// One flight, for example f0001 [default: all of them]
+    /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
-    /// From the results of live mode, whose rate can tell cycles
+    /// Use the results of live mode, whose rate is high enough to count load cycles
     #[arg(long, conflicts_with = "inputs")]
     live: bool,
-    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest
+    /// complete solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// The installation [default: the one that the store keeps]
+    /// Installation [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Lowest bending frequency of the wing; cycles need ten frames a period [default: the installation's, else 3]
+    /// Lowest bending frequency of the wing; counting cycles needs 10 frames per period [default: from the
+    /// installation, else 3]
     #[arg(long, value_name = "HZ")]
     bending_hz: Option<f64>,
-    /// Slopes of S-N curves
+    /// Slopes of the S-N curves
     #[arg(long, value_name = "M,M", value_delimiter = ',', default_values_t = [3.0, 5.0, 10.0])]
     slopes: Vec<f64>,
-    /// Correct each cycle for its mean (Goodman), against ultimate_n_m of the stations
+    /// Correct each cycle for its mean (Goodman), relative to ultimate_n_m of the stations
     #[arg(long)]
     goodman: bool,
-    /// Levels of the exceedances
+    /// Number of exceedance levels
     #[arg(long, value_name = "N", default_value_t = 10)]
     levels: usize,
-    /// Also write every frame's moments, CSV
+    /// Write the moments of every frame to this file, CSV
     #[arg(long, value_name = "FILE")]
     moments: Option<PathBuf>,
-    /// One JSON object per flight
+    /// Print one JSON object per flight
     #[arg(long)]
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    usage(args)?;
-    let stated = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
-    let (mut answered, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
-    for flight in flights(&args.store, args.flight.as_deref())? {
-        let Some(from) = Origin::of(args, &flight)? else { continue };
-        let question = question(args, stated.as_deref(), &flight, from.provenance())?;
-        let (frames, left_out) = match &from {
-            Origin::Series(set) => frames(&flight, set, &question.1)?,
-            Origin::Live(provenance) => live::frames(&args.store, &flight, provenance, &question.1)?,
+pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
+    check_options(args)?;
+    let given = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
+    let (mut answered, mut complete, mut table) = (0, true, MOMENTS_HEADER.to_owned());
+    for flight in select_flights(&args.store, args.flight.as_deref())? {
+        let Some(from) = ResultOrigin::from_args(args, &flight)? else { continue };
+        let question = build_question(args, given.as_deref(), &flight, from.provenance())?;
+        let (frames, excluded) = match &from {
+            ResultOrigin::Series(set) => series_frames(&flight, set, &question.1)?,
+            ResultOrigin::Live(provenance) => live::live_frames(&args.store, &flight, provenance, &question.1)?,
         };
-        for why in &left_out {
+        for why in &excluded {
             eprintln!("wingd: {}: {why}", flight.id);
         }
-        whole &= left_out.is_empty();
+        complete &= excluded.is_empty();
         let Some(load) = stress::of(&frames, &question.0) else { continue };
         answered += 1;
         if args.moments.is_some() {
-            moments(&mut table, &flight, &frames, &question.0.sections);
+            append_moments(&mut table, &flight, &frames, &question.0.sections);
         }
-        show(args, &flight, from.key(), &load)?;
+        print_load(args, &flight, from.inputs_key(), &load)?;
     }
     if answered == 0 {
         let store = args.store.display();
         let why = if args.live {
             format!(
-                "{store}: no flight has live results with a curvature; leave --live out for those of series"
+                "{store}: no flight has live results with a curvature; omit --live to use the results of series"
             )
         } else {
-            format!("{store}: no flight has a solved bending line; `wingd solve {store}` gives one")
+            format!("{store}: no flight has a solved bending line; run `wingd solve {store}` first")
         };
         return Err(Failure::Failed(why));
     }
-    write(args, &table)?;
-    Ok(Done::all(whole))
+    write_moments(args, &table)?;
+    Ok(Completion::from_success(complete))
 }
 
-fn usage(args: &Args) -> Result<(), Failure> {
+fn check_options(args: &StressArgs) -> Result<(), Failure> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
     if args.bending_hz.is_some_and(|hz| !positive(hz)) {
         return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
@@ -112,21 +115,21 @@ fn usage(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Which results of a flight are meant.
-enum Origin {
+/// Results of a flight to evaluate.
+enum ResultOrigin {
     Series(ResultSet),
-    /// By what they follow from.
+    /// Results of live mode, by their provenance.
     Live(Map<String, Value>),
 }
 
-impl Origin {
-    fn of(args: &Args, flight: &FlightRef) -> Result<Option<Self>, Failure> {
+impl ResultOrigin {
+    fn from_args(args: &StressArgs, flight: &FlightRef) -> Result<Option<Self>, Failure> {
         if args.live {
-            return Ok(live::provenance(&args.store, flight)?.map(Self::Live));
+            return Ok(live::last_provenance(&args.store, flight)?.map(Self::Live));
         }
-        let all = sets::of_flight(&RealDisk, flight)?;
-        let Some(set) = all.chosen(args.inputs.as_deref()) else { return Ok(None) };
-        if let Some(warning) = all.warning(&flight.id, args.inputs.as_deref()) {
+        let all = result_sets::flight_result_sets(&RealDisk, flight)?;
+        let Some(set) = all.choose_set(args.inputs.as_deref()) else { return Ok(None) };
+        if let Some(warning) = all.mixed_inputs_warning(&flight.id, args.inputs.as_deref()) {
             eprintln!("wingd: {warning}");
         }
         Ok(Some(Self::Series(set.clone())))
@@ -139,7 +142,7 @@ impl Origin {
         }
     }
 
-    fn key(&self) -> Option<&str> {
+    fn inputs_key(&self) -> Option<&str> {
         match self {
             Self::Series(set) => Some(&set.key),
             Self::Live(_) => None,
@@ -147,28 +150,28 @@ impl Origin {
     }
 }
 
-/// What the frames' bending lines have in common.
-struct Line {
+/// Properties common to the bending lines of all frames.
+struct BendingLine {
     length_m: f64,
     root_sigma_m: f64,
 }
 
-fn question(
-    args: &Args,
-    stated: Option<&[Section]>,
+fn build_question(
+    args: &StressArgs,
+    given: Option<&[Section]>,
     flight: &FlightRef,
     provenance: &Map<String, Value>,
-) -> Result<(Question, Line), Failure> {
-    let installation = installation_of(args, flight, provenance)?;
+) -> Result<(Question, BendingLine), Failure> {
+    let installation = load_installation(args, flight, provenance)?;
     let own: Option<&Structure> = installation.structure.as_ref();
-    let sections = stated.map(<[Section]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
+    let sections = given.map(<[Section]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
     let sections = sections.ok_or_else(|| {
         let what =
             "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
         Failure::Usage(what.to_owned())
     })?;
     if let Some(section) = sections.iter().find(|s| args.goodman && s.ultimate_n_m.is_none()) {
-        let what = format!("--goodman: ultimate_n_m of the station at {} m is not stated", section.s_m);
+        let what = format!("--goodman: ultimate_n_m of the station at {} m is missing", section.s_m);
         return Err(Failure::Usage(what));
     }
     let orientation = installation.require_orientation()?;
@@ -176,7 +179,7 @@ fn question(
     let length_m = length_m.map_err(|error| Failure::Failed(format!("{}: {error}", flight.id)))?;
     if let Some(section) = sections.iter().find(|s| s.s_m > length_m) {
         let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
-        return Err(Failure::Failed(format!("{what} from the bending root; leave it out of the structure")));
+        return Err(Failure::Failed(format!("{what} from the bending root; remove it from the structure file")));
     }
     let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(USUAL_BENDING_HZ);
     let question = Question {
@@ -186,24 +189,24 @@ fn question(
         goodman: args.goodman,
         levels: args.levels,
     };
-    Ok((question, Line { length_m, root_sigma_m: installation.setup.uncertainty.root_offset_m }))
+    Ok((question, BendingLine { length_m, root_sigma_m: installation.setup.uncertainty.root_offset_m }))
 }
 
-/// The one of the command line, else the one that the results came from.
-fn installation_of(
-    args: &Args,
+/// Loads the installation of the command line, else the one that the results came from.
+fn load_installation(
+    args: &StressArgs,
     flight: &FlightRef,
     provenance: &Map<String, Value>,
 ) -> Result<Installation, Failure> {
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
         None => {
-            let digest = installations::named(provenance);
-            let kept = digest.map(|digest| installations::folder(&args.store, &digest));
+            let digest = installations::digest_from_provenance(provenance);
+            let kept = digest.map(|digest| installations::installation_folder(&args.store, &digest));
             kept.filter(|folder| folder.is_dir()).ok_or_else(|| {
                 let (store, flight) = (args.store.display(), &flight.id);
                 Failure::Failed(format!(
-                    "{store}: the installation of {flight} is not kept; name it with --installation"
+                    "{store}: the store has no installation for {flight}; name it with --installation"
                 ))
             })?
         }
@@ -211,15 +214,15 @@ fn installation_of(
     Ok(installation::load(&directory)?)
 }
 
-/// The solved frames of a flight, and why others are left out.
-fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame>, Vec<String>), Failure> {
-    let (mut frames, mut left_out) = (Vec::new(), Vec::new());
-    for series in catalogue::series(&RealDisk, flight)? {
-        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut left_out) else { continue };
+/// Reads the bending lines of a flight's solved frames, and the reasons for excluding others.
+fn series_frames(flight: &FlightRef, set: &ResultSet, line: &BendingLine) -> Result<(Vec<Frame>, Vec<String>), Failure> {
+    let (mut frames, mut excluded) = (Vec::new(), Vec::new());
+    for series in catalogue::list_series(&RealDisk, flight)? {
+        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else { continue };
         for record in &read.records {
-            let Some(stamp) = read.shot_of(record).and_then(exposed) else { continue };
+            let Some(stamp) = read.shot_of(record).and_then(exposure_stamp) else { continue };
             match stress::coefficients(record) {
-                Err(why) => left_out.push(format!("{}/{}: {why}", series.id, record.image)),
+                Err(why) => excluded.push(format!("{}/{}: {why}", series.id, record.image)),
                 Ok((coefficients_per_m, covariance)) => frames.push(Frame {
                     series: series.id.clone(),
                     image: record.image.clone(),
@@ -235,24 +238,24 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
             }
         }
     }
-    Ok((frames, left_out))
+    Ok((frames, excluded))
 }
 
-/// The instant of exposure as a stamp.
-fn exposed(shot: &ShotData) -> Option<Stamp> {
-    let asked = shot.stamp.clone()?;
+/// Returns the time of exposure as a stamp.
+fn exposure_stamp(shot: &ShotData) -> Option<Stamp> {
+    let commanded = shot.stamp.clone()?;
     let exposure = shot.exposure.as_ref();
-    Some(exposure.map_or(asked.clone(), |exposure| Stamp {
+    Some(exposure.map_or(commanded.clone(), |exposure| Stamp {
         utc: exposure.exposure_time,
         since_boot_s: exposure.exposure_since_boot_s,
-        ..asked
+        ..commanded
     }))
 }
 
 const MOMENTS_HEADER: &str =
     "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
 
-fn moments(table: &mut String, flight: &FlightRef, frames: &[Frame], sections: &[Section]) {
+fn append_moments(table: &mut String, flight: &FlightRef, frames: &[Frame], sections: &[Section]) {
     for frame in frames {
         for section in sections {
             let m = frame.curvature.moment(section);
@@ -263,33 +266,33 @@ fn moments(table: &mut String, flight: &FlightRef, frames: &[Frame], sections: &
     }
 }
 
-fn write(args: &Args, table: &str) -> Result<(), Failure> {
+fn write_moments(args: &StressArgs, table: &str) -> Result<(), Failure> {
     let Some(file) = args.moments.as_deref() else { return Ok(()) };
-    installation::write_page(file, table).map_err(|e| unwritable(file, &e))
+    installation::write_page(file, table).map_err(|e| moments_write_failure(file, &e))
 }
 
-fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
+fn moments_write_failure(file: &Path, error: &std::io::Error) -> Failure {
     let file = file.display();
-    Failure::Failed(format!("{file}: could not write: {error}; choose another place with --moments"))
+    Failure::Failed(format!("{file}: could not write: {error}; choose another file with --moments"))
 }
 
-fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
+fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
     if args.json {
         let mut line = fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
         line.extend(fields(load));
-        return print(&json!(line).to_string());
+        return print_line(&json!(line).to_string());
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), general);
     let frames = count(load.frames, "frame");
-    print(&format!("Flight {}: {frames}, {rate} a second; change against ground", flight.id))?;
-    print(table(load).text().trim_end())?;
-    if let Some(said) = load.gaps.said() {
-        print(&format!("Gaps: {said}"))?;
+    print_line(&format!("Flight {}: {frames}, {rate} per second; moments relative to the ground", flight.id))?;
+    print_line(station_table(load).text().trim_end())?;
+    if let Some(text) = load.gaps.said() {
+        print_line(&format!("Gaps: {text}"))?;
     }
-    load.no_cycles_because.as_ref().map_or(Ok(()), |why| print(&format!("No cycles: {why}")))
+    load.no_cycles_because.as_ref().map_or(Ok(()), |why| print_line(&format!("No cycles: {why}")))
 }
 
-fn table(load: &FlightLoad) -> Grid {
+fn station_table(load: &FlightLoad) -> Grid {
     let slopes: Vec<f64> = load
         .stations
         .first()
@@ -298,7 +301,7 @@ fn table(load: &FlightLoad) -> Grid {
         .flatten()
         .map(|d| d.slope)
         .collect();
-    let mut titles: Vec<String> = ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"]
+    let mut titles: Vec<String> = ["s / m", "maximum / kN m", "sigma", "<in", "minimum / kN m", "sigma"]
         .into_iter()
         .chain(["ground-air-ground / kN m", "sigma"])
         .map(str::to_owned)
@@ -309,16 +312,16 @@ fn table(load: &FlightLoad) -> Grid {
     }
     let titles: Vec<&str> = titles.iter().map(String::as_str).collect();
     let mut grid = Grid::new(&titles);
-    load.stations.iter().for_each(|station| grid.push(row(station)));
+    load.stations.iter().for_each(|station| grid.push(station_row(station)));
     grid
 }
 
-fn row(station: &StationLoad) -> Vec<String> {
+fn station_row(station: &StationLoad) -> Vec<String> {
     let kilo = |value: f64, sigma: f64| rounded(Some(1e-3 * value), Some(1e-3 * sigma), 1);
-    let (high, low, whole) = (&station.greatest, &station.smallest, &station.ground_air_ground);
+    let (high, low, cycle) = (&station.greatest, &station.smallest, &station.ground_air_ground);
     let (greatest, sigma_greatest) = kilo(high.moment_n_m, high.sigma_moment_n_m);
     let (smallest, sigma_smallest) = kilo(low.moment_n_m, low.sigma_moment_n_m);
-    let (range, sigma_range) = kilo(whole.range_n_m, whole.sigma_range_n_m);
+    let (range, sigma_range) = kilo(cycle.range_n_m, cycle.sigma_range_n_m);
     let place = format!("{}/{}", high.series, high.image);
     let mut cells = vec![format!("{:.2}", station.s_m), greatest, sigma_greatest, place];
     cells.extend([smallest, sigma_smallest, range, sigma_range]);

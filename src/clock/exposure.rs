@@ -4,20 +4,20 @@
 use serde::{Deserialize, Serialize};
 
 use super::Stamp;
-use super::quality::Quality;
+use super::quality::ClockQuality;
 
 /// A delay that somebody measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Delay {
+pub struct MeasuredDelay {
     /// From the event to the middle of the exposure, s; negative where the exposure comes first.
     pub seconds: f64,
     /// Its standard deviation, s.
     pub sigma_s: f64,
 }
 
-impl Delay {
+impl MeasuredDelay {
     /// From the two keys of a configuration: both, or none.
-    pub fn of(seconds: Option<f64>, sigma_s: Option<f64>) -> Option<Self> {
+    pub fn from_config(seconds: Option<f64>, sigma_s: Option<f64>) -> Option<Self> {
         Some(Self { seconds: seconds?, sigma_s: sigma_s? })
     }
 }
@@ -25,7 +25,7 @@ impl Delay {
 /// What a camera knows of when it exposed; times since boot, s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
-pub enum Evidence {
+pub enum ExposureEvidence {
     /// The driver stamped the buffer when the exposure began.
     StartOfExposure {
         /// The stamp.
@@ -35,7 +35,7 @@ pub enum Evidence {
         /// From one frame to the next, s.
         period_s: f64,
         /// Measured, from stamp to middle.
-        delay: Option<Delay>,
+        delay: Option<MeasuredDelay>,
     },
     /// The driver stamped the buffer when the last pixel came.
     EndOfFrame {
@@ -46,7 +46,7 @@ pub enum Evidence {
         /// From one frame to the next, s.
         period_s: f64,
         /// Measured, from stamp to middle.
-        delay: Option<Delay>,
+        delay: Option<MeasuredDelay>,
     },
     /// The release's line was pulled between two moments.
     Edge {
@@ -55,7 +55,7 @@ pub enum Evidence {
         /// After.
         to_s: f64,
         /// Measured, from edge to middle.
-        delay: Delay,
+        delay: MeasuredDelay,
     },
     /// The exposure lies between two moments.
     Between {
@@ -68,7 +68,7 @@ pub enum Evidence {
 
 /// When a frame was exposed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instant {
+pub struct ExposureInstant {
     /// Middle of the exposure, since boot, s.
     pub since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
@@ -76,13 +76,13 @@ pub struct Instant {
     /// From the event that determines it, as it was taken to be, s.
     pub delay_s: f64,
     /// What determines it.
-    pub source: Source,
+    pub source: ExposureSource,
 }
 
 /// What determines the instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum ExposureSource {
     /// A driver's stamp of the beginning.
     StartOfExposure,
     /// A driver's stamp of the end.
@@ -97,7 +97,7 @@ pub enum Source {
     CameraClock,
 }
 
-impl Source {
+impl ExposureSource {
     /// As in files.
     pub fn name(self) -> &'static str {
         match self {
@@ -112,41 +112,41 @@ impl Source {
 }
 
 /// Standard deviation of what may lie anywhere in an interval of this length.
-fn anywhere(length: f64) -> f64 {
+fn uniform_sigma(length: f64) -> f64 {
     length.abs() / 12f64.sqrt()
 }
 
 /// The middle of the exposure. What is not known counts as anywhere in its bounds: an exposure in a stream is no longer than
 /// a period, nor is the time in which a frame is read out.
-pub fn instant(evidence: &Evidence) -> Instant {
+pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
     let (event_s, delay_s, sigma_s, source) = match *evidence {
-        Evidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
+        ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
             let (half, sigma) = measured_or(delay, || half_exposure(exposure_s, period_s));
-            (at_s, half, sigma, Source::StartOfExposure)
+            (at_s, half, sigma, ExposureSource::StartOfExposure)
         }
-        Evidence::EndOfFrame { at_s, exposure_s, period_s, delay } => {
+        ExposureEvidence::EndOfFrame { at_s, exposure_s, period_s, delay } => {
             let (delay, sigma) = measured_or(delay, || {
                 let (half, sigma) = half_exposure(exposure_s, period_s);
-                (-half - 0.5 * period_s, sigma.hypot(anywhere(period_s)))
+                (-half - 0.5 * period_s, sigma.hypot(uniform_sigma(period_s)))
             });
-            (at_s, delay, sigma, Source::EndOfFrame)
+            (at_s, delay, sigma, ExposureSource::EndOfFrame)
         }
-        Evidence::Edge { from_s, to_s, delay } => {
-            let sigma = anywhere(to_s - from_s).hypot(delay.sigma_s);
-            (0.5 * (from_s + to_s), delay.seconds, sigma, Source::ReleaseEdge)
+        ExposureEvidence::Edge { from_s, to_s, delay } => {
+            let sigma = uniform_sigma(to_s - from_s).hypot(delay.sigma_s);
+            (0.5 * (from_s + to_s), delay.seconds, sigma, ExposureSource::ReleaseEdge)
         }
-        Evidence::Between { from_s, to_s } => {
-            (from_s, 0.5 * (to_s - from_s), anywhere(to_s - from_s), Source::TriggerAndEvent)
+        ExposureEvidence::Between { from_s, to_s } => {
+            (from_s, 0.5 * (to_s - from_s), uniform_sigma(to_s - from_s), ExposureSource::TriggerAndEvent)
         }
     };
-    Instant { since_boot_s: event_s + delay_s, sigma_s, delay_s, source }
+    ExposureInstant { since_boot_s: event_s + delay_s, sigma_s, delay_s, source }
 }
 
 /// From the event to a driver's stamp, where nobody has measured it, standard deviation, s: an assumption that covers
 /// interrupts and USB's frames of 1 ms.
 const STAMP_SIGMA_S: f64 = 0.001;
 
-fn measured_or(delay: Option<Delay>, otherwise: impl FnOnce() -> (f64, f64)) -> (f64, f64) {
+fn measured_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (f64, f64)) -> (f64, f64) {
     let unmeasured = || {
         let (seconds, sigma) = otherwise();
         (seconds, sigma.hypot(STAMP_SIGMA_S))
@@ -156,7 +156,7 @@ fn measured_or(delay: Option<Delay>, otherwise: impl FnOnce() -> (f64, f64)) -> 
 
 /// Half of the exposure, s, with its standard deviation.
 fn half_exposure(exposure_s: Option<f64>, period_s: f64) -> (f64, f64) {
-    exposure_s.map_or((0.25 * period_s, anywhere(0.5 * period_s)), |exposure| (0.5 * exposure, 0.0))
+    exposure_s.map_or((0.25 * period_s, uniform_sigma(0.5 * period_s)), |exposure| (0.5 * exposure, 0.0))
 }
 
 /// The instant of exposure as a shot keeps it.
@@ -169,14 +169,14 @@ pub struct Exposure {
     /// Standard deviation against this machine's clock, s.
     pub exposure_sigma_s: f64,
     /// What determines it.
-    pub exposure_source: Source,
+    pub exposure_source: ExposureSource,
     /// From the event that the source names to `exposure_time`, as it was configured or assumed, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure_delay_s: Option<f64>,
     /// Standard deviation of UTC itself, s; `null` where it is not synchronised, or nobody says.
     pub clock_sigma_s: Option<f64>,
     /// What the kernel says of its clock.
-    pub clock: Quality,
+    pub clock: ClockQuality,
     /// The camera's own clock (EXIF, whole seconds, no zone) less the exposure's UTC, s; it is the same in every frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_clock_offset_s: Option<f64>,
@@ -184,7 +184,7 @@ pub struct Exposure {
 
 impl Exposure {
     /// `stamp` tells UTC and time since boot of one moment near the exposure.
-    pub fn new(instant: &Instant, stamp: &Stamp, clock: Quality) -> Self {
+    pub fn new(instant: &ExposureInstant, stamp: &Stamp, clock: ClockQuality) -> Self {
         let since_s = instant.since_boot_s - stamp.since_boot_s;
         let apart = jiff::SignedDuration::try_from_secs_f64(since_s).unwrap_or_default();
         Self {
@@ -200,22 +200,22 @@ impl Exposure {
     }
 
     /// Where the camera knows nothing: between asking and delivery.
-    pub fn asked(asked: &Stamp, delivered_since_boot_s: f64, clock: Quality) -> Self {
-        let between = Evidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
-        let instant = Instant { source: Source::AskedAndDelivered, ..instant(&between) };
+    pub fn from_request(asked: &Stamp, delivered_since_boot_s: f64, clock: ClockQuality) -> Self {
+        let between = ExposureEvidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
+        let instant = ExposureInstant { source: ExposureSource::AskedAndDelivered, ..exposure_instant(&between) };
         Self::new(&instant, asked, clock)
     }
 
     /// By the camera's own clock, which counts steps of `step_s` and cuts off what is below one: `stamp` tells the beginning
     /// of the step. `clock_sigma_s` is that clock's standard deviation against UTC, where somebody states it.
-    pub fn by_camera(stamp: &Stamp, step_s: f64, clock_sigma_s: Option<f64>) -> Self {
-        let instant = Instant {
+    pub fn from_camera_clock(stamp: &Stamp, step_s: f64, clock_sigma_s: Option<f64>) -> Self {
+        let instant = ExposureInstant {
             since_boot_s: stamp.since_boot_s + 0.5 * step_s,
-            sigma_s: anywhere(step_s),
+            sigma_s: uniform_sigma(step_s),
             delay_s: 0.0,
-            source: Source::CameraClock,
+            source: ExposureSource::CameraClock,
         };
-        let clock = Quality { sigma_s: clock_sigma_s, ..Quality::unasked(false) };
+        let clock = ClockQuality { sigma_s: clock_sigma_s, ..ClockQuality::without_kernel_values(false) };
         Self { exposure_delay_s: None, ..Self::new(&instant, stamp, clock) }
     }
 
@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn close(instant: &Instant, at_s: f64, sigma_s: f64) {
+    fn close(instant: &ExposureInstant, at_s: f64, sigma_s: f64) {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
         assert!(near(instant.since_boot_s, at_s) && near(instant.sigma_s, sigma_s), "{instant:?}");
     }
@@ -239,27 +239,27 @@ mod tests {
     #[test]
     fn a_stamp_at_the_start_is_half_an_exposure_early() {
         let stamp =
-            |exposure_s, delay| Evidence::StartOfExposure { at_s: 100.0, exposure_s, period_s: 0.1, delay };
-        close(&instant(&stamp(Some(0.004), None)), 100.002, STAMP_SIGMA_S);
-        close(&instant(&stamp(None, None)), 100.025, (0.05 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
-        let measured = Some(Delay { seconds: 0.01, sigma_s: 0.001 });
-        close(&instant(&stamp(Some(0.004), measured)), 100.01, 0.001);
+            |exposure_s, delay| ExposureEvidence::StartOfExposure { at_s: 100.0, exposure_s, period_s: 0.1, delay };
+        close(&exposure_instant(&stamp(Some(0.004), None)), 100.002, STAMP_SIGMA_S);
+        close(&exposure_instant(&stamp(None, None)), 100.025, (0.05 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
+        let measured = Some(MeasuredDelay { seconds: 0.01, sigma_s: 0.001 });
+        close(&exposure_instant(&stamp(Some(0.004), measured)), 100.01, 0.001);
     }
 
     #[test]
     fn a_stamp_at_the_end_is_late_by_an_unknown_readout() {
         let stamp =
-            |exposure_s, delay| Evidence::EndOfFrame { at_s: 100.0, exposure_s, period_s: 0.1, delay };
-        close(&instant(&stamp(Some(0.004), None)), 99.948, (0.1 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
-        let measured = Some(Delay { seconds: -0.035, sigma_s: 0.0005 });
-        close(&instant(&stamp(None, measured)), 99.965, 0.0005);
+            |exposure_s, delay| ExposureEvidence::EndOfFrame { at_s: 100.0, exposure_s, period_s: 0.1, delay };
+        close(&exposure_instant(&stamp(Some(0.004), None)), 99.948, (0.1 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
+        let measured = Some(MeasuredDelay { seconds: -0.035, sigma_s: 0.0005 });
+        close(&exposure_instant(&stamp(None, measured)), 99.965, 0.0005);
     }
 
     #[test]
     fn an_edge_has_its_delay_and_a_trigger_its_interval() {
-        let delay = Delay { seconds: 0.055, sigma_s: 0.003 };
-        close(&instant(&Evidence::Edge { from_s: 10.0, to_s: 10.0012, delay }), 10.0556, 0.003_019_933_774);
-        close(&instant(&Evidence::Between { from_s: 10.0, to_s: 11.2 }), 10.6, 0.346_410_161_514);
+        let delay = MeasuredDelay { seconds: 0.055, sigma_s: 0.003 };
+        close(&exposure_instant(&ExposureEvidence::Edge { from_s: 10.0, to_s: 10.0012, delay }), 10.0556, 0.003_019_933_774);
+        close(&exposure_instant(&ExposureEvidence::Between { from_s: 10.0, to_s: 11.2 }), 10.6, 0.346_410_161_514);
     }
 
     #[test]
@@ -270,16 +270,16 @@ mod tests {
             boot_id: "b".into(),
             since_boot_s: 50.0,
         };
-        let clock = Quality::stated(true, 0.01, 0.003);
+        let clock = ClockQuality::from_kernel_values(true, 0.01, 0.003);
         let instant =
-            Instant { since_boot_s: 51.25, sigma_s: 0.004, delay_s: -0.05, source: Source::EndOfFrame };
+            ExposureInstant { since_boot_s: 51.25, sigma_s: 0.004, delay_s: -0.05, source: ExposureSource::EndOfFrame };
         let exposure = Exposure::new(&instant, &stamp, clock);
         assert_eq!(exposure.exposure_time, "2026-03-01T06:00:01.25Z".parse().unwrap());
         assert!((exposure.utc_sigma_s().unwrap() - 0.005).abs() < 1e-12);
-        let unknown = Exposure::new(&instant, &stamp, Quality::unasked(false));
+        let unknown = Exposure::new(&instant, &stamp, ClockQuality::without_kernel_values(false));
         assert_eq!(unknown.utc_sigma_s(), None);
-        let asked = Exposure::asked(&stamp, 52.0, clock);
-        assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, Source::AskedAndDelivered));
+        let asked = Exposure::from_request(&stamp, 52.0, clock);
+        assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, ExposureSource::AskedAndDelivered));
         // What `wingd time-check` replaces, by what it measures.
         assert_eq!((exposure.exposure_delay_s, asked.exposure_delay_s), (Some(-0.05), Some(1.0)));
     }
@@ -292,14 +292,14 @@ mod tests {
         ) {
             let (exposure, readout) = (exposure * period, readout * period);
             let middle = begin + 0.5 * exposure;
-            let within = |found: Instant| (found.since_boot_s - middle).abs() <= 3f64.sqrt() * 2f64.sqrt() * found.sigma_s + 1e-12;
+            let within = |found: ExposureInstant| (found.since_boot_s - middle).abs() <= 3f64.sqrt() * 2f64.sqrt() * found.sigma_s + 1e-12;
             let (period_s, delay) = (period, None);
             let end = begin + exposure + readout;
             for exposure_s in [None, Some(exposure)] {
-                let start = Evidence::StartOfExposure { at_s: begin, exposure_s, period_s, delay };
-                let stop = Evidence::EndOfFrame { at_s: end, exposure_s, period_s, delay };
-                prop_assert!(within(instant(&start)));
-                prop_assert!(within(instant(&stop)));
+                let start = ExposureEvidence::StartOfExposure { at_s: begin, exposure_s, period_s, delay };
+                let stop = ExposureEvidence::EndOfFrame { at_s: end, exposure_s, period_s, delay };
+                prop_assert!(within(exposure_instant(&start)));
+                prop_assert!(within(exposure_instant(&stop)));
             }
         }
     }

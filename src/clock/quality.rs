@@ -11,7 +11,7 @@ const UNSTATED_SIGMA_S: f64 = 0.01;
 
 /// What the kernel says of its clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Quality {
+pub struct ClockQuality {
     /// Whether something disciplines it.
     pub synchronised: bool,
     /// Largest error, s; grows by 500 ppm from one correction to the next. `null` where the kernel may not be asked.
@@ -22,10 +22,10 @@ pub struct Quality {
     pub sigma_s: Option<f64>,
 }
 
-impl Quality {
+impl ClockQuality {
     /// From the kernel's own figures. An estimated error above the largest is what the kernel began with and nobody has
     /// set (`phc2sys` sets the largest alone): then any error up to the largest is as likely as another.
-    pub fn stated(synchronised: bool, max_error_s: f64, estimated_error_s: f64) -> Self {
+    pub fn from_kernel_values(synchronised: bool, max_error_s: f64, estimated_error_s: f64) -> Self {
         let sigma = if estimated_error_s > 0.0 && estimated_error_s <= max_error_s {
             estimated_error_s
         } else {
@@ -47,14 +47,14 @@ impl Quality {
     }
 
     /// Where the kernel may not be asked: only whether a service has set the clock.
-    pub fn unasked(synchronised: bool) -> Self {
+    pub fn without_kernel_values(synchronised: bool) -> Self {
         Self { synchronised, ..Self::default() }
     }
 }
 
 /// Asks the kernel; `None` where it refuses (a sandbox without `adjtimex`).
 #[allow(unsafe_code)]
-pub(super) fn of_the_kernel() -> Option<Quality> {
+pub(super) fn read_kernel_quality() -> Option<ClockQuality> {
     /// Microseconds.
     const UNIT_S: f64 = 1e-6;
     // SAFETY: a plain structure of integers, of which all zeros is a value; `modes` 0 only reads.
@@ -64,7 +64,7 @@ pub(super) fn of_the_kernel() -> Option<Quality> {
     };
     let synchronised = state != libc::TIME_ERROR && timex.status & libc::STA_UNSYNC == 0;
     (state >= 0).then(|| {
-        Quality::stated(synchronised, timex.maxerror as f64 * UNIT_S, timex.esterror as f64 * UNIT_S)
+        ClockQuality::from_kernel_values(synchronised, timex.maxerror as f64 * UNIT_S, timex.esterror as f64 * UNIT_S)
     })
 }
 
@@ -76,25 +76,25 @@ mod tests {
     #[test]
     fn each_service_gets_what_it_states() {
         // chrony: both errors. phc2sys: the largest alone, over the kernel's 16 s. systemd-timesyncd: zeros that grow.
-        let chrony = Quality::stated(true, 0.012, 0.0008);
+        let chrony = ClockQuality::from_kernel_values(true, 0.012, 0.0008);
         assert_eq!(chrony.sigma_s, Some(0.0008));
-        let ptp = Quality::stated(true, 0.0005, 16.0);
+        let ptp = ClockQuality::from_kernel_values(true, 0.0005, 16.0);
         assert!((ptp.sigma_s.unwrap() - 0.000_289).abs() < 1e-6);
-        let timesyncd = Quality::stated(true, 0.1, 0.0);
+        let timesyncd = ClockQuality::from_kernel_values(true, 0.1, 0.0);
         assert!((timesyncd.sigma_s.unwrap() - (0.1 / 3f64.sqrt()).hypot(0.01)).abs() < 1e-12);
     }
 
     #[test]
     fn a_clock_that_nobody_disciplines_has_no_sigma() {
-        assert_eq!(Quality::stated(false, 0.01, 0.001).sigma_s, None);
-        let lost = Quality::stated(true, 16.0, 16.0);
+        assert_eq!(ClockQuality::from_kernel_values(false, 0.01, 0.001).sigma_s, None);
+        let lost = ClockQuality::from_kernel_values(true, 16.0, 16.0);
         assert!(!lost.synchronised && lost.sigma_s.is_none());
-        assert_eq!(Quality::unasked(true).sigma_s, None);
+        assert_eq!(ClockQuality::without_kernel_values(true).sigma_s, None);
     }
 
     #[test]
     fn this_machine_answers_or_refuses() {
-        if let Some(quality) = of_the_kernel() {
+        if let Some(quality) = read_kernel_quality() {
             assert!(quality.max_error_s.unwrap() >= 0.0 && quality.estimated_error_s.unwrap() >= 0.0);
             assert_eq!(quality.synchronised, quality.sigma_s.is_some());
         }

@@ -5,12 +5,12 @@ use super::core::Core;
 use super::event::Event;
 use super::status::Activity;
 use crate::record::{GlobalTest, ImageRecord, Status};
-use crate::store::manifest::{Cause, Failure, FrameEntry, Shot};
+use crate::store::manifest::{SeriesCause, ShotFailure, FrameEntry, Shot};
 use crate::store::{FrameRef, OpenSeries, StoreError};
 
 impl Core {
     /// A series begins, of so many shots.
-    pub fn series_began(&self, series: &OpenSeries, cause: Cause, shots: u32) {
+    pub fn series_began(&self, series: &OpenSeries, cause: SeriesCause, shots: u32) {
         let (id, flight) = (series.id().to_owned(), series.flight().to_owned());
         tracing::info!(series = id, flight, ?cause, "series begins");
         self.board.update(|status| {
@@ -54,7 +54,7 @@ impl Core {
     }
 
     /// An attempt at a shot failed.
-    pub fn attempt_failed(&self, series: &str, shot: u32, failure: &Failure) {
+    pub fn attempt_failed(&self, series: &str, shot: u32, failure: &ShotFailure) {
         tracing::warn!(series, shot, kind = failure.kind, reason = failure.reason);
         self.board.fault(&failure.reason);
         self.board.update(|status| {

@@ -3,12 +3,12 @@
 use serde_json::Value;
 
 use super::core::Core;
-use crate::camera::{Frame, extension};
+use crate::camera::{CameraFrame, file_extension};
 use crate::store::manifest::{FrameEntry, Shot};
-use crate::store::{NewFrame, OpenSeries, Plan, Recovery, StoreError};
+use crate::store::{NewFrame, OpenSeries, SeriesPlan, Recovery, StoreError};
 
 /// Begins a series, of which the status names the flight; what had to be recovered for it is in the log.
-pub(crate) fn begin(core: &Core, plan: Plan) -> Result<OpenSeries, StoreError> {
+pub(crate) fn begin(core: &Core, plan: SeriesPlan) -> Result<OpenSeries, StoreError> {
     let (series, recovery) = core.store.begin_series(plan, &core.clock.stamp())?;
     log_recovery(&recovery);
     core.board.update(|status| status.flight = Some(series.flight().to_owned()));
@@ -19,11 +19,11 @@ pub(crate) fn begin(core: &Core, plan: Plan) -> Result<OpenSeries, StoreError> {
 pub(crate) fn add(
     series: &mut OpenSeries,
     shot: Shot,
-    frame: Option<&Frame>,
+    frame: Option<&CameraFrame>,
 ) -> Result<Option<FrameEntry>, StoreError> {
     let new = frame.map(|frame| NewFrame {
         bytes: &frame.bytes,
-        extension: extension(&frame.format),
+        extension: file_extension(&frame.format),
         format: serde_json::to_value(&frame.format).unwrap_or(Value::Null),
         settings: frame.settings.clone(),
     });

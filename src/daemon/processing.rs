@@ -58,7 +58,7 @@ impl Processing {
     fn solve_all(&mut self) -> Result<(), StoreError> {
         loop {
             self.core.board.beat_processing(true);
-            let frames = self.core.store.unsolved(&self.solver.inputs)?;
+            let frames = self.core.store.unsolved_frames(&self.solver.inputs)?;
             self.core.board.update(|status| status.to_solve = frames.len());
             if frames.is_empty() {
                 return Ok(());
@@ -91,7 +91,7 @@ impl Processing {
             }
             Ok(bytes) => match self.compute(frame, bytes) {
                 Some(record) => record,
-                None => return self.core.store.forget_solving(),
+                None => return self.core.store.cancel_solving(),
             },
             Err(error) => ImageRecord::failed(&frame.entry.file, Method::None, error.to_string()),
         };
@@ -122,7 +122,7 @@ impl Processing {
         bytes: Vec<u8>,
         format: &Value,
     ) -> Result<ImageRecord, Option<Reason>> {
-        let format = Format::of_manifest(format).map_err(Reason::of)?;
+        let format = Format::from_manifest(format).map_err(Reason::of)?;
         let (solve, deadline, gives_way) = (self.solver.solve.clone(), self.solver.deadline, self.gives_way);
         let make = move || {
             if gives_way {

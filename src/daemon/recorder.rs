@@ -14,15 +14,15 @@ use super::schedule::{self, Moment, Next, Progress};
 use super::status::Activity;
 use super::{frame_storage, machine};
 use crate::clock::Stamp;
-use crate::store::manifest::{Cause, Failure, Shot, State};
-use crate::store::{OpenSeries, Plan, StoreError};
+use crate::store::manifest::{SeriesCause, ShotFailure, Shot, SeriesState};
+use crate::store::{OpenSeries, SeriesPlan, StoreError};
 
 /// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
 const SLICE: Duration = Duration::from_secs(5);
 /// Frames fetched from a camera's card before one series.
 const MAX_LEFT_OVER: u32 = 200;
 /// The series of those.
-const LEFT_OVER: Plan = Plan { cause: Cause::Recovered, shots: 0 };
+const LEFT_OVER: SeriesPlan = SeriesPlan { cause: SeriesCause::Recovered, shots: 0 };
 /// Before a busy or lost camera is asked again.
 const BACKOFF: Duration = Duration::from_millis(500);
 
@@ -53,7 +53,7 @@ impl Recorder {
                 continue;
             }
             if std::mem::take(&mut self.triggered) {
-                self.series(Cause::Triggered);
+                self.series(SeriesCause::Triggered);
                 continue;
             }
             let (next, state) = schedule::next(&timetable, progress, self.moment());
@@ -63,7 +63,7 @@ impl Recorder {
                 Next::Begin(slot) => {
                     progress.last_slot = Some(slot);
                     if self.live.as_ref().is_none_or(Feeder::series) {
-                        self.series(Cause::Scheduled);
+                        self.series(SeriesCause::Scheduled);
                     }
                 }
                 Next::Wait(wait) => {
@@ -79,7 +79,7 @@ impl Recorder {
     /// After a restart within one boot the slots go on where they were.
     fn beginning(&self) -> Progress {
         let (timetable, now) = (self.config.timetable(), self.moment());
-        let began = self.core.store.series_of_boot(&self.core.clock.stamp().boot_id);
+        let began = self.core.store.series_starts_in_boot(&self.core.clock.stamp().boot_id);
         match (began.first(), began.last()) {
             (Some(first), Some(last)) => Progress::continuing(&timetable, *first, *last, now),
             _ => Progress::beginning(&timetable, now),
@@ -119,7 +119,7 @@ impl Recorder {
                 self.live.iter().for_each(Feeder::trigger);
             }
             Command::NewFlight => {
-                self.core.store.want_new_flight();
+                self.core.store.request_new_flight();
                 self.triggered = true;
             }
             Command::Look if self.core.halt.ending() => {
@@ -172,7 +172,7 @@ impl Recorder {
         }
     }
 
-    fn series(&mut self, cause: Cause) {
+    fn series(&mut self, cause: SeriesCause) {
         if let Err(error) = self.fetch_left_over() {
             tracing::error!(%error, "frames left in the camera could not be stored; tried again");
             self.core.board.fault(&error.to_string());
@@ -181,7 +181,7 @@ impl Recorder {
         if self.core.halt.wanted() {
             return self.capture.close();
         }
-        let plan = Plan { cause, shots: self.config.shots };
+        let plan = SeriesPlan { cause, shots: self.config.shots };
         let mut series = match frame_storage::begin(&self.core, plan) {
             Ok(begun) => begun,
             Err(error) => {
@@ -215,7 +215,7 @@ impl Recorder {
     }
 
     fn close(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
-        let state = if complete { State::Complete } else { State::Interrupted };
+        let state = if complete { SeriesState::Complete } else { SeriesState::Interrupted };
         let why = if self.core.halt.paused() { "the power failed" } else { "the daemon was asked to stop" };
         let remarks = if complete { Vec::new() } else { vec![why.to_owned()] };
         self.core.store.close_series(series, state, &self.core.clock.stamp(), remarks)
@@ -248,7 +248,7 @@ impl Recorder {
                 break;
             }
             let Some(frame) = self.capture.left_over() else { break };
-            if self.core.store.holds(&frame.bytes) {
+            if self.core.store.contains_frame(&frame.bytes) {
                 self.capture.release_last();
                 continue;
             }
@@ -265,7 +265,7 @@ impl Recorder {
         }
         let Some(series) = series else { return Ok(()) };
         let remark = "found on the camera's card; the times are those of finding".to_owned();
-        self.core.store.close_series(series, State::Interrupted, &self.core.clock.stamp(), vec![remark])
+        self.core.store.close_series(series, SeriesState::Interrupted, &self.core.clock.stamp(), vec![remark])
     }
 
     fn listen(&mut self) {
@@ -320,7 +320,7 @@ impl Recorder {
         series: &mut OpenSeries,
         taken: Taken,
         number: u32,
-        failures: Vec<Failure>,
+        failures: Vec<ShotFailure>,
     ) -> Result<(), StoreError> {
         let shot = taken.shot(number, failures);
         let entry = frame_storage::add(series, shot.clone(), Some(&taken.frame))?;

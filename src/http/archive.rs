@@ -6,7 +6,7 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use super::Refusal;
 use super::send::{Content, Source};
-use crate::store::bundle::{Bundle, Item};
+use crate::store::bundle::{FlightBundle, BundleFile};
 use crate::store::layout as store_layout;
 use crate::store::receive::Listing;
 
@@ -16,7 +16,7 @@ const BLOCK: u64 = 512;
 /// The archive of a bundle. `begun_s` dates its files: seconds since 1970.
 pub fn layout(
     flight: &str,
-    bundle: Bundle,
+    bundle: FlightBundle,
     begun_s: u64,
     permit: OwnedSemaphorePermit,
 ) -> Result<Content, Refusal> {
@@ -39,8 +39,8 @@ pub fn layout(
 }
 
 /// The files of the archive, and where in it their bytes begin.
-pub fn listing(flight: &str, bundle: &Bundle) -> Listing {
-    let mut listing = Listing::of(flight, bundle);
+pub fn listing(flight: &str, bundle: &FlightBundle) -> Listing {
+    let mut listing = Listing::from_bundle(flight, bundle);
     let mut at = 0;
     for item in &mut listing.items {
         item.offset = at + BLOCK;
@@ -50,13 +50,13 @@ pub fn listing(flight: &str, bundle: &Bundle) -> Listing {
 }
 
 /// The results of a flight's series, one after the other.
-pub fn results(flight: &str, bundle: Bundle, permit: OwnedSemaphorePermit) -> Content {
-    let ours = |item: &Item| item.name.ends_with(store_layout::RESULTS_FILE);
-    let items: Vec<Item> = bundle.items.into_iter().filter(ours).collect();
+pub fn results(flight: &str, bundle: FlightBundle, permit: OwnedSemaphorePermit) -> Content {
+    let ours = |item: &BundleFile| item.name.ends_with(store_layout::RESULTS_FILE);
+    let items: Vec<BundleFile> = bundle.items.into_iter().filter(ours).collect();
     let digests: String = items.iter().map(|item| format!("{}\n", item.sha256)).collect();
     Content {
         parts: items.into_iter().map(|item| (item.length, item.content.into())).collect(),
-        digest: crate::store::sha256(digests.as_bytes()),
+        digest: crate::store::sha256_hex(digests.as_bytes()),
         kind: "text/plain; charset=utf-8",
         save_as: Some(format!("{flight}-results.jsonl")),
         by_range: true,
@@ -70,7 +70,7 @@ fn zeros(length: u64) -> Source {
     Source::Bytes(Bytes::from_static(ZEROS.get(..length).unwrap_or_default()))
 }
 
-fn head(item: &Item, begun_s: u64) -> Result<Bytes, Refusal> {
+fn head(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
     let mut head = tar::Header::new_ustar();
     head.set_path(&item.name).map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
     head.set_size(item.length);

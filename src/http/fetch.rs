@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::client::{Answer, Client};
 use crate::store::StoreError;
-use crate::store::receive::{Listed, Listing, Receiver};
+use crate::store::receive::{ListedFile, Listing, Receiver};
 
 /// Tries in a row that bring nothing.
 const TRIES: u32 = 8;
@@ -121,16 +121,16 @@ pub fn flight(
     loop {
         let listing: Listing = with_retries(|| json(client, &path))?;
         let other = (listing.flight != flight).then(|| format!("lists flight {}", listing.flight));
-        if let Some(what) = other.or_else(|| listing.fault()) {
+        if let Some(what) = other.or_else(|| listing.foreign_file()) {
             return Err(FetchError::Strange { path, what });
         }
-        receiver.prepare(&listing)?;
-        let missing = receiver.missing(&listing, thorough);
+        receiver.prepare_flight(&listing)?;
+        let missing = receiver.missing_files(&listing, thorough);
         if missing.is_empty() {
-            return Ok(receiver.commit(&listing)?);
+            return Ok(receiver.commit_flight(&listing)?);
         }
         let mut left: u64 = missing.iter().map(|item| item.length).sum();
-        let whole = listing.bytes();
+        let whole = listing.total_bytes();
         progress(whole - left, whole);
         let before = left;
         let outcome = runs(&missing).into_iter().try_for_each(|run| {
@@ -151,8 +151,8 @@ pub fn flight(
 }
 
 /// Files that lie together in the archive, each run for one request.
-fn runs<'l, 'm>(missing: &'m [&'l Listed]) -> Vec<&'m [&'l Listed]> {
-    let near = |a: &&Listed, b: &&Listed| b.offset.saturating_sub(a.offset + a.length) <= GAP;
+fn runs<'l, 'm>(missing: &'m [&'l ListedFile]) -> Vec<&'m [&'l ListedFile]> {
+    let near = |a: &&ListedFile, b: &&ListedFile| b.offset.saturating_sub(a.offset + a.length) <= GAP;
     missing.chunk_by(near).collect()
 }
 
@@ -160,7 +160,7 @@ fn runs<'l, 'm>(missing: &'m [&'l Listed]) -> Vec<&'m [&'l Listed]> {
 fn take(
     client: &mut Client,
     listing: &Listing,
-    run: &[&Listed],
+    run: &[&ListedFile],
     receiver: &Receiver,
     came: &mut dyn FnMut(u64),
 ) -> Result<(), FetchError> {
@@ -178,7 +178,7 @@ fn take(
     for item in run {
         stretch.skip(item.offset - at).map_err(FetchError::Broken)?;
         let bytes = stretch.take(item.length).map_err(FetchError::Broken)?;
-        receiver.accept(item, &bytes)?;
+        receiver.accept_file(item, &bytes)?;
         came(item.length);
         at = item.offset + item.length;
     }

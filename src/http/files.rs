@@ -69,8 +69,8 @@ pub fn in_series(site: &Site, flight: &str, series: &str, file: &str) -> Result<
 
 /// A frame by the digest that it had when it was taken.
 fn frame(path: &Path, series: &SeriesRef, file: &str) -> Result<Content, Refusal> {
-    let manifest = catalogue::manifest(&RealDisk, series)?;
-    let frames = store::frames(series, manifest);
+    let manifest = catalogue::read_series_manifest(&RealDisk, series)?;
+    let frames = store::series_frames(series, manifest);
     let entry = frames.into_iter().map(|f| f.entry).find(|e| e.file == file).ok_or(Refusal::NotFound)?;
     let kind = match path.extension().and_then(|ending| ending.to_str()) {
         Some("jpg" | "jpeg") => "image/jpeg",
@@ -84,7 +84,7 @@ fn frame(path: &Path, series: &SeriesRef, file: &str) -> Result<Content, Refusal
 fn small(path: &Path, kind: &'static str, by_range: bool) -> Result<Content, Refusal> {
     let bytes =
         fs::read(path).map_err(|e| Refusal::Failed(format!("{}: could not read: {e}", path.display())))?;
-    let digest = store::sha256(&bytes);
+    let digest = store::sha256_hex(&bytes);
     Ok(Content::one(bytes.len() as u64, Source::Bytes(bytes.into()), digest, kind, by_range))
 }
 

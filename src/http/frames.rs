@@ -6,19 +6,19 @@ use axum::response::{Html, Response};
 use super::{Context, Refusal, RequestHead, Site, blocking, files, pages, send};
 use crate::report::html::picture;
 use crate::report::{SeriesData, source};
-use crate::store::{RealDisk, layout, result_summary, sets};
+use crate::store::{RealDisk, layout, result_summary, result_sets};
 
 /// A series alone is read, with what is to be said of its results.
 fn one_series(site: &Site, flight: &str, series: &str) -> Result<(SeriesData, Option<String>), Refusal> {
     let series = files::check_series(site, flight, series)?;
     let bytes = std::fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
-    let mut gather = sets::Gather::default();
-    gather.add(&series.id, &result_summary::parse(&bytes, &[]));
-    let sets = gather.end();
+    let mut gather = result_sets::ResultGrouper::default();
+    gather.add_series(&series.id, &result_summary::parse_summaries(&bytes, &[]));
+    let sets = gather.finish();
     let mut notes = Vec::new();
-    let data = source::read_series(&RealDisk, &series, sets.chosen(None), &mut notes);
+    let data = source::read_series(&RealDisk, &series, sets.choose_set(None), &mut notes);
     let data = data.ok_or_else(|| Refusal::Failed(notes.join("; ")))?;
-    Ok((data, sets.warning(&series.id, None)))
+    Ok((data, sets.mixed_inputs_warning(&series.id, None)))
 }
 
 pub(super) async fn series(
@@ -65,7 +65,7 @@ pub(super) async fn drawn(
         let record = data.records.iter().find(|r| r.image == file);
         let state =
             (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
-        let digest = crate::store::sha256(format!("{state:?}").as_bytes());
+        let digest = crate::store::sha256_hex(format!("{state:?}").as_bytes());
         if send::is_known(&asked.1, &digest) {
             return files::svg(String::new(), digest).answer(&asked);
         }

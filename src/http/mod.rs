@@ -56,7 +56,7 @@ use crate::measure::setup::Setup;
 use crate::report::html;
 use crate::report::overview;
 use crate::report::source::{self, Choice};
-use crate::store::bundle::{self, Bundle};
+use crate::store::bundle::{self, FlightBundle};
 use crate::store::receive::Listing;
 use crate::store::{FlightRef, RealDisk, StoreError, catalogue};
 use access::Access;
@@ -257,13 +257,13 @@ async fn bundled(
     shared: Arc<Shared>,
     (name, ending): (String, &str),
     asked: RequestHead,
-    content: fn(&FlightRef, Bundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
+    content: fn(&FlightRef, FlightBundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
 ) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(ending).ok_or(Refusal::NotFound)?.to_owned();
     let permit = permit(&shared).await?;
     let work = move |site: &Site| {
         let found = files::check_flight(site, &flight)?;
-        content(&found, bundle::flight(&RealDisk, &site.root, &found)?, permit)?.answer(&asked)
+        content(&found, bundle::bundle_flight(&RealDisk, &site.root, &found)?, permit)?.answer(&asked)
     };
     blocking(shared, work).await
 }
@@ -284,7 +284,7 @@ async fn tar(
     asked: RequestHead,
 ) -> Result<Response, Refusal> {
     let content = |flight: &FlightRef, bundle, permit| {
-        let begun_s = catalogue::flight_manifest(&RealDisk, flight)?.started.utc.as_second();
+        let begun_s = catalogue::read_flight_manifest(&RealDisk, flight)?.started.utc.as_second();
         archive::layout(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)
     };
     bundled(shared, (name, ".tar"), asked, content).await
@@ -294,7 +294,7 @@ async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Jso
     let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
     blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
-        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        let bundle = bundle::bundle_flight(&RealDisk, &site.root, &found)?;
         Ok(Json(archive::listing(&flight, &bundle)))
     })
     .await

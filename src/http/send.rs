@@ -27,11 +27,11 @@ pub enum Source {
     Bytes(Bytes),
 }
 
-impl From<bundle::Content> for Source {
-    fn from(content: bundle::Content) -> Self {
+impl From<bundle::BundleContent> for Source {
+    fn from(content: bundle::BundleContent) -> Self {
         match content {
-            bundle::Content::File(path) => Self::File(path),
-            bundle::Content::Bytes(bytes) => Self::Bytes(bytes.into()),
+            bundle::BundleContent::File(path) => Self::File(path),
+            bundle::BundleContent::Bytes(bytes) => Self::Bytes(bytes.into()),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Fault, Reader, rows, write_whole};
-use crate::measure::calibrate::{BoardPoint, View};
+use crate::measure::calibrate::{BoardPoint, BoardView};
 
 const COLUMNS: [&str; 10] = [
     "image",
@@ -31,7 +31,7 @@ pub struct PictureCorners {
     /// Width and height, px.
     pub size: (u32, u32),
     /// The corners.
-    pub view: View,
+    pub view: BoardView,
     /// Per corner: whether a calibration used it; empty before one.
     pub used: Vec<bool>,
 }

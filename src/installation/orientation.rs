@@ -158,7 +158,7 @@ pub fn write_orientation(
         }
         text.push_str("]\n");
     }
-    for (marker, reason) in fit.unused(&installation.setup) {
+    for (marker, reason) in fit.unused_markers(&installation.setup) {
         let id = installation.setup.markers.get(marker).map_or("", |m| m.id.as_str());
         let (id, reason) = (toml::Value::from(id), toml::Value::from(reason));
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
-use super::geometry::{Lens, skew};
+use super::geometry::{Lens, cross_matrix};
 
 /// A marker in both frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +55,7 @@ pub fn movement(lens: &Lens, pairs: &[Pair], shift_sigma_m: f64) -> Option<Movem
         let (_, by_point) = lens.project_with_jacobian(&pair.point_m)?;
         let mut by = SMatrix::<f64, 2, 6>::zeros();
         // The scene turns and shifts the other way.
-        by.fixed_columns_mut::<3>(0).copy_from(&(by_point * skew(&pair.point_m)));
+        by.fixed_columns_mut::<3>(0).copy_from(&(by_point * cross_matrix(&pair.point_m)));
         by.fixed_columns_mut::<3>(3).copy_from(&-by_point);
         Some((by, pair.covariance_px2.try_inverse()?))
     };

@@ -2,7 +2,7 @@
 
 use crate::camera::Format;
 use crate::measure::jpeg::{self, JpegFault, MAX_SIDE};
-pub use crate::measure::jpeg::{Part, Wanted};
+pub use crate::measure::jpeg::{PartialImage, TileSelection};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
 use crate::measure::tiles::Tiles;
@@ -60,12 +60,12 @@ impl From<JpegFault> for DecodeError {
 
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
-    decode_part(bytes, format, &Tiles::all).map(Part::into_raster)
+    decode_part(bytes, format, &Tiles::all).map(PartialImage::into_raster)
 }
 
 /// The same, but of a camera's JPEG only what is `wanted` need be decoded, until more is ([`Part::read`]). The whole file is read
 /// all the same, and damage anywhere noticed.
-pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
+pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &TileSelection) -> Result<PartialImage, DecodeError> {
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
@@ -79,7 +79,7 @@ pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Part, DecodeError> {
+fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &TileSelection) -> Result<PartialImage, DecodeError> {
     #[cfg(test)]
     assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
@@ -88,20 +88,20 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<
     if let Some(Format::Raw { fourcc, width, height, stride }) = format {
         let size = (*width as usize, *height as usize, *stride as usize);
         return samples::luma(fourcc, size.0, size.1, size.2, bytes)
-            .map(Part::whole)
+            .map(PartialImage::from_raster)
             .map_err(|e| DecodeError::Raw(e.to_string()));
     }
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return Ok(jpeg::part(&bytes[zeros..], wanted)?);
+        return Ok(jpeg::decode_partial(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
         return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture::luma(bytes, format).map(Part::whole),
+        (Ok(format), _) => picture::luma(bytes, format).map(PartialImage::from_raster),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -145,8 +145,8 @@ mod tests {
     #[test]
     fn one_pass_gives_what_all_scans_give() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
-            let (header, colour) = jpeg::kind::header(bytes).unwrap();
-            let general = jpeg::scans::luma(bytes, &header, colour).unwrap();
+            let (header, colour) = jpeg::kind::read_header(bytes).unwrap();
+            let general = jpeg::scans::decode_luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
             assert!(decode(bytes, None).unwrap().luma() == general.luma(), "file {k}");
         }
@@ -176,10 +176,10 @@ mod tests {
             let mut more = Tiles::none(61, 43);
             more.mark(20..21, 20..21);
             more.mark(9..61, 8..40);
-            part.read(more);
+            part.decode_tiles(more);
             assert_eq!(part.raster().row(20)[9..], whole.row(20)[9..], "file {k}");
             assert!(k == 7 || part.raster().row(20)[..8] == [0; 8], "file {k}");
-            part.read(Tiles::all(61, 43));
+            part.decode_tiles(Tiles::all(61, 43));
             assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
             assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
@@ -251,7 +251,7 @@ mod tests {
                 for tiles in [&mut wanted, &mut all] {
                     tiles.mark(x..x + across, y..y + down);
                 }
-                part.read(wanted);
+                part.decode_tiles(wanted);
                 for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
                     let known = kind == 7 || all.row(y / 8)[x / 8];
                     prop_assert_eq!(part.raster().row(y)[x], if known { whole.row(y)[x] } else { 0 });

@@ -1,10 +1,10 @@
 //! A frame is searched where an earlier one says.
 
-use super::decode::{self, Part};
+use super::decode::{self, PartialImage};
 use super::located::Picture;
 use super::stages::{ProcessedFrame, Work, unseen};
 use crate::camera::Format;
-use crate::measure::detect::{self, Detection, Prediction};
+use crate::measure::detect::{self, Detection, MarkerPrediction};
 #[cfg(doc)]
 use crate::measure::identify;
 use crate::measure::raster::Raster;
@@ -16,7 +16,7 @@ pub fn detect_predicted(
     name: &str,
     bytes: &[u8],
     format: Option<&Format>,
-    predictions: &[Prediction],
+    predictions: &[MarkerPrediction],
 ) -> ProcessedFrame {
     let mut sighting = unseen(name, bytes);
     look_guided(&mut sighting, bytes, format, predictions, |_| None);
@@ -39,9 +39,9 @@ pub(super) fn look_guided(
     sighting: &mut ProcessedFrame,
     bytes: &[u8],
     format: Option<&Format>,
-    predictions: &[Prediction],
-    onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
-) -> (Option<Part>, Search) {
+    predictions: &[MarkerPrediction],
+    onwards: impl FnOnce(&[Detection]) -> Option<Vec<MarkerPrediction>>,
+) -> (Option<PartialImage>, Search) {
     if predictions.is_empty() {
         let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), detect::detect);
         return (part, Search::Full);

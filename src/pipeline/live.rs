@@ -11,8 +11,8 @@ use super::{Job, corrected, flight_priors, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
-use crate::measure::detect::{Detection, Prediction};
-use crate::measure::identify::{self, Identities, NEXT_DEFLECTION_M};
+use crate::measure::detect::{Detection, MarkerPrediction};
+use crate::measure::identify::{self, Identities, MAX_DEFLECTION_CHANGE_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::{ImageRecord, Provenance, Reason};
@@ -143,14 +143,14 @@ impl Tracker {
     }
 
     /// Where this frame shows the markers: the longer ago the last one, the wider.
-    fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<Prediction> {
+    fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<MarkerPrediction> {
         let elapsed_s = at_s - seen.at_s;
         if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
             return vec![];
         }
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        let deflection_m = (FASTEST_M_S * elapsed_s).clamp(NEXT_DEFLECTION_M, MAX_DISTANCE_M);
-        identify::predict_within(setup, orientation, &seen.detections, &seen.identities, deflection_m)
+        let deflection_m = (FASTEST_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
+        identify::predict_next_frame_within(setup, orientation, &seen.detections, &seen.identities, deflection_m)
     }
 
     fn failed(&self, sighting: &ProcessedFrame, reason: &str) -> Tracked {
@@ -165,12 +165,12 @@ impl Tracker {
         bytes: &[u8],
         format: Option<&Format>,
         at_s: f64,
-        (predictions, known): (&[Prediction], Option<&Identities>),
+        (predictions, known): (&[MarkerPrediction], Option<&Identities>),
     ) -> Tracked {
         let mut sighting = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
         // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
-        let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
+        let onwards = |found: &[Detection]| identify::predict_from_found(setup, orientation, found, known?);
         let (part, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
         if let Some(part) = &part {
             sighting.failure = stages::size_fault(part.raster(), &self.installation);

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::{self, Detection, Detections, Expected, GuidedDetector, Prediction};
+use crate::measure::detect::{self, Detection, Detections, ExpectedMarker, GuidedDetector, MarkerPrediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
-use crate::measure::jpeg::Part;
+use crate::measure::jpeg::PartialImage;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
 
@@ -17,19 +17,19 @@ const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 /// A picture that is looked at where markers are predicted.
 pub trait Picture {
     /// What is looked at about them is there.
-    fn about(&mut self, predictions: &[Prediction]) -> &Raster;
+    fn about(&mut self, predictions: &[MarkerPrediction]) -> &Raster;
 }
 
 impl Picture for &Raster {
-    fn about(&mut self, _: &[Prediction]) -> &Raster {
+    fn about(&mut self, _: &[MarkerPrediction]) -> &Raster {
         self
     }
 }
 
-impl Picture for Part {
-    fn about(&mut self, predictions: &[Prediction]) -> &Raster {
+impl Picture for PartialImage {
+    fn about(&mut self, predictions: &[MarkerPrediction]) -> &Raster {
         let (width, height) = (self.raster().width(), self.raster().height());
-        self.read(detect::tiles_read(predictions, width, height));
+        self.decode_tiles(detect::tiles_read(predictions, width, height));
         self.raster()
     }
 }
@@ -41,8 +41,8 @@ pub(super) fn detected(
     orientation: &Orientation,
 ) -> Option<Detections> {
     let mut looker = GuidedDetector::new(picture.about(&[]));
-    let look = |sought: &[Prediction]| looker.detect_coarse(picture.about(sought), sought);
-    let predictions = identify::locate(setup, orientation, look)?;
+    let look = |sought: &[MarkerPrediction]| looker.detect_coarse(picture.about(sought), sought);
+    let predictions = identify::locate_markers(setup, orientation, look)?;
     Some(looker.detect(picture.about(&predictions), &predictions))
 }
 
@@ -54,32 +54,32 @@ pub(super) fn aside(
     orientation: &Orientation,
     (found, identities): &(Detections, Identities),
 ) -> Vec<Detection> {
-    let mut missing = identify::expect(setup, orientation, &found.markers, identities);
-    let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
+    let mut missing = identify::predict_second_pass(setup, orientation, &found.markers, identities);
+    let on_ground = |e: &ExpectedMarker| orientation.ground.iter().any(|sight| sight.marker == e.marker);
     missing.retain(|e| e.found.is_none() && on_ground(e));
-    let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-    let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+    let wider = |e: ExpectedMarker| MarkerPrediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+    let missing: Vec<MarkerPrediction> = missing.into_iter().map(wider).collect();
     if missing.is_empty() {
         return Vec::new();
     }
     let mut looker = GuidedDetector::again(found);
     let same =
-        |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
-    let search_px = Vector2::repeat(identify::SAME_PX);
+        |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::MIN_SEPARATION_PX;
+    let search_px = Vector2::repeat(identify::MIN_SEPARATION_PX);
     let like = |m: &Detection| {
         let like = missing
             .iter()
             .find(|p| is_like(m, p))
             .filter(|_| !found.markers.iter().any(|known| same(known, m)));
-        like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
+        like.map(|p| MarkerPrediction { centre_px: m.centre_px, search_px, ..p.clone() })
     };
     let shown = looker.detect_coarse(picture.about(&missing), &missing);
-    let there: Vec<Prediction> = shown.iter().filter_map(like).collect();
+    let there: Vec<MarkerPrediction> = shown.iter().filter_map(like).collect();
     if there.is_empty() { Vec::new() } else { looker.detect(picture.about(&there), &there).markers }
 }
 
 /// Whether something has a marker's shape and size.
-fn is_like(found: &Detection, marker: &Prediction) -> bool {
+fn is_like(found: &Detection, marker: &MarkerPrediction) -> bool {
     let most = if found.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
     found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }
@@ -97,7 +97,7 @@ pub fn identified(
     picture: &mut impl Picture,
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
-    let identities = identify::identify(setup, orientation, &found.markers)?;
+    let identities = identify::identify_markers(setup, orientation, &found.markers)?;
     Ok(looked_closer(setup, orientation, picture, found, identities))
 }
 
@@ -110,13 +110,13 @@ pub(super) fn looked_closer(
 ) -> (Detections, Identities) {
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
-        let expected = identify::expect(setup, orientation, &found.markers, &identities);
-        let places: Vec<Prediction> = expected.iter().map(|e| e.prediction.clone()).collect();
+        let expected = identify::predict_second_pass(setup, orientation, &found.markers, &identities);
+        let places: Vec<MarkerPrediction> = expected.iter().map(|e| e.prediction.clone()).collect();
         let mut closer = found.clone();
         if !detect::second_pass(picture.about(&places), &mut closer, &expected) {
             return (closer, identities);
         }
-        let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
+        let Ok(again) = identify::identify_markers(setup, orientation, &closer.markers) else { break };
         (found, identities) = (closer, again);
     }
     (found, identities)

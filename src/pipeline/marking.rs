@@ -10,7 +10,7 @@ use super::{Job, decode, solve_sighting};
 use crate::camera::Format;
 use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
-use crate::measure::detect::{self, Detection, Expected, Prediction};
+use crate::measure::detect::{self, Detection, ExpectedMarker, MarkerPrediction};
 use crate::measure::identify::{self, OrientationFit, PredictedMarker};
 use crate::measure::raster::Raster;
 use crate::measure::setup::Orientation;
@@ -112,12 +112,12 @@ impl MarkingSession {
             let reach = WITHIN * hand_sigma_px;
             let centre_px = at + foretold.prediction.centre_px - foretold.point_px;
             let search_px = Vector2::repeat(reach);
-            let prediction = Prediction { centre_px, search_px, ..foretold.prediction.clone() };
+            let prediction = MarkerPrediction { centre_px, search_px, ..foretold.prediction.clone() };
             let plain = detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
             let closer = || self.closer(marker, &prediction);
             let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
             let found = plain.into_iter().find(near).or_else(|| closer().filter(near))?;
-            let centred = identify::centre_of(setup, orientation, &said.observations, marker, &found);
+            let centred = identify::correct_marker_centre(setup, orientation, &said.observations, marker, &found);
             let covariance_px2 = *centred.covariance_px2;
             let surer = covariance_px2.trace() < 2.0 * hand_sigma_px * hand_sigma_px;
             surer.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
@@ -126,7 +126,7 @@ impl MarkingSession {
     }
 
     /// The look of the detector at a marker whose size is known.
-    fn closer(&self, marker: usize, prediction: &Prediction) -> Option<Detection> {
+    fn closer(&self, marker: usize, prediction: &MarkerPrediction) -> Option<Detection> {
         let mut found = match &self.seen {
             LoadedImage::Flight { sighting, .. } => sighting.detections.clone(),
             LoadedImage::Ground(frame) => frame.sighting.detections.clone(),
@@ -135,7 +135,7 @@ impl MarkingSession {
         let beside = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
         found.markers.retain(beside);
         let before = found.markers.clone();
-        let expected = Expected { prediction: prediction.clone(), found: None, marker };
+        let expected = ExpectedMarker { prediction: prediction.clone(), found: None, marker };
         detect::second_pass(self.raster(), &mut found, &[expected]);
         found.markers.into_iter().find(|d| before.iter().all(|b| b.centre_px != d.centre_px))
     }
@@ -202,7 +202,7 @@ fn ground_record(
     installation: &Installation,
 ) -> ImageRecord {
     let mut markers = ground_markers(observations, said, installation);
-    for (marker, reason) in fit.unused(&installation.setup) {
+    for (marker, reason) in fit.unused_markers(&installation.setup) {
         if let Some(line) = markers.get_mut(marker) {
             line.reason = Some(reason);
         }

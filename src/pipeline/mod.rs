@@ -35,7 +35,7 @@ use crate::aircraft;
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
-use crate::measure::environment::{Conditions, RefractionReport, correct_observations};
+use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
 use crate::record::{ImageRecord, Parameters, Provenance, Reason};
 use guard::{BROKE_OFF, guarded};
@@ -124,12 +124,12 @@ fn with_sigma(
     installation: &Installation,
 ) -> RefractionReport {
     let measured = installation.setup.window.as_ref().filter(|_| !sighting.aircraft.is_empty());
-    let share = measured.map(|w| aircraft::conditions(&sighting.aircraft).refraction_sigma_share(w));
+    let share = measured.map(|w| aircraft::conditions(&sighting.aircraft).relative_refraction_sigma(w));
     RefractionReport { sigma_max_shift_px: share.map(|s| s * report.max_shift_px.abs()), ..report }
 }
 
 /// The mean of what the wing's temperatures are over a flight, whose frames share one length.
-fn mean_temperature(sightings: &[ProcessedFrame]) -> Conditions {
+fn mean_temperature(sightings: &[ProcessedFrame]) -> FlightConditions {
     let of = |s: &ProcessedFrame| aircraft::conditions(&s.aircraft).wing_temperature_c;
     let all: Vec<Estimate> = sightings.iter().filter_map(of).collect();
     let count = all.len() as f64;
@@ -139,7 +139,7 @@ fn mean_temperature(sightings: &[ProcessedFrame]) -> Conditions {
     let doubt = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
     let sigma = Some(doubt.hypot(variance.sqrt()));
     let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
-    Conditions { wing_temperature_c, ..Conditions::default() }
+    FlightConditions { wing_temperature_c, ..FlightConditions::default() }
 }
 
 /// Observations without the window's refraction, and what that was; or why there are none.

@@ -6,7 +6,7 @@ use super::guard::BROKE_OFF;
 use super::located::LOOKS;
 use super::stages::{self, ProcessedFrame};
 use crate::installation::{Installation, ManualObservation, ManualPosition};
-use crate::measure::detect::{self, Detection, Expected};
+use crate::measure::detect::{self, Detection, ExpectedMarker};
 use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Setup, SurveyMarker};
@@ -65,13 +65,13 @@ pub fn orient(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFi
         for (frame, identities) in frames.iter_mut().zip(&fit.identities) {
             let found = &mut frame.sighting.detections;
             let mut expected =
-                identify::expect_on_ground(setup, &fit.orientation, &found.markers, identities);
-            expected.retain(|e: &Expected| frame.said.iter().all(|said| said.marker != e.marker));
+                identify::predict_ground_second_pass(setup, &fit.orientation, &found.markers, identities);
+            expected.retain(|e: &ExpectedMarker| frame.said.iter().all(|said| said.marker != e.marker));
             changed |= detect::second_pass(&frame.raster, found, &expected);
         }
         take_in(setup, Some(&fit), frames);
         // A look that leaves everything in its place may have made it less sure.
-        match identify::orient(setup, &markers(frames)) {
+        match identify::estimate_orientation(setup, &markers(frames)) {
             Ok(again) => fit = again,
             Err(_) => {
                 for (frame, before) in frames.iter_mut().zip(before) {
@@ -91,12 +91,12 @@ pub fn orient(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFi
 
 /// The orientation by what was detected, and with what people say; where the detections alone fit nothing, by both.
 fn first(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
-    let alone = identify::orient(setup, &markers(frames));
+    let alone = identify::estimate_orientation(setup, &markers(frames));
     if frames.iter().all(|frame| frame.said.is_empty()) {
         return alone;
     }
     take_in(setup, alone.as_ref().ok(), frames);
-    identify::orient(setup, &markers(frames))
+    identify::estimate_orientation(setup, &markers(frames))
 }
 
 /// Puts in each frame what a person says of its markers in the place of what was detected of them.

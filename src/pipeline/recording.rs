@@ -300,7 +300,7 @@ fn cad(fit: &TransformFit) -> CadFit {
     CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
-        global_test: fit.passes(0.01).map(verdict),
+        global_test: fit.passes_test(0.01).map(verdict),
         scale: fit.transform.scale,
         residuals_m: fit.residuals_m.iter().map(|&r| r.into()).collect(),
     }

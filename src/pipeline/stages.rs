@@ -12,7 +12,7 @@ use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
-use crate::measure::jpeg::Part;
+use crate::measure::jpeg::PartialImage;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundObservation, Orientation, Setup};
 use crate::measure::tiles::Tiles;
@@ -149,9 +149,9 @@ impl ProcessedFrame {
     }
 
     /// Decodes what was not yet, and takes up what is detected in all of it.
-    pub(super) fn look_at_all(&mut self, part: &mut Part) {
+    pub(super) fn look_at_all(&mut self, part: &mut PartialImage) {
         let all = Tiles::all(part.raster().width(), part.raster().height());
-        self.timed(Work::Decode, || part.read(all));
+        self.timed(Work::Decode, || part.decode_tiles(all));
         self.detections = self.timed(Work::Detect, || detect::detect(part.raster()));
     }
 
@@ -183,7 +183,7 @@ pub fn process_frame(
     let size = (setup.lens.width as usize, setup.lens.height as usize);
     let mut sighting = unseen(name, bytes);
     let first = |width, height| match orientation.filter(|_| (width, height) == size) {
-        Some(orientation) => detect::tiles_read(&identify::nearest(setup, orientation), width, height),
+        Some(orientation) => detect::tiles_read(&identify::predict_nearest(setup, orientation), width, height),
         None => Tiles::all(width, height),
     };
     let Some(mut part) = sighting.decoded(|| decode::decode_part(bytes, format, &first)) else {
@@ -231,12 +231,12 @@ fn recognise_if_it_fits(
 /// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
     sighting: &mut ProcessedFrame,
-    part: &mut Part,
+    part: &mut PartialImage,
     setup: &Setup,
     orientation: &Orientation,
 ) -> Option<()> {
     let found = sighting.timed(Work::Detect, || located::detected(part, setup, orientation))?;
-    let name = |found, part: &mut Part| identified(setup, orientation, part, found);
+    let name = |found, part: &mut PartialImage| identified(setup, orientation, part, found);
     let mut known = sighting.timed(Work::Identify, || name(found, part)).ok()?;
     let aside = sighting.timed(Work::Detect, || located::aside(part, setup, orientation, &known));
     if !aside.is_empty() {
@@ -307,7 +307,7 @@ pub(super) fn recognise_for_next(
     let found = sighting.detections.clone();
     let mut plainly = None;
     let known = sighting.timed(Work::Identify, || {
-        let first = identify::identify(setup, orientation, &found.markers)?;
+        let first = identify::identify_markers(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
         Ok(looked_closer(setup, orientation, picture, found, first))
     });
@@ -344,7 +344,7 @@ fn unidentified(
 ) -> Reason {
     let cause = match error {
         IdentifyError::TooFew { .. } => None,
-        _ => identify::explain(setup, orientation, &sighting.detections.markers),
+        _ => identify::diagnose_flight_frame(setup, orientation, &sighting.detections.markers),
     };
     cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
 }

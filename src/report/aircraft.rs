@@ -54,7 +54,7 @@ pub fn sources(
     root: &Path,
     flight: &FlightRef,
 ) -> Result<(Vec<Source>, Vec<String>), StoreError> {
-    let (all, mut notes) = aircraft::read(disk, root, flight)?;
+    let (all, mut notes) = aircraft::read_aircraft(disk, root, flight)?;
     let mut found: Vec<Source> = vec![];
     let mut goes_on = false;
     for (head, lines) in all {
@@ -110,8 +110,8 @@ pub fn join(track: &Track, series: &mut SeriesData) {
 
 /// When each frame of a flight was taken. Series that cannot be read are passed over: `wingd verify` names them.
 pub fn frames(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<(Stamp, Option<Exposure>)>, StoreError> {
-    let series = catalogue::series(disk, flight)?;
-    let manifests = series.iter().filter_map(|series| catalogue::manifest(disk, series).ok());
+    let series = catalogue::list_series(disk, flight)?;
+    let manifests = series.iter().filter_map(|series| catalogue::read_series_manifest(disk, series).ok());
     let shots = manifests.flat_map(|manifest| manifest.shots).filter(|shot| shot.frame.is_some());
     Ok(shots.map(|shot| (shot.stamp, shot.exposure)).collect())
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::number::words;
 use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, Status, word};
-use crate::store::sets::{self, ResultSet};
+use crate::store::result_sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 
 /// One frame, on both sides.
@@ -54,12 +54,12 @@ pub struct Side {
 /// All frames of two flights that are the same pictures (by SHA-256), in order.
 pub fn changes(disk: &dyn Disk, old: &Side, new: &Side) -> Result<Vec<Change>, StoreError> {
     let mut before = BTreeMap::new();
-    for series in catalogue::series(disk, &old.flight)? {
+    for series in catalogue::list_series(disk, &old.flight)? {
         before
             .extend(records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
     }
     let mut all = Vec::new();
-    for series in catalogue::series(disk, &new.flight)? {
+    for series in catalogue::list_series(disk, &new.flight)? {
         for (key, record) in records(disk, &series, &new.set)? {
             let old = before.remove(&key.2).map(|(_, record)| record);
             all.push(change(key, old.as_ref(), Some(&record)));
@@ -78,7 +78,7 @@ fn records(
     series: &SeriesRef,
     set: &ResultSet,
 ) -> Result<Vec<(Key, ImageRecord)>, StoreError> {
-    let lines = sets::results_of(disk, series, Some(set))?.into_iter();
+    let lines = result_sets::results_in_set(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
         quality: Quality::default(),

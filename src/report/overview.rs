@@ -7,8 +7,8 @@ use serde_json::Value;
 use super::summary::{Mean, Single};
 use crate::clock::Stamp;
 use crate::record::{Reference, Status, Tip};
-use crate::store::manifest::{SeriesManifest, State};
-use crate::store::sets::{Gather, Sets};
+use crate::store::manifest::{SeriesManifest, SeriesState};
+use crate::store::result_sets::{ResultGrouper, ResultSets};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, layout, result_summary};
 
 /// A series.
@@ -114,10 +114,10 @@ struct Seen {
 /// Reads a flight. Damage in one place does not hide the rest: it is noted.
 pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreError> {
     let mut overview = Overview { flight: flight.id.clone(), ..Overview::default() };
-    let mut gather = Gather::default();
+    let mut gather = ResultGrouper::default();
     let mut all = Vec::new();
-    for series in catalogue::series(disk, flight)? {
-        match catalogue::manifest(disk, &series) {
+    for series in catalogue::list_series(disk, flight)? {
+        match catalogue::read_series_manifest(disk, &series) {
             Err(error) => overview.notes.push(error.to_string()),
             Ok(manifest) => {
                 let seen = seen(disk, &series, &mut gather, &mut overview.notes);
@@ -127,9 +127,9 @@ pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreErro
             }
         }
     }
-    let sets: Sets = gather.end();
-    let chosen = sets.chosen(None).map(|set| set.index());
-    overview.warning = sets.warning(&flight.id, None);
+    let sets: ResultSets = gather.finish();
+    let chosen = sets.choose_set(None).map(|set| set.index());
+    overview.warning = sets.mixed_inputs_warning(&flight.id, None);
     let of_set = |seen: &&Seen| seen.ok && Some(seen.set) == chosen;
     let tips = all.iter().flat_map(|(_, seen)| seen).filter(of_set).filter_map(|seen| seen.tip.as_ref());
     overview.reference = Reference::of(tips);
@@ -139,11 +139,11 @@ pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreErro
 }
 
 fn line(manifest: SeriesManifest) -> Line {
-    let begun = manifest.began();
+    let begun = manifest.start_time();
     let frames = || manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
     Line {
         begun,
-        interrupted: manifest.state == State::Interrupted,
+        interrupted: manifest.state == SeriesState::Interrupted,
         planned: manifest.planned_shots as usize,
         frames: frames().count(),
         bytes: frames().map(|frame| frame.bytes).sum(),
@@ -152,7 +152,7 @@ fn line(manifest: SeriesManifest) -> Line {
     }
 }
 
-fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Vec<String>) -> Vec<Seen> {
+fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut ResultGrouper, notes: &mut Vec<String>) -> Vec<Seen> {
     let path = series.folder.join(layout::RESULTS_FILE);
     let bytes = match disk.read(&path) {
         Ok(bytes) => bytes,
@@ -162,9 +162,9 @@ fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Ve
             return Vec::new();
         }
     };
-    let heads = result_summary::parse(&bytes, &["status", "tip"]);
-    let sets = gather.add(&series.id, &heads);
-    let one = |(head, set): (result_summary::Head, usize)| {
+    let heads = result_summary::parse_summaries(&bytes, &["status", "tip"]);
+    let sets = gather.add_series(&series.id, &heads);
+    let one = |(head, set): (result_summary::ResultSummary, usize)| {
         let brief: Brief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
         Seen { set, frame: head.frame, ok: brief.status == Status::Ok, tip: brief.tip }
     };

@@ -8,8 +8,8 @@ use crate::aircraft::{State as AircraftState, Track};
 use crate::installation;
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
-use crate::store::manifest::{Refusal, ResultLine, Shot, State};
-use crate::store::sets::{self, ResultSet};
+use crate::store::manifest::{RefusedSeries, ResultLine, Shot, SeriesState};
+use crate::store::result_sets::{self, ResultSet};
 use crate::store::{
     self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout,
 };
@@ -65,7 +65,7 @@ pub fn flight_with(
         data.site = data.site.or_else(|| kept(root, set.as_ref()?));
         let track = track(&disk, root, &chosen, &mut data.notes)?;
         data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
-        for series in catalogue::series(&disk, &chosen)? {
+        for series in catalogue::list_series(&disk, &chosen)? {
             let read = read_series(&disk, &series, set.as_ref(), &mut data.notes);
             let joined = read.map(|mut series| {
                 aircraft::join(&track, &mut series);
@@ -84,8 +84,8 @@ pub fn flight_with(
 
 /// Of the installation that results came from; `None` where the store does not keep it, or this program cannot read it.
 fn kept(root: &Path, set: &ResultSet) -> Option<Site> {
-    let digest = installations::named(&set.provenance)?;
-    let folder = installations::folder(root, &digest);
+    let digest = installations::digest_from_provenance(&set.provenance)?;
+    let folder = installations::installation_folder(root, &digest);
     installation::load_without_orientation(&folder).ok().map(|kept| Site::from(&kept.setup))
 }
 
@@ -119,7 +119,7 @@ pub fn each<E: From<StoreError>>(
     for flight in chosen(root, choice.flight)? {
         let set = pick(&disk, &flight, choice, &mut said.warnings)?;
         let track = track(&disk, root, &flight, &mut said.notes)?;
-        for series in catalogue::series(&disk, &flight)? {
+        for series in catalogue::list_series(&disk, &flight)? {
             if let Some(mut series) = read_series(&disk, &series, set.as_ref(), &mut said.notes) {
                 aircraft::join(&track, &mut series);
                 take(series)?;
@@ -145,7 +145,7 @@ pub fn chosen(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, Store
     catalogue::check_format(&RealDisk, root)?;
     match wanted {
         Some(_) => Ok(choose(&RealDisk, root, wanted)?.into_iter().collect()),
-        None => catalogue::flights(&RealDisk, root),
+        None => catalogue::list_flights(&RealDisk, root),
     }
 }
 
@@ -156,11 +156,11 @@ fn pick(
     choice: Choice,
     warnings: &mut Vec<String>,
 ) -> Result<Option<ResultSet>, StoreError> {
-    let sets = sets::of_flight(disk, flight)?;
-    warnings.extend(sets.warning(&flight.id, choice.inputs));
-    let found = sets.chosen(choice.inputs).cloned();
+    let sets = result_sets::flight_result_sets(disk, flight)?;
+    warnings.extend(sets.mixed_inputs_warning(&flight.id, choice.inputs));
+    let found = sets.choose_set(choice.inputs).cloned();
     if let (None, Some(key)) = (&found, choice.inputs) {
-        let known: Vec<String> = sets.sets.iter().map(ResultSet::text).collect();
+        let known: Vec<String> = sets.sets.iter().map(ResultSet::description).collect();
         let why = format!("no results have inputs {key}, there are: {}", known.join(", "));
         return Err(StoreError::NotAStore { path: flight.folder.clone(), why });
     }
@@ -183,11 +183,11 @@ fn lean(mut series: SeriesData, whole: &mut Ranked) -> SeriesData {
 }
 
 fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<FlightRef>, StoreError> {
-    let flights = catalogue::flights(disk, root)?;
+    let flights = catalogue::list_flights(disk, root)?;
     if let Some(wanted) = wanted {
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
         let why = format!("there is no flight {wanted}, only: {}", known.join(", "));
-        let missing = || StoreError::NotAStore { path: layout::finished(root, wanted, ""), why };
+        let missing = || StoreError::NotAStore { path: layout::series_folder(root, wanted, ""), why };
         return flights
             .iter()
             .find(|f| catalogue::is_called(disk, f, wanted))
@@ -195,7 +195,7 @@ fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<F
             .map(Some)
             .ok_or_else(missing);
     }
-    let taken = |f: &&FlightRef| catalogue::series(disk, f).is_ok_and(|s| !s.is_empty());
+    let taken = |f: &&FlightRef| catalogue::list_series(disk, f).is_ok_and(|s| !s.is_empty());
     Ok(flights.iter().rev().find(taken).cloned())
 }
 
@@ -206,8 +206,8 @@ pub fn read_series(
     set: Option<&ResultSet>,
     notes: &mut Vec<String>,
 ) -> Option<SeriesData> {
-    let manifest = catalogue::manifest(disk, series).map_err(|e| notes.push(e.to_string())).ok()?;
-    let lines = sets::results_of(disk, series, set).unwrap_or_else(|e| {
+    let manifest = catalogue::read_series_manifest(disk, series).map_err(|e| notes.push(e.to_string())).ok()?;
+    let lines = result_sets::results_in_set(disk, series, set).unwrap_or_else(|e| {
         notes.push(e.to_string());
         Vec::new()
     });
@@ -215,8 +215,8 @@ pub fn read_series(
     Some(SeriesData {
         flight: series.flight.clone(),
         name: series.id.clone(),
-        begun: manifest.began(),
-        interrupted: manifest.state == State::Interrupted,
+        begun: manifest.start_time(),
+        interrupted: manifest.state == SeriesState::Interrupted,
         planned: manifest.planned_shots as usize,
         curve: Vec::new(),
         counts: Vec::new(),
@@ -240,7 +240,7 @@ fn record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Opti
 }
 
 fn shot(shot: Shot) -> ShotData {
-    let reason = |f: &store::manifest::Failure| format!("{}: {}", f.kind, f.reason);
+    let reason = |f: &store::manifest::ShotFailure| format!("{}: {}", f.kind, f.reason);
     let failures = shot.failures.iter().map(reason).collect();
     let source = shot.frame.as_ref().and_then(|f| f.settings.get("source")?.as_str().map(str::to_owned));
     let (image, sha256, format) = match shot.frame {
@@ -264,8 +264,8 @@ fn shot(shot: Shot) -> ShotData {
 
 fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
     let bytes = disk.read(&root.join(layout::REFUSED_FILE)).unwrap_or_default();
-    let lines = jsonl::parse::<Refusal>(&bytes).good;
-    let text = |r: Refusal| format!("Series refused at {}: {}", r.stamp.utc, r.reason);
+    let lines = jsonl::parse_lines::<RefusedSeries>(&bytes).good;
+    let text = |r: RefusedSeries| format!("Series refused at {}: {}", r.stamp.utc, r.reason);
     lines.into_iter().map(|(_, refusal)| text(refusal)).collect()
 }
 
@@ -289,7 +289,7 @@ fn shown(
 
 fn picture(disk: &dyn Disk, root: &Path, series: &SeriesData, shot: &ShotData) -> Option<Picture> {
     let image = shot.image.clone().filter(|name| layout::is_frame_name(name))?;
-    let path = layout::finished(root, &series.flight, &series.name).join(&image);
+    let path = layout::series_folder(root, &series.flight, &series.name).join(&image);
     let (bytes, fault) = match disk.read(&path) {
         Ok(bytes) => (bytes, None),
         Err(error) => {

@@ -1,4 +1,4 @@
-//! `[store]` of the configuration.
+//! Configuration of the store: the `[store]` table of wingd.toml.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -7,39 +7,39 @@ use serde::{Deserialize, Serialize};
 
 use crate::installation::KeyFault;
 
-/// `[store]` of the configuration.
+/// The `[store]` table of the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StoreConfig {
-    /// The directory.
+    /// Directory of the store.
     pub path: PathBuf,
-    /// Space that is kept free; below it no series begins.
+    /// Space that is kept free, MB; with less than this no series begins.
     #[serde(default = "default_reserve_mb")]
     pub reserve_mb: u64,
-    /// A pause longer than this begins a new flight.
+    /// Longest pause within a flight; a longer one begins a new flight.
     #[serde(
         default = "default_new_flight_after",
         with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
     )]
     pub new_flight_after: Duration,
-    /// What another boot means for the flight.
+    /// Rule for a new flight after a reboot.
     #[serde(default)]
-    pub new_flight_at_boot: AtBoot,
-    /// Signs the flights with the key in this file, which is made where there is none.
+    pub new_flight_at_boot: BootPolicy,
+    /// File with the key that signs the flights. If the file does not exist, a key is generated.
     #[serde(default)]
     pub signing_key: Option<PathBuf>,
 }
 
-/// What another boot means.
+/// Rule that decides whether a reboot begins a new flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum AtBoot {
-    /// The clock decides (`docs/store.md`).
+pub enum BootPolicy {
+    /// Decides by the clock (`docs/store.md`).
     #[default]
     ByClock,
-    /// Every boot is a new flight: for a machine without a battery clock that is switched on for each flight.
+    /// Begins a flight at every boot: for a machine without a battery clock that is switched on for each flight.
     Always,
-    /// Only pauses within one boot and commands begin a flight.
+    /// Begins a flight only after a pause within one boot or by command.
     Never,
 }
 
@@ -52,18 +52,18 @@ fn default_new_flight_after() -> Duration {
 }
 
 impl StoreConfig {
-    /// The defaults, at `path`.
-    pub fn at(path: impl Into<PathBuf>) -> Self {
+    /// Returns the default configuration for a store at `path`.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
         Self {
             path: path.into(),
             reserve_mb: default_reserve_mb(),
             new_flight_after: default_new_flight_after(),
-            new_flight_at_boot: AtBoot::default(),
+            new_flight_at_boot: BootPolicy::default(),
             signing_key: None,
         }
     }
 
-    /// Every fault, at its key of the whole file.
+    /// Returns every error, with its key in the whole configuration file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.path.as_os_str().is_empty() {

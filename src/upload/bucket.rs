@@ -8,7 +8,7 @@ use object_store::aws::{AmazonS3, AmazonS3Builder, Checksum};
 use object_store::{ClientOptions, RetryConfig};
 
 use super::manifest::PART_BYTES;
-use super::pace::{Limit, Limited};
+use super::pace::{RateLimit, RateLimitedClient};
 use crate::installation::Fault;
 
 /// For a connection to be made: a wrong endpoint is said within 3 s. By satellite, 0.7 s there and back, it takes 2.1 s.
@@ -16,18 +16,18 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(2500);
 /// For a request: an object of 4 MiB over 64 kbit/s takes nine minutes.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(600);
 /// Repeats of the crate's own: a put that is create-only is repeated by us, it does not know that it may be.
-const NO_REPEATS: usize = 0;
+const CRATE_RETRIES: usize = 0;
 /// What may not stand in any text of ours.
 const SECRETS: [&str; 3] = ["AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID"];
 /// Credentials that are no pair of keys, by a variable that names where they are.
-const ELSEWHERE: [&str; 3] = [
+const CREDENTIAL_VARIABLES: [&str; 3] = [
     "AWS_WEB_IDENTITY_TOKEN_FILE",
     "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
 ];
 /// What servers of S3's kind answer
 /// (https://docs.aws.amazon.com/AmazonS3/latest/API/ErrorResponses.html), and what it means here.
-const ANSWERS: [(&str, &str, &str); 9] = [
+const SERVER_ERRORS: [(&str, &str, &str); 9] = [
     ("InvalidAccessKeyId", "the server does not know this access key", "look at AWS_ACCESS_KEY_ID"),
     (
         "SignatureDoesNotMatch",
@@ -48,31 +48,31 @@ const ANSWERS: [(&str, &str, &str); 9] = [
 ];
 
 /// `limit`: bytes a second.
-pub(super) fn open(bucket: &str, limit: Option<u64>) -> Result<AmazonS3, Fault> {
+pub(super) fn open_bucket(bucket: &str, limit: Option<u64>) -> Result<AmazonS3, Fault> {
     let given = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     let pair = given(&"AWS_ACCESS_KEY_ID") && given(&"AWS_SECRET_ACCESS_KEY");
     // The crate would ask a metadata address of the machine's network: only where that is wished for.
-    let metadata = is("AWS_EC2_METADATA_DISABLED", "false");
-    if !pair && !ELSEWHERE.iter().any(given) && !metadata {
+    let metadata = env_equals("AWS_EC2_METADATA_DISABLED", "false");
+    if !pair && !CREDENTIAL_VARIABLES.iter().any(given) && !metadata {
         let problem = "are not both set, and no other credentials are in the environment".to_owned();
         let mend = "export them; a server of your own needs AWS_ENDPOINT_URL and AWS_REGION too, a machine whose role \
             counts AWS_EC2_METADATA_DISABLED=false";
-        return Err(fault("environment", "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY", problem, mend));
+        return Err(option_fault("environment", "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY", problem, mend));
     }
     // One library of cryptography; that it is set already is as good.
     let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
     let timeout = limit.map_or(REQUEST_TIMEOUT, |rate| {
         REQUEST_TIMEOUT.max(Duration::from_secs(2 * PART_BYTES as u64 / rate.max(1)))
     });
-    let http = is("AWS_ALLOW_HTTP", "true");
+    let http = env_equals("AWS_ALLOW_HTTP", "true");
     let options = ClientOptions::new().with_connect_timeout(CONNECT_TIMEOUT).with_timeout(timeout);
     let mut builder = AmazonS3Builder::from_env()
         .with_bucket_name(bucket)
         .with_client_options(options.with_allow_http(http))
-        .with_retry(RetryConfig { max_retries: NO_REPEATS, ..RetryConfig::default() })
+        .with_retry(RetryConfig { max_retries: CRATE_RETRIES, ..RetryConfig::default() })
         .with_checksum_algorithm(Checksum::SHA256);
     let mend = "set the AWS_* variables as docs/fleet.md says";
-    let wrong = |problem: String| fault("environment", "AWS_*", redacted(&problem), mend);
+    let wrong = |problem: String| option_fault("environment", "AWS_*", redact_secrets(&problem), mend);
     if let Some(rate) = limit {
         let client = reqwest::Client::builder()
             .http1_only()
@@ -80,32 +80,32 @@ pub(super) fn open(bucket: &str, limit: Option<u64>) -> Result<AmazonS3, Fault> 
             .connect_timeout(CONNECT_TIMEOUT)
             .timeout(timeout);
         let client = client.build().map_err(|e| wrong(e.to_string()))?;
-        builder = builder.with_http_connector(Limited { limit: Arc::new(Limit::new(rate)), client });
+        builder = builder.with_http_connector(RateLimitedClient { limit: Arc::new(RateLimit::new(rate)), client });
     }
     builder.build().map_err(|e| wrong(e.to_string()))
 }
 
-fn is(name: &str, wanted: &str) -> bool {
+fn env_equals(name: &str, wanted: &str) -> bool {
     std::env::var(name).is_ok_and(|value| value.eq_ignore_ascii_case(wanted))
 }
 
 /// A fault of an option or of the environment.
-pub(super) fn fault(file: &str, place: &str, problem: String, mend: &str) -> Fault {
+pub(super) fn option_fault(file: &str, place: &str, problem: String, mend: &str) -> Fault {
     Fault { file: file.into(), place: place.to_owned(), problem, remedy: mend.to_owned() }
 }
 
 /// Whether the same request may do later.
-pub(super) fn passes(error: &object_store::Error) -> bool {
-    let lasting = |text: &str| ANSWERS.iter().any(|(code, ..)| text.contains(code));
+pub(super) fn is_transient(error: &object_store::Error) -> bool {
+    let lasting = |text: &str| SERVER_ERRORS.iter().any(|(code, ..)| text.contains(code));
     matches!(error, object_store::Error::Generic { .. } | object_store::Error::JoinError { .. })
-        && !lasting(&chain(error))
+        && !lasting(&error_chain(error))
 }
 
 /// An error in words, with what to look at.
-pub(super) fn said(error: &object_store::Error) -> String {
+pub(super) fn describe_error(error: &object_store::Error) -> String {
     use object_store::Error;
-    let text = chain(error);
-    if let Some((code, what, mend)) = ANSWERS.iter().find(|(code, ..)| text.contains(code)) {
+    let text = error_chain(error);
+    if let Some((code, what, mend)) = SERVER_ERRORS.iter().find(|(code, ..)| text.contains(code)) {
         return format!("{what} ({code}); {mend}");
     }
     let mend = match error {
@@ -124,11 +124,11 @@ pub(super) fn said(error: &object_store::Error) -> String {
             (AWS_ALLOW_HTTP=true for http), and call the command again: it goes on where it ended"
         }
     };
-    format!("{}; {mend}", redacted(&text))
+    format!("{}; {mend}", redact_secrets(&text))
 }
 
 /// What an error says, and what it comes from, in one line.
-fn chain(error: &object_store::Error) -> String {
+fn error_chain(error: &object_store::Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();
     while let Some(cause) = source {
@@ -142,7 +142,7 @@ fn chain(error: &object_store::Error) -> String {
 }
 
 /// A text without the secrets that the environment holds: servers repeat keys in their answers.
-fn redacted(text: &str) -> String {
+fn redact_secrets(text: &str) -> String {
     let secrets = SECRETS.iter().filter_map(|name| std::env::var(name).ok()).filter(|value| value.len() > 3);
     secrets.fold(text.to_owned(), |text, secret| text.replace(&secret, "***"))
 }
@@ -158,11 +158,11 @@ mod tests {
 
     #[test]
     fn what_a_server_refuses_is_told_apart_and_not_asked_again() {
-        let words: Vec<String> = ANSWERS.iter().map(|(code, ..)| said(&answer(code))).collect();
+        let words: Vec<String> = SERVER_ERRORS.iter().map(|(code, ..)| describe_error(&answer(code))).collect();
         for (text, mend) in words.iter().zip(["ACCESS_KEY_ID", "SECRET_ACCESS_KEY", "clock"]) {
             assert!(text.contains(mend), "{text}");
         }
-        assert!(ANSWERS.iter().all(|(code, ..)| !passes(&answer(code))));
-        assert!(passes(&answer("SlowDown")), "a server with much to do is asked again");
+        assert!(SERVER_ERRORS.iter().all(|(code, ..)| !is_transient(&answer(code))));
+        assert!(is_transient(&answer("SlowDown")), "a server with much to do is asked again");
     }
 }

@@ -11,12 +11,12 @@ mod target;
 
 use std::path::Path;
 
-pub use manifest::{About, Manifest, Stage};
-pub use target::{Put, Settings, Target, TargetError};
+pub use manifest::{WingLabels, UploadManifest, UploadStage};
+pub use target::{PutOutcome, UploadSettings, UploadTarget, TargetError};
 
 use crate::store::{FlightRef, StoreError};
-use pace::Pace;
-use send::Flight;
+use pace::SendPace;
+use send::FlightUpload;
 
 /// Why a flight is not whole there.
 #[derive(Debug, thiserror::Error)]
@@ -34,14 +34,14 @@ pub enum UploadError {
 
 impl UploadError {
     /// Whether other flights will meet the same: the other side cannot be reached, or refuses us.
-    pub fn concerns_all(&self) -> bool {
+    pub fn affects_all_flights(&self) -> bool {
         matches!(self, Self::Target(TargetError::Failed { .. }))
     }
 }
 
 /// What was done for a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Sent {
+pub struct UploadCounts {
     /// Objects of the flight, manifest and marks among them.
     pub objects: usize,
     /// Their bytes.
@@ -53,14 +53,14 @@ pub struct Sent {
     /// Of them those that took the place of damaged ones.
     pub repaired: usize,
     /// Frames that had arrived and are there no more: a rule of the bucket ages them.
-    pub aged: usize,
+    pub expired: usize,
 }
 
-impl Sent {
-    fn add(&mut self, put: Put, length: u64) {
+impl UploadCounts {
+    fn add(&mut self, put: PutOutcome, length: u64) {
         self.objects += 1;
         self.bytes += length;
-        if put == Put::Sent {
+        if put == PutOutcome::Sent {
             self.sent += 1;
             self.sent_bytes += length;
         }
@@ -70,11 +70,11 @@ impl Sent {
 /// What is sent where.
 pub struct Upload<'a> {
     /// Where to.
-    pub target: &'a Target,
+    pub target: &'a UploadTarget,
     /// The store's root.
     pub root: &'a Path,
     /// Whose flights they are.
-    pub about: &'a About,
+    pub labels: &'a WingLabels,
     /// Whether damaged objects get their bytes again.
     pub repair: bool,
     /// Gets the length of each object that is there.
@@ -82,31 +82,31 @@ pub struct Upload<'a> {
 }
 
 /// What became of a flight.
-pub type Outcome = Result<(Sent, Manifest), UploadError>;
+pub type UploadOutcome = Result<(UploadCounts, UploadManifest), UploadError>;
 
 /// A flight on its way, or why it stays.
-type OnItsWay = Result<Flight, UploadError>;
+type PendingUpload = Result<FlightUpload, UploadError>;
 
 impl Upload<'_> {
     /// Sends flights stage by stage; an outcome for each.
-    pub async fn flights(&self, flights: &[FlightRef]) -> Vec<Outcome> {
-        let mut pace = Pace::new(self.target.settings().jobs, std::time::Instant::now());
-        let mut on_their_way: Vec<OnItsWay> = Vec::new();
+    pub async fn upload_flights(&self, flights: &[FlightRef]) -> Vec<UploadOutcome> {
+        let mut pace = SendPace::new(self.target.settings().jobs, std::time::Instant::now());
+        let mut on_their_way: Vec<PendingUpload> = Vec::new();
         for flight in flights {
-            let begun = match on_their_way.iter().find_map(lasting) {
+            let begun = match on_their_way.iter().find_map(blocking_error) {
                 Some(()) => Err(UploadError::Stopped),
-                None => self.announce(flight, on_their_way.is_empty()).await,
+                None => self.publish_manifest(flight, on_their_way.is_empty()).await,
             };
             on_their_way.push(begun);
         }
-        for stage in [Stage::Results, Stage::Frames] {
+        for stage in [UploadStage::Results, UploadStage::Frames] {
             for place in 0..on_their_way.len() {
-                let stopped = on_their_way.iter().find_map(lasting).is_some();
+                let stopped = on_their_way.iter().find_map(blocking_error).is_some();
                 let Some(Ok(flight)) = on_their_way.get_mut(place) else { continue };
                 let sent = if stopped {
                     Err(UploadError::Stopped)
                 } else {
-                    self.stage(flight, stage, &mut pace).await
+                    self.upload_stage(flight, stage, &mut pace).await
                 };
                 if let (Err(error), Some(one)) = (sent, on_their_way.get_mut(place)) {
                     *one = Err(error);
@@ -117,6 +117,6 @@ impl Upload<'_> {
     }
 }
 
-fn lasting(flight: &OnItsWay) -> Option<()> {
-    flight.as_ref().err().filter(|error| error.concerns_all()).map(|_| ())
+fn blocking_error(flight: &PendingUpload) -> Option<()> {
+    flight.as_ref().err().filter(|error| error.affects_all_flights()).map(|_| ())
 }

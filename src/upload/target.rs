@@ -11,20 +11,20 @@ use object_store::{
     Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload,
 };
 
-use super::bucket::{self, fault, passes, said};
+use super::bucket::{self, option_fault, is_transient, describe_error};
 use crate::installation::Fault;
-use crate::store::sha256;
+use crate::store::sha256_hex;
 
 /// Pause before the first repeat, doubled before each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 /// Longest pause between two repeats.
 const MAX_PAUSE: Duration = Duration::from_secs(8);
 /// Metadata of an object with its SHA-256, so that it can be compared without being read.
-const DIGEST: &str = "sha256";
+const DIGEST_KEY: &str = "sha256";
 
 /// How much at once, and how often again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct UploadSettings {
     /// Objects at a time, at most.
     pub jobs: usize,
     /// Repeats of a request that failed.
@@ -37,74 +37,74 @@ pub struct Settings {
 #[derive(Debug, thiserror::Error)]
 pub enum TargetError {
     /// Other bytes under a name of ours.
-    #[error("{place}: is there already, with other bytes, and is not written over; {mend}")]
+    #[error("{url}: already exists with different content and is not overwritten; {remedy}")]
     Different {
         /// URL.
-        place: String,
+        url: String,
         /// What to do.
-        mend: &'static str,
+        remedy: &'static str,
     },
     /// The same flight, of another aircraft, type or wing than the call says.
     #[error(
-        "{place}: is published as {there}; whose it is stays as it was said first: correct it with \
-        `wingd-fleet correct`, or leave the options out"
+        "{url}: already published as {published}; upload cannot change the aircraft. Use `wingd-fleet correct`, or \
+        omit the options"
     )]
     Contradicted {
         /// URL.
-        place: String,
+        url: String,
         /// Aircraft, type and wing there.
-        there: String,
+        published: String,
     },
     /// Something that is not of this flight.
-    #[error("{place}: is not a file of this flight; move it away, or upload below another prefix")]
+    #[error("{url}: is not a file of this flight; move it away, or upload below another prefix")]
     Foreign {
         /// URL.
-        place: String,
+        url: String,
     },
     /// After all repeats.
-    #[error("{place}: {why}")]
+    #[error("{url}: {reason}")]
     Failed {
         /// URL.
-        place: String,
+        url: String,
         /// The other side's answer, and the mend.
-        why: String,
+        reason: String,
     },
 }
 
 /// What became of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Put {
+pub enum PutOutcome {
     /// It is there by us.
     Sent,
     /// It was there, with the same bytes.
-    There,
+    AlreadyPresent,
 }
 
 /// A bucket and prefix, or a directory.
 #[derive(Debug)]
-pub struct Target {
+pub struct UploadTarget {
     store: Arc<dyn ObjectStore>,
     prefix: Path,
     url: String,
     /// Objects carry their digest; files are read instead.
     metadata: bool,
-    settings: Settings,
+    settings: UploadSettings,
 }
 
-impl Target {
+impl UploadTarget {
     /// `s3://bucket/prefix` or `file:///directory`. Credentials, region and endpoint come from the environment
     /// (`AWS_ACCESS_KEY_ID` and its like) and from nowhere else.
     ///
     /// # Errors
     /// A fault names the option or variable.
-    pub fn open(url: &str, settings: Settings) -> Result<Self, Fault> {
+    pub fn open(url: &str, settings: UploadSettings) -> Result<Self, Fault> {
         let url = url.trim_end_matches('/');
         if let Some(path) = url.strip_prefix("file://") {
-            return Self::directory(path, settings);
+            return Self::open_directory(path, settings);
         }
         let known = "give s3://BUCKET/PREFIX or file:///DIRECTORY";
         let Some(rest) = url.strip_prefix("s3://") else {
-            return Err(fault("--to", "value", "is neither a bucket nor a directory".into(), known));
+            return Err(option_fault("--to", "value", "is neither a bucket nor a directory".into(), known));
         };
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let plain = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
@@ -112,16 +112,16 @@ impl Target {
             // The text is not repeated: what stands before an @ may be a secret.
             let problem = "names no bucket (letters, digits, '.', '-', '_' alone)".to_owned();
             let mend = "give s3://BUCKET/PREFIX, credentials in AWS_* variables";
-            return Err(fault("--to", "value", problem, mend));
+            return Err(option_fault("--to", "value", problem, mend));
         }
-        let prefix = Path::parse(prefix).map_err(|e| fault("--to", "prefix", e.to_string(), known))?;
-        let store = bucket::open(bucket, settings.limit)?;
+        let prefix = Path::parse(prefix).map_err(|e| option_fault("--to", "prefix", e.to_string(), known))?;
+        let store = bucket::open_bucket(bucket, settings.limit)?;
         Ok(Self { store: Arc::new(store), prefix, url: url.to_owned(), metadata: true, settings })
     }
 
-    fn directory(path: &str, settings: Settings) -> Result<Self, Fault> {
+    fn open_directory(path: &str, settings: UploadSettings) -> Result<Self, Fault> {
         let wrong = |problem: String| {
-            fault("--to", "value", problem, "give file:///DIRECTORY, a directory that can be written")
+            option_fault("--to", "value", problem, "give file:///DIRECTORY, a directory that can be written")
         };
         if !path.starts_with('/') {
             return Err(wrong("names no directory from the root".to_owned()));
@@ -134,31 +134,31 @@ impl Target {
     }
 
     /// As it was opened.
-    pub fn settings(&self) -> Settings {
+    pub fn settings(&self) -> UploadSettings {
         self.settings
     }
 
     /// A key as a URL, for people.
-    pub fn shown(&self, key: &str) -> String {
+    pub fn display_url(&self, key: &str) -> String {
         format!("{}/{key}", self.url)
     }
 
-    fn path(&self, key: &str) -> Path {
+    fn object_path(&self, key: &str) -> Path {
         key.split('/').fold(self.prefix.clone(), |path, part| path.join(part))
     }
 
     /// The first question, asked once: whether anybody is there, and lets us in.
-    pub async fn greet(&self, place: &str) -> Result<(), TargetError> {
-        let below = self.path(place);
+    pub async fn check_access(&self, place: &str) -> Result<(), TargetError> {
+        let below = self.object_path(place);
         let listed = self.store.list(Some(&below)).try_collect::<Vec<_>>().await;
-        listed.map(|_| ()).map_err(|error| self.failed(place, &error))
+        listed.map(|_| ()).map_err(|error| self.request_error(place, &error))
     }
 
     /// Keys below a place, with their lengths.
-    pub async fn list(&self, place: &str) -> Result<BTreeMap<String, u64>, TargetError> {
-        let below = self.path(place);
+    pub async fn list_keys(&self, place: &str) -> Result<BTreeMap<String, u64>, TargetError> {
+        let below = self.object_path(place);
         let list = || async { self.store.list(Some(&below)).try_collect::<Vec<_>>().await };
-        let all = self.again(place, list).await?;
+        let all = self.with_retries(place, list).await?;
         let own = self.prefix.parts().count();
         let key = |path: &Path| {
             path.parts().skip(own).map(|part| part.as_ref().to_owned()).collect::<Vec<_>>().join("/")
@@ -167,8 +167,8 @@ impl Target {
     }
 
     /// An object's bytes; `None` where there is none.
-    pub async fn read(&self, key: &str) -> Result<Option<Vec<u8>>, TargetError> {
-        let path = self.path(key);
+    pub async fn read_object(&self, key: &str) -> Result<Option<Vec<u8>>, TargetError> {
+        let path = self.object_path(key);
         let get = || async {
             match self.store.get(&path).await {
                 Ok(found) => Ok(Some(found.bytes().await?.to_vec())),
@@ -176,23 +176,23 @@ impl Target {
                 Err(error) => Err(error),
             }
         };
-        self.again(key, get).await
+        self.with_retries(key, get).await
     }
 
-    fn options(&self, mode: PutMode, digest: &str) -> PutOptions {
+    fn put_options(&self, mode: PutMode, digest: &str) -> PutOptions {
         let mut attributes = Attributes::new();
         if self.metadata {
-            attributes.insert(Attribute::Metadata(DIGEST.into()), digest.to_owned().into());
+            attributes.insert(Attribute::Metadata(DIGEST_KEY.into()), digest.to_owned().into());
         }
         PutOptions { mode, attributes, ..PutOptions::default() }
     }
 
     /// Puts an object where there is none. One that is there with the same bytes is as good: it may be ours, of an
     /// attempt whose answer was lost.
-    pub async fn put(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<Put, TargetError> {
-        let (path, length) = (self.path(key), bytes.len() as u64);
+    pub async fn put_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
+        let (path, length) = (self.object_path(key), bytes.len() as u64);
         let payload = PutPayload::from(bytes);
-        let options = self.options(PutMode::Create, digest);
+        let options = self.put_options(PutMode::Create, digest);
         let put = || async {
             match self.store.put_opts(&path, payload.clone(), options.clone()).await {
                 Ok(_) => Ok(true),
@@ -200,24 +200,24 @@ impl Target {
                 Err(error) => Err(error),
             }
         };
-        if self.again(key, put).await? {
-            return Ok(Put::Sent);
+        if self.with_retries(key, put).await? {
+            return Ok(PutOutcome::Sent);
         }
-        if self.same(key, length, digest).await? { Ok(Put::There) } else { Err(self.different(key)) }
+        if self.has_digest(key, length, digest).await? { Ok(PutOutcome::AlreadyPresent) } else { Err(self.different_error(key)) }
     }
 
     /// Puts the right bytes in place of damaged ones.
-    pub async fn replace(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<Put, TargetError> {
-        let path = self.path(key);
+    pub async fn replace_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
+        let path = self.object_path(key);
         let payload = PutPayload::from(bytes);
-        let options = self.options(PutMode::Overwrite, digest);
+        let options = self.put_options(PutMode::Overwrite, digest);
         let put = || async { self.store.put_opts(&path, payload.clone(), options.clone()).await };
-        self.again(key, put).await.map(|_| Put::Sent)
+        self.with_retries(key, put).await.map(|_| PutOutcome::Sent)
     }
 
     /// Whether an object is the one that was to be put; read where it does not carry its digest.
-    pub async fn same(&self, key: &str, length: u64, digest: &str) -> Result<bool, TargetError> {
-        let path = self.path(key);
+    pub async fn has_digest(&self, key: &str, length: u64, digest: &str) -> Result<bool, TargetError> {
+        let path = self.object_path(key);
         let get = |head: bool| {
             let options = GetOptions { head, ..GetOptions::default() };
             self.store.get_opts(&path, options)
@@ -227,28 +227,28 @@ impl Target {
             if found.meta.size != length {
                 return Ok(false);
             }
-            let said = found.attributes.get(&Attribute::Metadata(DIGEST.into())).map(|v| v.to_string());
+            let said = found.attributes.get(&Attribute::Metadata(DIGEST_KEY.into())).map(|v| v.to_string());
             match said {
                 Some(said) => Ok(said == digest),
-                None => Ok(sha256(&get(false).await?.bytes().await?) == digest),
+                None => Ok(sha256_hex(&get(false).await?.bytes().await?) == digest),
             }
         };
-        self.again(key, look).await
+        self.with_retries(key, look).await
     }
 
-    pub(super) fn different(&self, key: &str) -> TargetError {
+    pub(super) fn different_error(&self, key: &str) -> TargetError {
         let mend = "a published flight stays as it is: results that were added since belong into tables \
             (docs/fleet.md), another state of the flight below another prefix; where the object was changed \
             or damaged there, `--repair` puts the right bytes again";
-        TargetError::Different { place: self.shown(key), mend }
+        TargetError::Different { url: self.display_url(key), remedy: mend }
     }
 
-    fn failed(&self, key: &str, error: &object_store::Error) -> TargetError {
-        TargetError::Failed { place: self.shown(key), why: said(error) }
+    fn request_error(&self, key: &str, error: &object_store::Error) -> TargetError {
+        TargetError::Failed { url: self.display_url(key), reason: describe_error(error) }
     }
 
     /// Does it again where the reason may pass, so many times, with growing pauses.
-    async fn again<T, W>(&self, key: &str, mut work: impl FnMut() -> W) -> Result<T, TargetError>
+    async fn with_retries<T, W>(&self, key: &str, mut work: impl FnMut() -> W) -> Result<T, TargetError>
     where
         W: Future<Output = object_store::Result<T>>,
     {
@@ -257,12 +257,12 @@ impl Target {
         loop {
             match work().await {
                 Ok(done) => return Ok(done),
-                Err(error) if left > 0 && passes(&error) => {
+                Err(error) if left > 0 && is_transient(&error) => {
                     tokio::time::sleep(pause).await;
                     pause = (2 * pause).min(MAX_PAUSE);
                     left -= 1;
                 }
-                Err(error) => return Err(self.failed(key, &error)),
+                Err(error) => return Err(self.request_error(key, &error)),
             }
         }
     }

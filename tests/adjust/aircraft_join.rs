@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use wingd::aircraft::{Column, Layout, Quantity, Received, Track};
 use wingd::clock::Stamp;
 use wingd::clock::exposure::Exposure;
-use wingd::clock::quality::Quality;
+use wingd::clock::quality::ClockQuality;
 
 use crate::common::random::{normal, rng};
 
@@ -114,7 +114,7 @@ fn ratios(seed: u64, every_s: f64, jumps: Option<u32>) -> Vec<Vec<f64>> {
         track.add(&layout(), &feed(rng, &truth, every_s, jumps));
         for _ in 0..FRAMES {
             let at_s = 1.0 + (LASTING_S as f64 - 3.0) * rng.random::<f64>();
-            let exposure = Exposure::asked(&stamp(at_s), 50.0 + at_s, Quality::exact());
+            let exposure = Exposure::from_request(&stamp(at_s), 50.0 + at_s, ClockQuality::exact());
             let state = track.at(&stamp(at_s), Some(&exposure));
             for (k, (quantity, _)) in TOLD.iter().enumerate() {
                 if let Some(joined) = state.get(quantity) {

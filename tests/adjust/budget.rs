@@ -130,7 +130,7 @@ const SOURCES: [(&str, Draw); 17] = [
     }),
     ("lens", |given, rng| {
         let by = LENS_SIGMA.map(|sigma| sigma * normal(rng));
-        given.setup.lens = given.setup.lens.changed(&by.into());
+        given.setup.lens = given.setup.lens.with_changes(&by.into());
         None
     }),
     ("projection centre", |given, rng| {

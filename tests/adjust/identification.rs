@@ -8,7 +8,7 @@ use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::Detection;
 use wingd::measure::identify::{
-    IdentifyError, Identities, identify, orient, predict, remove_perspective_bias,
+    IdentifyError, Identities, identify_markers, estimate_orientation, predict_next_frame, remove_perspective_bias,
 };
 use wingd::measure::setup::{Orientation, Setup, Shape};
 
@@ -68,7 +68,7 @@ fn ground_frames_are_oriented_without_a_guess_and_none_is_misidentified() {
         let conditions = Conditions { false_ones: 10, hidden: 0.33, ..HARD };
         let world = World::random(seed, &conditions);
         let view = world.ground_view(seed, &conditions);
-        match orient(&world.setup, std::slice::from_ref(&view.detections)) {
+        match estimate_orientation(&world.setup, std::slice::from_ref(&view.detections)) {
             Ok(fit) => {
                 is_complete(&world.setup, &view.detections, &fit.identities[0]);
                 tally.add(&view, &fit.identities[0]);
@@ -110,7 +110,7 @@ fn frames_in_flight_are_never_misidentified() {
         let world = World::random(seed, &conditions);
         let deflection_m = deflection(seed, conditions.deflection_m);
         let view = world.flight_view(deflection_m, seed, &conditions);
-        match identify(&world.setup, &known(&world), &view.detections) {
+        match identify_markers(&world.setup, &known(&world), &view.detections) {
             Ok(identities) => {
                 is_complete(&world.setup, &view.detections, &identities);
                 let before = tally.wrong;
@@ -144,7 +144,7 @@ fn plain_frames_lose_nothing() {
     for seed in 1000..1100 {
         let world = World::random(seed, &PLAIN);
         let view = world.flight_view(deflection(seed, PLAIN.deflection_m), seed, &PLAIN);
-        let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
+        let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
         tally.add(&view, &identities);
     }
     eprintln!("plain: {tally:?}");
@@ -159,7 +159,7 @@ fn the_perspective_bias_is_removed() {
         let conditions = Conditions { noise_px: 0.01, ..PLAIN };
         let world = World::random(seed, &conditions);
         let view = world.flight_view(deflection(seed, conditions.deflection_m), seed, &conditions);
-        let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
+        let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
         let corrected = remove_perspective_bias(&world.setup, &known(&world), &view.detections, &identities);
         for ((raw, new), j) in view.detections.iter().zip(&corrected).zip(&identities.marker_of) {
             let Some(truth) = j.and_then(|j| view.centres_px[j]) else { continue };
@@ -183,8 +183,8 @@ fn the_next_frame_is_predicted_within_the_search_radius() {
         let world = World::random(seed, &PLAIN);
         let now = world.flight_view(2.0, seed, &Conditions { hidden: 0.2, ..PLAIN });
         let next = world.flight_view(2.1, seed + 1, &PLAIN);
-        let identities = identify(&world.setup, &known(&world), &now.detections).unwrap();
-        let predictions = predict(&world.setup, &known(&world), &now.detections, &identities);
+        let identities = identify_markers(&world.setup, &known(&world), &now.detections).unwrap();
+        let predictions = predict_next_frame(&world.setup, &known(&world), &now.detections, &identities);
         for detection in &next.detections {
             let hit = predictions.iter().any(|p| {
                 p.shape == detection.shape
@@ -229,7 +229,7 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
 #[test]
 fn a_layout_that_fits_two_ways_is_reported() {
     let (setup, detections) = symmetric_world();
-    let answer = orient(&setup, &[detections]);
+    let answer = estimate_orientation(&setup, &[detections]);
     assert!(matches!(answer, Err(IdentifyError::Ambiguous { solutions: 2 })), "{answer:?}");
 }
 
@@ -237,22 +237,22 @@ fn a_layout_that_fits_two_ways_is_reported() {
 fn too_little_or_nothing_but_clutter_is_refused() {
     let world = World::random(4, &PLAIN);
     let view = world.ground_view(4, &PLAIN);
-    assert!(matches!(orient(&world.setup, &[]), Err(IdentifyError::TooFew { .. })));
+    assert!(matches!(estimate_orientation(&world.setup, &[]), Err(IdentifyError::TooFew { .. })));
     let three = view.detections[..3].to_vec();
     assert!(matches!(
-        orient(&world.setup, std::slice::from_ref(&three)),
+        estimate_orientation(&world.setup, std::slice::from_ref(&three)),
         Err(IdentifyError::TooFew { found: 3, .. })
     ));
-    assert!(matches!(identify(&world.setup, &known(&world), &three), Err(IdentifyError::TooFew { .. })));
+    assert!(matches!(identify_markers(&world.setup, &known(&world), &three), Err(IdentifyError::TooFew { .. })));
     for seed in 0..20 {
         let mut rng = StdRng::seed_from_u64(seed);
         let mut clutter = view.detections.clone();
         for d in &mut clutter {
             d.centre_px = Vector2::new(rng.random_range(0.0..4000.0), rng.random_range(0.0..3000.0));
         }
-        let on_ground = orient(&world.setup, &[clutter.clone()]);
+        let on_ground = estimate_orientation(&world.setup, &[clutter.clone()]);
         assert!(on_ground.is_err(), "seed {seed}");
-        let in_flight = identify(&world.setup, &known(&world), &clutter);
+        let in_flight = identify_markers(&world.setup, &known(&world), &clutter);
         assert!(in_flight.is_err(), "seed {seed}: {in_flight:?}");
     }
 }
@@ -261,11 +261,11 @@ fn too_little_or_nothing_but_clutter_is_refused() {
 fn values_that_are_no_numbers_do_no_harm() {
     let world = World::random(6, &PLAIN);
     let mut view = world.flight_view(1.0, 6, &PLAIN);
-    let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
+    let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
     view.detections[0].centre_px.x = f64::NAN;
     view.detections[3].covariance_px2 = Matrix2::zeros().into();
     view.detections[5].semi_major_px = f64::INFINITY;
-    let again = identify(&world.setup, &known(&world), &view.detections).unwrap();
+    let again = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
     for (i, (a, b)) in identities.marker_of.iter().zip(&again.marker_of).enumerate() {
         let expected = if [0, 3, 5].contains(&i) { None } else { *a };
         assert_eq!(*b, expected);
@@ -279,8 +279,8 @@ fn several_ground_frames_are_one_orientation() {
     let conditions = Conditions { noise_px: 0.5, hidden: 0.2, false_ones: 5, ..PLAIN };
     let world = World::random(8, &conditions);
     let frames: Vec<_> = (0..4).map(|k| world.ground_view(100 + k, &conditions).detections).collect();
-    let one = orient(&world.setup, &frames[..1]).unwrap();
-    let four = orient(&world.setup, &frames).unwrap();
+    let one = estimate_orientation(&world.setup, &frames[..1]).unwrap();
+    let four = estimate_orientation(&world.setup, &frames).unwrap();
     assert_eq!(four.identities.len(), 4);
     let trace = |f: &wingd::measure::identify::OrientationFit| f.orientation.covariance_rad2.unwrap().trace();
     assert!(trace(&four) < trace(&one));
@@ -294,7 +294,7 @@ fn a_wrong_survey_point_is_taken_out_and_named() {
     let view = world.ground_view(10, &PLAIN);
     let mut setup = world.setup.clone();
     setup.markers[4].position_m += Vector3::new(0.05, -0.03, 0.04);
-    let fit = orient(&setup, &[view.detections]).unwrap();
+    let fit = estimate_orientation(&setup, &[view.detections]).unwrap();
     assert!(fit.identities[0].missing.iter().any(|(j, _)| *j == 4));
     let off = world.camera_from_survey.angle_to(&fit.orientation.camera_from_survey);
     assert!(off < 1e-3, "{off}");
@@ -347,7 +347,7 @@ fn dev() -> Dev {
 fn the_independent_set_is_oriented_and_identified() {
     let dev = dev();
     let (_, ground, rotation) = &dev.frames[0];
-    let fit = orient(&dev.setup, std::slice::from_ref(&ground.detections)).unwrap();
+    let fit = estimate_orientation(&dev.setup, std::slice::from_ref(&ground.detections)).unwrap();
     let truth = Rotation3::from_matrix_unchecked(*rotation);
     let off = truth.angle_to(&fit.orientation.camera_from_survey);
     eprintln!("dev: {:.3} mrad, variance factor {:.2}", 1e3 * off, fit.variance_factor);
@@ -356,7 +356,7 @@ fn the_independent_set_is_oriented_and_identified() {
     assert!(off < 2.0 * sigma && sigma < 0.4e-3, "{off} {sigma}");
     assert_eq!(fit.identities[0].marker_of, ground.truth);
     for (name, view, _) in &dev.frames[1..] {
-        let identities = identify(&dev.setup, &fit.orientation, &view.detections).unwrap();
+        let identities = identify_markers(&dev.setup, &fit.orientation, &view.detections).unwrap();
         eprintln!("{name}: tip {:.2} m, missing {:?}", identities.tip_deflection_m, identities.missing);
         assert_eq!(identities.marker_of, view.truth, "{name}");
     }
@@ -383,7 +383,7 @@ fn the_picture_orients_as_well_as_pixels_without_error() {
     let picture = wingd::pipeline::decode::decode(&std::fs::read(file).unwrap(), None).unwrap();
     let found = wingd::measure::detect::detect(&picture).markers;
     let off = |detections: Vec<Detection>| {
-        let fit = orient(&dev.setup, &[detections]).unwrap();
+        let fit = estimate_orientation(&dev.setup, &[detections]).unwrap();
         let turn = truth.inverse() * fit.orientation.camera_from_survey;
         (1e3 * turn.scaled_axis().norm(), fit.identities[0].marker_of.clone())
     };

@@ -5,7 +5,7 @@ use crate::common::beam_truth::{Truth, Wing, normal2, normal3, random_wing, remo
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Observation, Options, Solution};
-use wingd::measure::render::{self, Light, Scene, Side};
+use wingd::measure::render::{self, Light, Scene, SceneSide};
 use wingd::measure::setup::{GroundObservation, Orientation, Setup};
 
 const SURVEY_SIGMA_M: f64 = 0.002;
@@ -46,9 +46,9 @@ fn cantilever(wing: Wing, rng: &mut StdRng, count: usize, jump_px: f64) -> Fligh
 
 /// The rendered wing's geometry, remounted since the ground frame.
 fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
-    let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
-    let scene = Scene::random(seed, &render::Options::random(seed, side));
-    let mount = scene.remount(&mut render::Random::new(seed, 5));
+    let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
+    let scene = Scene::random(seed, &render::SceneOptions::random(seed, side));
+    let mount = scene.remount(&mut render::SeededRandom::new(seed, 5));
     let ground = scene.truth(&scene.ground_shot(1));
     let mut setup = scene.setup.clone();
     for (marker, truth) in setup.markers.iter_mut().zip(&ground.markers) {

@@ -8,7 +8,7 @@ use wingd::installation;
 use wingd::measure::adjust::{self, Observation, Options};
 use wingd::measure::geometry::{PointPair, TransformFit};
 use wingd::measure::plan::{self, PlanOptions};
-use wingd::measure::render::{Drawn, Light, Random, Scene, Shot};
+use wingd::measure::render::{SampledAircraft, Light, SeededRandom, Scene, SceneShot};
 use wingd::measure::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
 
 /// As well as a rendered frame's markers are found, px.
@@ -17,7 +17,7 @@ const TIP_DEFLECTION_M: f64 = 2.5;
 const FRAMES: usize = 10;
 
 /// Where a frame shows the markers.
-fn sights(scene: &Scene, shot: &Shot, random: &mut Random) -> Vec<Observation> {
+fn sights(scene: &Scene, shot: &SceneShot, random: &mut SeededRandom) -> Vec<Observation> {
     let covariance_px2 = Matrix2::identity() * PIXEL_SIGMA.powi(2);
     let truth = scene.truth(shot).markers;
     let seen = truth.iter().enumerate().filter(|(_, m)| m.visible).filter_map(|(k, m)| Some((k, m.pixel?)));
@@ -40,11 +40,11 @@ fn tilt(of: &Setup, stated: &Setup) -> Rotation3<f64> {
 fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
     let options = PlanOptions { tip_deflection_m: TIP_DEFLECTION_M, ..PlanOptions::default() };
     let attitude = plan::attitude(planned, None, &options).unwrap().camera_from_survey;
-    let scene = Scene::fitted(planned, Some(attitude), seed, TIP_DEFLECTION_M).unwrap();
-    let mut random = Random::new(seed, 21);
-    let aircraft = Drawn::new(&scene, &mut random);
-    let stated = Drawn::stated(&scene, &mut random);
-    let on_ground = aircraft.on_ground(scene.ground_shot(seed));
+    let scene = Scene::from_setup(planned, Some(attitude), seed, TIP_DEFLECTION_M).unwrap();
+    let mut random = SeededRandom::new(seed, 21);
+    let aircraft = SampledAircraft::new(&scene, &mut random);
+    let stated = SampledAircraft::perturbed_setup(&scene, &mut random);
+    let on_ground = aircraft.ground_shot(scene.ground_shot(seed));
     let sight =
         |Observation { marker, pixel, covariance_px2 }| GroundObservation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
@@ -54,8 +54,8 @@ fn drawn(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
         ground: sights(&scene, &on_ground, &mut random).into_iter().map(sight).collect(),
     };
     let deflection = |k: usize| TIP_DEFLECTION_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
-    let shots: Vec<Shot> = (0..FRAMES)
-        .map(|k| aircraft.in_flight(scene.flight_shot(deflection(k), Light::Plain, seed), &mut random))
+    let shots: Vec<SceneShot> = (0..FRAMES)
+        .map(|k| aircraft.flight_shot(scene.flight_shot(deflection(k), Light::Plain, seed), &mut random))
         .collect();
     let frames: Vec<Vec<Observation>> = shots.iter().map(|shot| sights(&scene, shot, &mut random)).collect();
     let options = Options { sigma: adjust::SigmaKind::Prior, ..Options::default() };

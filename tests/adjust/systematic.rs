@@ -4,7 +4,7 @@
 use nalgebra::{Matrix2, Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options, Solution};
-use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Options as RenderOptions, Scene, Side};
+use wingd::measure::render::{FrameTruth, Light, MarkerTruth, SceneOptions as RenderOptions, Scene, SceneSide};
 use wingd::measure::setup::{
     FlightEffectPriors, GroundObservation, Orientation, Setup, SkinHeight, Thermal, Uncertainty,
 };
@@ -114,7 +114,7 @@ fn met_best(setup: &Setup, mut orientation: Orientation) -> Orientation {
             let ray = setup.lens.ray(&sight.pixel).unwrap();
             let seen = rotation * (setup.markers[sight.marker].position_m - setup.projection_centre_m);
             let seen = seen.normalize();
-            let by = -wingd::measure::geometry::skew(&seen);
+            let by = -wingd::measure::geometry::cross_matrix(&seen);
             normal += by.transpose() * by;
             right += by.transpose() * (ray - seen);
         }
@@ -267,7 +267,7 @@ const NOISE_PX: f64 = 0.05;
 
 impl Rendered {
     fn new(seed: u64, rng: &mut StdRng) -> Self {
-        let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
+        let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
         let scene = Scene::random(seed, &RenderOptions::random(seed, side));
         let truth = scene.truth(&scene.ground_shot(seed));
         let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);

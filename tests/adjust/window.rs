@@ -93,14 +93,14 @@ fn a_plate_is_the_panes_traced_face_by_face() {
         let ray = some_ray(&mut rng);
         let distance = rng.random_range(0.05..0.4);
         let truth = traced(&two_panes(plate.normal, distance, 1.0), 1.0, ray);
-        let (from, direction) = plate.outside(&ray);
+        let (from, direction) = plate.outside_ray(&ray);
         worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
         // Thinner air outside: the direction is refraction's matter, the place is this one's.
         let truth = traced(&two_panes(plate.normal, distance, 0.9998), 1.0, ray);
         thin = thin.max(off_line(&from, &truth));
         let far = truth.0 + truth.1 * rng.random_range(6.0..40.0);
-        let seen = plate.apparent(&far).normalize();
-        let (from, direction) = plate.outside(&seen);
+        let seen = plate.apparent_point(&far).normalize();
+        let (from, direction) = plate.outside_ray(&seen);
         worst = worst.max(off_line(&far, &(from, direction)) / far.norm());
     }
     println!("worst {worst:.1e}; in thin air {:.3} mm", 1e3 * thin);
@@ -117,10 +117,10 @@ fn a_bowed_pane_is_traced_like_spheres_about_their_centres() {
         for _ in 0..300 {
             let ray = some_ray(&mut rng);
             let truth = traced(&faces, 1.0, ray);
-            let (from, direction) = plate.outside(&ray);
+            let (from, direction) = plate.outside_ray(&ray);
             worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
             bends = bends.max((direction - ray).norm());
-            let plane = Plate { normal, pane: pane() }.outside(&ray).0;
+            let plane = Plate { normal, pane: pane() }.outside_ray(&ray).0;
             shift = shift.max((from - plane).cross(&ray).norm());
         }
         println!("radius {radius_m} m: turns a ray by {:.4} px, moves it by {shift:.1e} m", 7800.0 * bends);
@@ -135,7 +135,7 @@ fn a_very_large_radius_is_a_plane() {
     let nearly = Plate { normal, pane: Pane { bow_radius_m: Some(1e6), ..pane() } };
     for _ in 0..100 {
         let ray = some_ray(&mut rng);
-        let ((a, d), (b, e)) = (flat.outside(&ray), nearly.outside(&ray));
+        let ((a, d), (b, e)) = (flat.outside_ray(&ray), nearly.outside_ray(&ray));
         // (n - 1) t tan i / (n r), i up to 25 degrees.
         assert!((d - e).norm() < 5e-9 && off_line(&a, &(b, e)) < 1e-8);
     }

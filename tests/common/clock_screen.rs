@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Random, Sensor};
-use wingd::measure::time_code::{BITS, DISC_RADIUS, DISCS, FASTEST, SIZE, TICK_MS, cell, word};
+use wingd::measure::render::{SeededRandom, SensorModel};
+use wingd::measure::time_code::{BITS, DISC_RADIUS, DISCS, FASTEST, SIZE, TICK_MS, cell_rectangle, code_word};
 
 /// 22 November 2026, about.
 pub const BEGIN_S: f64 = 1_795_300_000.0;
@@ -28,17 +28,17 @@ pub struct Display {
 impl Display {
     /// The code that a row shows at a moment; the screen is written from its top to its bottom within a refresh.
     fn word(&self, at_s: f64, y: f64) -> u32 {
-        let [_, top, _, height] = cell(FASTEST, false);
+        let [_, top, _, height] = cell_rectangle(FASTEST, false);
         let row_s = (y - top - 0.5 * height) / SIZE[1] * self.refresh_s;
         let frame = ((at_s - self.latency_s - row_s - self.phase_s) / self.refresh_s).floor();
         let drawn_s = self.phase_s + frame * self.refresh_s;
-        word(((1e3 * drawn_s / f64::from(TICK_MS)).floor() as u64 % (1 << 17)) as u32)
+        code_word(((1e3 * drawn_s / f64::from(TICK_MS)).floor() as u64 % (1 << 17)) as u32)
     }
 
     /// Of each bit's row the share of the exposure in which it is one.
     pub fn shares(&self, middle_s: f64, exposure_s: f64) -> Vec<f64> {
         let share = |bit: usize| {
-            let [_, y, _, height] = cell(bit, false);
+            let [_, y, _, height] = cell_rectangle(bit, false);
             let lit = |k: usize| {
                 let at_s = middle_s + exposure_s * ((k as f64 + 0.5) / MOMENTS as f64 - 0.5);
                 f64::from(self.word(at_s, y + 0.5 * height) >> bit & 1)
@@ -59,18 +59,18 @@ fn light(shares: &[f64], x: f64, y: f64) -> f64 {
     };
     (0..BITS)
         .find_map(|bit| {
-            let own = inside(cell(bit, false)).then(|| shares[bit]);
-            own.or_else(|| inside(cell(bit, true)).then(|| 1.0 - shares[bit]))
+            let own = inside(cell_rectangle(bit, false)).then(|| shares[bit]);
+            own.or_else(|| inside(cell_rectangle(bit, true)).then(|| 1.0 - shares[bit]))
         })
         .unwrap_or(1.0)
 }
 
 /// A picture of the screen, held somehow; about half of its width is the screen.
-pub fn photograph(shares: &[f64], sensor: &Sensor, white: f64, random: &mut Random) -> Raster {
+pub fn photograph(shares: &[f64], sensor: &SensorModel, white: f64, random: &mut SeededRandom) -> Raster {
     let (width, height) = SIZE_PX;
-    let axis = |random: &mut Random| random.between(-0.5, 0.5);
-    let attitude = Rotation3::from_euler_angles(axis(random), axis(random), random.between(-0.6, 0.6));
-    let distance = random.between(26.0, 34.0);
+    let axis = |random: &mut SeededRandom| random.uniform(-0.5, 0.5);
+    let attitude = Rotation3::from_euler_angles(axis(random), axis(random), random.uniform(-0.6, 0.6));
+    let distance = random.uniform(26.0, 34.0);
     let f = 1300.0;
     let k = Matrix3::new(f, 0.0, 0.5 * width as f64, 0.0, f, 0.5 * height as f64, 0.0, 0.0, 1.0);
     let m = attitude.matrix();

@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Vector2};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::measure::detect::{Detection, Expected, Prediction, detect};
+use wingd::measure::detect::{Detection, ExpectedMarker, MarkerPrediction, detect};
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
 
@@ -189,10 +189,10 @@ pub fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
 }
 
 /// What an orientation would predict of discs, to a pixel.
-pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
+pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<ExpectedMarker> {
     let expected = |&[x, y, a, b, angle]: &Ellipse| {
         let at = Vector2::new(x, y);
-        let prediction = Prediction {
+        let prediction = MarkerPrediction {
             shape: Shape::Circle,
             centre_px: at + Vector2::new(0.7, -0.4),
             semi_major_px: a,
@@ -201,7 +201,7 @@ pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
             search_px: Vector2::repeat(4.0),
             seen: false,
         };
-        Expected { prediction, marker: 0, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
+        ExpectedMarker { prediction, marker: 0, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
     };
     discs.iter().map(expected).collect()
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
-use wingd::store::manifest::{Cause, Shot, State};
-use wingd::store::{Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, catalogue, frames};
+use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
+use wingd::store::{Inputs, NewFrame, SeriesPlan, RealDisk, Store, StoreConfig, catalogue, series_frames};
 
 /// A result as the pipeline writes it; four markers, the last one hidden.
 pub fn solved(deflection_m: f64, sigma_m: f64) -> Value {
@@ -48,7 +48,7 @@ pub fn failed(reason: &str) -> Value {
 /// One series per slice, one frame per result.
 pub fn store_with(series: &[&[Value]]) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(directory.path()) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(directory.path()) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     for (hour, results) in series.iter().enumerate() {
         add_series(&store, hour as u64, results);
@@ -57,7 +57,7 @@ pub fn store_with(series: &[&[Value]]) -> tempfile::TempDir {
 }
 
 fn add_series(store: &Store, hour: u64, results: &[Value]) {
-    let plan = Plan { cause: Cause::Scheduled, shots: results.len() as u32 };
+    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: results.len() as u32 };
     let (mut open, _) = store.begin_series(plan, &stamp(3600 * hour)).unwrap();
     let jpeg = jpeg();
     for number in 1..=results.len() as u32 {
@@ -74,16 +74,16 @@ fn add_series(store: &Store, hour: u64, results: &[Value]) {
         open.add_shot(shot, Some(frame)).unwrap();
     }
     let id = open.id().to_owned();
-    store.close_series(open, State::Complete, &stamp(3600 * hour + 60), Vec::new()).unwrap();
+    store.close_series(open, SeriesState::Complete, &stamp(3600 * hour + 60), Vec::new()).unwrap();
     add_results(store, &id, results);
 }
 
 fn add_results(store: &Store, id: &str, results: &[Value]) {
-    let flight = catalogue::flights(store.disk(), store.root()).unwrap().pop().unwrap();
-    let all = catalogue::series(store.disk(), &flight).unwrap();
+    let flight = catalogue::list_flights(store.disk(), store.root()).unwrap().pop().unwrap();
+    let all = catalogue::list_series(store.disk(), &flight).unwrap();
     let series = all.into_iter().find(|s| s.id == id).unwrap();
-    let manifest = catalogue::manifest(store.disk(), &series).unwrap();
-    for (frame, record) in frames(&series, manifest).iter().zip(results) {
+    let manifest = catalogue::read_series_manifest(store.disk(), &series).unwrap();
+    for (frame, record) in series_frames(&series, manifest).iter().zip(results) {
         store.add_result(frame, &Inputs::new(Map::new()), record.clone()).unwrap();
     }
     store.seal();
@@ -91,7 +91,7 @@ fn add_results(store: &Store, id: &str, results: &[Value]) {
 
 /// One series of two frames, the `n`th of a store, solved.
 pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32) -> Vec<u8>) {
-    let plan = Plan { cause: Cause::Scheduled, shots: 2 };
+    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 2 };
     let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
     for shot in 1..=2_u32 {
         let bytes = bytes(shot);
@@ -100,8 +100,8 @@ pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32
         let frame = NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
         series.add_shot(shot, Some(frame)).unwrap();
     }
-    store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
-    for frame in store.unsolved(inputs).unwrap() {
+    store.close_series(series, SeriesState::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
+    for frame in store.unsolved_frames(inputs).unwrap() {
         assert!(store.add_result(&frame, inputs, json!({"deflection_m": 2.74})).unwrap());
     }
     store.seal();

@@ -9,12 +9,12 @@ use wingd::clock::Stamp;
 use wingd::store::aircraft::{self, AircraftLine};
 use wingd::store::columns::UTC;
 use wingd::store::fake::FakeDisk;
-use wingd::store::installations::File;
-use wingd::store::manifest::{Cause, Failure, Shot, State};
-use wingd::store::verify::verify;
+use wingd::store::installations::InstallationFile;
+use wingd::store::manifest::{SeriesCause, ShotFailure, Shot, SeriesState};
+use wingd::store::verify::verify_path;
 use wingd::store::{
-    Column, Disk, Inputs, Kind, LiveTable, NewFrame, OpenSeries, Plan, Row, Store, StoreConfig, StoreError,
-    catalogue, live, sha256,
+    LiveColumn, Disk, Inputs, ValueKind, LiveTable, NewFrame, OpenSeries, SeriesPlan, LiveRow, Store, StoreConfig, StoreError,
+    catalogue, live, sha256_hex,
 };
 
 pub const ROOT: &str = "store";
@@ -25,12 +25,12 @@ pub fn moment(since_boot_s: f64) -> Stamp {
 }
 
 /// What the results come from.
-pub fn installation() -> Vec<File> {
+pub fn installation() -> Vec<InstallationFile> {
     vec![("camera.toml".into(), b"fx = 1\n".to_vec()), ("survey.csv".into(), b"id\n".to_vec())]
 }
 
 pub fn inputs() -> Inputs {
-    let named = |(name, bytes): (String, Vec<u8>)| (format!("{name}.sha256"), sha256(&bytes).into());
+    let named = |(name, bytes): (String, Vec<u8>)| (format!("{name}.sha256"), sha256_hex(&bytes).into());
     Inputs::new(installation().into_iter().map(named).collect())
 }
 
@@ -38,19 +38,19 @@ pub fn inputs() -> Inputs {
 pub fn live_table(program: &str) -> LiveTable {
     let column = |name: &str, unit: &str, kind, width| {
         let (name, unit) = (name.to_owned(), unit.to_owned());
-        Column { name, unit, kind, width }
+        LiveColumn { name, unit, kind, width }
     };
     let columns = vec![
-        column("utc", UTC, Kind::U64, 1),
-        column("number", "", Kind::U32, 1),
-        column("markers.deflection", "m", Kind::F32, 3),
-        column("latency", "ms", Kind::F64, 1),
+        column("utc", UTC, ValueKind::U64, 1),
+        column("number", "", ValueKind::U32, 1),
+        column("markers.deflection", "m", ValueKind::F32, 3),
+        column("latency", "ms", ValueKind::F64, 1),
     ];
     LiveTable { source: json!({"program": program, "markers": ["M1", "M2", "M3"]}), columns }
 }
 
 /// A live result, told by its number.
-pub fn live_row(number: u32) -> Row {
+pub fn live_row(number: u32) -> LiveRow {
     let x = f64::from(number);
     vec![1e15 + 1e5 * x, x, 0.5 + 0.001 * (x % 7.0), f64::NAN, 1.5, 80.25 + x % 3.0]
 }
@@ -93,7 +93,7 @@ impl Work {
     }
 
     pub fn open(&self) -> Result<Store, StoreError> {
-        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
         Store::open(self.disk(), config).map(|(store, _)| store)
     }
 
@@ -108,17 +108,17 @@ impl Work {
 
     /// Three shots; every fifth has no frame.
     pub fn take_series(&mut self, store: &Store) -> Result<(), StoreError> {
-        let mut series = self.begin(store, Cause::Scheduled, 3)?;
+        let mut series = self.begin(store, SeriesCause::Scheduled, 3)?;
         for shot in 1..=3 {
             self.shoot(&mut series, shot)?;
         }
         self.finish(store, series)
     }
 
-    pub fn begin(&mut self, store: &Store, cause: Cause, shots: u32) -> Result<OpenSeries, StoreError> {
+    pub fn begin(&mut self, store: &Store, cause: SeriesCause, shots: u32) -> Result<OpenSeries, StoreError> {
         self.begun += 1;
         self.time_s += 60.0;
-        let (mut series, _) = store.begin_series(Plan { cause, shots }, &moment(self.time_s))?;
+        let (mut series, _) = store.begin_series(SeriesPlan { cause, shots }, &moment(self.time_s))?;
         series.note_camera(json!({"name": "fake"}).as_object().cloned().unwrap())?;
         Ok(series)
     }
@@ -127,7 +127,7 @@ impl Work {
         self.time_s += 1.0;
         let n = self.begun - 1;
         let failed = (n + shot).is_multiple_of(5);
-        let why = Failure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None };
+        let why = ShotFailure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None };
         let failures = if failed { vec![why] } else { Vec::new() };
         let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
         let stamp = moment(self.time_s);
@@ -135,14 +135,14 @@ impl Work {
         let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
         series.add_shot(shot, (!failed).then_some(frame))?;
         if !failed {
-            self.said.frames.insert(sha256(&bytes));
+            self.said.frames.insert(sha256_hex(&bytes));
         }
         Ok(())
     }
 
     pub fn finish(&mut self, store: &Store, series: OpenSeries) -> Result<(), StoreError> {
         let id = series.id().to_owned();
-        store.close_series(series, State::Complete, &moment(self.time_s), Vec::new())?;
+        store.close_series(series, SeriesState::Complete, &moment(self.time_s), Vec::new())?;
         self.said.complete.insert(id);
         Ok(())
     }
@@ -152,8 +152,8 @@ impl Work {
         let numbers = self.seen..self.seen + rows;
         self.seen += rows;
         self.time_s += 2.0;
-        let rows: Vec<Row> = numbers.clone().map(live_row).collect();
-        store.append_live(&live_table(program), &rows, &moment(self.time_s))?;
+        let rows: Vec<LiveRow> = numbers.clone().map(live_row).collect();
+        store.append_live_rows(&live_table(program), &rows, &moment(self.time_s))?;
         self.said.live.extend(numbers);
         Ok(())
     }
@@ -162,7 +162,7 @@ impl Work {
     pub fn hear(&mut self, store: &Store, feed: &str, number: u32) -> Result<(), StoreError> {
         let line = format!("IWG1,{number},{}", self.time_s);
         let said = AircraftLine { at: Some(moment(self.time_s)), line: line.clone() };
-        if store.add_aircraft(&json!({"feed": feed}), &[said])? {
+        if store.add_aircraft_lines(&json!({"feed": feed}), &[said])? {
             self.said.lines.insert(line);
         }
         Ok(())
@@ -178,7 +178,7 @@ impl Work {
 
     /// So many frames at most of the series that comes first; how many it were.
     pub fn solve_some(&mut self, store: &Store, most: usize) -> Result<usize, StoreError> {
-        let frames: Vec<_> = store.unsolved(&inputs())?.into_iter().take(most).collect();
+        let frames: Vec<_> = store.unsolved_frames(&inputs())?.into_iter().take(most).collect();
         for frame in &frames {
             store.begin_solving(frame, &inputs())?;
             store.read_frame(frame)?;
@@ -190,7 +190,7 @@ impl Work {
 
     /// Whether the store is sound and has all that it acknowledged, once.
     pub fn check(&self) -> Result<(), String> {
-        let report = verify(self.disk.as_ref(), Path::new(ROOT));
+        let report = verify_path(self.disk.as_ref(), Path::new(ROOT));
         if !report.is_sound() {
             return Err(format!("{:#?}", report.faults));
         }
@@ -216,7 +216,7 @@ impl Work {
         if twice {
             return Err("a live result is there twice".to_owned());
         }
-        let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&State::Complete));
+        let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&SeriesState::Complete));
         incomplete.map_or(Ok(()), |id| Err(format!("{id} is not there as a complete series")))
     }
 }
@@ -225,8 +225,8 @@ impl Work {
 fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
     let text = |error: StoreError| error.to_string();
     let mut all = BTreeSet::new();
-    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
-        let (read, notes) = aircraft::read(disk, Path::new(ROOT), &flight).map_err(text)?;
+    for flight in catalogue::list_flights(disk, Path::new(ROOT)).map_err(text)? {
+        let (read, notes) = aircraft::read_aircraft(disk, Path::new(ROOT), &flight).map_err(text)?;
         if let Some(note) = notes.first() {
             return Err(note.clone());
         }
@@ -239,8 +239,8 @@ fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
 fn live_numbers(disk: &dyn Disk) -> Result<(BTreeSet<u32>, bool), String> {
     let text = |error: StoreError| error.to_string();
     let (mut all, mut twice) = (BTreeSet::new(), false);
-    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
-        let (files, notes) = live::read(disk, Path::new(ROOT), &flight).map_err(text)?;
+    for flight in catalogue::list_flights(disk, Path::new(ROOT)).map_err(text)? {
+        let (files, notes) = live::read_live(disk, Path::new(ROOT), &flight).map_err(text)?;
         if let Some(note) = notes.first() {
             return Err(note.clone());
         }
@@ -257,22 +257,22 @@ fn live_numbers(disk: &dyn Disk) -> Result<(BTreeSet<u32>, bool), String> {
 }
 
 /// Frames, results of each, state of each series.
-type Holdings = (BTreeSet<String>, BTreeMap<String, usize>, BTreeMap<String, State>);
+type Holdings = (BTreeSet<String>, BTreeMap<String, usize>, BTreeMap<String, SeriesState>);
 
 fn holdings(disk: &dyn Disk) -> Result<Holdings, String> {
     let (mut frames, mut results, mut states) = Holdings::default();
     let text = |error: StoreError| error.to_string();
-    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
-        for series in catalogue::series(disk, &flight).map_err(text)? {
-            let manifest = catalogue::manifest(disk, &series).map_err(text)?;
+    for flight in catalogue::list_flights(disk, Path::new(ROOT)).map_err(text)? {
+        for series in catalogue::list_series(disk, &flight).map_err(text)? {
+            let manifest = catalogue::read_series_manifest(disk, &series).map_err(text)?;
             states.insert(series.id.clone(), manifest.state);
-            for frame in wingd::store::frames(&series, manifest) {
+            for frame in wingd::store::series_frames(&series, manifest) {
                 wingd::store::read_frame(disk, &frame).map_err(text)?;
                 if !frames.insert(frame.entry.sha256) {
                     return Err("a frame is there twice".to_owned());
                 }
             }
-            for line in catalogue::results(disk, &series).map_err(text)? {
+            for line in catalogue::read_results(disk, &series).map_err(text)? {
                 *results.entry(line.frame_sha256).or_insert(0) += 1;
             }
         }

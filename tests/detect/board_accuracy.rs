@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
-use wingd::measure::calibrate::{Board, BoardPoint, Calibration, View, calibrate};
+use wingd::measure::calibrate::{Board, BoardPoint, Calibration, BoardView, calibrate};
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{BoardPicture, Random};
+use wingd::measure::render::{RenderedBoard, SeededRandom};
 
 const COLUMNS: usize = 12;
 const ROWS: usize = 9;
@@ -22,14 +22,14 @@ struct Camera {
 const SMALL: Camera = Camera { width: 1280, height: 960, c_px: 2500.0, pictures: 16 };
 const LARGE: Camera = Camera { width: 4000, height: 3000, c_px: 7800.0, pictures: 21 };
 
-fn lens(camera: &Camera, random: &mut Random) -> Lens {
+fn lens(camera: &Camera, random: &mut SeededRandom) -> Lens {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
-    let c = camera.c_px * random.between(0.995, 1.005);
-    let (cx, cy) = (w * random.between(0.47, 0.53), h * random.between(0.47, 0.53));
-    let (k1, k2) = (random.between(-0.12, -0.04), random.between(0.0, 0.15));
-    let (p1, p2) = (random.between(-5e-4, 5e-4), random.between(-5e-4, 5e-4));
+    let c = camera.c_px * random.uniform(0.995, 1.005);
+    let (cx, cy) = (w * random.uniform(0.47, 0.53), h * random.uniform(0.47, 0.53));
+    let (k1, k2) = (random.uniform(-0.12, -0.04), random.uniform(0.0, 0.15));
+    let (p1, p2) = (random.uniform(-5e-4, 5e-4), random.uniform(-5e-4, 5e-4));
     Lens {
-        fy: c * random.between(0.9995, 1.0005),
+        fy: c * random.uniform(0.9995, 1.0005),
         k1,
         k2,
         p1,
@@ -38,8 +38,8 @@ fn lens(camera: &Camera, random: &mut Random) -> Lens {
     }
 }
 
-fn picture(lens: &Lens, k: usize, bow_m: [f64; 2], random: &mut Random) -> BoardPicture {
-    BoardPicture::held(lens, (COLUMNS, ROWS), SQUARE_M, bow_m, k, random)
+fn picture(lens: &Lens, k: usize, bow_m: [f64; 2], random: &mut SeededRandom) -> RenderedBoard {
+    RenderedBoard::calibration_image(lens, (COLUMNS, ROWS), SQUARE_M, bow_m, k, random)
 }
 
 struct Outcome {
@@ -49,19 +49,19 @@ struct Outcome {
 }
 
 fn one_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
-    let mut random = Random::new(seed, 36);
+    let mut random = SeededRandom::new(seed, 36);
     let truth = lens(camera, &mut random);
-    let bow = |side: usize, random: &mut Random| {
-        if bowed { random.between(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
+    let bow = |side: usize, random: &mut SeededRandom| {
+        if bowed { random.uniform(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
     };
     let bow_m = [bow(COLUMNS, &mut random), bow(ROWS, &mut random)];
-    let pictures: Vec<BoardPicture> =
+    let pictures: Vec<RenderedBoard> =
         (0..camera.pictures).map(|k| picture(&truth, k, bow_m, &mut random)).collect();
     let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
-    let views: Vec<View> = pictures
+    let views: Vec<BoardView> = pictures
         .par_iter()
         .enumerate()
-        .map(|(k, p)| board.find(&p.render(&mut Random::new(seed, 1000 + k as u64)).unwrap()).unwrap().view)
+        .map(|(k, p)| board.find(&p.render(&mut SeededRandom::new(seed, 1000 + k as u64)).unwrap()).unwrap().view)
         .collect();
     let found = calibrate(&views, camera.width, camera.height).unwrap();
     let values = |l: &Lens| [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2];
@@ -183,10 +183,10 @@ struct Found {
 }
 
 /// Corners of a picture.
-fn corners(picture: &BoardPicture, random: &mut Random) -> Vec<Found> {
+fn corners(picture: &RenderedBoard, random: &mut SeededRandom) -> Vec<Found> {
     let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
     let view = board.find(&picture.render(random).unwrap()).unwrap().view;
-    let pixels = picture.pixels();
+    let pixels = picture.corner_pixels();
     assert!(view.len() > 100, "{} corners", view.len());
     let one = |p: &BoardPoint| {
         let off = pixels.iter().map(|t| p.pixel - t).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
@@ -198,13 +198,13 @@ fn corners(picture: &BoardPicture, random: &mut Random) -> Vec<Found> {
 
 #[test]
 fn corners_are_as_good_as_their_covariances_say_and_independent_of_their_neighbours() {
-    let mut random = Random::new(77, 0);
+    let mut random = SeededRandom::new(77, 0);
     let truth = lens(&SMALL, &mut random);
     let (mut sum, mut n) = (0.0, 0);
     // Of neighbours' errors square to the edge that joins them, which both see.
     let (mut products, mut squares, mut pairs) = (0.0, 0.0, 0);
     for (k, blur_px) in [0.5, 0.8, 1.5, 0.6, 0.7, 1.0].into_iter().enumerate() {
-        let picture = BoardPicture { blur_px, noise: 3.0, ..picture(&truth, k, [0.0; 2], &mut random) };
+        let picture = RenderedBoard { blur_px, noise: 3.0, ..picture(&truth, k, [0.0; 2], &mut random) };
         let found = corners(&picture, &mut random);
         sum += found.iter().map(|f| f.square).sum::<f64>();
         n += found.len();
@@ -232,7 +232,7 @@ fn corners_are_as_good_as_their_covariances_say_and_independent_of_their_neighbo
 #[test]
 #[ignore = "slow tier: 60 pictures, half a minute"]
 fn errors_of_corners_have_no_long_waves() {
-    let mut random = Random::new(78, 0);
+    let mut random = SeededRandom::new(78, 0);
     let (mut waves, mut single, mut pictures) = (0.0, 0.0, 0.0);
     for k in 0..60 {
         let truth = lens(&SMALL, &mut random);

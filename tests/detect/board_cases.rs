@@ -5,12 +5,12 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use wingd::installation::{PictureCorners, read_corners};
 use wingd::measure::calibrate::{
-    Board, BoardPoint, Dropped, Misfit, Options, Verdict, View, calibrate, calibrate_with, judge,
-    misdescribed,
+    Board, BoardPoint, ImageRejection, BoardMismatch, CalibrationOptions, Verdict, BoardView, calibrate, calibrate_with_options, judge_calibration,
+    description_mismatch,
 };
 use wingd::measure::geometry::Lens;
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{BoardPicture, Random};
+use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::pipeline::decode;
 
 /// As the fit gives it in sharp pictures, px.
@@ -30,10 +30,10 @@ fn lens() -> Lens {
 }
 
 /// A board of 12 x 9 corners, 75 mm apart, whose middle lies at a place; tilted about a vertical and a level axis.
-fn view(lens: Lens, middle_m: [f64; 3], tilt: [f64; 2], random: &mut Random) -> View {
+fn view(lens: Lens, middle_m: [f64; 3], tilt: [f64; 2], random: &mut SeededRandom) -> BoardView {
     let camera_from_board = Rotation3::from_euler_angles(tilt[0], tilt[1], 0.1);
     let half = Vector3::new(11.0, 8.0, 0.0) * 0.0375;
-    let board = BoardPicture {
+    let board = RenderedBoard {
         lens,
         corners: (12, 9),
         square_m: 0.075,
@@ -51,16 +51,16 @@ fn view(lens: Lens, middle_m: [f64; 3], tilt: [f64; 2], random: &mut Random) -> 
         let noise = Vector2::new(random.normal(), random.normal()) * SIGMA_PX;
         lens.contains(&pixel).then(|| BoardPoint::new(board_m, pixel + noise, SIGMA_PX))
     };
-    board.pixels().into_iter().filter_map(&mut point).collect()
+    board.corner_pixels().into_iter().filter_map(&mut point).collect()
 }
 
 /// Boards over the image at 4 to 6 m, in every direction by up to this tilt, rad.
-fn set(count: usize, tilt: f64, random: &mut Random) -> Vec<View> {
+fn set(count: usize, tilt: f64, random: &mut SeededRandom) -> Vec<BoardView> {
     (0..count)
         .map(|k| {
             let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3 % 3) as f64 * 0.6 - 0.6];
-            let z = random.between(4.5, 6.0);
-            let turn = [random.between(-tilt, tilt), random.between(-tilt, tilt)];
+            let z = random.uniform(4.5, 6.0);
+            let turn = [random.uniform(-tilt, tilt), random.uniform(-tilt, tilt)];
             view(lens(), [place[0], place[1], z], turn, random)
         })
         .collect()
@@ -69,12 +69,12 @@ fn set(count: usize, tilt: f64, random: &mut Random) -> Vec<View> {
 #[test]
 fn a_zoom_that_moved_is_named_and_the_others_stay() {
     for (seed, factor) in [(1, 1.05), (2, 1.2), (3, 0.97)] {
-        let mut random = Random::new(seed, 0);
+        let mut random = SeededRandom::new(seed, 0);
         let mut views = set(12, 0.6, &mut random);
         let zoomed = Lens { fx: lens().fx * factor, fy: lens().fy * factor, ..lens() };
         views.push(view(zoomed, [0.1, 0.0, 5.0], [0.4, -0.3], &mut random));
         let found = calibrate(&views, 1280, 960).unwrap();
-        assert!(matches!(found.dropped[12], Some(Dropped::OtherZoom { .. })), "{:?}", found.dropped[12]);
+        assert!(matches!(found.dropped[12], Some(ImageRejection::OtherZoom { .. })), "{:?}", found.dropped[12]);
         assert!(found.dropped[..12].iter().all(Option::is_none), "{:?}", found.dropped);
         assert!((found.lens.fx - 2487.0).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
     }
@@ -82,9 +82,9 @@ fn a_zoom_that_moved_is_named_and_the_others_stay() {
 
 #[test]
 fn a_blurred_picture_is_no_outlier_and_a_moving_board_is() {
-    let mut random = Random::new(4, 0);
+    let mut random = SeededRandom::new(4, 0);
     let mut views = set(14, 0.6, &mut random);
-    let shake = |view: &mut View, px: f64, said: bool, random: &mut Random| {
+    let shake = |view: &mut BoardView, px: f64, said: bool, random: &mut SeededRandom| {
         for p in view {
             p.pixel += Vector2::new(random.normal(), random.normal()) * px;
             if said {
@@ -97,7 +97,7 @@ fn a_blurred_picture_is_no_outlier_and_a_moving_board_is() {
     let found = calibrate(&views, 1280, 960).unwrap();
     assert_eq!(found.dropped[3], None, "its covariance says how blurred it is");
     assert!(
-        matches!(found.dropped[5], Some(Dropped::OtherCamera { .. } | Dropped::Points { .. })),
+        matches!(found.dropped[5], Some(ImageRejection::OtherCamera { .. } | ImageRejection::Points { .. })),
         "{:?}",
         found.dropped
     );
@@ -105,7 +105,7 @@ fn a_blurred_picture_is_no_outlier_and_a_moving_board_is() {
 
 #[test]
 fn one_moment_given_twice_is_named_though_it_was_compressed_anew() {
-    let mut random = Random::new(5, 0);
+    let mut random = SeededRandom::new(5, 0);
     let mut views = set(9, 0.6, &mut random);
     let mut again = views[4].clone();
     for p in &mut again {
@@ -113,16 +113,16 @@ fn one_moment_given_twice_is_named_though_it_was_compressed_anew() {
     }
     views.push(again);
     let found = calibrate(&views, 1280, 960).unwrap();
-    assert_eq!(found.dropped[9], Some(Dropped::Twice { of: 5 }));
+    assert_eq!(found.dropped[9], Some(ImageRejection::Twice { of: 5 }));
 }
 
 #[test]
 fn parallel_boards_are_refused_and_the_reason_is_the_tilt() {
-    let mut random = Random::new(6, 0);
+    let mut random = SeededRandom::new(6, 0);
     let found = calibrate(&set(9, 0.002, &mut random), 1280, 960);
     match found {
         Ok(found) => {
-            let (verdict, reasons) = judge(&found, None);
+            let (verdict, reasons) = judge_calibration(&found, None);
             assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
             assert!(reasons[0].contains("tilt"), "{reasons:?}");
         }
@@ -132,23 +132,23 @@ fn parallel_boards_are_refused_and_the_reason_is_the_tilt() {
 
 #[test]
 fn boards_that_are_parallel_to_one_another_are_told_to_tilt_to_different_sides() {
-    let mut random = Random::new(15, 0);
-    let views: Vec<View> = (0..9)
+    let mut random = SeededRandom::new(15, 0);
+    let views: Vec<BoardView> = (0..9)
         .map(|k| {
-            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3) as f64 * 0.6 - 0.6, random.between(4.5, 6.0)];
+            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3) as f64 * 0.6 - 0.6, random.uniform(4.5, 6.0)];
             view(lens(), place, [0.3, 0.3], &mut random)
         })
         .collect();
-    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    let (verdict, reasons) = judge_calibration(&calibrate(&views, 1280, 960).unwrap(), None);
     assert_ne!(verdict, Verdict::Good);
     assert!(reasons.iter().any(|r| r.contains("to different sides")), "{reasons:?}");
 }
 
 #[test]
 fn hardly_tilted_boards_are_refused_with_honest_sigmas() {
-    let mut random = Random::new(7, 0);
+    let mut random = SeededRandom::new(7, 0);
     let found = calibrate(&set(10, 0.03, &mut random), 1280, 960).unwrap();
-    let (verdict, reasons) = judge(&found, None);
+    let (verdict, reasons) = judge_calibration(&found, None);
     assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
     assert!(reasons[0].contains("tilt it by 20 to 40"), "{reasons:?}");
     assert!((found.lens.fx - 2487.0).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
@@ -156,15 +156,15 @@ fn hardly_tilted_boards_are_refused_with_honest_sigmas() {
 
 #[test]
 fn boards_in_one_corner_are_poor_and_the_reason_says_where_to_show_more() {
-    let mut random = Random::new(8, 0);
-    let turn = |random: &mut Random| [random.between(-0.6, 0.6), random.between(-0.6, 0.6)];
-    let views: Vec<View> = (0..10)
+    let mut random = SeededRandom::new(8, 0);
+    let turn = |random: &mut SeededRandom| [random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6)];
+    let views: Vec<BoardView> = (0..10)
         .map(|_| {
             let t = turn(&mut random);
             view(lens(), [-0.7, -0.5, 5.0], t, &mut random)
         })
         .collect();
-    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    let (verdict, reasons) = judge_calibration(&calibrate(&views, 1280, 960).unwrap(), None);
     assert_eq!(verdict, Verdict::Poor, "{reasons:?}");
     assert!(reasons.iter().any(|r| r.contains("lower right")), "{reasons:?}");
 }
@@ -172,13 +172,13 @@ fn boards_in_one_corner_are_poor_and_the_reason_says_where_to_show_more() {
 #[test]
 fn four_photographs_that_tell_little_converge() {
     let pictures: Vec<PictureCorners> = read_corners(&file("four.csv")).unwrap();
-    let views: Vec<View> = pictures.iter().map(|p| p.view.clone()).collect();
+    let views: Vec<BoardView> = pictures.iter().map(|p| p.view.clone()).collect();
     let found = calibrate(&views, pictures[0].size.0, pictures[0].size.1).unwrap();
     assert!(found.view_rms_px.iter().all(Option::is_some), "{:?}", found.dropped);
     // OpenCV gives 0.388 px with its own corners and a flat board.
     assert!(found.rms_px < 0.388, "{} px", found.rms_px);
     for k in 0..4 {
-        let three: Vec<View> = (0..4).filter(|i| *i != k).map(|i| views[i].clone()).collect();
+        let three: Vec<BoardView> = (0..4).filter(|i| *i != k).map(|i| views[i].clone()).collect();
         calibrate(&three, pictures[0].size.0, pictures[0].size.1).unwrap();
     }
 }
@@ -186,7 +186,7 @@ fn four_photographs_that_tell_little_converge() {
 #[test]
 fn a_board_that_is_not_as_described_is_the_first_reason() {
     let board = |columns, spacing| Board::AprilGrid { columns, rows: 6, tag_m: 0.12, spacing };
-    let seen = |board: &Board| -> Vec<Option<Misfit>> {
+    let seen = |board: &Board| -> Vec<Option<BoardMismatch>> {
         (0..4).map(|k| board.find(&raster(&format!("tags{k}.jpg"))).unwrap().misfit).collect()
     };
     for (board, words) in [
@@ -195,18 +195,18 @@ fn a_board_that_is_not_as_described_is_the_first_reason() {
         (board(7, 0.3), "6 tags in a row"),
         (board(5, 0.3), "6 tags in a row"),
     ] {
-        let reason = misdescribed(&board, &seen(&board)).unwrap();
+        let reason = description_mismatch(&board, &seen(&board)).unwrap();
         assert!(reason.contains(words), "{reason}");
     }
     let right = board(6, 0.3);
-    assert_eq!(misdescribed(&right, &seen(&right)), None);
+    assert_eq!(description_mismatch(&right, &seen(&right)), None);
 }
 
 #[test]
 fn a_checkerboard_with_more_corners_than_described_is_named() {
-    let random = &mut Random::new(9, 0);
+    let random = &mut SeededRandom::new(9, 0);
     let camera_from_board = Rotation3::from_euler_angles(0.3, 0.3, 0.0);
-    let picture = BoardPicture {
+    let picture = RenderedBoard {
         lens: lens(),
         corners: (9, 6),
         square_m: 0.1,
@@ -221,7 +221,7 @@ fn a_checkerboard_with_more_corners_than_described_is_named() {
     let board = |columns, rows| Board::Checkerboard { columns, rows, square_m: 0.1 };
     for (columns, rows) in [(8, 6), (9, 5)] {
         let misfit = board(columns, rows).find(&raster).unwrap().misfit;
-        let reason = misdescribed(&board(columns, rows), &[misfit]).unwrap();
+        let reason = description_mismatch(&board(columns, rows), &[misfit]).unwrap();
         assert!(reason.contains("inner corners"), "{reason}");
     }
     assert_eq!(board(9, 6).find(&raster).unwrap().misfit, None);
@@ -237,10 +237,10 @@ fn tags_are_found_beside_a_screen_full_of_text() {
 
 #[test]
 fn terms_that_the_pictures_do_not_tell_are_dropped_on_demand() {
-    let mut random = Random::new(10, 0);
+    let mut random = SeededRandom::new(10, 0);
     let views = set(18, 0.6, &mut random);
     let all = calibrate(&views, 1280, 960).unwrap();
-    let some = calibrate_with(&views, 1280, 960, &Options { select: true, ..Options::default() }).unwrap();
+    let some = calibrate_with_options(&views, 1280, 960, &CalibrationOptions { select: true, ..CalibrationOptions::default() }).unwrap();
     assert!(some.held[6] && some.lens.k3 == 0.0, "k3 is 0 in truth: {:?} {}", some.held, some.lens.k3);
     assert!(!some.held[4], "k1 is not");
     assert_eq!(some.covariance[(6, 6)], 0.0);
@@ -250,21 +250,21 @@ fn terms_that_the_pictures_do_not_tell_are_dropped_on_demand() {
 
 #[test]
 fn two_halves_agree_where_the_model_holds_and_not_where_it_does_not() {
-    let mut random = Random::new(11, 0);
+    let mut random = SeededRandom::new(11, 0);
     let sound = calibrate(&set(18, 0.6, &mut random), 1280, 960).unwrap();
     let halves = sound.halves.unwrap();
     assert!(halves.difference_px < 3.0 * halves.predicted_px, "{halves:?}");
     // The rings slip after half of the pictures; every second picture is of the later kind.
     let slipped = Lens { fx: 2487.0 * 1.002, fy: 2487.3 * 1.002, ..lens() };
-    let views: Vec<View> = (0..18)
+    let views: Vec<BoardView> = (0..18)
         .map(|k| {
             let lens = if k % 2 == 0 { lens() } else { slipped };
             let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3 % 3) as f64 * 0.6 - 0.6];
-            let turn = [random.between(-0.6, 0.6), random.between(-0.6, 0.6)];
+            let turn = [random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6)];
             view(lens, [place[0], place[1], 5.0], turn, &mut random)
         })
         .collect();
-    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    let (verdict, reasons) = judge_calibration(&calibrate(&views, 1280, 960).unwrap(), None);
     assert_ne!(verdict, Verdict::Good);
     assert!(
         reasons.iter().any(|r| r.contains("halves") || r.contains("do not fit the others")),
@@ -273,18 +273,18 @@ fn two_halves_agree_where_the_model_holds_and_not_where_it_does_not() {
 }
 
 /// Boards of 12 x 9 corners all over the image of an equidistant lens, 0.02 px.
-fn equidistant(c_px: f64, count: usize, random: &mut Random) -> Vec<View> {
+fn equidistant(c_px: f64, count: usize, random: &mut SeededRandom) -> Vec<BoardView> {
     let widest = 0.5 * 1280f64.hypot(960.0) / c_px;
     let mut one = |k: usize| {
         let camera_from_board = Rotation3::from_euler_angles(
-            random.between(-0.5, 0.5),
-            random.between(-0.5, 0.5),
+            random.uniform(-0.5, 0.5),
+            random.uniform(-0.5, 0.5),
             0.4 * (k % 4) as f64,
         );
         let place = Vector2::new((k % 4) as f64 / 1.5 - 1.0, (k / 4 % 4) as f64 / 1.5 - 1.0);
         let angle = 0.62 * widest * place.norm();
         let direction = Vector3::new(place.x, place.y, place.norm() / angle.tan()).normalize();
-        let mut view = View::new();
+        let mut view = BoardView::new();
         for c in 0..108 {
             let board_m = Vector2::new(f64::from(c % 12), f64::from(c / 12)) * 0.075;
             let p =
@@ -303,13 +303,13 @@ fn equidistant(c_px: f64, count: usize, random: &mut Random) -> Vec<View> {
 
 #[test]
 fn a_wide_lens_that_browns_model_does_not_follow_gets_the_rational_one() {
-    let mut random = Random::new(13, 0);
+    let mut random = SeededRandom::new(13, 0);
     // 114 degrees over the diagonal.
     let found = calibrate(&equidistant(800.0, 24, &mut random), 1280, 960).unwrap();
     assert!(found.lens.denominator != [0.0; 3] && found.denominator_sigma.iter().all(|s| *s > 0.0));
     assert!(found.rms_px < 1.3 * 0.02 * 2f64.sqrt(), "{} px", found.rms_px);
     assert!(found.pattern.image_px < 0.02, "{:?}", found.pattern);
-    assert!(judge(&found, None).0 != Verdict::Refused, "{:?}", judge(&found, None));
+    assert!(judge_calibration(&found, None).0 != Verdict::Refused, "{:?}", judge_calibration(&found, None));
     // Rays against the truth, in pixels of the image's middle: a rotation takes up nothing of them here.
     let mut worst: f64 = 0.0;
     for (u, v) in [(20.0, 20.0), (640.0, 10.0), (1260.0, 480.0), (900.0, 700.0), (1270.0, 950.0)] {
@@ -323,7 +323,7 @@ fn a_wide_lens_that_browns_model_does_not_follow_gets_the_rational_one() {
 
 #[test]
 fn an_ordinary_lens_keeps_browns_model() {
-    let mut random = Random::new(14, 0);
+    let mut random = SeededRandom::new(14, 0);
     let found = calibrate(&set(12, 0.6, &mut random), 1280, 960).unwrap();
     assert_eq!(found.lens.denominator, [0.0; 3]);
     assert_eq!(found.denominator_sigma, [0.0; 3]);
@@ -332,14 +332,14 @@ fn an_ordinary_lens_keeps_browns_model() {
 #[test]
 fn a_fisheye_is_told_from_a_wrong_board() {
     // An equidistant lens of 150 degrees, as no polynomial in the tangent follows it.
-    let mut random = Random::new(12, 0);
+    let mut random = SeededRandom::new(12, 0);
     let mut views = vec![];
     for k in 0..16 {
         let camera_from_board =
-            Rotation3::from_euler_angles(random.between(-0.5, 0.5), random.between(-0.5, 0.5), 0.0);
+            Rotation3::from_euler_angles(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), 0.0);
         let middle =
             Vector3::new((k % 4) as f64 - 1.5, (k / 4) as f64 * 0.8 - 1.2, 0.0) * 0.8 + Vector3::z() * 0.75;
-        let mut view = View::new();
+        let mut view = BoardView::new();
         for c in 0..108 {
             let board_m = Vector2::new(f64::from(c % 12), f64::from(c / 12)) * 0.075;
             let p = camera_from_board * Vector3::new(board_m.x - 0.41, board_m.y - 0.3, 0.0) + middle;
@@ -357,7 +357,7 @@ fn a_fisheye_is_told_from_a_wrong_board() {
     }
     match calibrate(&views, 1280, 960) {
         Ok(found) => {
-            let (verdict, reasons) = judge(&found, None);
+            let (verdict, reasons) = judge_calibration(&found, None);
             assert_ne!(verdict, Verdict::Good, "{} px", found.rms_px);
             // The rational model follows it where boards were, and does not know how it goes on.
             let unsure =

@@ -4,10 +4,10 @@
 
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
 use rayon::prelude::*;
-use wingd::measure::calibrate::{Board, View, calibrate};
+use wingd::measure::calibrate::{Board, BoardView, calibrate};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{BoardPicture, Random};
+use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::measure::setup::Pane;
 
 const BOARD: Board = Board::Checkerboard { columns: 12, rows: 9, square_m: 0.075 };
@@ -33,14 +33,14 @@ fn plate(tilt_deg: f64, bow_radius_m: Option<f64>) -> Plate {
     Plate { normal: Rotation3::from_euler_angles(0.0, tilt_deg.to_radians(), 0.0) * Vector3::z(), pane }
 }
 
-fn views(pane: Option<Plate>) -> Vec<View> {
+fn views(pane: Option<Plate>) -> Vec<BoardView> {
     let one = |k: u64| {
-        let mut random = Random::new(k, 9);
-        let turn = Rotation3::from_euler_angles(random.between(-0.5, 0.5), random.between(-0.5, 0.5), 0.1);
+        let mut random = SeededRandom::new(k, 9);
+        let turn = Rotation3::from_euler_angles(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), 0.1);
         let place = [(k % 4) as f64 * 0.5 - 0.75, (k / 4) as f64 * 0.36 - 0.54];
-        let middle = Vector3::new(place[0], place[1], BOARDS_M + random.between(-0.7, 0.7));
+        let middle = Vector3::new(place[0], place[1], BOARDS_M + random.uniform(-0.7, 0.7));
         let origin_m = middle - turn * Vector3::new(11.0, 8.0, 0.0) * 0.0375;
-        let picture = BoardPicture {
+        let picture = RenderedBoard {
             lens: lens(),
             corners: (12, 9),
             square_m: 0.075,
@@ -64,7 +64,7 @@ fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> 
         .flat_map(|i| (0..=8).map(move |j| Vector2::new(f64::from(i) * 127.9, f64::from(j) * 119.8)))
         .map(|pixel| {
             let point = truth.ray(&pixel).unwrap() * distance_m;
-            (point, truth.project(&pane.map_or(point, |p| p.apparent(&point))).unwrap())
+            (point, truth.project(&pane.map_or(point, |p| p.apparent_point(&point))).unwrap())
         })
         .collect();
     let (mut turn, mut shift) = (Rotation3::identity(), Vector3::zeros());

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use wingd::measure::calibrate::{
-    BoardPoint, CalibrateError, Dropped, Options, Verdict, View, calibrate, calibrate_with, judge,
+    BoardPoint, CalibrateError, ImageRejection, CalibrationOptions, Verdict, BoardView, calibrate, calibrate_with_options, judge_calibration,
 };
 use wingd::measure::geometry::Lens;
 
@@ -19,12 +19,12 @@ fn gauss(random: &mut StdRng) -> f64 {
 }
 
 /// Views of a board of 9 x 7 corners, 60 mm apart, about 3 m away, tilted up to 40 degrees.
-fn views(random: &mut StdRng, count: usize) -> Vec<View> {
+fn views(random: &mut StdRng, count: usize) -> Vec<BoardView> {
     bowed_views(random, count, [0.0, 0.0])
 }
 
 /// The same with the board's middle this far over the chords between its sides, m.
-fn bowed_views(random: &mut StdRng, count: usize, bow_m: [f64; 2]) -> Vec<View> {
+fn bowed_views(random: &mut StdRng, count: usize, bow_m: [f64; 2]) -> Vec<BoardView> {
     let lens = lens();
     (0..count)
         .map(|_| {
@@ -104,8 +104,8 @@ fn a_bowed_board_gives_the_same_camera_and_its_bow() {
 fn a_bow_is_significant_where_there_is_one() {
     let mut random = StdRng::seed_from_u64(15);
     let found = calibrate(&bowed_views(&mut random, 15, [1e-3, 0.0]), 4000, 3000).unwrap();
-    assert!(found.bow[0].significant(), "{:?}", found.bow);
-    assert!(!found.bow[1].significant() || found.bow[1].value_m.abs() < 3.0 * found.bow[1].sigma_m);
+    assert!(found.bow[0].is_significant(), "{:?}", found.bow);
+    assert!(!found.bow[1].is_significant() || found.bow[1].value_m.abs() < 3.0 * found.bow[1].sigma_m);
 }
 
 #[test]
@@ -136,13 +136,13 @@ fn too_little_is_refused() {
 }
 
 /// Views of a board that fills half the image, moved over all of it; tilts up to `tilt`, rad.
-fn shown(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -> Vec<View> {
+fn shown(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -> Vec<BoardView> {
     let lens = Lens { fx: lens().fx * f_factor, fy: lens().fy * f_factor, ..lens() };
     let one = |&(x, y): &(f64, f64)| {
         let mut angle = |most: f64| if most > 0.0 { random.random_range(-most..most) } else { 0.0 };
         let turn = Rotation3::from_euler_angles(angle(tilt), angle(tilt), angle(0.3));
         let centre = Vector3::new(x, y, 3.0 + angle(0.4));
-        let mut view = View::new();
+        let mut view = BoardView::new();
         for k in 0..63 {
             let board_m = Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06;
             let at = turn * Vector3::new(board_m.x, board_m.y, 0.0) + centre;
@@ -165,18 +165,18 @@ fn tilted_boards_all_over_the_image_are_good() {
     // many halve the uncertainty.
     let mut random = StdRng::seed_from_u64(21);
     let few = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere()), 4000, 3000).unwrap();
-    let (verdict, reasons) = judge(&few, None);
+    let (verdict, reasons) = judge_calibration(&few, None);
     assert_eq!(verdict, Verdict::Poor);
     assert!(reasons.len() == 1 && reasons[0].contains("a point at 40 m"), "{reasons:?}");
     let many = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere().repeat(3)), 4000, 3000).unwrap();
-    assert_eq!(judge(&many, None), (Verdict::Good, vec![]));
+    assert_eq!(judge_calibration(&many, None), (Verdict::Good, vec![]));
 }
 
 #[test]
 fn boards_that_are_hardly_tilted_are_no_good_and_the_reason_says_so() {
     let mut random = StdRng::seed_from_u64(22);
     let found = calibrate(&shown(&mut random, 1.0, 0.03, &everywhere()), 4000, 3000).unwrap();
-    let (verdict, reasons) = judge(&found, None);
+    let (verdict, reasons) = judge_calibration(&found, None);
     assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
     assert!(reasons[0].contains("tilt it by 20 to 40"), "{reasons:?}");
 }
@@ -185,7 +185,7 @@ fn boards_that_are_hardly_tilted_are_no_good_and_the_reason_says_so() {
 fn boards_in_one_corner_alone_are_poor_and_the_reason_says_where_to_show_more() {
     let mut random = StdRng::seed_from_u64(23);
     let found = calibrate(&shown(&mut random, 1.0, 0.6, &[(-0.5, -0.36); 12]), 4000, 3000).unwrap();
-    let (verdict, reasons) = judge(&found, None);
+    let (verdict, reasons) = judge_calibration(&found, None);
     assert_ne!(verdict, Verdict::Good);
     assert!(reasons.iter().any(|r| r.contains("lower right")), "{reasons:?}");
 }
@@ -197,14 +197,14 @@ fn a_picture_with_another_zoom_or_given_twice_is_left_out_by_name() {
     views.extend(shown(&mut random, 1.2, 0.7, &[(0.1, 0.05)]));
     views.push(views[2].clone());
     let found = calibrate(&views, 4000, 3000).unwrap();
-    assert!(matches!(found.dropped[18], Some(Dropped::OtherZoom { .. })), "{:?}", found.dropped[18]);
-    assert_eq!(found.dropped[19], Some(Dropped::Twice { of: 3 }));
+    assert!(matches!(found.dropped[18], Some(ImageRejection::OtherZoom { .. })), "{:?}", found.dropped[18]);
+    assert_eq!(found.dropped[19], Some(ImageRejection::Twice { of: 3 }));
     assert!(found.dropped[..18].iter().all(Option::is_none), "{:?}", found.dropped);
     assert!((found.lens.fx - lens().fx).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
 }
 
 /// As described by somebody who did not measure it: the board is longer across its rows than along them by this share.
-fn stretched(mut views: Vec<View>, share: f64) -> Vec<View> {
+fn stretched(mut views: Vec<BoardView>, share: f64) -> Vec<BoardView> {
     for p in views.iter_mut().flatten() {
         p.board_m = Vector2::new(p.board_m.x / (1.0 - 0.5 * share), p.board_m.y / (1.0 + 0.5 * share));
     }
@@ -215,14 +215,14 @@ fn stretched(mut views: Vec<View>, share: f64) -> Vec<View> {
 fn a_stretched_board_gives_the_same_camera_where_its_tolerance_is_stated() {
     const RUNS: u32 = 60;
     // 0.3 %: paper after a damp night.
-    let (share, options) = (0.003, Options { scale_sigma: Some(0.003), ..Options::default() });
+    let (share, options) = (0.003, CalibrationOptions { scale_sigma: Some(0.003), ..CalibrationOptions::default() });
     let mut random = StdRng::seed_from_u64(31);
     let mut squares = [0.0; 10];
     for _ in 0..RUNS {
         let views = stretched(bowed_views(&mut random, 15, [0.0; 2]), share);
-        let found = calibrate_with(&views, 4000, 3000, &options).unwrap();
+        let found = calibrate_with_options(&views, 4000, 3000, &options).unwrap();
         let stretch = found.stretch.unwrap();
-        assert!(stretch.significant() && stretch.stated.is_some(), "{stretch:?}");
+        assert!(stretch.is_significant() && stretch.stated.is_some(), "{stretch:?}");
         let interior = errors(&found.lens);
         for (k, square) in squares.iter_mut().enumerate() {
             let normalised = match k {
@@ -244,12 +244,12 @@ fn a_stretch_that_nobody_stated_is_named_with_what_it_does_to_the_camera() {
     let stretch = found.stretch.unwrap();
     assert!((stretch.value - 0.003).abs() < 4.0 * stretch.sigma && stretch.stated.is_none(), "{stretch:?}");
     assert!(stretch.worth_px > 0.25, "it pulls the camera: {stretch:?}");
-    let (verdict, reasons) = judge(&found, None);
+    let (verdict, reasons) = judge_calibration(&found, None);
     assert_eq!(verdict, Verdict::Poor);
     assert!(reasons.iter().any(|r| r.contains("+0.30 %") && r.contains("scale_sigma")), "{reasons:?}");
     // A stated tolerance that is far too tight.
-    let tight = Options { scale_sigma: Some(1e-4), ..Options::default() };
-    let found = calibrate_with(&stretched(views, 0.003), 4000, 3000, &tight).unwrap();
-    let (_, reasons) = judge(&found, None);
+    let tight = CalibrationOptions { scale_sigma: Some(1e-4), ..CalibrationOptions::default() };
+    let found = calibrate_with_options(&stretched(views, 0.003), 4000, 3000, &tight).unwrap();
+    let (_, reasons) = judge_calibration(&found, None);
     assert!(reasons.iter().any(|r| r.contains("more than its scale_sigma")), "{reasons:?}");
 }

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use wingd::measure::detect::{Detection, Source, detect};
+use wingd::measure::detect::{Detection, CovarianceSource, detect};
 
 /// A streak along a disc: how far beside its edge, how wide (px, one standard deviation) and how dark.
 #[derive(Clone, Copy)]
@@ -56,11 +56,11 @@ fn seen(seed: u64) -> [f64; 5] {
         let (marker, error) = nearest(&dirty, disc).expect("found");
         let [square, stated] = across(marker, error);
         out[0] += square / stated;
-        out[1] += square / (stated - marker.covariance_px2.of(Source::Beside).trace());
+        out[1] += square / (stated - marker.covariance_px2.of(CovarianceSource::Beside).trace());
         let (marker, error) = nearest(&clean, disc).expect("found");
         let [square, stated] = across(marker, error);
         out[2] += square / stated;
-        out[3] += if marker.covariance_px2.of(Source::Beside).trace() > 0.1 * stated { 1.0 } else { 0.0 };
+        out[3] += if marker.covariance_px2.of(CovarianceSource::Beside).trace() > 0.1 * stated { 1.0 } else { 0.0 };
         out[4] += 1.0;
     }
     out

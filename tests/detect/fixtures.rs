@@ -94,7 +94,7 @@ fn set(name: &str, seen: impl Fn(Vec<u8>, u64) -> Vec<u8>) -> Set {
         .collect();
     let ground = (frames.iter()).filter(|(f, ..)| f.name.starts_with("ground"));
     let ground: Vec<_> = ground.map(|(_, s, _)| s.detections.markers.clone()).collect();
-    let orientation = identify::orient(&installation.setup, &ground).unwrap().orientation;
+    let orientation = identify::estimate_orientation(&installation.setup, &ground).unwrap().orientation;
     Set { installation, orientation, frames }
 }
 

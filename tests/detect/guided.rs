@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Cholesky, Vector2};
 use wingd::installation;
-use wingd::measure::detect::{Detection, Prediction};
+use wingd::measure::detect::{Detection, MarkerPrediction};
 use wingd::measure::identify;
 use wingd::pipeline::guided::detect_predicted;
 use wingd::pipeline::stages::{ProcessedFrame, Work, detect_only};
@@ -14,7 +14,7 @@ struct Case {
     name: String,
     bytes: Vec<u8>,
     whole: ProcessedFrame,
-    predictions: Vec<Prediction>,
+    predictions: Vec<MarkerPrediction>,
 }
 
 fn cases(set: &str) -> Vec<Case> {
@@ -32,13 +32,13 @@ fn cases(set: &str) -> Vec<Case> {
     let frames: Vec<_> = names.iter().map(read).collect();
     let ground = frames.iter().filter(|(name, ..)| name.starts_with("ground"));
     let ground: Vec<_> = ground.map(|(_, _, whole)| whole.detections.markers.clone()).collect();
-    let orientation = identify::orient(&setup, &ground).unwrap().orientation;
+    let orientation = identify::estimate_orientation(&setup, &ground).unwrap().orientation;
     frames
         .into_iter()
         .map(|(name, bytes, whole)| {
             let markers = &whole.detections.markers;
-            let identities = identify::identify(&setup, &orientation, markers).unwrap();
-            let mut predictions = identify::predict(&setup, &orientation, markers, &identities);
+            let identities = identify::identify_markers(&setup, &orientation, markers).unwrap();
+            let mut predictions = identify::predict_next_frame(&setup, &orientation, markers, &identities);
             for (k, p) in predictions.iter_mut().enumerate() {
                 let (sin, cos) = (2.4 * k as f64).sin_cos();
                 p.centre_px += 5.0 * Vector2::new(cos, sin);

@@ -23,7 +23,7 @@ fn installed(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
     let seen =
         |(name, bytes): &(String, Vec<u8>)| stages::detect_only(name, bytes, None).0.detections.markers;
     let ground: Vec<_> = ground.iter().map(seen).collect();
-    let fit = identify::orient(&installation.setup, &ground).unwrap();
+    let fit = identify::estimate_orientation(&installation.setup, &ground).unwrap();
     let ground = stages::ground_sights(&installation.setup, &ground, &fit);
     let orientation = Orientation { ground, ..fit.orientation };
     (installation, orientation, flight)

@@ -1,18 +1,18 @@
 //! Rendered frames: the truth is whole and plausible, and pictures do not depend on the threads.
 
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{Light, Options, Random, Scene, Side};
+use wingd::measure::render::{Light, SceneOptions, SeededRandom, Scene, SceneSide};
 use wingd::measure::setup::Shape;
 
-fn scene(seed: u64, side: Side) -> Scene {
-    let mut options = Options::random(seed, side);
+fn scene(seed: u64, side: SceneSide) -> Scene {
+    let mut options = SceneOptions::random(seed, side);
     options.lens = Lens { k1: -0.04, ..Lens::pinhole(800, 600, 1600.0, 401.0, 297.0) };
     Scene::random(seed, &options)
 }
 
 #[test]
 fn one_thread_and_two_draw_the_same() {
-    let scene = scene(3, Side::Right);
+    let scene = scene(3, SceneSide::Right);
     for light in Light::ALL {
         let shot = scene.flight_shot(2.0, light, 17);
         let draw = |threads| {
@@ -25,10 +25,10 @@ fn one_thread_and_two_draw_the_same() {
 
 #[test]
 fn the_truth_hangs_together() {
-    for (seed, side) in [(1, Side::Left), (2, Side::Right), (3, Side::Left)] {
+    for (seed, side) in [(1, SceneSide::Left), (2, SceneSide::Right), (3, SceneSide::Left)] {
         let scene = scene(seed, side);
         let mut shot = scene.flight_shot(2.2, Light::Plain, 5);
-        shot.mount = scene.remount(&mut Random::new(seed, 5));
+        shot.mount = scene.remount(&mut SeededRandom::new(seed, 5));
         shot.hidden = vec![3];
         let (ground, flight) = (scene.truth(&scene.ground_shot(4)), scene.truth(&shot));
         assert!(ground.markers.iter().all(|m| m.deflection_m == 0.0 && m.visible));
@@ -55,7 +55,7 @@ fn the_truth_hangs_together() {
 
 #[test]
 fn glare_hides_only_what_it_covers() {
-    let scene = scene(2, Side::Right);
+    let scene = scene(2, SceneSide::Right);
     let seen = |light| {
         let truth = scene.truth(&scene.flight_shot(2.0, light, 8));
         truth.markers.iter().filter(|m| m.visible).count()
@@ -66,10 +66,10 @@ fn glare_hides_only_what_it_covers() {
 
 #[test]
 fn an_installation_gives_a_wing_through_its_markers() {
-    let original = scene(6, Side::Left);
+    let original = scene(6, SceneSide::Left);
     let attitude = original.camera_from_survey;
-    let fitted = Scene::fitted(&original.setup, Some(attitude), 9, 2.5).unwrap();
-    assert_eq!(fitted.wing.side, Side::Left);
+    let fitted = Scene::from_setup(&original.setup, Some(attitude), 9, 2.5).unwrap();
+    assert_eq!(fitted.wing.side, SceneSide::Left);
     let truth = fitted.truth(&fitted.ground_shot(1));
     for (marker, survey) in truth.markers.iter().zip(&original.setup.markers) {
         assert!((marker.position_m - survey.position_m).norm() < 1e-6, "{}", marker.id);
@@ -77,5 +77,5 @@ fn an_installation_gives_a_wing_through_its_markers() {
     }
     let mut odd = original.setup.clone();
     odd.markers[2].position_m.z += 1.0;
-    assert!(Scene::fitted(&odd, Some(attitude), 9, 2.5).is_err());
+    assert!(Scene::from_setup(&odd, Some(attitude), 9, 2.5).is_err());
 }

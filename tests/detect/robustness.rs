@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::{
-    Detection, Prediction, RejectReason, detect, detect_guided, detect_guided_or_full,
+    Detection, MarkerPrediction, RejectReason, detect, detect_guided, detect_guided_or_full,
 };
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
@@ -49,7 +49,7 @@ fn no_picture_makes_it_panic() {
             let noise = (0..width * height).map(|_| random.random::<u8>()).collect();
             let image = Raster::new(width, height, noise).unwrap();
             assert!(detect(&image).rejected.len() <= 200);
-            let prediction = Prediction {
+            let prediction = MarkerPrediction {
                 shape: Shape::Circle,
                 centre_px: Vector2::new(random.random_range(-9e3..9e3), f64::NAN),
                 semi_major_px: 1e9,
@@ -181,8 +181,8 @@ fn squares_and_letters_are_not_markers() {
 }
 
 /// What might be expected of a marker that is there.
-fn a_little_off(marker: &Detection) -> Prediction {
-    Prediction {
+fn a_little_off(marker: &Detection) -> MarkerPrediction {
+    MarkerPrediction {
         shape: marker.shape,
         centre_px: marker.centre_px + Vector2::new(6.0, -4.0),
         semi_major_px: marker.semi_major_px * 1.03,
@@ -197,7 +197,7 @@ fn a_little_off(marker: &Detection) -> Prediction {
 fn where_a_prediction_fails_the_whole_frame_is_searched() {
     let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
     let whole = detect(&image);
-    let mut predictions: Vec<Prediction> = whole.markers.iter().map(a_little_off).collect();
+    let mut predictions: Vec<MarkerPrediction> = whole.markers.iter().map(a_little_off).collect();
     assert_eq!(detect_guided_or_full(&image, &predictions), detect_guided(&image, &predictions));
     predictions[1].centre_px.y -= 150.0;
     assert_eq!(detect_guided(&image, &predictions).markers.len(), 1);
@@ -212,7 +212,7 @@ fn windows_give_the_answers_of_the_whole_frame() {
     let image = picture(2400, 1800, &discs, 8);
     let whole = detect(&image);
     assert_eq!(whole.markers.len(), 3);
-    let predictions: Vec<Prediction> = whole.markers.iter().map(a_little_off).collect();
+    let predictions: Vec<MarkerPrediction> = whole.markers.iter().map(a_little_off).collect();
     let guided = detect_guided(&image, &predictions);
     assert_eq!(guided.markers.len(), 3);
     for (one, other) in whole.markers.iter().zip(&guided.markers) {

@@ -4,8 +4,8 @@
 use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
-use wingd::measure::identify::{identify, remove_perspective_bias};
-use wingd::measure::render::{Light, MarkerTruth, Options, Scene, Side};
+use wingd::measure::identify::{identify_markers, remove_perspective_bias};
+use wingd::measure::render::{Light, MarkerTruth, SceneOptions, Scene, SceneSide};
 use wingd::measure::setup::{GroundObservation, Orientation, Shape};
 use wingd::pipeline::stages::identified;
 
@@ -53,7 +53,7 @@ fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection
 
 /// Each marker's detection, its perspective bias removed.
 fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
-    let identities = identify(&scene.setup, orientation, &found.markers).unwrap();
+    let identities = identify_markers(&scene.setup, orientation, &found.markers).unwrap();
     let centred = remove_perspective_bias(&scene.setup, orientation, &found.markers, &identities);
     let of = |j: usize| identities.marker_of.iter().position(|m| *m == Some(j)).map(|i| centred[i].clone());
     (0..scene.markers.len()).map(of).collect()
@@ -91,9 +91,9 @@ fn oriented(scene: &Scene, seed: u64) -> Orientation {
 
 /// At once and after a closer look.
 fn looks(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tally; 2] {
-    let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
-    let usual = Options::random(seed, side);
-    let mut scene = Scene::random(seed, &Options { length_m: length_m.unwrap_or(usual.length_m), ..usual });
+    let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
+    let usual = SceneOptions::random(seed, side);
+    let mut scene = Scene::random(seed, &SceneOptions { length_m: length_m.unwrap_or(usual.length_m), ..usual });
     // No print is quite as large as the survey says.
     for (marker, j) in scene.setup.markers.iter_mut().zip(0u64..) {
         let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;

@@ -19,7 +19,7 @@ use v4l::control::{Control, Value};
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{BoardPicture, Random};
+use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::pipeline::decode::decode;
 
 /// Between two frames, besides what they take.
@@ -117,12 +117,12 @@ fn boards(directory: &str, count: &str, scale: &str) {
     let (width, height) = ((640.0 * scale) as u16, (480.0 * scale) as u16);
     let pinhole = Lens::pinhole(width.into(), height.into(), 1250.0 * scale, 322.0 * scale, 236.0 * scale);
     let lens = Lens { k1: -0.08, k2: 0.05, ..pinhole };
-    let mut random = Random::new(3, 0);
+    let mut random = SeededRandom::new(3, 0);
     for k in 0..count.parse::<usize>().expect("a number") {
-        let turn = Rotation3::from_euler_angles(random.between(-0.6, 0.6), random.between(-0.6, 0.6), 0.1);
+        let turn = Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
         let place = [(k % 3) as f64 * 0.6 - 0.6, (k / 3 % 3) as f64 * 0.4 - 0.4];
-        let middle = Vector3::new(place[0], place[1], random.between(4.2, 5.2));
-        let picture = BoardPicture {
+        let middle = Vector3::new(place[0], place[1], random.uniform(4.2, 5.2));
+        let picture = RenderedBoard {
             lens,
             corners: (9, 7),
             square_m: 0.1,

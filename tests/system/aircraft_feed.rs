@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use wingd::aircraft::{Column, Layout, Quantity};
 use wingd::clock::Stamp;
 use wingd::store::aircraft::AircraftLine;
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, Store, StoreConfig, catalogue};
 
 use crate::program::{outcome, stdout};
@@ -76,9 +76,9 @@ fn demo(dir: &Path) -> std::path::PathBuf {
 }
 
 fn shots(root: &Path) -> Vec<Stamp> {
-    let flight = catalogue::flights(&RealDisk, root).unwrap().remove(0);
-    let series = catalogue::series(&RealDisk, &flight).unwrap();
-    let manifests = series.iter().map(|s| catalogue::manifest(&RealDisk, s).unwrap());
+    let flight = catalogue::list_flights(&RealDisk, root).unwrap().remove(0);
+    let series = catalogue::list_series(&RealDisk, &flight).unwrap();
+    let manifests = series.iter().map(|s| catalogue::read_series_manifest(&RealDisk, s).unwrap());
     manifests.flat_map(|m| m.shots).map(|shot| shot.stamp).collect()
 }
 
@@ -102,7 +102,7 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let dir = tempfile::tempdir().unwrap();
     let root = demo(dir.path());
     let shots = shots(&root);
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(&root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(&root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let source = json!({"udp": "127.0.0.1:7071", "layout": layout()});
     // Shots of a series are seconds apart: what comes about them comes twice.
@@ -113,11 +113,11 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
         let true_ones = about.iter().filter(|line| !line.line.contains("999.0"));
         tags.extend(true_ones.map(|line| layout().read(&line.line).unwrap().time_s.to_bits()));
         lines += about.len() - 1;
-        assert!(store.add_aircraft(&source, &about).unwrap());
+        assert!(store.add_aircraft_lines(&source, &about).unwrap());
     }
-    store.close_aircraft().unwrap();
+    store.close_aircraft_file().unwrap();
     drop(store);
-    assert!(verify(&RealDisk, &root).is_sound());
+    assert!(verify_path(&RealDisk, &root).is_sound());
     let place = root.to_string_lossy().into_owned();
 
     let table = stdout(&["export", &place, "--format", "csv", "--table", "shots"]);
@@ -187,7 +187,7 @@ fn a_table_after_the_flight_is_taken_by_its_mapping() {
     let take = ["aircraft-data", &place, &table, "--mapping", &mapped, "--flight", "f0001"];
     let said = stdout(&take);
     assert!(said.contains(&format!("{} lines kept", 5 * shots.len())), "{said}");
-    assert!(verify(&RealDisk, &root).is_sound());
+    assert!(verify_path(&RealDisk, &root).is_sound());
     let lines = stdout(&["export", &place, "--format", "jsonl"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
     let total_c = first["aircraft"]["total_temperature_c"]["value"].as_f64().unwrap();

@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 use serde_json::Value;
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{BoardPicture, Random};
+use wingd::measure::render::{RenderedBoard, SeededRandom};
 
 use crate::program::run;
 
@@ -20,15 +20,15 @@ fn pictures(directory: &Path, count: usize) {
     std::fs::create_dir_all(directory).unwrap();
     let pinhole = Lens::pinhole(640, 480, 1250.0, 322.0, 236.0);
     let lens = Lens { k1: -0.08, k2: 0.05, ..pinhole };
-    let mut random = Random::new(3, 0);
+    let mut random = SeededRandom::new(3, 0);
     for k in 0..count {
-        let turn = Rotation3::from_euler_angles(random.between(-0.6, 0.6), random.between(-0.6, 0.6), 0.1);
+        let turn = Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
         let middle = Vector3::new(
             (k % 3) as f64 * 0.6 - 0.6,
             (k / 3 % 3) as f64 * 0.4 - 0.4,
-            random.between(4.2, 5.2),
+            random.uniform(4.2, 5.2),
         );
-        let picture = BoardPicture {
+        let picture = RenderedBoard {
             lens,
             corners: (9, 7),
             square_m: 0.1,
@@ -118,11 +118,11 @@ fn a_calibration_that_one_reason_refuses_can_be_accepted_and_stays_marked() {
     run(&[&given[..], &all.iter().map(String::as_str).collect::<Vec<_>>()].concat());
     let _ = std::fs::remove_file(&camera);
     // Corners nearly a pixel aside tell no camera, and that alone is the reason.
-    let mut random = Random::new(5, 0);
+    let mut random = SeededRandom::new(5, 0);
     let aside = |line: &str| -> String {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
         for cell in &mut cells[5..7] {
-            let by = if random.between(-1.0, 1.0) < 0.0 { -0.8 } else { 0.8 };
+            let by = if random.uniform(-1.0, 1.0) < 0.0 { -0.8 } else { 0.8 };
             *cell = format!("{:.5}", cell.parse::<f64>().unwrap() + by);
         }
         cells.join(",")

@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 use wingd::camera::replay::{FaultKind, Replay, ReplayConfig, ReplayFactory, ScriptedFault};
-use wingd::camera::{Camera, CameraError, CameraInfo, Format, Frame};
-use wingd::clock::{Clock, Simulated};
+use wingd::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame};
+use wingd::clock::{Clock, SimulatedClock};
 use wingd::daemon::{self, Event, Health, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig};
 use wingd::record::ImageRecord;
-use wingd::store::manifest::{Cause, SeriesManifest, State};
-use wingd::store::verify::verify;
+use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
+use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 
 /// JPEG files of different content.
@@ -50,12 +50,12 @@ impl Camera for WithCard {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.replay.open()
     }
-    fn recover(&mut self, _deadline: Duration) -> Result<Option<Frame>, CameraError> {
+    fn recover(&mut self, _deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let left = self.card.lock().unwrap().last().cloned();
         self.fetched = left.is_some();
-        Ok(left.map(|bytes| Frame { bytes, format: Format::Jpeg, settings: Map::new(), exposed: None }))
+        Ok(left.map(|bytes| CameraFrame { bytes, format: Format::Jpeg, settings: Map::new(), exposed: None }))
     }
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.replay.shoot(deadline)
     }
     fn release_last(&mut self) -> Result<(), CameraError> {
@@ -72,7 +72,7 @@ impl Camera for WithCard {
 pub struct Flight {
     card: Arc<Mutex<Vec<Vec<u8>>>>,
     pub dir: tempfile::TempDir,
-    pub clock: Arc<Simulated>,
+    pub clock: Arc<SimulatedClock>,
     series: SeriesConfig,
     replay: ReplayConfig,
     solve: Arc<dyn Fn(&str) -> ImageRecord + Send + Sync>,
@@ -96,7 +96,7 @@ impl Flight {
             until: Some(Duration::from_secs(2 * 3600 + 1800)),
             ..SeriesConfig::default()
         };
-        let clock = Arc::new(Simulated::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let solve = Arc::new(|image: &str| record(image));
         let solver_deadline = Duration::from_secs(60);
         let (card, events) = (Arc::default(), Arc::default());
@@ -108,7 +108,7 @@ impl Flight {
     }
 
     pub fn fly(&self) -> Status {
-        let mut config = StoreConfig::at(self.root());
+        let mut config = StoreConfig::new(self.root());
         config.reserve_mb = 0;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
         let replay = ReplayFactory::new(self.replay.clone(), self.clock.clone(), self.clock.since_boot());
@@ -141,16 +141,16 @@ impl Flight {
 
     pub fn manifests(&self) -> Vec<SeriesManifest> {
         let mut found = Vec::new();
-        for flight in catalogue::flights(&RealDisk, &self.root()).unwrap() {
-            for series in catalogue::series(&RealDisk, &flight).unwrap() {
-                found.push(catalogue::manifest(&RealDisk, &series).unwrap());
+        for flight in catalogue::list_flights(&RealDisk, &self.root()).unwrap() {
+            for series in catalogue::list_series(&RealDisk, &flight).unwrap() {
+                found.push(catalogue::read_series_manifest(&RealDisk, &series).unwrap());
             }
         }
         found
     }
 
-    pub fn sound(&self) -> wingd::store::verify::Report {
-        let report = verify(&RealDisk, &self.root());
+    pub fn sound(&self) -> wingd::store::verify::VerifyReport {
+        let report = verify_path(&RealDisk, &self.root());
         assert!(report.is_sound(), "{:#?}", report.faults);
         report
     }
@@ -198,7 +198,7 @@ fn hangs_failures_halves_and_repeats_cost_what_they_must_and_no_more() {
     let status = flight.fly();
     let report = flight.sound();
     let manifests = flight.manifests();
-    assert!(manifests.iter().all(|m| m.state == State::Complete && m.shots.len() == 4));
+    assert!(manifests.iter().all(|m| m.state == SeriesState::Complete && m.shots.len() == 4));
     // Series 1: call 1 good; 2 hangs; 3 busy, 4 good; 5 half, 6 good.
     assert_eq!(kinds(&manifests[0], 2), ["timeout"]);
     assert!(manifests[0].shots[1].frame.is_none(), "a hung camera costs its shot");
@@ -334,7 +334,7 @@ fn frames_left_on_the_cameras_card_are_fetched_once() {
     flight.fly();
     let manifests = flight.manifests();
     assert_eq!(manifests.len(), 4);
-    assert_eq!((manifests[0].cause, manifests[0].shots.len()), (Cause::Recovered, 2));
+    assert_eq!((manifests[0].cause, manifests[0].shots.len()), (SeriesCause::Recovered, 2));
     assert!(flight.card.lock().unwrap().is_empty(), "deleted on the camera once durable");
     assert_eq!(flight.sound().results, 14);
     // Stored, but the power went before it was deleted on the card.
@@ -344,13 +344,13 @@ fn frames_left_on_the_cameras_card_are_fetched_once() {
     flight.series.until = Some(Duration::from_secs(4 * 3600));
     flight.fly();
     assert!(flight.card.lock().unwrap().is_empty());
-    assert!(flight.manifests().iter().skip(4).all(|m| m.cause == Cause::Scheduled));
+    assert!(flight.manifests().iter().skip(4).all(|m| m.cause == SeriesCause::Scheduled));
 }
 
 #[test]
 fn a_frame_that_brings_the_program_down_is_given_up() {
     let flight = Flight::new(Vec::new());
-    let mut config = StoreConfig::at(flight.root());
+    let mut config = StoreConfig::new(flight.root());
     config.reserve_mb = 0;
     // A flight that was recorded, and five starts that ended while its first frame was solved.
     flight.fly();
@@ -360,7 +360,7 @@ fn a_frame_that_brings_the_program_down_is_given_up() {
     let inputs = Inputs::new(Map::from_iter([("installation".to_owned(), Value::from("test"))]));
     for beginning in 1..=5 {
         let (store, _) = Store::open(Arc::new(RealDisk), config.clone()).unwrap();
-        let first = store.unsolved(&inputs).unwrap().remove(0);
+        let first = store.unsolved_frames(&inputs).unwrap().remove(0);
         assert_eq!(store.begin_solving(&first, &inputs).unwrap(), beginning);
     }
     let status = flight.fly();

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use wingd::clock::{Clock, Simulated};
+use wingd::clock::{Clock, SimulatedClock};
 use wingd::daemon::{self, Status, StatusConfig};
 
 use super::daemon_replay::Flight;
@@ -28,7 +28,7 @@ fn the_socket_answers_and_triggers_a_series() {
     flight.status = Some(StatusConfig { socket: socket.clone() });
     // Paced: the flight of 2 h takes about 2 s.
     let start = flight.clock.stamp();
-    flight.clock = Arc::new(Simulated::starting_at(&start, Some(3600.0)));
+    flight.clock = Arc::new(SimulatedClock::starting_at(&start, Some(3600.0)));
     std::thread::scope(|scope| {
         let flying = scope.spawn(|| flight.fly());
         let mut answer = daemon::ask(&socket, "status");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::Value;
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, catalogue};
 
 use crate::program::{done_in as done, fixture, run_in as wingd, said};
@@ -91,7 +91,7 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     assert_eq!(series[0]["sources"][0], "IMG_0001.JPG");
     let page = std::fs::read_to_string(here.join("report.html")).unwrap();
     assert!(page.contains("IMG_0006.JPG") && page.contains("6 of 6"), "every frame is in the report, solved");
-    let report = verify(&RealDisk, &here.join("store"));
+    let report = verify_path(&RealDisk, &here.join("store"));
     assert!(report.is_sound() && report.frames == 6 && report.results == 6, "{report:#?}");
     // What a recorded flight can do, this one can.
     let table = done(here, &["export", "store", "--format", "csv", "--table", "shots"]);
@@ -136,13 +136,13 @@ fn a_card_that_is_pulled_out_is_taken_in_to_the_end_later() {
         zone.contains("do not say the zone of their time: taken as UTC") && zone.contains("--zone"),
         "{zone}"
     );
-    let report = verify(&RealDisk, &here.join("store"));
+    let report = verify_path(&RealDisk, &here.join("store"));
     assert!(report.is_sound() && report.frames == count, "{report:#?}");
-    let flights = catalogue::flights(&RealDisk, &here.join("store")).unwrap();
+    let flights = catalogue::list_flights(&RealDisk, &here.join("store")).unwrap();
     assert_eq!(flights.len(), 1, "one flight, though it was broken off");
     let mut names: Vec<String> = Vec::new();
-    for series in catalogue::series(&RealDisk, &flights[0]).unwrap() {
-        let manifest = catalogue::manifest(&RealDisk, &series).unwrap();
+    for series in catalogue::list_series(&RealDisk, &flights[0]).unwrap() {
+        let manifest = catalogue::read_series_manifest(&RealDisk, &series).unwrap();
         names.extend(manifest.frames().map(|f| f.settings["source"].as_str().unwrap().to_owned()));
     }
     let wanted: Vec<String> = (0..count).map(|k| format!("P{k}.jpg")).collect();

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 use wingd::store::RealDisk;
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 
 use crate::program::{fixture, outcome, run, stdout};
 
@@ -74,7 +74,7 @@ fn every_table_that_can_be_read_is_read() {
         assert_eq!(joined(&store, "mach"), Some((0.78, 1)), "{name}");
         let altitude = joined(&store, "pressure_altitude_m").unwrap().0;
         assert!((altitude - 10_668.0).abs() < 1e-6, "{name}: {altitude}");
-        assert!(verify(&RealDisk, Path::new(&store)).is_sound());
+        assert!(verify_path(&RealDisk, Path::new(&store)).is_sound());
     }
 }
 
@@ -197,7 +197,7 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     assert!(of(1)["withdrawn"].is_string() && of(2)["quantities"].as_array().unwrap().is_empty(), "{list}");
 
     // Evidence: every file is in the chain, a changed withdrawal is found, and a copy has it all.
-    assert!(verify(&RealDisk, Path::new(&store)).is_sound());
+    assert!(verify_path(&RealDisk, Path::new(&store)).is_sound());
     let copy = dir.path().join("copy").to_string_lossy().into_owned();
     stdout(&["copy", &store, &copy]);
     let listed = |root: &str| stdout(&["aircraft-data", root, "--flight", "f0001", "--list", "--json"]);
@@ -208,7 +208,7 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     let sums = std::fs::read_to_string(flight.join("SHA256SUMS")).unwrap();
     assert!(text.contains("\"withdraws\":3") && sums.contains("aircraft-000004.jsonl"), "{text}{sums}");
     std::fs::write(&file, text.replace("\"withdraws\":3", "\"withdraws\":1")).unwrap();
-    assert!(!verify(&RealDisk, Path::new(&copy)).is_sound());
+    assert!(!verify_path(&RealDisk, Path::new(&copy)).is_sound());
 }
 
 #[test]

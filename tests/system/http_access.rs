@@ -184,7 +184,7 @@ fn the_recorder_shows_its_page_and_stops_in_time_whoever_holds_on() {
     assert!(Command::new("kill").arg(daemon.id().to_string()).status().unwrap().success());
     assert!(daemon.wait().unwrap().success());
     assert!(begun.elapsed() < Duration::from_secs(5), "stopped after {:?}", begun.elapsed());
-    assert!(wingd::store::verify::verify(&wingd::store::RealDisk, &dir.path().join("store")).is_sound());
+    assert!(wingd::store::verify::verify_path(&wingd::store::RealDisk, &dir.path().join("store")).is_sound());
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::process::Command;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use serde_json::Map;
-use wingd::store::verify::verify;
-use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256};
+use wingd::store::verify::verify_path;
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256_hex};
 
 use super::http_pages::Server;
 use crate::common::report_store::{jpeg, solved, store_with};
@@ -35,7 +35,7 @@ fn an_archive_has_length_and_digest_and_unpacks_to_a_store() {
         assert_eq!(answer.header("etag"), head.header("etag"));
     }
     let copy = unpacked(&whole.body);
-    let report = verify(&RealDisk, copy.path());
+    let report = verify_path(&RealDisk, copy.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert_eq!((report.series, report.frames, report.results), (2, 3, 3));
     let page = copy.path().parent().unwrap().join("page.html");
@@ -48,7 +48,7 @@ fn an_archive_has_length_and_digest_and_unpacks_to_a_store() {
         .unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     // The daemon's own code can open it and write to it.
-    Store::open(std::sync::Arc::new(RealDisk), StoreConfig::at(copy.path())).unwrap();
+    Store::open(std::sync::Arc::new(RealDisk), StoreConfig::new(copy.path())).unwrap();
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn an_archive_broken_off_thirty_times_is_the_same() {
         let count = until - got.len();
         got.extend_from_slice(&part.body[..count]);
     }
-    assert_eq!(sha256(&got), sha256(&whole.body));
+    assert_eq!(sha256_hex(&got), sha256_hex(&whole.body));
 }
 
 #[test]
@@ -86,16 +86,16 @@ fn an_archive_of_another_state_is_not_joined_with_this_one() {
     let after = server.ask("GET", ARCHIVE, &headers);
     assert_eq!(after.status, 200, "all of the new one");
     assert_ne!(after.header("etag"), Some(etag.as_str()));
-    assert_eq!(verify(&RealDisk, unpacked(&after.body).path()).results, 2);
+    assert_eq!(verify_path(&RealDisk, unpacked(&after.body).path()).results, 2);
     assert_eq!(server.ask("GET", ARCHIVE, &format!("If-None-Match: {etag}\r\n")).status, 200);
 }
 
 /// The same frame with other inputs.
 fn add_result(root: &Path) {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(std::sync::Arc::new(RealDisk), config).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
-    for frame in store.unsolved(&inputs).unwrap() {
+    for frame in store.unsolved_frames(&inputs).unwrap() {
         assert!(store.add_result(&frame, &inputs, solved(2.8, 0.006)).unwrap());
     }
     store.seal();
@@ -130,7 +130,7 @@ fn two_stores_on_one_address_do_not_show_each_others_frames() {
     let manifest = std::fs::read_to_string(series.join("series.json")).unwrap();
     let another = b"another frame".to_vec();
     std::fs::write(series.join("0001.jpg"), &another).unwrap();
-    let manifest = manifest.replace(&sha256(&jpeg()), &sha256(&another));
+    let manifest = manifest.replace(&sha256_hex(&jpeg()), &sha256_hex(&another));
     let manifest =
         manifest.replace(&format!("\"bytes\": {}", jpeg().len()), &format!("\"bytes\": {}", another.len()));
     std::fs::write(series.join("series.json"), manifest).unwrap();
@@ -154,6 +154,6 @@ fn an_old_store_gives_an_archive_too() {
     std::fs::write(store.path().join("store.toml"), "format = 1\n").unwrap();
     let answer = Server::start(store.path()).get(ARCHIVE);
     assert_eq!(answer.status, 200);
-    let report = verify(&RealDisk, unpacked(&answer.body).path());
+    let report = verify_path(&RealDisk, unpacked(&answer.body).path());
     assert!(report.is_sound() && report.results == 1, "{report:#?}");
 }

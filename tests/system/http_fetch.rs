@@ -11,7 +11,7 @@ use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use serde_json::Map;
 use wingd::http::access::Access;
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig};
 
 use super::http_pages::Server;
@@ -91,21 +91,21 @@ fn a_flight_comes_whole_over_a_line_that_breaks_thirty_times() {
     let (here, there) = (store.path().join("flights"), to.path().join("flights"));
     let same = Command::new("diff").arg("-r").arg(here).arg(there).status().unwrap();
     assert!(same.success());
-    assert_eq!(verify(&RealDisk, to.path()).frames, 360);
+    assert_eq!(verify_path(&RealDisk, to.path()).frames, 360);
     // Repeated: nothing is fetched again, later results are brought.
     add_results(store.path());
     let again = fetch(&url, to.path(), &["--flight", "f0001"]);
     assert_eq!(again.status.code(), Some(0), "{}", text(&again));
-    assert_eq!(verify(&RealDisk, to.path()).results, 720);
+    assert_eq!(verify_path(&RealDisk, to.path()).results, 720);
 }
 
 /// All frames with other inputs.
 fn add_results(root: &Path) {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
     loop {
-        let frames = store.unsolved(&inputs).unwrap();
+        let frames = store.unsolved_frames(&inputs).unwrap();
         if frames.is_empty() {
             break;
         }

@@ -11,11 +11,11 @@ use rand::{Rng, SeedableRng};
 use serde_json::Map;
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
-use wingd::clock::{Clock, Simulated, Stamp};
+use wingd::clock::{Clock, SimulatedClock, Stamp};
 use wingd::daemon::{self, Event, Parts, PowerConfig, SeriesConfig, Solver, StatusBoard};
 use wingd::record::{ImageRecord, Method};
-use wingd::store::fake::{FakeDisk, Fault, Survival};
-use wingd::store::verify::verify;
+use wingd::store::fake::{FakeDisk, DiskFault, Survival};
+use wingd::store::verify::verify_path;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
 
 use super::power_fails::picture;
@@ -46,10 +46,10 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
     let day: jiff::Timestamp = "2026-03-01T00:00:00Z".parse().unwrap();
     let utc = day + Duration::from_secs(60 * minutes.0);
     let start = Stamp { utc, utc_synchronised: false, boot_id: format!("boot {number}"), since_boot_s: 20.0 };
-    let clock = Arc::new(Simulated::starting_at(&start, None));
+    let clock = Arc::new(SimulatedClock::starting_at(&start, None));
     let replay = ReplayConfig { folder: Some(frames.to_owned()), repeat: true, ..ReplayConfig::default() };
     let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
-    let config = StoreConfig { reserve_mb: 0, new_flight_after: NEW_FLIGHT_AFTER, ..StoreConfig::at(ROOT) };
+    let config = StoreConfig { reserve_mb: 0, new_flight_after: NEW_FLIGHT_AFTER, ..StoreConfig::new(ROOT) };
     let Ok((store, recovery)) = Store::open(disk, config) else { return };
     let heard = heard.clone();
     let parts = Parts {
@@ -95,12 +95,12 @@ type Holdings = (BTreeMap<String, usize>, BTreeMap<[String; 3], usize>);
 
 fn holdings(disk: &dyn Disk) -> Holdings {
     let (mut flights, mut frames) = Holdings::default();
-    for flight in catalogue::flights(disk, Path::new(ROOT)).unwrap() {
-        let all = catalogue::series(disk, &flight).unwrap();
+    for flight in catalogue::list_flights(disk, Path::new(ROOT)).unwrap() {
+        let all = catalogue::list_series(disk, &flight).unwrap();
         flights.insert(flight.id.clone(), all.len());
         for series in all {
-            let results = catalogue::results(disk, &series).unwrap();
-            let manifest = catalogue::manifest(disk, &series).unwrap();
+            let results = catalogue::read_results(disk, &series).unwrap();
+            let manifest = catalogue::read_series_manifest(disk, &series).unwrap();
             for frame in manifest.shots.into_iter().filter_map(|shot| shot.frame) {
                 let count = results.iter().filter(|line| line.frame == frame.file).count();
                 frames.insert([series.id.clone(), frame.file, frame.sha256], count);
@@ -120,15 +120,15 @@ fn day(seed: u64, frames: &Path) -> (usize, usize) {
         let trial = Arc::new(disk.fork());
         boot(trial.clone(), number, *minutes, frames, &Arc::default());
         let steps = trial.steps();
-        disk.set_faults(vec![Fault::PowerCut(random.random_range(steps * 2 / 3..=steps))]);
+        disk.set_faults(vec![DiskFault::PowerCut(random.random_range(steps * 2 / 3..=steps))]);
         boot(disk.clone(), number, *minutes, frames, &heard);
         disk = Arc::new(disk.power_up(Survival::random(random.random())));
-        let report = verify(disk.as_ref(), Path::new(ROOT));
+        let report = verify_path(disk.as_ref(), Path::new(ROOT));
         assert!(report.is_sound(), "day {seed}, boot {number}: {:#?}", report.faults);
     }
     // On the ground, in the evening: what was left is recovered and solved.
     boot(disk.clone(), periods.len(), (1440, 1442), frames, &heard);
-    let report = verify(disk.as_ref(), Path::new(ROOT));
+    let report = verify_path(disk.as_ref(), Path::new(ROOT));
     assert!(report.is_sound(), "day {seed}: {:#?}", report.faults);
     let (flights, held) = holdings(disk.as_ref());
     let heard = heard.lock().unwrap();

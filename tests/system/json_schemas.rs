@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use wingd::measure::render::{Random, Sensor};
+use wingd::measure::render::{SeededRandom, SensorModel};
 
 use crate::common::clock_screen::{BEGIN_S, Display, photograph};
 use crate::common::report_store::{solved, store_with};
@@ -85,11 +85,11 @@ fn of_a_store() {
 #[test]
 fn of_a_clock_on_a_screen() {
     let directory = tempfile::tempdir().unwrap();
-    let random = &mut Random::new(1, 31);
+    let random = &mut SeededRandom::new(1, 31);
     let display = Display { refresh_s: 1.0 / 60.0, latency_s: 0.03, phase_s: random.unit() };
     for k in 0..2_u32 {
         let shares = display.shares(BEGIN_S + f64::from(k), 0.004);
-        let picture = photograph(&shares, &Sensor::default(), 0.7, random);
+        let picture = photograph(&shares, &SensorModel::default(), 0.7, random);
         let (width, height) = (picture.width() as u32, picture.height() as u32);
         let file = directory.path().join(format!("{k}.png"));
         image::GrayImage::from_raw(width, height, picture.luma().to_vec()).unwrap().save(file).unwrap();

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::store::manifest::State;
-use wingd::store::verify::verify;
+use wingd::store::manifest::SeriesState;
+use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, catalogue};
 
 /// A configuration with quick series of bundled frames, solved with the bundled installation.
@@ -70,14 +70,14 @@ fn start(config: &Path, acknowledged: &Acknowledged) -> (Child, std::thread::Joi
 /// Every frame in the finished series, and the numbers of (series, results, interrupted series).
 fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, usize, usize, usize) {
     let (mut frames, mut series_count, mut results, mut interrupted) = (BTreeSet::new(), 0, 0, 0);
-    for flight in catalogue::flights(&RealDisk, root).unwrap() {
-        for series in catalogue::series(&RealDisk, &flight).unwrap() {
-            let manifest = catalogue::manifest(&RealDisk, &series).unwrap();
+    for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
+        for series in catalogue::list_series(&RealDisk, &flight).unwrap() {
+            let manifest = catalogue::read_series_manifest(&RealDisk, &series).unwrap();
             series_count += 1;
-            interrupted += usize::from(manifest.state == State::Interrupted);
+            interrupted += usize::from(manifest.state == SeriesState::Interrupted);
             let of_series = manifest.shots.into_iter().filter_map(|shot| shot.frame);
             frames.extend(of_series.map(|frame| [series.id.clone(), frame.file, frame.sha256]));
-            results += catalogue::results(&RealDisk, &series).unwrap().len();
+            results += catalogue::read_results(&RealDisk, &series).unwrap().len();
         }
     }
     (frames, series_count, results, interrupted)
@@ -98,7 +98,7 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
         child.wait().unwrap();
         reader.join().unwrap();
         if root.join("store.toml").exists() {
-            let report = verify(&RealDisk, &root);
+            let report = verify_path(&RealDisk, &root);
             assert!(report.is_sound(), "kill {kill}: {:#?}", report.faults);
         }
     }
@@ -109,7 +109,7 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(0), "a clean stop");
     reader.join().unwrap();
-    let report = verify(&RealDisk, &root);
+    let report = verify_path(&RealDisk, &root);
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert!(
         std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(),

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value, json};
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
-use wingd::clock::{Clock, System};
+use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
     self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
 };
@@ -19,8 +19,8 @@ use wingd::daemon::{Tracking, live::KeepConfig};
 use wingd::pipeline::guided::Search;
 use wingd::pipeline::live::Tracked;
 use wingd::record::ImageRecord;
-use wingd::store::manifest::{Cause, SeriesManifest, State};
-use wingd::store::verify::verify;
+use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
+use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
 
 /// Long enough that some dozen lines are more than a socket holds.
@@ -79,10 +79,10 @@ impl Ride {
     }
 
     fn fly(&self) -> Status {
-        let mut config = StoreConfig::at(self.root());
+        let mut config = StoreConfig::new(self.root());
         config.reserve_mb = self.reserve_mb;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
-        let clock: Arc<dyn Clock> = Arc::new(System::new());
+        let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
         let replay = ReplayConfig::folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
         let board = StatusBoard::new(clock.clone());
@@ -149,9 +149,9 @@ fn connected(path: &Path) -> UnixStream {
 /// Numbers of the frames whose results are in the store.
 fn stored(root: &Path) -> Vec<f64> {
     let mut numbers = vec![];
-    for flight in catalogue::flights(&RealDisk, root).unwrap() {
-        for (head, rows) in live::read(&RealDisk, root, &flight).unwrap().0 {
-            let (_, at) = head.table.find("number").unwrap();
+    for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
+        for (head, rows) in live::read_live(&RealDisk, root, &flight).unwrap().0 {
+            let (_, at) = head.table.find_column("number").unwrap();
             numbers.extend(rows.iter().map(|row| row[at]));
         }
     }
@@ -159,13 +159,13 @@ fn stored(root: &Path) -> Vec<f64> {
 }
 
 fn series(root: &Path) -> Vec<SeriesManifest> {
-    let flights = catalogue::flights(&RealDisk, root).unwrap();
-    let all = flights.iter().flat_map(|flight| catalogue::series(&RealDisk, flight).unwrap());
-    all.map(|series| catalogue::manifest(&RealDisk, &series).unwrap()).collect()
+    let flights = catalogue::list_flights(&RealDisk, root).unwrap();
+    let all = flights.iter().flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
+    all.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap()).collect()
 }
 
 fn sound(root: &Path) {
-    let report = verify(&RealDisk, root);
+    let report = verify_path(&RealDisk, root);
     assert!(report.is_sound(), "{:#?}", report.faults);
 }
 
@@ -211,7 +211,7 @@ fn a_listener_that_hangs_loses_lines_and_stops_nothing() {
     assert_eq!((live.stored, live.dropped), (live.results, 0));
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
     assert_eq!(numbers.last().copied().unwrap_or_default() as u64, live.results + live.skipped);
-    let complete = series(&ride.root()).iter().filter(|s| s.state == State::Complete).count();
+    let complete = series(&ride.root()).iter().filter(|s| s.state == SeriesState::Complete).count();
     assert_eq!((complete, status.counts.series_complete), (3, 3), "the timetable's series are whole");
     sound(&ride.root());
 }
@@ -275,18 +275,18 @@ fn raw_frames_are_kept_by_number_and_about_an_event() {
     asking.join().unwrap();
     let live = live_status(&status);
     let all = series(&ride.root());
-    let event: Vec<_> = all.iter().filter(|s| s.cause == Cause::Event).collect();
+    let event: Vec<_> = all.iter().filter(|s| s.cause == SeriesCause::Event).collect();
     assert_eq!((event.len(), live.events), (1, 1));
     assert!(event[0].remarks.iter().any(|r| r.contains("wingd trigger")), "{:?}", event[0].remarks);
     let times: Vec<f64> =
         event[0].shots.iter().map(|s| s.exposure.as_ref().unwrap().exposure_since_boot_s).collect();
     assert!(times.len() > 10 && times.windows(2).all(|pair| pair[0] < pair[1]), "{times:?}");
     assert!(times[times.len() - 1] - times[0] < 1.6 + 0.1, "{times:?}");
-    let nth: usize = all.iter().filter(|s| s.cause == Cause::Live).map(|s| s.shots.len()).sum();
+    let nth: usize = all.iter().filter(|s| s.cause == SeriesCause::Live).map(|s| s.shots.len()).sum();
     assert_eq!(nth as u64, live.frames / 10);
     assert_eq!((live.kept_frames as usize, live.lost_frames), (nth + times.len(), 0));
-    assert_eq!(all.iter().filter(|s| s.cause == Cause::Triggered).count(), 1, "and an extra series");
-    assert!(all.iter().all(|s| s.state == State::Complete && s.camera["name"] == "replay"));
+    assert_eq!(all.iter().filter(|s| s.cause == SeriesCause::Triggered).count(), 1, "and an extra series");
+    assert!(all.iter().all(|s| s.state == SeriesState::Complete && s.camera["name"] == "replay"));
     sound(&ride.root());
 }
 
@@ -315,7 +315,7 @@ fn a_kill_costs_seconds_of_results_and_no_series() {
     let root = dir.path().join("store");
     sound(&root);
     // The next start puts the file into its flight.
-    let mut store = StoreConfig::at(&root);
+    let mut store = StoreConfig::new(&root);
     store.reserve_mb = 0;
     drop(Store::open(Arc::new(RealDisk), store).unwrap());
     sound(&root);
@@ -323,7 +323,7 @@ fn a_kill_costs_seconds_of_results_and_no_series() {
     let lost = came.iter().filter(|(number, _)| !numbers.contains(number));
     let oldest = lost.map(|(_, when)| killed.duration_since(*when)).max().unwrap_or_default();
     assert!(!numbers.is_empty() && oldest < Duration::from_secs(5), "{oldest:?} of results are lost");
-    let scheduled: Vec<_> = series(&root).into_iter().filter(|s| s.cause == Cause::Scheduled).collect();
-    assert!(scheduled.iter().all(|s| s.state == State::Complete && s.shots.len() == 3));
+    let scheduled: Vec<_> = series(&root).into_iter().filter(|s| s.cause == SeriesCause::Scheduled).collect();
+    assert!(scheduled.iter().all(|s| s.state == SeriesState::Complete && s.shots.len() == 3));
     assert_eq!(scheduled.len(), 1);
 }

@@ -6,7 +6,7 @@ use nalgebra::{Rotation3, Vector3};
 use serde_json::Value;
 use wingd::installation;
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Scene, Shot};
+use wingd::measure::render::{Scene, SceneShot};
 
 use crate::program::{fixture, outcome, run};
 
@@ -51,14 +51,14 @@ struct Movement {
 }
 
 /// The scene as the moved camera sees it: what shifts the camera one way shifts the wing the other way.
-fn moved(scene: &Scene, movement: &Movement, seed: u64) -> (Scene, Shot) {
+fn moved(scene: &Scene, movement: &Movement, seed: u64) -> (Scene, SceneShot) {
     let wing_from_camera = scene.frame.wing_from_survey * scene.camera_from_survey.inverse();
     let shift = wing_from_camera * (movement.shift_mm * 1e-3);
     let mut after = scene.clone();
     after.wing.root_x_m -= shift.x;
     after.wing.root_y_m -= shift.y;
     after.wing.axis_z_m -= shift.z;
-    let shot = Shot { mount: Rotation3::new(-movement.rotation_mrad * 1e-3), ..scene.ground_shot(seed) };
+    let shot = SceneShot { mount: Rotation3::new(-movement.rotation_mrad * 1e-3), ..scene.ground_shot(seed) };
     (after, shot)
 }
 
@@ -71,9 +71,9 @@ fn known_movements_come_back_in_px_mrad_and_mm_within_their_standard_deviations(
     let directory = tempfile::tempdir().unwrap();
     let folder = installation(directory.path());
     let setup = installation::load_without_orientation(Path::new(&folder)).unwrap().setup;
-    let scene = Scene::fitted(&setup, None, 7, 1.0).unwrap();
+    let scene = Scene::from_setup(&setup, None, 7, 1.0).unwrap();
     let before = scene.ground_shot(100);
-    let picture = |scene: &Scene, shot: &Shot, name: &str| {
+    let picture = |scene: &Scene, shot: &SceneShot, name: &str| {
         written(directory.path(), name, &scene.render(shot).unwrap())
     };
     let first = picture(&scene, &before, "before.png");

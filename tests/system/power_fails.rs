@@ -7,8 +7,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-use wingd::store::manifest::{SeriesManifest, State};
-use wingd::store::verify::verify;
+use wingd::store::manifest::{SeriesManifest, SeriesState};
+use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, catalogue};
 
 /// For what a test waits for and that has no limit of its own.
@@ -87,13 +87,13 @@ impl Recorder {
     }
 
     fn manifests(&self) -> Vec<SeriesManifest> {
-        let report = verify(&RealDisk, &self.store());
+        let report = verify_path(&RealDisk, &self.store());
         assert!(report.is_sound(), "{:#?}", report.faults);
         let left = std::fs::read_dir(self.store().join("incoming")).unwrap().count();
         assert_eq!(left, 0, "the series under way was closed");
-        let flights = catalogue::flights(&RealDisk, &self.store()).unwrap();
-        let series = flights.iter().flat_map(|flight| catalogue::series(&RealDisk, flight).unwrap());
-        series.map(|series| catalogue::manifest(&RealDisk, &series).unwrap()).collect()
+        let flights = catalogue::list_flights(&RealDisk, &self.store()).unwrap();
+        let series = flights.iter().flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
+        series.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap()).collect()
     }
 }
 
@@ -124,7 +124,7 @@ fn a_stop_gives_a_hanging_shot_up_and_ends_in_time() {
     assert!(took < within, "{took:?}");
     let manifests = recorder.manifests();
     let [series] = manifests.as_slice() else { panic!("{manifests:?}") };
-    assert_eq!((series.state, series.shots.len()), (State::Interrupted, 2));
+    assert_eq!((series.state, series.shots.len()), (SeriesState::Interrupted, 2));
     assert!(series.shots[0].frame.is_some(), "the frame before is there");
     assert!(series.shots[1].failures[0].reason.contains("wingd stops"), "{:?}", series.shots[1]);
 }
@@ -148,7 +148,7 @@ fn when_the_power_fails_all_is_durable_in_time_and_when_it_is_back_recording_goe
     let [series] = manifests.as_slice() else { panic!("{manifests:?}") };
     assert_eq!(
         (series.state, series.remarks.as_slice()),
-        (State::Interrupted, &["the power failed".to_owned()][..])
+        (SeriesState::Interrupted, &["the power failed".to_owned()][..])
     );
     recorder.power("1\n");
     recorder.says("the power is back");

@@ -39,7 +39,7 @@ fn the_comments_of_the_default_are_the_defaults() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("wingd.toml");
     std::fs::write(&file, &text).unwrap();
-    let plain = wingd::config::load(&file).unwrap();
+    let plain = wingd::config::load_configuration(&file).unwrap();
     // Choices that are left out by default are shown by an example, not by a default.
     let examples = ["installation =", "until =", "curvature_terms =", "signing_key =", "file =", "line ="];
     let shown: Vec<String> = text
@@ -53,5 +53,5 @@ fn the_comments_of_the_default_are_the_defaults() {
         .collect();
     assert!(shown.iter().any(|l| l.starts_with("interval")), "the defaults are shown");
     std::fs::write(&file, shown.join("\n")).unwrap();
-    assert_eq!(wingd::config::load(&file).unwrap(), plain);
+    assert_eq!(wingd::config::load_configuration(&file).unwrap(), plain);
 }

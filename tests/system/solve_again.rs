@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 use wingd::report::source::{self, Choice};
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 
 use crate::common::report_store::{solved, store_with};
@@ -39,7 +39,7 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
     let lines: Vec<Value> =
         String::from_utf8_lossy(&again.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!((lines.len(), &lines[0]["image"]), (10, &"s000001/0001.jpg".into()));
-    let report = verify(&RealDisk, &dir.path().join("store"));
+    let report = verify_path(&RealDisk, &dir.path().join("store"));
     assert!(report.is_sound() && report.results == 20, "{report:#?}");
     assert!(report.notes.iter().any(|n| n.contains("results of 2 inputs")), "{:?}", report.notes);
     let together = wingd(&["solve", "store", "--together"], dir.path());
@@ -88,11 +88,11 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
 
 /// A solve that was broken off after `done` of the frames.
 fn broken_off(root: &Path, done: usize) {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
-    let flight = catalogue::flights(&RealDisk, root).unwrap().remove(0);
-    for frame in store.unsolved_of(&flight, &inputs).unwrap().iter().take(done) {
+    let flight = catalogue::list_flights(&RealDisk, root).unwrap().remove(0);
+    for frame in store.unsolved_in_flight(&flight, &inputs).unwrap().iter().take(done) {
         assert!(store.add_result(frame, &inputs, solved(9.9, 0.006)).unwrap());
     }
     store.seal();

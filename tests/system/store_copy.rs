@@ -5,11 +5,11 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use serde_json::{Map, json};
-use wingd::store::bundle::{self, Content};
-use wingd::store::fake::{FakeDisk, Fault, Survival, files};
-use wingd::store::prune::Proof;
+use wingd::store::bundle::{self, BundleContent};
+use wingd::store::fake::{FakeDisk, DiskFault, Survival, read_all_files};
+use wingd::store::prune::CopyProof;
 use wingd::store::receive::{Listing, Receiver};
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{Disk, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue};
 
 use crate::common::report_store::{add_two_solved, stamp};
@@ -21,22 +21,22 @@ const FROM: &str = "from";
 const TO: &str = "to";
 
 fn open(disk: Arc<dyn Disk>, root: &Path) -> Result<Store, StoreError> {
-    Store::open(disk, StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) }).map(|(store, _)| store)
+    Store::open(disk, StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) }).map(|(store, _)| store)
 }
 
 /// `wanted` flights of two series of two frames each, solved.
 fn fill(store: &Store, wanted: u64) {
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "test".into())]));
-    let done = catalogue::flights(store.disk(), store.root()).unwrap().len() as u64;
+    let done = catalogue::list_flights(store.disk(), store.root()).unwrap().len() as u64;
     for n in 2 * done..2 * wanted {
         if n.is_multiple_of(2) {
-            store.want_new_flight();
+            store.request_new_flight();
         }
         add_two_solved(store, &inputs, n, |shot| format!("frame {shot} of {n} ").repeat(9).into_bytes());
         if !n.is_multiple_of(2) {
             let now = stamp(100 * n + 20);
-            store.append_live(&live_table("test"), &[live_row(n as u32)], &now).unwrap();
-            store.close_live().unwrap();
+            store.append_live_rows(&live_table("test"), &[live_row(n as u32)], &now).unwrap();
+            store.close_live_file().unwrap();
         }
     }
 }
@@ -44,36 +44,36 @@ fn fill(store: &Store, wanted: u64) {
 /// As `wingd copy` does it.
 fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
     let receiver = Receiver::open(disk, Path::new(TO))?;
-    for flight in catalogue::flights(disk, Path::new(FROM))? {
-        let bundle = bundle::flight(disk, Path::new(FROM), &flight)?;
-        let listing = Listing::of(&flight.id, &bundle);
-        receiver.prepare(&listing)?;
-        let missing = receiver.missing(&listing, false);
+    for flight in catalogue::list_flights(disk, Path::new(FROM))? {
+        let bundle = bundle::bundle_flight(disk, Path::new(FROM), &flight)?;
+        let listing = Listing::from_bundle(&flight.id, &bundle);
+        receiver.prepare_flight(&listing)?;
+        let missing = receiver.missing_files(&listing, false);
         for (item, listed) in bundle.items.iter().zip(&listing.items).filter(|(_, l)| missing.contains(l)) {
             let bytes = match &item.content {
-                Content::Bytes(bytes) => bytes.clone(),
-                Content::File(path) => disk.read(path).map_err(|source| StoreError::Io {
+                BundleContent::Bytes(bytes) => bytes.clone(),
+                BundleContent::File(path) => disk.read(path).map_err(|source| StoreError::Io {
                     path: path.clone(),
                     doing: "read",
                     source,
                 })?,
             };
-            receiver.accept(listed, &bytes)?;
+            receiver.accept_file(listed, &bytes)?;
         }
-        receiver.commit(&listing)?;
+        receiver.commit_flight(&listing)?;
     }
     Ok(receiver.finish()?.is_sound())
 }
 
 fn no_half_store(disk: &dyn Disk, when: &str) {
     if disk.exists(&Path::new(TO).join("store.toml")) {
-        let report = verify(disk, Path::new(TO));
+        let report = verify_path(disk, Path::new(TO));
         assert!(report.is_sound(), "{when}: {:#?}", report.faults);
     }
 }
 
 /// A fault at every step of a copy; then the power comes back and the copy is made again.
-fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> Fault) {
+fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> DiskFault) {
     for step in 1.. {
         let disk = Arc::new(FakeDisk::new(Vec::new()));
         before(&disk);
@@ -84,7 +84,7 @@ fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> Fault) {
         let disk = disk.power_up(Survival::random(step));
         no_half_store(&disk, &format!("step {step}"));
         assert!(copy(&disk).unwrap(), "step {step}: repeated");
-        let report = verify(&disk, Path::new(TO));
+        let report = verify_path(&disk, Path::new(TO));
         assert!(report.is_sound() && report.frames == 8 && report.results == 8, "step {step}: {report:#?}");
         if whole {
             assert!(outcome.unwrap() && step > 60, "the last step of a copy that met no fault: {step}");
@@ -95,12 +95,12 @@ fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> Fault) {
 
 #[test]
 fn a_copy_survives_a_power_cut_at_every_step() {
-    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::PowerCut);
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), DiskFault::PowerCut);
 }
 
 #[test]
 fn a_copy_survives_a_failed_call_at_every_step() {
-    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::Error);
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), DiskFault::Error);
 }
 
 /// The first flight has been copied before it was solved anew; the second came since.
@@ -112,35 +112,35 @@ fn a_copy_that_is_brought_up_survives_a_power_cut_at_every_step() {
         assert!(copy(disk.as_ref()).unwrap());
         fill(&store, 2);
     };
-    copy_with_faults(before, Fault::PowerCut);
+    copy_with_faults(before, DiskFault::PowerCut);
 }
 
-fn prune_with_faults(fault: fn(u64) -> Fault) {
+fn prune_with_faults(fault: fn(u64) -> DiskFault) {
     for step in 1.. {
         let disk = Arc::new(FakeDisk::new(Vec::new()));
         fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2);
         assert!(copy(disk.as_ref()).unwrap());
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
-        let flight = catalogue::flights(disk.as_ref(), Path::new(FROM)).unwrap().remove(0);
+        let flight = catalogue::list_flights(disk.as_ref(), Path::new(FROM)).unwrap().remove(0);
         let from = disk.steps();
         disk.set_faults(vec![fault(from + step)]);
-        let pruned = store.prune(&flight, Path::new(TO));
+        let pruned = store.prune_flight(&flight, Path::new(TO));
         drop(store);
         let whole = disk.steps() < from + step;
         let disk = Arc::new(disk.power_up(Survival::random(step)));
-        assert!(verify(disk.as_ref(), Path::new(TO)).is_sound());
+        assert!(verify_path(disk.as_ref(), Path::new(TO)).is_sound());
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
-        let report = verify(disk.as_ref(), Path::new(FROM));
+        let report = verify_path(disk.as_ref(), Path::new(FROM));
         assert!(report.is_sound(), "step {step}: {:#?}", report.faults);
         assert!([4, 8].contains(&report.frames), "a flight is there whole or not at all");
         if disk.exists(&flight.folder) {
-            assert!(matches!(store.prune(&flight, Path::new(TO)).unwrap(), Proof::Copied { .. }));
+            assert!(matches!(store.prune_flight(&flight, Path::new(TO)).unwrap(), CopyProof::Verified { .. }));
         }
-        store.sweep().unwrap();
-        assert_eq!(files(disk.as_ref(), &Path::new(FROM).join("pruned")).len(), 0);
-        assert_eq!(verify(disk.as_ref(), Path::new(FROM)).frames, 4);
+        store.remove_pruned().unwrap();
+        assert_eq!(read_all_files(disk.as_ref(), &Path::new(FROM).join("pruned")).len(), 0);
+        assert_eq!(verify_path(disk.as_ref(), Path::new(FROM)).frames, 4);
         if whole {
-            assert!(matches!(pruned.unwrap(), Proof::Copied { .. }) && step > 10, "{step}");
+            assert!(matches!(pruned.unwrap(), CopyProof::Verified { .. }) && step > 10, "{step}");
             return;
         }
     }
@@ -148,22 +148,22 @@ fn prune_with_faults(fault: fn(u64) -> Fault) {
 
 #[test]
 fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
-    prune_with_faults(Fault::PowerCut);
+    prune_with_faults(DiskFault::PowerCut);
 }
 
 #[test]
 fn a_flight_is_pruned_whole_or_stays_whatever_call_fails() {
-    prune_with_faults(Fault::Error);
+    prune_with_faults(DiskFault::Error);
 }
 
 #[test]
 fn a_flight_is_pruned_whole_or_stays_whatever_call_is_done_and_said_to_have_failed() {
-    prune_with_faults(Fault::Late);
+    prune_with_faults(DiskFault::FailedAfterwards);
 }
 
 #[test]
 fn a_copy_survives_a_call_that_is_done_and_said_to_have_failed_at_every_step() {
-    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::Late);
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), DiskFault::FailedAfterwards);
 }
 
 fn text(output: &Output) -> String {
@@ -193,17 +193,17 @@ fn the_commands_copy_prune_and_say_what_they_freed() {
         "{}",
         text(&dry)
     );
-    assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3, "a dry run deletes nothing");
+    assert_eq!(verify_path(&RealDisk, Path::new(&from)).flights, 3, "a dry run deletes nothing");
     let pruned = run(&["prune", &from, "--verified-copy", &to]);
     assert_eq!(pruned.status.code(), Some(0), "{}", text(&pruned));
     assert!(text(&pruned).contains("f0002  deleted"), "{}", text(&pruned));
-    let report = verify(&RealDisk, Path::new(&from));
+    let report = verify_path(&RealDisk, Path::new(&from));
     assert!(report.is_sound() && report.flights == 1, "{report:#?}");
     assert!(report.notes.iter().any(|note| note.contains("f0001 was pruned")), "{:?}", report.notes);
     assert!(!report.notes.iter().any(|note| note.contains("lost")), "{:?}", report.notes);
     // The copy keeps all, also when it is made again from what is left.
     assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
-    assert_eq!(verify(&RealDisk, Path::new(&to)).flights, 3);
+    assert_eq!(verify_path(&RealDisk, Path::new(&to)).flights, 3);
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn what_is_not_provably_copied_stays() {
         let pruned = run(&["prune", &from, "--verified-copy", &to, "--flight", "f0001"]);
         assert_eq!(pruned.status.code(), Some(1), "{}", text(&pruned));
         assert!(text(&pruned).contains("stays") && text(&pruned).contains(why), "{why}: {}", text(&pruned));
-        assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3);
+        assert_eq!(verify_path(&RealDisk, Path::new(&from)).flights, 3);
     }
     let (_dir, from, _) = real();
     let own = run(&["prune", &from, "--verified-copy", &from]);
@@ -253,8 +253,8 @@ fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
     assert!(text(&foreign).contains("another store"), "{}", text(&foreign));
     let copy = open(Arc::new(RealDisk), Path::new(&to)).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "mine".into())]));
-    let flight = catalogue::flights(&RealDisk, Path::new(&to)).unwrap().remove(0);
-    for frame in copy.unsolved_of(&flight, &inputs).unwrap() {
+    let flight = catalogue::list_flights(&RealDisk, Path::new(&to)).unwrap().remove(0);
+    for frame in copy.unsolved_in_flight(&flight, &inputs).unwrap() {
         copy.add_result(&frame, &inputs, json!({})).unwrap();
     }
     drop(copy);

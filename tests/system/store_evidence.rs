@@ -6,9 +6,9 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
-use wingd::store::fake::files;
-use wingd::store::verify::verify;
-use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256, upgrade};
+use wingd::store::fake::read_all_files;
+use wingd::store::verify::verify_path;
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256_hex, upgrade_store};
 
 use crate::common::report_store::add_two_solved;
 
@@ -22,13 +22,13 @@ fn installation() -> Vec<(String, Vec<u8>)> {
 fn inputs() -> Inputs {
     let mut provenance = Map::from_iter([("program".to_owned(), Value::from("test"))]);
     for (name, bytes) in installation() {
-        provenance.insert(format!("{name}.sha256"), sha256(&bytes).into());
+        provenance.insert(format!("{name}.sha256"), sha256_hex(&bytes).into());
     }
     Inputs::new(provenance)
 }
 
 pub fn open(root: &Path) -> Store {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     Store::open(Arc::new(RealDisk), config).unwrap().0
 }
 
@@ -58,7 +58,7 @@ pub fn wingd(arguments: &[&str], store: &Path) -> Output {
 /// Exit status 1, and a line that names the place; in a copy of the flight alone too, where that was damaged.
 fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
     let dir = made();
-    let before = files(&RealDisk, &dir.path().join(FLIGHT));
+    let before = read_all_files(&RealDisk, &dir.path().join(FLIGHT));
     let sound = wingd(&["verify"], dir.path());
     assert_eq!(sound.status.code(), Some(0), "{}", String::from_utf8_lossy(&sound.stdout));
     damage(dir.path());
@@ -67,7 +67,7 @@ fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.lines().any(|line| line.contains(place) && line.contains(what)), "{place}: {what}: {text}");
     let flight = dir.path().join(FLIGHT);
-    if !flight.is_symlink() && before != files(&RealDisk, &flight) {
+    if !flight.is_symlink() && before != read_all_files(&RealDisk, &flight) {
         let elsewhere = tempfile::tempdir().unwrap();
         let copied = Command::new("cp").arg("-r").arg(dir.path().join(FLIGHT)).arg(elsewhere.path()).status();
         assert!(copied.unwrap().success());
@@ -191,7 +191,7 @@ fn damage_09_a_file_added() {
         edit(root, "flights/f0001/s000003/results.jsonl", |bytes| {
             let text = String::from_utf8(bytes.clone()).unwrap();
             let inputs = Inputs::new(Map::new());
-            let frame = sha256(b"frame 2 of 2");
+            let frame = sha256_hex(b"frame 2 of 2");
             let added = json!({"frame": "0002.jpg", "frame_sha256": frame, "inputs": inputs.key(&frame),
                 "provenance": {}, "record": {"deflection_m": 9.74}});
             *bytes = format!("{text}{added}\n").into_bytes();
@@ -245,7 +245,7 @@ fn a_replaced_series_is_named() {
         let elsewhere = tempfile::tempdir().unwrap();
         make(elsewhere.path());
         let series = "flights/f0001/s000002";
-        for (path, bytes) in files(&RealDisk, &elsewhere.path().join(series)) {
+        for (path, bytes) in read_all_files(&RealDisk, &elsewhere.path().join(series)) {
             let name = path.file_name().unwrap().to_owned();
             let text = String::from_utf8(bytes).unwrap().replace("2.74", "2.75").replace(":01.", ":02.");
             std::fs::write(root.join(series).join(name), text).unwrap();
@@ -265,7 +265,7 @@ fn sha256sum_reads_the_sums_of_every_file_of_a_flight() {
     let output = check(&flight);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     let listed = String::from_utf8(output.stdout).unwrap().lines().count();
-    assert_eq!(listed, files(&RealDisk, &flight).len() - 1, "every file but SHA256SUMS itself");
+    assert_eq!(listed, read_all_files(&RealDisk, &flight).len() - 1, "every file but SHA256SUMS itself");
     replace(&flight, "s000001/results.jsonl", "2.74", "9.74");
     assert!(!check(&flight).status.success());
 }
@@ -281,7 +281,7 @@ fn old() -> tempfile::TempDir {
 }
 
 fn content(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let all = files(&RealDisk, root).into_iter();
+    let all = read_all_files(&RealDisk, root).into_iter();
     let inside = all.map(|(path, bytes)| (path.strip_prefix(root).unwrap().to_owned(), bytes));
     inside.filter(|(path, _)| path != Path::new("store.toml") && path != Path::new("lock")).collect()
 }
@@ -289,11 +289,11 @@ fn content(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 #[test]
 fn an_old_store_is_read_and_recorded_to_as_before() {
     let dir = old();
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert!(report.notes.iter().any(|note| note.contains("--upgrade")));
     make(dir.path());
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound() && report.series == 6 && report.results == 12, "{report:#?}");
     assert!(!dir.path().join("flights/f0001/chain.jsonl").exists());
 }
@@ -309,10 +309,10 @@ fn an_upgrade_loses_nothing_and_what_follows_is_chained() {
         assert_eq!(after.get(path), Some(bytes), "{}", path.display());
     }
     make(dir.path());
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound() && report.series == 6 && report.results == 12, "{report:#?}");
     replace(dir.path(), "flights/f0001/s000001/results.jsonl", "2.74", "9.74");
-    assert!(!verify(&RealDisk, dir.path()).is_sound());
+    assert!(!verify_path(&RealDisk, dir.path()).is_sound());
 }
 
 #[test]
@@ -323,11 +323,11 @@ fn damage_is_not_upgraded_and_an_upgrade_broken_off_is_begun_again() {
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("0001.jpg"));
     let dir = old();
-    upgrade(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
+    upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
     std::fs::write(dir.path().join("store.toml"), "format = 1\n").unwrap();
-    let half = verify(&RealDisk, dir.path());
+    let half = verify_path(&RealDisk, dir.path());
     assert!(!half.is_sound(), "a mark set back does not hide the chain");
-    upgrade(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
-    let report = verify(&RealDisk, dir.path());
+    upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
 }

@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use wingd::store::fake::{Bytes, FakeDisk, Fault, Survival, files};
-use wingd::store::manifest::Cause;
-use wingd::store::{Disk, StoreError, upgrade};
+use wingd::store::fake::{UnsyncedBytes, FakeDisk, DiskFault, Survival, read_all_files};
+use wingd::store::manifest::SeriesCause;
+use wingd::store::{Disk, StoreError, upgrade_store};
 
 use crate::common::store_work::{ROOT, Work, installation};
 
@@ -49,7 +49,7 @@ fn a_series(work: &mut Work) -> Result<(), StoreError> {
 
 fn next_flight(work: &mut Work) -> Result<(), StoreError> {
     let store = work.open()?;
-    store.want_new_flight();
+    store.request_new_flight();
     work.take_series(&store)
 }
 
@@ -63,7 +63,7 @@ fn listen(work: &mut Work) -> Result<(), StoreError> {
     for (feed, line) in [("one", 1), ("one", 2), ("two", 3)] {
         work.hear(&store, feed, line)?;
     }
-    store.close_aircraft()
+    store.close_aircraft_file()
 }
 
 /// Two blocks of one table, one of another.
@@ -72,7 +72,7 @@ fn live(work: &mut Work) -> Result<(), StoreError> {
     for (program, rows) in [("one", 3), ("one", 1), ("two", 2)] {
         work.go_live(&store, program, rows)?;
     }
-    store.close_live()
+    store.close_live_file()
 }
 
 /// Live results begin the flight, and nobody closes them.
@@ -85,10 +85,10 @@ fn live_alone(work: &mut Work) -> Result<(), StoreError> {
 /// A series of an event begins and ends while another one is taken.
 fn two_at_a_time(work: &mut Work) -> Result<(), StoreError> {
     let store = work.open()?;
-    let mut hourly = work.begin(&store, Cause::Scheduled, 2)?;
+    let mut hourly = work.begin(&store, SeriesCause::Scheduled, 2)?;
     work.shoot(&mut hourly, 1)?;
-    let mut event = work.begin(&store, Cause::Event, 0)?;
-    event.remark("a gust")?;
+    let mut event = work.begin(&store, SeriesCause::Event, 0)?;
+    event.add_remark("a gust")?;
     work.shoot(&mut event, 1)?;
     work.shoot(&mut hourly, 2)?;
     work.finish(&store, event)?;
@@ -102,10 +102,10 @@ fn broken_off(work: &mut Work) -> Result<(), StoreError> {
     work.take_series(&store)?;
     work.solve_some(&store, 1)?;
     drop(store);
-    let whole = Survival { names: u64::MAX, bytes: Some(Bytes::Whole), seed: 0 };
+    let whole = Survival { names: u64::MAX, bytes: Some(UnsyncedBytes::Whole), seed: 0 };
     let part = Path::new(ROOT).join("incoming/s000003/0002.jpg.part");
     let commit = Scenario { name: "", before: a_day, act: |work| work.take_series(&work.open()?) };
-    let cut = |step| disturbed(work, &commit, Fault::PowerCut(step)).0;
+    let cut = |step| disturbed(work, &commit, DiskFault::PowerCut(step)).0;
     let cuts = (1..).map(cut).map(|work| work.moved_to(work.disk.power_up(whole)));
     let mut begun = cuts.skip_while(|work| !work.disk.exists(&part));
     // With its first step the part is whole in memory, with the second on the disk.
@@ -122,15 +122,15 @@ fn old_store(work: &mut Work) -> Result<(), StoreError> {
 }
 
 fn up(work: &mut Work) -> Result<(), StoreError> {
-    upgrade(work.disk(), Path::new(ROOT), Some(&installation()))
+    upgrade_store(work.disk(), Path::new(ROOT), Some(&installation()))
 }
 
 /// Every order in which names can reach the medium, with each thing that can become of bytes.
 fn survivals(disk: &FakeDisk) -> Vec<Survival> {
     let names = disk.unsynced_names();
     assert!(names <= 8, "{names} names unsynced at a time: is there a sync missing?");
-    let bytes = [Bytes::Lost, Bytes::Whole, Bytes::Half, Bytes::Zeros];
-    let spoilt = (0..4).flat_map(|seed| [Bytes::Garbage(seed), Bytes::Sectors(seed)]);
+    let bytes = [UnsyncedBytes::Lost, UnsyncedBytes::Whole, UnsyncedBytes::Half, UnsyncedBytes::Zeros];
+    let spoilt = (0..4).flat_map(|seed| [UnsyncedBytes::Garbage(seed), UnsyncedBytes::Sectors(seed)]);
     let bytes: Vec<_> = bytes.into_iter().chain(spoilt).map(Some).chain([None]).collect();
     let of = |names: u64| bytes.iter().map(move |bytes| Survival { names, bytes: *bytes, seed: names });
     (0..1_u64 << names).flat_map(of).collect()
@@ -138,7 +138,7 @@ fn survivals(disk: &FakeDisk) -> Vec<Survival> {
 
 /// What a person finds on the disk, directories too.
 fn found(disk: &FakeDisk) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut all: Vec<_> = files(disk, Path::new("")).into_iter().collect();
+    let mut all: Vec<_> = read_all_files(disk, Path::new("")).into_iter().collect();
     let mut open = vec![PathBuf::new()];
     while let Some(directory) = open.pop() {
         for entry in disk.list(&directory).unwrap_or_default().into_iter().filter(|entry| entry.is_dir) {
@@ -186,7 +186,7 @@ fn begin(scenario: &Scenario) -> (Work, u64) {
 }
 
 /// The scenario with a fault; whether it went through all the same.
-fn disturbed(before: &Work, scenario: &Scenario, fault: Fault) -> (Work, bool) {
+fn disturbed(before: &Work, scenario: &Scenario, fault: DiskFault) -> (Work, bool) {
     let mut work = before.moved_to(before.disk.fork());
     work.disk.set_faults(vec![fault]);
     let went_through = (scenario.act)(&mut work).is_ok();
@@ -200,7 +200,7 @@ fn a_power_cut_at_any_step_loses_nothing_acknowledged() {
         let (before, steps) = begin(scenario);
         let mut cases = 0;
         for cut in 1..=steps {
-            let (work, _) = disturbed(&before, scenario, Fault::PowerCut(cut));
+            let (work, _) = disturbed(&before, scenario, DiskFault::PowerCut(cut));
             assert!(work.disk.steps() >= cut, "{}: step {cut} of {steps} was not reached", scenario.name);
             for (left, mut boot) in boots(&work) {
                 cases += 1;
@@ -221,12 +221,12 @@ fn a_power_cut_in_the_recovery_from_a_power_cut_loses_nothing_acknowledged() {
     for scenario in SCENARIOS.iter().filter(|scenario| ["commit", "result"].contains(&scenario.name)) {
         let (before, steps) = begin(scenario);
         for cut in 1..=steps {
-            let (work, _) = disturbed(&before, scenario, Fault::PowerCut(cut));
+            let (work, _) = disturbed(&before, scenario, DiskFault::PowerCut(cut));
             for (_, boot) in boots(&work).into_iter().filter(|(_, boot)| seen.insert(found(&boot.disk))) {
                 let trial = boot.moved_to(boot.disk.fork());
                 trial.open().unwrap();
                 for again in 1..=trial.disk.steps() {
-                    let (work, _) = disturbed(&boot, &recover, Fault::PowerCut(again));
+                    let (work, _) = disturbed(&boot, &recover, DiskFault::PowerCut(again));
                     for (left, mut boot) in boots(&work).into_iter().step_by(3) {
                         cases += 1;
                         let when = format!("{}: cut at {cut}, again at {again}, {left:?}", scenario.name);
@@ -242,8 +242,8 @@ fn a_power_cut_in_the_recovery_from_a_power_cut_loses_nothing_acknowledged() {
 /// One step fails and the program goes on; later the power goes.
 #[test]
 fn a_failing_step_loses_nothing_acknowledged() {
-    type Kind = (&'static str, fn(u64) -> Fault);
-    let kinds: [Kind; 3] = [("failure", Fault::Error), ("late", Fault::Late), ("disk full", Fault::Full)];
+    type Kind = (&'static str, fn(u64) -> DiskFault);
+    let kinds: [Kind; 3] = [("failure", DiskFault::Error), ("late", DiskFault::FailedAfterwards), ("disk full", DiskFault::Full)];
     for (kind, fault) in kinds {
         for scenario in SCENARIOS {
             let (before, steps) = begin(scenario);
@@ -274,11 +274,11 @@ fn goes_on(work: &mut Work, scenario: &Scenario) -> Result<(), String> {
 fn on_a_medium_that_lies_about_syncs_frames_are_lost_and_that_is_noticed() {
     let commit = SCENARIOS.iter().find(|scenario| scenario.name == "commit").unwrap();
     let (before, steps) = begin(commit);
-    let (mut work, went_through) = disturbed(&before, commit, Fault::Lies(1));
+    let (mut work, went_through) = disturbed(&before, commit, DiskFault::IgnoredSyncs(1));
     assert!(went_through && work.disk.steps() == steps);
     let store = work.open().unwrap();
     work.take_series(&store).unwrap();
-    let lost = Survival { names: 0, bytes: Some(Bytes::Lost), seed: 0 };
+    let lost = Survival { names: 0, bytes: Some(UnsyncedBytes::Lost), seed: 0 };
     let mut boot = work.moved_to(work.disk.power_up(lost));
     let why = next_boot(&mut boot).unwrap_err();
     assert!(why.contains("missing"), "{why}");
@@ -291,7 +291,7 @@ fn a_failing_step_costs_one_series_at_most() {
     let store = trial.open().unwrap();
     let begin = trial.disk.steps();
     trial.days(&store, 2).unwrap();
-    for kind in [Fault::Error, Fault::Late] {
+    for kind in [DiskFault::Error, DiskFault::FailedAfterwards] {
         for step in begin + 1..=trial.disk.steps() {
             let mut work = Work::on(FakeDisk::default());
             let store = work.open().unwrap();

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use wingd::store::fake::{FakeDisk, Fault};
-use wingd::store::manifest::{Cause, State};
-use wingd::store::verify::verify;
+use wingd::store::fake::{FakeDisk, DiskFault};
+use wingd::store::manifest::{SeriesCause, SeriesState};
+use wingd::store::verify::verify_path;
 use wingd::store::{
-    Column, Disk, FlightRef, Kind, LiveTable, RealDisk, Row, Store, StoreConfig, StoreError, catalogue, live,
+    LiveColumn, Disk, FlightRef, ValueKind, LiveTable, RealDisk, LiveRow, Store, StoreConfig, StoreError, catalogue, live,
 };
 
 use super::http_pages::Server;
@@ -19,15 +19,15 @@ use crate::common::store_work::{ROOT, Work, live_row, live_table, moment};
 use crate::program::{outcome, stdout};
 
 fn open(root: &Path) -> Store {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     Store::open(Arc::new(RealDisk), config).unwrap().0
 }
 
 fn flights(root: &Path) -> Vec<FlightRef> {
-    catalogue::flights(&RealDisk, root).unwrap()
+    catalogue::list_flights(&RealDisk, root).unwrap()
 }
 
-fn rows(numbers: std::ops::Range<u32>) -> Vec<Row> {
+fn rows(numbers: std::ops::Range<u32>) -> Vec<LiveRow> {
     numbers.map(live_row).collect()
 }
 
@@ -35,11 +35,11 @@ fn rows(numbers: std::ops::Range<u32>) -> Vec<Row> {
 fn made() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let store = open(dir.path());
-    store.append_live(&live_table("one"), &rows(0..20), &stamp(10)).unwrap();
-    store.append_live(&live_table("one"), &rows(20..41), &stamp(12)).unwrap();
-    store.append_live(&live_table("two"), &rows(41..50), &stamp(14)).unwrap();
-    store.want_new_flight();
-    store.append_live(&live_table("two"), &rows(50..60), &stamp(16)).unwrap();
+    store.append_live_rows(&live_table("one"), &rows(0..20), &stamp(10)).unwrap();
+    store.append_live_rows(&live_table("one"), &rows(20..41), &stamp(12)).unwrap();
+    store.append_live_rows(&live_table("two"), &rows(41..50), &stamp(14)).unwrap();
+    store.request_new_flight();
+    store.append_live_rows(&live_table("two"), &rows(50..60), &stamp(16)).unwrap();
     dir
 }
 
@@ -47,46 +47,46 @@ fn made() -> tempfile::TempDir {
 fn flights_and_tables_have_files_of_their_own_and_the_one_under_way_is_read_too() {
     let dir = made();
     let [first, second] = &flights(dir.path())[..] else { panic!("two flights") };
-    assert_eq!(live::files(&RealDisk, first).unwrap(), ["live-000001.rows", "live-000002.rows"]);
-    assert!(live::files(&RealDisk, second).unwrap().is_empty());
+    assert_eq!(live::closed_files(&RealDisk, first).unwrap(), ["live-000001.rows", "live-000002.rows"]);
+    assert!(live::closed_files(&RealDisk, second).unwrap().is_empty());
     let sums = std::fs::read_to_string(first.folder.join("SHA256SUMS")).unwrap();
     assert!(sums.contains("  live-000001.rows") && sums.contains("  live-000002.rows"), "{sums}");
     let of = |flight: &FlightRef| {
-        let (files, notes) = live::read(&RealDisk, dir.path(), flight).unwrap();
+        let (files, notes) = live::read_live(&RealDisk, dir.path(), flight).unwrap();
         assert!(notes.is_empty(), "{notes:?}");
-        let numbers = |rows: &[Row]| rows.iter().map(|row| row[1] as u32).collect::<Vec<_>>();
+        let numbers = |rows: &[LiveRow]| rows.iter().map(|row| row[1] as u32).collect::<Vec<_>>();
         files.iter().map(|(head, rows)| (head.table.clone(), numbers(rows))).collect::<Vec<_>>()
     };
     let (one, two) = (live_table("one"), live_table("two"));
     assert_eq!(of(first), [(one, (0..41).collect()), (two.clone(), (41..50).collect())]);
     assert_eq!(of(second), [(two, (50..60).collect())]);
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{report:#?}");
     // The next recorder closes what this one left.
     drop(open(dir.path()));
-    assert_eq!(live::files(&RealDisk, second).unwrap(), ["live-000001.rows"]);
-    assert!(verify(&RealDisk, dir.path()).is_sound());
+    assert_eq!(live::closed_files(&RealDisk, second).unwrap(), ["live-000001.rows"]);
+    assert!(verify_path(&RealDisk, dir.path()).is_sound());
 }
 
 #[test]
 fn a_file_that_is_long_is_closed_and_another_one_begun() {
     let disk = Arc::new(FakeDisk::default());
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
     let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap();
-    let column = Column { name: "x".to_owned(), unit: "m".to_owned(), kind: Kind::F64, width: 1000 };
+    let column = LiveColumn { name: "x".to_owned(), unit: "m".to_owned(), kind: ValueKind::F64, width: 1000 };
     let table = LiveTable { source: json!({}), columns: vec![column] };
     let mut draw = rng(1);
-    let wide: Vec<Row> = (0..300).map(|_| (0..1000).map(|_| normal(&mut draw)).collect()).collect();
+    let wide: Vec<LiveRow> = (0..300).map(|_| (0..1000).map(|_| normal(&mut draw)).collect()).collect();
     for n in 0..9 {
-        store.append_live(&table, &wide, &moment(f64::from(n))).unwrap();
+        store.append_live_rows(&table, &wide, &moment(f64::from(n))).unwrap();
     }
-    store.close_live().unwrap();
-    let flight = catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
-    let (files, _) = live::read(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    store.close_live_file().unwrap();
+    let flight = catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+    let (files, _) = live::read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
     let lengths: Vec<usize> = files.iter().map(|(_, rows)| rows.len()).collect();
     assert!(lengths.len() == 3 && lengths.iter().sum::<usize>() == 2700, "{lengths:?}");
     assert!(files.iter().all(|(_, rows)| rows.chunks(300).all(|rows| rows == wide)));
-    assert!(verify(disk.as_ref(), Path::new(ROOT)).is_sound());
+    assert!(verify_path(disk.as_ref(), Path::new(ROOT)).is_sound());
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn any_changed_byte_a_missing_file_and_one_put_there_are_found() {
     let file = flight.folder.join("live-000001.rows");
     let whole = std::fs::read(&file).unwrap();
     let faults = |path: &Path| {
-        let report = verify(&RealDisk, path);
+        let report = verify_path(&RealDisk, path);
         report.faults.into_iter().map(|fault| fault.invariant).collect::<Vec<u8>>()
     };
     for at in 0..whole.len() {
@@ -123,15 +123,15 @@ fn a_torn_or_zeroed_end_is_set_aside_and_the_whole_blocks_stay() {
         bytes.extend(tail);
         std::fs::write(&path, bytes).unwrap();
         let flight = flights(dir.path()).remove(1);
-        let (files, notes) = live::read(&RealDisk, dir.path(), &flight).unwrap();
+        let (files, notes) = live::read_live(&RealDisk, dir.path(), &flight).unwrap();
         let torn = format!("its last {} bytes are torn", tail.len());
         assert!(files[0].1.len() == 10 && notes[0].contains(&torn), "{notes:?}");
         drop(open(dir.path()));
-        let (files, notes) = live::read(&RealDisk, dir.path(), &flight).unwrap();
+        let (files, notes) = live::read_live(&RealDisk, dir.path(), &flight).unwrap();
         assert!(files[0].1.len() == 10 && notes.is_empty(), "{notes:?}");
         let aside: Vec<_> = RealDisk.list(&dir.path().join("partial")).unwrap();
         assert!(aside.len() == 1 && aside[0].length == tail.len() as u64, "{aside:?}");
-        assert!(verify(&RealDisk, dir.path()).is_sound());
+        assert!(verify_path(&RealDisk, dir.path()).is_sound());
     }
 }
 
@@ -154,7 +154,7 @@ fn a_copy_and_a_fetched_flight_hold_the_live_results() {
     {
         let here = FlightRef { folder: dir.path().join("flights").join(&flight.id), id: flight.id.clone() };
         let read =
-            |root: &Path, flight: &FlightRef| format!("{:?}", live::read(&RealDisk, root, flight).unwrap());
+            |root: &Path, flight: &FlightRef| format!("{:?}", live::read_live(&RealDisk, root, flight).unwrap());
         assert_eq!(read(place.path(), &flight), read(dir.path(), &here));
     }
     assert_eq!((flights(copied.path()).len(), flights(fetched.path()).len()), (2, 2));
@@ -163,17 +163,17 @@ fn a_copy_and_a_fetched_flight_hold_the_live_results() {
 #[test]
 fn below_the_reserve_and_where_rows_do_not_fit_nothing_is_recorded() {
     let disk = Arc::new(FakeDisk::default());
-    let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, StoreConfig::at(ROOT)).unwrap();
-    store.append_live(&live_table("one"), &rows(0..2), &moment(1.0)).unwrap();
-    disk.set_free(1_000_000);
-    let refused = store.append_live(&live_table("one"), &rows(2..4), &moment(2.0)).unwrap_err();
+    let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, StoreConfig::new(ROOT)).unwrap();
+    store.append_live_rows(&live_table("one"), &rows(0..2), &moment(1.0)).unwrap();
+    disk.set_free_bytes(1_000_000);
+    let refused = store.append_live_rows(&live_table("one"), &rows(2..4), &moment(2.0)).unwrap_err();
     assert!(refused.is_full() && refused.to_string().contains("1 MB free"), "{refused}");
-    disk.set_free(u64::MAX);
-    let misfit = store.append_live(&live_table("one"), &[vec![1.0]], &moment(3.0)).unwrap_err();
+    disk.set_free_bytes(u64::MAX);
+    let misfit = store.append_live_rows(&live_table("one"), &[vec![1.0]], &moment(3.0)).unwrap_err();
     assert!(misfit.to_string().contains("a row has 1 values, its table 6"), "{misfit}");
-    store.append_live(&live_table("one"), &rows(4..5), &moment(4.0)).unwrap();
-    let flight = catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
-    let (files, notes) = live::read(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    store.append_live_rows(&live_table("one"), &rows(4..5), &moment(4.0)).unwrap();
+    let flight = catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+    let (files, notes) = live::read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
     let numbers: Vec<u32> = files[0].1.iter().map(|row| row[1] as u32).collect();
     assert_eq!((numbers, files.len(), notes.len()), (vec![0, 1, 4], 1, 0));
 }
@@ -183,7 +183,7 @@ fn below_the_reserve_and_where_rows_do_not_fit_nothing_is_recorded() {
 fn live_results_keep_their_flight_together() {
     let disk = Arc::new(FakeDisk::default());
     let open = || {
-        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
         Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap().0
     };
     let mut store = open();
@@ -193,20 +193,20 @@ fn live_results_keep_their_flight_together() {
         }
         let program = if hour % 2 == 0 { "one" } else { "two" };
         store
-            .append_live(&live_table(program), &rows(hour..hour + 1), &moment(3600.0 * f64::from(hour)))
+            .append_live_rows(&live_table(program), &rows(hour..hour + 1), &moment(3600.0 * f64::from(hour)))
             .unwrap();
     }
-    assert_eq!(catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 1);
-    store.append_live(&live_table("one"), &rows(9..10), &moment(12.0 * 3600.0)).unwrap();
-    assert_eq!(catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 2, "four hours later");
+    assert_eq!(catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 1);
+    store.append_live_rows(&live_table("one"), &rows(9..10), &moment(12.0 * 3600.0)).unwrap();
+    assert_eq!(catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 2, "four hours later");
 }
 
 /// Whatever becomes of a series of an event, the one under way has its frames and closes.
 #[test]
 fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
     let event = |work: &mut Work, store: &Store| -> Result<(), StoreError> {
-        let mut series = work.begin(store, Cause::Event, 0)?;
-        series.remark("a gust")?;
+        let mut series = work.begin(store, SeriesCause::Event, 0)?;
+        series.add_remark("a gust")?;
         work.shoot(&mut series, 1)?;
         work.shoot(&mut series, 2)?;
         work.finish(store, series)
@@ -214,35 +214,35 @@ fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
     for step in 1.. {
         let mut work = Work::on(FakeDisk::default());
         let store = work.open().unwrap();
-        let mut hourly = work.begin(&store, Cause::Scheduled, 3).unwrap();
+        let mut hourly = work.begin(&store, SeriesCause::Scheduled, 3).unwrap();
         work.shoot(&mut hourly, 1).unwrap();
         let at = work.disk.steps() + step;
-        work.disk.set_faults(vec![Fault::Error(at)]);
+        work.disk.set_faults(vec![DiskFault::Error(at)]);
         let failed = event(&mut work, &store).is_err();
         let all_steps = work.disk.steps() < at;
         work.disk.set_faults(Vec::new());
         work.shoot(&mut hourly, 2).unwrap();
         // The next series recovers what the failed one left, and not the one under way.
-        let live = work.begin(&store, Cause::Live, 0).unwrap();
+        let live = work.begin(&store, SeriesCause::Live, 0).unwrap();
         work.shoot(&mut hourly, 3).unwrap();
         let id = hourly.id().to_owned();
         work.finish(&store, hourly).unwrap();
         drop(live);
         work.check().unwrap_or_else(|why| panic!("step {step}: {why}"));
         let of = |name: &str| {
-            let flight = catalogue::flights(work.disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
-            let all = catalogue::series(work.disk.as_ref(), &flight).unwrap();
+            let flight = catalogue::list_flights(work.disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+            let all = catalogue::list_series(work.disk.as_ref(), &flight).unwrap();
             let found = all.into_iter().find(|series| series.id == name);
-            found.map(|series| catalogue::manifest(work.disk.as_ref(), &series).unwrap())
+            found.map(|series| catalogue::read_series_manifest(work.disk.as_ref(), &series).unwrap())
         };
         let manifest = of(&id).unwrap();
-        assert_eq!((manifest.state, manifest.shots.len(), manifest.remarks.len()), (State::Complete, 3, 0));
+        assert_eq!((manifest.state, manifest.shots.len(), manifest.remarks.len()), (SeriesState::Complete, 3, 0));
         if all_steps {
             let event = of("s000002").unwrap();
             assert!(!failed && step > 20, "{step} steps");
             assert_eq!(
                 (event.cause, event.planned_shots, event.remarks),
-                (Cause::Event, 2, vec!["a gust".to_owned()])
+                (SeriesCause::Event, 2, vec!["a gust".to_owned()])
             );
             return;
         }
@@ -254,9 +254,9 @@ fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
 fn frames_of_a_ring_are_older_than_their_series_and_that_is_no_fault() {
     let mut work = Work::on(FakeDisk::default());
     let store = work.open().unwrap();
-    let mut hourly = work.begin(&store, Cause::Scheduled, 2).unwrap();
+    let mut hourly = work.begin(&store, SeriesCause::Scheduled, 2).unwrap();
     work.shoot(&mut hourly, 1).unwrap();
-    let mut event = work.begin(&store, Cause::Event, 0).unwrap();
+    let mut event = work.begin(&store, SeriesCause::Event, 0).unwrap();
     work.time_s -= 70.0;
     work.shoot(&mut event, 1).unwrap();
     work.time_s += 90.0;

@@ -8,8 +8,8 @@ use std::time::Instant;
 use rand::rngs::StdRng;
 use serde_json::{Value, json};
 use wingd::store::columns::UTC;
-use wingd::store::verify::verify;
-use wingd::store::{Column, Kind, LiveTable, RealDisk, Row, Store, StoreConfig, StoreError, catalogue, live};
+use wingd::store::verify::verify_path;
+use wingd::store::{LiveColumn, ValueKind, LiveTable, RealDisk, LiveRow, Store, StoreConfig, StoreError, catalogue, live};
 
 use crate::common::random::{normal, rng};
 use crate::common::report_store::stamp;
@@ -25,27 +25,27 @@ const BLOCK_S: usize = 2;
 fn table() -> LiveTable {
     let column = |name: &str, unit: &str, kind, width| {
         let (name, unit) = (name.to_owned(), unit.to_owned());
-        Column { name, unit, kind, width }
+        LiveColumn { name, unit, kind, width }
     };
     let mut columns = vec![
-        column(live::names::UTC, UTC, Kind::U64, 1),
-        column(live::names::SINCE_BOOT, "s", Kind::F64, 1),
-        column(live::names::NUMBER, "", Kind::U32, 1),
-        column("status", "", Kind::U8, 1),
-        column("latency", "ms", Kind::F32, 1),
-        column("variance_factor", "", Kind::F32, 1),
-        column("mounting", "mrad", Kind::F32, 6),
-        column("pairs.twist", "deg", Kind::F32, 4),
-        column(live::names::CURVATURE, "1/m", Kind::F32, TERMS),
-        column(live::names::CURVATURE_COVARIANCE, "1/m2", Kind::F32, TERMS * (TERMS + 1) / 2),
+        column(live::names::UTC, UTC, ValueKind::U64, 1),
+        column(live::names::SINCE_BOOT, "s", ValueKind::F64, 1),
+        column(live::names::NUMBER, "", ValueKind::U32, 1),
+        column("status", "", ValueKind::U8, 1),
+        column("latency", "ms", ValueKind::F32, 1),
+        column("variance_factor", "", ValueKind::F32, 1),
+        column("mounting", "mrad", ValueKind::F32, 6),
+        column("pairs.twist", "deg", ValueKind::F32, 4),
+        column(live::names::CURVATURE, "1/m", ValueKind::F32, TERMS),
+        column(live::names::CURVATURE_COVARIANCE, "1/m2", ValueKind::F32, TERMS * (TERMS + 1) / 2),
     ];
     for (name, unit) in MARKER {
-        columns.push(column(&format!("markers.{name}"), unit, Kind::F32, MARKERS));
+        columns.push(column(&format!("markers.{name}"), unit, ValueKind::F32, MARKERS));
     }
     for (name, unit) in
         [("deflection", "m"), ("sigma_deflection", "m"), ("twist", "deg"), ("sigma_twist", "deg")]
     {
-        columns.push(column(&format!("stations.{name}"), unit, Kind::F32, STATIONS));
+        columns.push(column(&format!("stations.{name}"), unit, ValueKind::F32, STATIONS));
     }
     let names = |letter: &str, count| (0..count).map(|n| format!("{letter}{n:02}")).collect::<Vec<_>>();
     let source =
@@ -69,7 +69,7 @@ const MARKER: [(&str, &str); 12] = [
 ];
 
 /// A wing in gusts, with noise of the size that detection and adjustment have.
-fn row(number: usize, draw: &mut StdRng) -> Row {
+fn row(number: usize, draw: &mut StdRng) -> LiveRow {
     let t_s = number as f64 / RATE_HZ as f64;
     let tip_m = 2.0 + 0.4 * (t_s / 5000.0).sin() + 0.15 * (1.1 * t_s).sin() * (t_s / 60.0).sin();
     let mut row = vec![1.772e15 + 1e6 * t_s + (1e3 * normal(draw)).round(), 100.0 + t_s, number as f64, 0.0];
@@ -112,7 +112,7 @@ fn status_mb(field: &str) -> f64 {
 }
 
 fn open(root: &Path) -> Store {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     Store::open(Arc::new(RealDisk), config).unwrap().0
 }
 
@@ -132,9 +132,9 @@ fn eight_and_a_half_hours_at_ten_a_second() {
     let mut times_ms: Vec<f64> = Vec::new();
     for block in 0..SECONDS / BLOCK_S {
         let first = block * BLOCK_S * RATE_HZ;
-        let rows: Vec<Row> = (first..first + BLOCK_S * RATE_HZ).map(|n| row(n, &mut draw)).collect();
+        let rows: Vec<LiveRow> = (first..first + BLOCK_S * RATE_HZ).map(|n| row(n, &mut draw)).collect();
         let begin = Instant::now();
-        store.append_live(&table, &rows, &stamp((block * BLOCK_S) as u64)).unwrap();
+        store.append_live_rows(&table, &rows, &stamp((block * BLOCK_S) as u64)).unwrap();
         times_ms.push(1e3 * begin.elapsed().as_secs_f64());
     }
     println!("peak memory of recording: {:.0} MB, {before_mb:.0} MB before", status_mb("VmHWM"));
@@ -151,10 +151,10 @@ fn eight_and_a_half_hours_at_ten_a_second() {
     let store = timed("opening after a power cut (closes the file under way)", || open(dir.path()));
     drop(store);
     drop(timed("opening", || open(dir.path())));
-    let flight = catalogue::flights(&RealDisk, dir.path()).unwrap().remove(0);
-    let names = live::files(&RealDisk, &flight).unwrap();
+    let flight = catalogue::list_flights(&RealDisk, dir.path()).unwrap().remove(0);
+    let names = live::closed_files(&RealDisk, &flight).unwrap();
     let bytes: u64 = names.iter().map(|name| flight.folder.join(name).metadata().unwrap().len()).sum();
-    let plain: usize = table.columns.iter().map(|column| column.width * column.kind.bytes()).sum();
+    let plain: usize = table.columns.iter().map(|column| column.width * column.kind.byte_size()).sum();
     let rows = SECONDS * RATE_HZ;
     println!(
         "{rows} rows of {plain} bytes, {:.0} MB; {} files, {:.0} MB, {:.2} of it",
@@ -163,19 +163,19 @@ fn eight_and_a_half_hours_at_ten_a_second() {
         1e-6 * bytes as f64,
         bytes as f64 / (rows * plain) as f64
     );
-    assert!(timed("verify", || verify(&RealDisk, dir.path())).is_sound());
-    let (deflection, _) = table.find("stations.deflection").unwrap();
+    assert!(timed("verify", || verify_path(&RealDisk, dir.path())).is_sound());
+    let (deflection, _) = table.find_column("stations.deflection").unwrap();
     let mut seen = (0, 0);
     for whole in [false, true] {
         timed(if whole { "every value" } else { "one column" }, || {
-            live::each_file(&RealDisk, dir.path(), &flight, |mut file| {
+            live::for_each_live_file(&RealDisk, dir.path(), &flight, |mut file| {
                 while let Some(block) = file.next_block() {
                     match whole {
                         true => seen.1 += block.rows().unwrap().len(),
-                        false => seen.0 += block.column(deflection).unwrap().len() / STATIONS,
+                        false => seen.0 += block.column_values(deflection).unwrap().len() / STATIONS,
                     }
                 }
-                Result::<usize, StoreError>::Ok(file.torn())
+                Result::<usize, StoreError>::Ok(file.torn_length())
             })
             .unwrap()
         });

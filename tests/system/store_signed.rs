@@ -5,8 +5,8 @@ use std::process::Command;
 use std::sync::Arc;
 
 use serde_json::Value;
-use wingd::store::verify::verify;
-use wingd::store::{RealDisk, Store, StoreConfig, sha256};
+use wingd::store::verify::verify_path;
+use wingd::store::{RealDisk, Store, StoreConfig, sha256_hex};
 
 use super::store_evidence::{FLIGHT, fill, made, open, replace, wingd};
 
@@ -15,7 +15,7 @@ fn signed() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let key = dir.path().join("recorder.key");
     let root = dir.path().join("store");
-    let config = StoreConfig { reserve_mb: 0, signing_key: Some(key.clone()), ..StoreConfig::at(&root) };
+    let config = StoreConfig { reserve_mb: 0, signing_key: Some(key.clone()), ..StoreConfig::new(&root) };
     let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
     fill(&store);
     let public = PathBuf::from(format!("{}.pub", key.display()));
@@ -42,12 +42,12 @@ fn forge(root: &Path, keep_signatures: bool) {
             continue;
         }
         if link["results"]["series"] == "s000001" {
-            link["results"]["sha256"] = sha256(&bytes[..ends[count]]).into();
+            link["results"]["sha256"] = sha256_hex(&bytes[..ends[count]]).into();
             count += 1;
         }
         link["before"] = before.into();
         let line = link.to_string();
-        before = sha256(line.as_bytes());
+        before = sha256_hex(line.as_bytes());
         forged += &(line + "\n");
     }
     std::fs::write(root.join(FLIGHT).join("chain.jsonl"), forged).unwrap();
@@ -81,7 +81,7 @@ fn a_store_forged_with_all_its_digests_is_sound_and_lacks_its_signature() {
         forge(&root, keep_signatures);
         // An opening without the key brings the sums up to the forged chain.
         drop(open(&root));
-        let report = verify(&RealDisk, &root);
+        let report = verify_path(&RealDisk, &root);
         assert!(report.is_sound(), "whoever rewrites all of it leaves no trace: {:#?}", report.faults);
         let (status, said) = verified(&root, &key);
         let wanted = if keep_signatures { "is not good" } else { "no signature by this key" };
@@ -114,7 +114,7 @@ fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_abo
     forge(&root, true);
     let before = std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap();
     let signing_key = Some(dir.path().join("recorder.key"));
-    let config = StoreConfig { reserve_mb: 0, signing_key, ..StoreConfig::at(&root) };
+    let config = StoreConfig { reserve_mb: 0, signing_key, ..StoreConfig::new(&root) };
     let (_, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
     assert!(recovery.remarks.iter().any(|remark| remark.contains("not signed")), "{:?}", recovery.remarks);
     assert_eq!(std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap(), before);

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::{Map, Value};
-use wingd::store::fake::{FakeDisk, files};
-use wingd::store::manifest::{Cause, Shot, State};
-use wingd::store::{NewFrame, Plan, Store, StoreConfig};
+use wingd::store::fake::{FakeDisk, read_all_files};
+use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
+use wingd::store::{NewFrame, SeriesPlan, Store, StoreConfig};
 
 use crate::common::store_work::{ROOT, moment};
 
@@ -20,10 +20,10 @@ const FRAME_BYTES: usize = 10_000;
 /// Made in memory: 100,000 frames with their syncs would take an hour.
 fn make(root: &Path) {
     let disk = Arc::new(FakeDisk::default());
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
     let (store, _) = Store::open(disk.clone(), config).unwrap();
     for number in 0..SERIES {
-        let plan = Plan { cause: Cause::Scheduled, shots: SHOTS };
+        let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: SHOTS };
         let begin_s = f64::from(number) * 2000.0;
         let (mut series, _) = store.begin_series(plan, &moment(begin_s)).unwrap();
         for shot in 1..=SHOTS {
@@ -37,9 +37,9 @@ fn make(root: &Path) {
             series.add_shot(shot, Some(frame)).unwrap();
         }
         let end = moment(begin_s + f64::from(SHOTS));
-        store.close_series(series, State::Complete, &end, Vec::new()).unwrap();
+        store.close_series(series, SeriesState::Complete, &end, Vec::new()).unwrap();
     }
-    for (path, bytes) in files(disk.as_ref(), Path::new(ROOT)) {
+    for (path, bytes) in read_all_files(disk.as_ref(), Path::new(ROOT)) {
         let path = root.join(path.strip_prefix(ROOT).unwrap());
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, bytes).unwrap();

@@ -6,10 +6,10 @@ use std::sync::{Arc, OnceLock};
 
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
-use wingd::store::fake::files;
-use wingd::store::manifest::{Cause, Shot, State};
-use wingd::store::verify::verify;
-use wingd::store::{Inputs, NewFrame, OpenSeries, Plan, RealDisk, Store, StoreConfig};
+use wingd::store::fake::read_all_files;
+use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
+use wingd::store::verify::verify_path;
+use wingd::store::{Inputs, NewFrame, OpenSeries, SeriesPlan, RealDisk, Store, StoreConfig};
 
 fn stamp(since_boot_s: f64) -> Stamp {
     let utc = jiff::Timestamp::from_second(since_boot_s as i64).unwrap();
@@ -36,7 +36,7 @@ fn store() -> tempfile::TempDir {
     static MADE: OnceLock<(PathBuf, BTreeMap<PathBuf, Vec<u8>>)> = OnceLock::new();
     let (root, files) = MADE.get_or_init(|| {
         let made = make_store();
-        (made.path().to_owned(), files(&RealDisk, made.path()))
+        (made.path().to_owned(), read_all_files(&RealDisk, made.path()))
     });
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("partial")).unwrap();
@@ -51,20 +51,20 @@ fn store() -> tempfile::TempDir {
 /// Two series with results, and one being taken.
 fn make_store() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    let mut config = StoreConfig::at(dir.path());
+    let mut config = StoreConfig::new(dir.path());
     config.reserve_mb = 0;
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
-    let plan = Plan { cause: Cause::Scheduled, shots: 2 };
+    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 2 };
     for n in 0..2 {
         let time = 100.0 * f64::from(n);
         let (mut series, _) = store.begin_series(plan, &stamp(time)).unwrap();
         add(&mut series, 1, time + 1.0);
         add(&mut series, 2, time + 2.0);
-        store.close_series(series, State::Complete, &stamp(time + 3.0), Vec::new()).unwrap();
+        store.close_series(series, SeriesState::Complete, &stamp(time + 3.0), Vec::new()).unwrap();
     }
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), Value::from("test"))]));
     loop {
-        let frames = store.unsolved(&inputs).unwrap();
+        let frames = store.unsolved_frames(&inputs).unwrap();
         if frames.is_empty() {
             break;
         }
@@ -90,11 +90,11 @@ fn edit(root: &Path, file: &str, from: &str, to: &str) {
 /// The numbers of the invariants found broken after `damage`.
 fn broken(damage: impl FnOnce(&Path)) -> BTreeSet<u8> {
     let dir = store();
-    let before = verify(&RealDisk, dir.path());
+    let before = verify_path(&RealDisk, dir.path());
     assert!(before.is_sound(), "{:#?}", before.faults);
     assert_eq!((before.series, before.frames, before.results), (2, 4, 4));
     damage(dir.path());
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.faults.iter().all(|fault| !fault.what.is_empty()));
     // 14 to 18, the evidence, see most of it too: tests/system/store_evidence.rs.
     report.faults.iter().map(|fault| fault.invariant).filter(|invariant| *invariant <= 13).collect()
@@ -221,18 +221,18 @@ fn a_torn_last_line_is_a_note_and_is_mended() {
     };
     let dir = store();
     torn(dir.path());
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert_eq!(broken(torn), BTreeSet::new());
     let dir = store();
     torn(dir.path());
-    let (store, _) = Store::open(Arc::new(RealDisk), StoreConfig::at(dir.path())).unwrap();
+    let (store, _) = Store::open(Arc::new(RealDisk), StoreConfig::new(dir.path())).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), Value::from("another"))]));
-    let newest = store.unsolved(&inputs).unwrap();
+    let newest = store.unsolved_frames(&inputs).unwrap();
     assert_eq!(newest.len(), 2, "the recovered series comes first");
     let mut solved = 0;
     loop {
-        let frames = store.unsolved(&inputs).unwrap();
+        let frames = store.unsolved_frames(&inputs).unwrap();
         if frames.is_empty() {
             break;
         }
@@ -242,7 +242,7 @@ fn a_torn_last_line_is_a_note_and_is_mended() {
         }
     }
     assert_eq!(solved, 6);
-    let report = verify(&RealDisk, dir.path());
+    let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound() && report.results == 10, "{report:#?}");
     let partial: Vec<_> = std::fs::read_dir(dir.path().join("partial")).unwrap().collect();
     assert_eq!(partial.len(), 1, "the torn bytes are kept");
@@ -252,13 +252,13 @@ fn a_torn_last_line_is_a_note_and_is_mended() {
 fn a_copied_flight_or_series_is_verified_too() {
     let dir = store();
     for (part, series) in [("flights/f0001", 2), (SERIES, 1)] {
-        let report = verify(&RealDisk, &dir.path().join(part));
+        let report = verify_path(&RealDisk, &dir.path().join(part));
         assert!(report.is_sound(), "{part}: {:#?}", report.faults);
         assert_eq!(report.series, series);
     }
     edit(dir.path(), &format!("{SERIES}/0002.jpg"), "frame", "flame");
-    assert!(!verify(&RealDisk, &dir.path().join("flights/f0001")).is_sound());
-    assert!(!verify(&RealDisk, &dir.path().join("incoming")).is_sound(), "not a store");
+    assert!(!verify_path(&RealDisk, &dir.path().join("flights/f0001")).is_sound());
+    assert!(!verify_path(&RealDisk, &dir.path().join("incoming")).is_sound(), "not a store");
 }
 
 proptest::proptest! {
@@ -268,7 +268,7 @@ proptest::proptest! {
     #[test]
     fn damaged_files_are_survived(which in 0usize..32, at in 0.0f64..1.0, bytes in proptest::collection::vec(proptest::num::u8::ANY, 1..24)) {
         let dir = store();
-        let before = files(&RealDisk, dir.path());
+        let before = read_all_files(&RealDisk, dir.path());
         let small: Vec<_> = before.iter().filter(|(path, _)| !path.ends_with("lock")).collect();
         let (path, old) = small[which % small.len()];
         let mut new = old.clone();
@@ -280,13 +280,13 @@ proptest::proptest! {
             }
         }
         std::fs::write(path, &new).unwrap();
-        let report = verify(&RealDisk, dir.path());
+        let report = verify_path(&RealDisk, dir.path());
         let whole_frames = 6 - usize::from(path.extension().is_some_and(|ending| ending == "jpg") && new != *old);
-        if let Ok((store, _)) = Store::open(Arc::new(RealDisk), StoreConfig::at(dir.path())) {
+        if let Ok((store, _)) = Store::open(Arc::new(RealDisk), StoreConfig::new(dir.path())) {
             let inputs = Inputs::new(Map::new());
-            let _ = store.unsolved(&inputs);
+            let _ = store.unsolved_frames(&inputs);
             drop(store);
-            let after = files(&RealDisk, dir.path());
+            let after = read_all_files(&RealDisk, dir.path());
             let frames = after.keys().filter(|path| path.extension().is_some_and(|ending| ending == "jpg"));
             proptest::prop_assert!(frames.count() >= whole_frames.min(5), "a frame went missing: {report:#?}");
         }

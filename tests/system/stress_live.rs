@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use wingd::store::{Column, Kind, LiveTable, RealDisk, Row, Store, StoreConfig, catalogue, live};
+use wingd::store::{LiveColumn, ValueKind, LiveTable, RealDisk, LiveRow, Store, StoreConfig, catalogue, live};
 
 use crate::common::report_store::stamp;
 use crate::program::{run, stdout};
@@ -19,31 +19,31 @@ fn text(path: &Path) -> &str {
 fn table(provenance: &Value) -> LiveTable {
     let column = |name: &str, unit: &str, kind, width| {
         let (name, unit) = (name.to_owned(), unit.to_owned());
-        Column { name, unit, kind, width }
+        LiveColumn { name, unit, kind, width }
     };
     let columns = vec![
-        column(live::names::UTC, wingd::store::columns::UTC, Kind::U64, 1),
-        column(live::names::SINCE_BOOT, "s", Kind::F64, 1),
-        column(live::names::NUMBER, "", Kind::U32, 1),
-        column(live::names::CURVATURE, "1/m", Kind::F64, 2),
-        column(live::names::CURVATURE_COVARIANCE, "1/m2", Kind::F64, 3),
+        column(live::names::UTC, wingd::store::columns::UTC, ValueKind::U64, 1),
+        column(live::names::SINCE_BOOT, "s", ValueKind::F64, 1),
+        column(live::names::NUMBER, "", ValueKind::U32, 1),
+        column(live::names::CURVATURE, "1/m", ValueKind::F64, 2),
+        column(live::names::CURVATURE_COVARIANCE, "1/m2", ValueKind::F64, 3),
     ];
     LiveTable { source: json!({"provenance": provenance}), columns }
 }
 
 /// Curvature that swings, of a known size; ten rows a second.
-fn row(n: u32, hz: f64) -> Row {
+fn row(n: u32, hz: f64) -> LiveRow {
     let s = f64::from(n) / 10.0;
     let swing = 1.0 + 0.5 * (std::f64::consts::TAU * hz * s).sin();
     vec![1.772e15 + 1e6 * s, 100.0 + s, f64::from(n), 4e-3 * swing, -1e-3 * swing, 1e-12, 0.0, 1e-12]
 }
 
-fn with_flight(store: &Store, provenance: &Value, rows: &[Row]) {
-    store.want_new_flight();
+fn with_flight(store: &Store, provenance: &Value, rows: &[LiveRow]) {
+    store.request_new_flight();
     for block in rows.chunks(20) {
-        store.append_live(&table(provenance), block, &stamp((block[0][1] - 100.0) as u64)).unwrap();
+        store.append_live_rows(&table(provenance), block, &stamp((block[0][1] - 100.0) as u64)).unwrap();
     }
-    store.close_live().unwrap();
+    store.close_live_file().unwrap();
 }
 
 /// A demonstration's store, whose installation and provenance are there, with a flight of such rows.
@@ -59,15 +59,15 @@ impl Flown {
         stdout(&["demo", "--output", text(&dir.path().join("demo"))]);
         std::fs::write(dir.path().join("structure.csv"), STRUCTURE).unwrap();
         let root = dir.path().join("demo/store");
-        let flight = catalogue::flights(&RealDisk, &root).unwrap().remove(0);
-        let series = catalogue::series(&RealDisk, &flight).unwrap().remove(0);
-        let provenance = json!(catalogue::results(&RealDisk, &series).unwrap().remove(0).provenance);
-        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(&root) };
+        let flight = catalogue::list_flights(&RealDisk, &root).unwrap().remove(0);
+        let series = catalogue::list_series(&RealDisk, &flight).unwrap().remove(0);
+        let provenance = json!(catalogue::read_results(&RealDisk, &series).unwrap().remove(0).provenance);
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(&root) };
         let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
         Self { dir, store, provenance }
     }
 
-    fn fly(&self, rows: &[Row]) {
+    fn fly(&self, rows: &[LiveRow]) {
         with_flight(&self.store, &self.provenance, rows);
     }
 
@@ -86,7 +86,7 @@ impl Flown {
 #[test]
 fn stress_counts_the_cycles_of_live_results() {
     let flown = Flown::new();
-    let mut rows: Vec<Row> = (0..300).map(|n| row(n, 1.0)).collect();
+    let mut rows: Vec<LiveRow> = (0..300).map(|n| row(n, 1.0)).collect();
     rows[77][3] = f64::NAN;
     flown.fly(&rows);
     let (load, said) = flown.stress("0.5");
@@ -120,7 +120,7 @@ fn gaps_of_live_results_are_said_and_their_damage_is_in_its_sigma() {
     // No frame is always at the same place of a swing.
     const SWINGS_HZ: f64 = 0.97;
     let rows =
-        |numbers: &mut dyn Iterator<Item = u32>| -> Vec<Row> { numbers.map(|n| row(n, SWINGS_HZ)).collect() };
+        |numbers: &mut dyn Iterator<Item = u32>| -> Vec<LiveRow> { numbers.map(|n| row(n, SWINGS_HZ)).collect() };
     // Every 33rd frame is skipped; or the camera is gone for twenty minutes of half an hour.
     let skipped = rows(&mut (0..3000).filter(|n| n % 33 != 7));
     let hole = rows(&mut (0..3000).chain(3000 + TWENTY_MINUTES..6000 + TWENTY_MINUTES));

@@ -10,12 +10,12 @@ use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use wingd::camera::Camera;
 use wingd::camera::replay::{FaultKind, ReplayConfig, ReplayFactory, ScriptedFault};
-use wingd::clock::{Clock, Simulated};
+use wingd::clock::{Clock, SimulatedClock};
 use wingd::daemon::{self, Event, Parts, SeriesConfig, Solver, Status, StatusBoard};
 use wingd::installation;
 use wingd::measure::adjust::{Method, Options};
 use wingd::pipeline::{self, Job};
-use wingd::store::verify::verify;
+use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig};
 
 const HOURS: usize = 30;
@@ -109,10 +109,10 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
     let orientation = installation.require_orientation().unwrap().clone();
     let job = Job { method: Method::Spatial, options: Options::default() };
     let inputs = Inputs::new(pipeline::inputs(&installation, &job));
-    let clock = Arc::new(Simulated::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+    let clock = Arc::new(SimulatedClock::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
     let replay = ReplayConfig { fault: script(), ..ReplayConfig::folder(folder) };
     let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
-    let mut config = StoreConfig::at(root.join("store"));
+    let mut config = StoreConfig::new(root.join("store"));
     config.reserve_mb = 0;
     let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
     let parts = Parts {
@@ -186,7 +186,7 @@ fn thirty_hours_with_random_faults() {
     }
     println!("{counts:?} in {:?}", begin.elapsed());
 
-    let report = verify(&RealDisk, &dir.path().join("store"));
+    let report = verify_path(&RealDisk, &dir.path().join("store"));
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert_eq!(resident.len(), HOURS);
     assert_eq!(counts.series_complete, HOURS as u64);

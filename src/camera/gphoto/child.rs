@@ -7,11 +7,11 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::camera::CameraError;
-use crate::camera::gphoto::driver::Driver;
+use crate::camera::gphoto::driver::GphotoDriver;
 use crate::camera::gphoto::protocol::{self, Answer, Request};
 
 /// Serves until the recorder closes the pipe; then the process ends, even from within a hung call.
-pub fn serve() -> io::Result<()> {
+pub fn serve_requests() -> io::Result<()> {
     let (sender, requests) = mpsc::channel();
     std::thread::spawn(move || {
         let mut input = io::stdin().lock();
@@ -25,7 +25,7 @@ pub fn serve() -> io::Result<()> {
     let mut driver = None;
     let mut output = io::BufWriter::new(io::stdout().lock());
     for request in requests {
-        let (answer, body) = match handle(&mut driver, request) {
+        let (answer, body) = match handle_request(&mut driver, request) {
             Ok((answer, body)) => (Ok(answer), body),
             Err(error) => (Err(error), Vec::new()),
         };
@@ -35,10 +35,10 @@ pub fn serve() -> io::Result<()> {
     Ok(())
 }
 
-fn handle(driver: &mut Option<Driver>, request: Request) -> Answer<(Value, Vec<u8>)> {
+fn handle_request(driver: &mut Option<GphotoDriver>, request: Request) -> Answer<(Value, Vec<u8>)> {
     if let Request::Open { section } = &request {
         *driver = None;
-        let (opened, info) = Driver::open(section)?;
+        let (opened, info) = GphotoDriver::open(section)?;
         *driver = Some(opened);
         return Ok((json!(info), Vec::new()));
     }

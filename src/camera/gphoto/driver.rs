@@ -17,12 +17,12 @@ const MIN_FREE_BYTES: u64 = 8 << 20;
 
 /// A picture on the card.
 #[derive(Clone, Debug, PartialEq)]
-struct OnCard {
+struct CardFile {
     folder: String,
     name: String,
 }
 
-impl OnCard {
+impl CardFile {
     fn path(&self) -> String {
         format!("{}/{}", self.folder.trim_end_matches('/'), self.name)
     }
@@ -34,15 +34,15 @@ impl OnCard {
 }
 
 /// An open camera.
-pub struct Driver {
+pub struct GphotoDriver {
     context: Context,
     camera: Camera,
     delete: bool,
-    leftovers: Vec<OnCard>,
-    last: Option<OnCard>,
+    leftovers: Vec<CardFile>,
+    last: Option<CardFile>,
 }
 
-impl Driver {
+impl GphotoDriver {
     /// Finds and sets up the camera.
     pub fn open(section: &GphotoSection) -> Result<(Self, CameraInfo), CameraError> {
         let context = Context::new().map_err(|e| faults::sort(&e, "libgphoto2"))?;
@@ -69,7 +69,7 @@ impl Driver {
     pub fn recover(&mut self) -> Result<(Option<Picture>, Vec<u8>), CameraError> {
         while let Some(left) = self.leftovers.pop() {
             let (bytes, mut settings) = self.fetch(&left)?;
-            if let Err(why) = jpeg::whole(&bytes) {
+            if let Err(why) = jpeg::check_complete(&bytes) {
                 // Stays on the card; a person may still read something out of it.
                 tracing::warn!(path = left.path(), %why, "a picture on the card is damaged and left there");
                 continue;
@@ -84,8 +84,8 @@ impl Driver {
 
     /// Releases the shutter (or waits for somebody else's release) and fetches the picture.
     pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(Picture, Vec<u8>), CameraError> {
-        let deadline = Deadline::after(deadline);
-        let unexpected = if trigger { self.drain() } else { Vec::new() };
+        let deadline = Deadline::new(deadline);
+        let unexpected = if trigger { self.drain_events() } else { Vec::new() };
         let asked_s = clock::since_boot_s();
         if trigger {
             self.trigger(&deadline).map_err(|error| self.or_card_full(error))?;
@@ -93,14 +93,14 @@ impl Driver {
         let (picture, others) = self.wait(&deadline).map_err(|error| self.or_card_full(error))?;
         let told_s = clock::since_boot_s();
         let (mut bytes, mut settings) = self.fetch(&picture)?;
-        if jpeg::whole(&bytes).is_err() {
-            deadline.left("a second download")?;
+        if jpeg::check_complete(&bytes).is_err() {
+            deadline.remaining("a second download")?;
             (bytes, settings) = self.fetch(&picture)?;
         }
-        jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(format!("{}: {why}", picture.path())))?;
+        jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(format!("{}: {why}", picture.path())))?;
         for (key, list) in [("other_files", others), ("unexpected_files", unexpected)] {
             if !list.is_empty() {
-                settings.insert(key.to_owned(), list.iter().map(OnCard::path).collect::<Vec<_>>().into());
+                settings.insert(key.to_owned(), list.iter().map(CardFile::path).collect::<Vec<_>>().into());
             }
         }
         settings.insert(ASKED.to_owned(), asked_s.into());
@@ -112,7 +112,7 @@ impl Driver {
 
     /// Pictures that came without a shot.
     pub fn unexpected(&mut self) -> Vec<String> {
-        self.drain().iter().map(OnCard::path).collect()
+        self.drain_events().iter().map(CardFile::path).collect()
     }
 
     /// The last picture is safe.
@@ -128,7 +128,7 @@ impl Driver {
 
     /// Events of before, which must not be taken for this shot's; files among them are shots that
     /// nobody asked for.
-    fn drain(&mut self) -> Vec<OnCard> {
+    fn drain_events(&mut self) -> Vec<CardFile> {
         let mut files = Vec::new();
         for _ in 0..100 {
             match self.camera.wait_event(Duration::from_millis(1)).wait() {
@@ -144,7 +144,7 @@ impl Driver {
         loop {
             match self.camera.trigger_capture().wait().map_err(|e| faults::sort(&e, "release")) {
                 // Still writing the last picture, most of the time.
-                Err(CameraError::Busy(why)) => match deadline.left("") {
+                Err(CameraError::Busy(why)) => match deadline.remaining("") {
                     Ok(left) if left > Duration::from_secs(2) => {
                         std::thread::sleep(Duration::from_millis(200))
                     }
@@ -156,10 +156,10 @@ impl Driver {
     }
 
     /// The first JPEG that appears, and the other files that came with it.
-    fn wait(&mut self, deadline: &Deadline) -> Result<(OnCard, Vec<OnCard>), CameraError> {
+    fn wait(&mut self, deadline: &Deadline) -> Result<(CardFile, Vec<CardFile>), CameraError> {
         let mut others = Vec::new();
         loop {
-            let left = deadline.left("the picture after the release")?.min(Duration::from_secs(1));
+            let left = deadline.remaining("the picture after the release")?.min(Duration::from_secs(1));
             match self
                 .camera
                 .wait_event(left)
@@ -174,7 +174,7 @@ impl Driver {
                     others.push(file);
                 }
                 CameraEvent::CaptureComplete if !others.is_empty() => {
-                    let names: Vec<_> = others.iter().map(OnCard::path).collect();
+                    let names: Vec<_> = others.iter().map(CardFile::path).collect();
                     let mend = "set imagequality or imageformat to a JPEG format";
                     return Err(CameraError::Refused(format!(
                         "the camera wrote {} and no JPEG; {mend}",
@@ -186,7 +186,7 @@ impl Driver {
         }
     }
 
-    fn fetch(&self, picture: &OnCard) -> Result<(Vec<u8>, Map<String, Value>), CameraError> {
+    fn fetch(&self, picture: &CardFile) -> Result<(Vec<u8>, Map<String, Value>), CameraError> {
         let failed = |e: gphoto2::Error| faults::sort(&e, &format!("downloading {}", picture.path()));
         let file = self.camera.fs().download(&picture.folder, &picture.name).wait().map_err(failed)?;
         let bytes = file.get_data(&self.context).wait().map_err(failed)?.into_vec();
@@ -204,14 +204,14 @@ impl Driver {
     }
 
     /// Every JPEG below a DCIM folder, the oldest name last.
-    fn pictures(&self) -> Result<Vec<OnCard>, gphoto2::Error> {
+    fn pictures(&self) -> Result<Vec<CardFile>, gphoto2::Error> {
         let mut found = Vec::new();
         let mut folders = vec!["/".to_owned()];
         while let Some(folder) = folders.pop() {
             if folder.contains("/DCIM") {
                 let files = self.camera.fs().list_files(&folder).wait()?;
                 found.extend(
-                    files.map(|name| OnCard { folder: folder.clone(), name }).filter(OnCard::is_jpeg),
+                    files.map(|name| CardFile { folder: folder.clone(), name }).filter(CardFile::is_jpeg),
                 );
             }
             let inner = self.camera.fs().list_folders(&folder).wait()?;
@@ -222,8 +222,8 @@ impl Driver {
     }
 }
 
-fn on_card(path: &gphoto2::file::CameraFilePath) -> OnCard {
-    OnCard { folder: path.folder().into_owned(), name: path.name().into_owned() }
+fn on_card(path: &gphoto2::file::CameraFilePath) -> CardFile {
+    CardFile { folder: path.folder().into_owned(), name: path.name().into_owned() }
 }
 
 fn find(context: &Context, section: &GphotoSection) -> Result<(Camera, String), CameraError> {

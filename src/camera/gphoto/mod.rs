@@ -18,8 +18,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
-use crate::clock::exposure::Evidence;
+use crate::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame, jpeg};
+use crate::clock::exposure::ExposureEvidence;
 use crate::installation::KeyFault;
 use process::Process;
 use protocol::{Answer, Picture, Request};
@@ -118,20 +118,20 @@ impl GphotoCamera {
     }
 
     /// Takes a shot, or with `trigger` false waits for one that something else released.
-    pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<Frame, CameraError> {
+    pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<CameraFrame, CameraError> {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
         let (picture, bytes): (Picture, _) = self.ask(&request, grace(deadline), "a shot")?;
-        jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
+        jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         self.last_name.check(&picture.path)?;
         let exposed = exposed(&picture.settings);
-        Ok(Frame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })
+        Ok(CameraFrame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })
     }
 }
 
 /// Between the trigger and the camera's word that there is a picture.
-fn exposed(settings: &serde_json::Map<String, serde_json::Value>) -> Option<Evidence> {
+fn exposed(settings: &serde_json::Map<String, serde_json::Value>) -> Option<ExposureEvidence> {
     let time = |key: &str| settings.get(key).and_then(serde_json::Value::as_f64);
-    Some(Evidence::Between { from_s: time(ASKED)?, to_s: time(ANSWERED)? })
+    Some(ExposureEvidence::Between { from_s: time(ASKED)?, to_s: time(ANSWERED)? })
 }
 
 impl Camera for GphotoCamera {
@@ -147,9 +147,9 @@ impl Camera for GphotoCamera {
         opened.map(|(info, _)| info)
     }
 
-    fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
+    fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let (picture, bytes) = self.ask(&Request::Recover, deadline, "a picture from the card")?;
-        let frame = |picture: Picture| Frame {
+        let frame = |picture: Picture| CameraFrame {
             bytes,
             format: Format::Jpeg,
             settings: picture.settings,
@@ -158,7 +158,7 @@ impl Camera for GphotoCamera {
         Ok(Option::map(picture, frame))
     }
 
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.shoot_or_wait(deadline, true)
     }
 

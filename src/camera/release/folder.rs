@@ -11,7 +11,7 @@ use serde_json::Map;
 
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame, jpeg};
 
 /// Between two looks. A file counts when two looks agree on its size and it is whole.
 const LOOK: Duration = Duration::from_millis(200);
@@ -62,23 +62,23 @@ impl Camera for Folder {
     }
 
     /// Waits for the next new file.
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
-        let deadline = Deadline::after(deadline);
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+        let deadline = Deadline::new(deadline);
         let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
         let mut before = BTreeMap::new();
         loop {
-            let left = deadline.left(&format!("a new JPEG file in {}", self.section.path.display()))?;
+            let left = deadline.remaining(&format!("a new JPEG file in {}", self.section.path.display()))?;
             let now = list(&self.section.path)?;
             for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
                     let bytes = fs::read(file).map_err(|error| gone(file, &error))?;
-                    if jpeg::whole(&bytes).is_ok() {
+                    if jpeg::check_complete(&bytes).is_ok() {
                         known.insert(file.clone());
                         self.last = Some(file.clone());
                         let path = file.display().to_string();
                         self.last_name.check(&path)?;
                         let settings = Map::from_iter([("camera_path".to_owned(), path.into())]);
-                        return Ok(Frame { bytes, format: Format::Jpeg, settings, exposed: None });
+                        return Ok(CameraFrame { bytes, format: Format::Jpeg, settings, exposed: None });
                     }
                 }
             }

@@ -15,9 +15,9 @@ use crate::camera::freshness::LastName;
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
-use crate::camera::{Camera, CameraError, CameraInfo, Frame};
+use crate::camera::{Camera, CameraError, CameraInfo, CameraFrame};
 use crate::clock;
-use crate::clock::exposure::{Delay, Evidence};
+use crate::clock::exposure::{MeasuredDelay, ExposureEvidence};
 use crate::installation::KeyFault;
 use folder::Folder;
 pub use folder::FolderSection;
@@ -99,7 +99,7 @@ impl ReleaseSection {
 /// What delivers the frames of a release.
 trait Source: Camera {
     /// Has the button pressed, and takes the frame that this makes; also the names of those that came before, unasked.
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError>;
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError>;
 }
 
 /// One press of the button.
@@ -107,7 +107,7 @@ type Press<'a> = &'a (dyn Fn() -> Result<Edge, CameraError> + Sync);
 
 #[cfg(feature = "gphoto")]
 impl Source for GphotoCamera {
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
         let strays = self.drain()?;
         let edge = press()?;
         Ok((self.shoot_or_wait(deadline, false)?, edge, strays))
@@ -115,7 +115,7 @@ impl Source for GphotoCamera {
 }
 
 impl Source for Folder {
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
         let strays = self.unexpected()?;
         let edge = press()?;
         Ok((self.shoot(deadline)?, edge, strays))
@@ -125,7 +125,7 @@ impl Source for Folder {
 #[cfg(feature = "v4l")]
 impl Source for V4lCamera {
     /// The stream must run before the release, or its frame is missed.
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
         std::thread::scope(|scope| {
             let pressing = scope.spawn(press);
             let frame = self.shoot(deadline);
@@ -187,13 +187,13 @@ impl ReleaseCamera {
 }
 
 /// The edge tells the exposure best where its delay was measured; else a driver's stamp, else edge and delivery.
-fn exposed(mut frame: Frame, edge: Edge, delay: Option<Delay>) -> Frame {
+fn exposed(mut frame: CameraFrame, edge: Edge, delay: Option<MeasuredDelay>) -> CameraFrame {
     let Edge { from_s, to_s } = edge;
     frame.exposed = match (delay, frame.exposed) {
-        (Some(delay), _) => Some(Evidence::Edge { from_s, to_s, delay }),
-        (None, Some(Evidence::Between { to_s, .. })) => Some(Evidence::Between { from_s, to_s }),
+        (Some(delay), _) => Some(ExposureEvidence::Edge { from_s, to_s, delay }),
+        (None, Some(ExposureEvidence::Between { to_s, .. })) => Some(ExposureEvidence::Between { from_s, to_s }),
         (None, Some(stamped)) => Some(stamped),
-        (None, None) => Some(Evidence::Between { from_s, to_s: clock::since_boot_s() }),
+        (None, None) => Some(ExposureEvidence::Between { from_s, to_s: clock::since_boot_s() }),
     };
     frame
 }
@@ -206,11 +206,11 @@ impl Camera for ReleaseCamera {
         self.source.open()
     }
 
-    fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
+    fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         self.source.recover(deadline)
     }
 
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         let lines = self.lines.as_ref().ok_or_else(CameraError::closed)?;
         let (half_s, full_s) = (self.section.half_press_s, self.section.full_press_s);
         let fired = self.source.fire(&|| lines.press(half_s, full_s), deadline);
@@ -226,7 +226,7 @@ impl Camera for ReleaseCamera {
         if !strays.is_empty() {
             frame.settings.insert("unexpected_files".to_owned(), strays.into());
         }
-        let delay = Delay::of(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
+        let delay = MeasuredDelay::from_config(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
         Ok(exposed(frame, edge, delay))
     }
 
@@ -260,21 +260,21 @@ mod tests {
     fn a_measured_delay_makes_the_edge_the_evidence() {
         let edge = Edge { from_s: 5.0, to_s: 5.001 };
         let settings = serde_json::Map::new();
-        let frame = |exposed| Frame {
+        let frame = |exposed| CameraFrame {
             bytes: vec![],
             format: crate::camera::Format::Jpeg,
             settings: settings.clone(),
             exposed,
         };
-        let delay = Delay { seconds: 0.05, sigma_s: 0.002 };
+        let delay = MeasuredDelay { seconds: 0.05, sigma_s: 0.002 };
         let dated = exposed(frame(None), edge, Some(delay)).exposed;
-        assert_eq!(dated, Some(Evidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
-        let answered = Some(Evidence::Between { from_s: 1.0, to_s: 6.0 });
+        assert_eq!(dated, Some(ExposureEvidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
+        let answered = Some(ExposureEvidence::Between { from_s: 1.0, to_s: 6.0 });
         assert_eq!(
             exposed(frame(answered), edge, None).exposed,
-            Some(Evidence::Between { from_s: 5.0, to_s: 6.0 })
+            Some(ExposureEvidence::Between { from_s: 5.0, to_s: 6.0 })
         );
-        let stamped = Some(Evidence::EndOfFrame { at_s: 5.2, exposure_s: None, period_s: 0.1, delay: None });
+        let stamped = Some(ExposureEvidence::EndOfFrame { at_s: 5.2, exposure_s: None, period_s: 0.1, delay: None });
         assert_eq!(exposed(frame(stamped), edge, None).exposed, stamped);
     }
 

@@ -15,9 +15,9 @@ use v4l::{Device, FourCC};
 
 use crate::camera::deadline::Deadline;
 use crate::camera::delay::delay_fault;
-use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame, jpeg};
 use crate::clock;
-use crate::clock::exposure::{Delay, Evidence};
+use crate::clock::exposure::{MeasuredDelay, ExposureEvidence};
 use crate::installation::KeyFault;
 
 /// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
@@ -143,17 +143,17 @@ impl V4lCamera {
     }
 
     /// A shot has a stream of its own.
-    fn take(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+    fn take(&mut self, deadline: &Deadline) -> Result<CameraFrame, CameraError> {
         let opened = self.opened.as_ref().ok_or_else(CameraError::closed)?;
         let (settings, drift) = controls::hold(&opened.device, &self.section.controls);
         let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
         if opened.format == Format::Jpeg {
-            jpeg::whole(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
+            jpeg::check_complete(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
         Ok(self.frame(opened.format.clone(), settings, drift, got))
     }
 
-    fn take_live(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+    fn take_live(&mut self, deadline: &Deadline) -> Result<CameraFrame, CameraError> {
         let opened = self.opened.as_mut().ok_or_else(CameraError::closed)?;
         let mut live = match opened.live.take() {
             Some(live) => live,
@@ -187,7 +187,7 @@ impl V4lCamera {
         mut settings: Map<String, Value>,
         drift: Vec<String>,
         got: stream::Grabbed,
-    ) -> Frame {
+    ) -> CameraFrame {
         settings.insert("sequence".to_owned(), got.sequence.into());
         settings.insert("driver_time_s".to_owned(), got.time_s.into());
         settings.insert("dropped_frames".to_owned(), got.dropped.into());
@@ -197,13 +197,13 @@ impl V4lCamera {
             settings.insert("warnings".to_owned(), drift.into());
         }
         let exposed = self.exposed(&settings, &got);
-        Frame { bytes: got.bytes, format, settings, exposed }
+        CameraFrame { bytes: got.bytes, format, settings, exposed }
     }
 
     fn close_where_gone(
         &mut self,
-        take: impl FnOnce(&mut Self) -> Result<Frame, CameraError>,
-    ) -> Result<Frame, CameraError> {
+        take: impl FnOnce(&mut Self) -> Result<CameraFrame, CameraError>,
+    ) -> Result<CameraFrame, CameraError> {
         let taken = walled(|| take(self));
         if matches!(taken, Err(CameraError::Gone(_))) {
             self.close();
@@ -218,15 +218,15 @@ impl V4lCamera {
     }
 
     /// What the driver's stamp says; `None` where its clock is not ours.
-    fn exposed(&self, settings: &Map<String, Value>, got: &stream::Grabbed) -> Option<Evidence> {
-        let at_s = clock::since_boot_of_monotonic(got.monotonic.then_some(got.time_s)?);
+    fn exposed(&self, settings: &Map<String, Value>, got: &stream::Grabbed) -> Option<ExposureEvidence> {
+        let at_s = clock::since_boot_from_monotonic(got.monotonic.then_some(got.time_s)?);
         let length = settings.get("exposure_time_absolute").and_then(Value::as_f64);
         let exposure_s = length.map(|units| units * EXPOSURE_UNIT_S);
         let (period_s, delay) =
-            (got.period_s, Delay::of(self.section.stamp_delay_s, self.section.stamp_delay_sigma_s));
+            (got.period_s, MeasuredDelay::from_config(self.section.stamp_delay_s, self.section.stamp_delay_sigma_s));
         Some(match got.stamped_at_start {
-            true => Evidence::StartOfExposure { at_s, exposure_s, period_s, delay },
-            false => Evidence::EndOfFrame { at_s, exposure_s, period_s, delay },
+            true => ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay },
+            false => ExposureEvidence::EndOfFrame { at_s, exposure_s, period_s, delay },
         })
     }
 }
@@ -291,14 +291,14 @@ impl Camera for V4lCamera {
         walled(|| self.prepare())
     }
 
-    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
-        let deadline = Deadline::after(deadline);
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+        let deadline = Deadline::new(deadline);
         self.stop_live();
         self.close_where_gone(|camera| camera.take(&deadline))
     }
 
-    fn live(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
-        let deadline = Deadline::after(deadline);
+    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+        let deadline = Deadline::new(deadline);
         self.close_where_gone(|camera| camera.take_live(&deadline))
     }
 

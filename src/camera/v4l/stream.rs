@@ -124,10 +124,10 @@ fn first_whole(running: &mut Running, shortest: usize, deadline: &Deadline) -> R
     let (mut damaged, mut dropped, mut expected, mut stale) = (0, 0, None, 0);
     loop {
         // At least a millisecond: 0 would not wait at all.
-        stream.set_timeout(deadline.left("a frame")?.max(Duration::from_millis(1)));
+        stream.set_timeout(deadline.remaining("a frame")?.max(Duration::from_millis(1)));
         let asked = Instant::now();
         let (bytes, meta) = stream.next().map_err(|error| match error.kind() {
-            io::ErrorKind::TimedOut => deadline.passed("a frame"),
+            io::ErrorKind::TimedOut => deadline.timeout_error("a frame"),
             _ => streaming(&error, "a frame"),
         })?;
         dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));

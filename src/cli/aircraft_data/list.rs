@@ -1,10 +1,10 @@
-//! `wingd aircraft-data --list`: the sources of a flight.
+//! `wingd aircraft-data --list` lists the aircraft data sources of a flight.
 
 use std::collections::BTreeMap;
 
 use serde_json::json;
 
-use super::{Args, Done, Failure, print, undone};
+use super::{AircraftDataArgs, Completion, Failure, print_line, store_failure};
 use crate::aircraft::{Quantity, Track};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
@@ -12,11 +12,11 @@ use crate::report::aircraft::{self, Source};
 use crate::report::number::count;
 use crate::store::{FlightRef, RealDisk};
 
-/// Frames at which each source counts, by its number and the quantity.
-pub(super) type Counts = BTreeMap<(usize, Quantity), usize>;
+/// Number of frames that use a source, by source number and quantity.
+pub(super) type FrameCounts = BTreeMap<(usize, Quantity), usize>;
 
-/// Of these frames.
-pub(super) fn counts(track: &Track, frames: &[(Stamp, Option<Exposure>)]) -> Counts {
+/// Counts the frames that use each source for each quantity.
+pub(super) fn count_frames_by_source(track: &Track, frames: &[(Stamp, Option<Exposure>)]) -> FrameCounts {
     let mut counts = BTreeMap::new();
     for (stamp, exposure) in frames {
         for (quantity, joined) in track.at(stamp, exposure.as_ref()) {
@@ -26,14 +26,14 @@ pub(super) fn counts(track: &Track, frames: &[(Stamp, Option<Exposure>)]) -> Cou
     counts
 }
 
-pub(super) fn run(args: &Args, flight: &FlightRef) -> Result<Done, Failure> {
+pub(super) fn list_sources(args: &AircraftDataArgs, flight: &FlightRef) -> Result<Completion, Failure> {
     let (disk, root) = (&RealDisk, &args.store);
-    let (sources, _) = aircraft::sources(disk, root, flight).map_err(undone)?;
-    let (track, notes) = aircraft::track(disk, root, flight).map_err(undone)?;
+    let (sources, _) = aircraft::sources(disk, root, flight).map_err(store_failure)?;
+    let (track, notes) = aircraft::track(disk, root, flight).map_err(store_failure)?;
     notes.iter().for_each(|note| eprintln!("wingd: {note}"));
-    let frames = aircraft::frames(disk, flight).map_err(undone)?;
-    let counts = counts(&track, &frames);
-    let of = |source: &Source| -> Vec<(Quantity, usize)> {
+    let frames = aircraft::frames(disk, flight).map_err(store_failure)?;
+    let counts = count_frames_by_source(&track, &frames);
+    let quantities_of = |source: &Source| -> Vec<(Quantity, usize)> {
         counts
             .iter()
             .filter(|((n, _), _)| *n == source.number)
@@ -48,25 +48,25 @@ pub(super) fn run(args: &Args, flight: &FlightRef) -> Result<Done, Failure> {
                 "name": source.name(),
                 "lines": source.lines.len(),
                 "withdrawn": source.withdrawn,
-                "quantities": of(source).into_iter().map(quantity).collect::<Vec<_>>(),
+                "quantities": quantities_of(source).into_iter().map(quantity).collect::<Vec<_>>(),
             })
         };
         let sources: Vec<_> = sources.iter().map(one).collect();
-        print(&json!({"flight": flight.id, "frames": frames.len(), "sources": sources}).to_string())?;
-        return Ok(Done::All);
+        print_line(&json!({"flight": flight.id, "frames": frames.len(), "sources": sources}).to_string())?;
+        return Ok(Completion::All);
     }
-    let (number, from) = (count(frames.len(), "frame"), count(sources.len(), "source"));
-    print(&format!("{}: {number}, {from} of aircraft data", flight.id))?;
+    let (frames, number) = (count(frames.len(), "frame"), count(sources.len(), "source"));
+    print_line(&format!("{}: {frames}, {number} of aircraft data", flight.id))?;
     for source in &sources {
         let counts: Vec<String> =
-            of(source).iter().map(|(q, n)| format!("{} {}", q.name(), count(*n, "frame"))).collect();
-        let said = match (source.withdrawn, counts.is_empty()) {
+            quantities_of(source).iter().map(|(q, n)| format!("{} {}", q.name(), count(*n, "frame"))).collect();
+        let state = match (source.withdrawn, counts.is_empty()) {
             (Some(at), _) => format!("withdrawn {at:.0}"),
-            (None, true) => "counts at no frame".to_owned(),
+            (None, true) => "not used by any frame".to_owned(),
             (None, false) => counts.join(", "),
         };
         let lines = count(source.lines.len(), "line");
-        print(&format!("{:>3}  {}  {lines}  {said}", source.number, source.name()))?;
+        print_line(&format!("{:>3}  {}  {lines}  {state}", source.number, source.name()))?;
     }
-    Ok(Done::All)
+    Ok(Completion::All)
 }

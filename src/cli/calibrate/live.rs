@@ -1,44 +1,44 @@
-//! The configured camera takes pictures until the verdict is good.
+//! Live calibration: the configured camera takes images until the verdict is good.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::pictures::{Picture, picture};
-use super::{Args, Failure, judged};
+use super::board_images::{BoardImage, detect_board};
+use super::{CalibrateArgs, Failure, calibrate_and_judge};
 use crate::camera::freshness::Freshness;
-use crate::clock::System;
+use crate::clock::SystemClock;
 use crate::config;
 use crate::installation::DescribedBoard;
 use crate::measure::calibrate::Verdict;
 use crate::report::number::count;
 
-/// Longest time for a shot.
-const DEADLINE: Duration = Duration::from_secs(20);
+/// Maximum time for a shot.
+const SHOT_DEADLINE: Duration = Duration::from_secs(20);
 
-/// Pictures until the verdict is good, the camera has no more, or enough were taken.
-pub(super) fn pictures(args: &Args, file: &Path, board: &DescribedBoard) -> Result<Vec<Picture>, Failure> {
+/// Takes images until the verdict is good, the camera ends, or the limit is reached.
+pub(super) fn take_images(args: &CalibrateArgs, file: &Path, board: &DescribedBoard) -> Result<Vec<BoardImage>, Failure> {
     let section = config::load_camera(file)?;
-    let mut camera = section.factory(Arc::new(System::new()), Duration::ZERO)();
+    let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
     let opened = camera.open().map_err(|e| Failure::Failed(e.to_string()))?;
-    eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
+    eprintln!("{}: show the board in all parts of the image, tilted by 20 to 40 degrees", opened.name);
     let mut freshness = Freshness::default();
-    let mut taken: Vec<Picture> = vec![];
+    let mut taken: Vec<BoardImage> = vec![];
     for shot in 1..=args.shots {
-        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes).map(|_| f)) {
+        let frame = match camera.shoot(SHOT_DEADLINE).and_then(|f| freshness.check(&f.bytes).map(|_| f)) {
             Ok(frame) => frame,
-            // A replay ends, a camera is unplugged: what was taken still counts.
+            // If a replay ends or the camera is unplugged, the images taken so far are used.
             Err(error) => {
-                eprintln!("picture {shot}: {error}");
+                eprintln!("image {shot}: {error}");
                 break;
             }
         };
-        // The copy here is all that is wanted of it; a camera that keeps its own does no harm.
+        // The copy is enough; a camera that keeps its own does no harm.
         let _ = camera.release_last();
-        let found = picture(&format!("shot {shot}"), Ok(&frame.bytes), &board.board);
-        eprintln!("picture {shot}: {}", said(&found));
+        let found = detect_board(&format!("shot {shot}"), Ok(&frame.bytes), &board.board);
+        eprintln!("image {shot}: {}", describe_image(&found));
         taken.push(found);
-        if good(&mut taken, board, args.select) {
+        if is_good_enough(&mut taken, board, args.select) {
             break;
         }
     }
@@ -46,19 +46,19 @@ pub(super) fn pictures(args: &Args, file: &Path, board: &DescribedBoard) -> Resu
     Ok(taken)
 }
 
-fn said(picture: &Picture) -> String {
+fn describe_image(picture: &BoardImage) -> String {
     match &picture.view {
         Ok(view) => format!("{} of the board", count(view.len(), "point")),
         Err(reason) => reason.to_string(),
     }
 }
 
-/// Whether that is enough; says what is missing where it is not.
-fn good(taken: &mut [Picture], board: &DescribedBoard, select: bool) -> bool {
+/// Returns whether the calibration is good; otherwise prints the verdict and the main reason.
+fn is_good_enough(taken: &mut [BoardImage], board: &DescribedBoard, select: bool) -> bool {
     if taken.last().is_none_or(|p| p.view.is_err()) {
         return false;
     }
-    match judged(taken, board, select) {
+    match calibrate_and_judge(taken, board, select) {
         Ok(judged) => {
             let missing = judged.reasons.first().map_or(String::new(), |r| format!(": {r}"));
             eprintln!("{}{missing}", judged.verdict.name());

@@ -1,15 +1,15 @@
-//! This file composes what `wingd calibrate` prints and writes.
+//! Texts and JSON of `wingd calibrate`.
 
 use std::path::Path;
 
-use super::pictures::{Picture, reason};
+use super::board_images::{BoardImage, exclusion_reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
 use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
 use crate::report::number::rounded;
 
-pub(super) fn report(
+pub(super) fn calibration_report(
     calibration: &Calibration,
     verdict: Verdict,
     accepted: Option<String>,
@@ -33,13 +33,13 @@ pub(super) fn report(
     }
 }
 
-const DENOMINATOR: [&str; 3] = ["k4", "k5", "k6"];
+const DENOMINATOR_NAMES: [&str; 3] = ["k4", "k5", "k6"];
 
-pub(super) fn json(
+pub(super) fn result_json(
     calibration: &Calibration,
     report: &CalibrationReport,
     reasons: &[String],
-    pictures: &[Picture],
+    pictures: &[BoardImage],
 ) -> String {
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
         Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
@@ -51,7 +51,7 @@ pub(super) fn json(
     camera.extend(by_name(parameters));
     let rational = calibration.lens.denominator != [0.0; 3];
     let denominator = |values: [f64; 3]| -> serde_json::Map<String, serde_json::Value> {
-        DENOMINATOR.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        DENOMINATOR_NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
     let mut parameters = by_name(parameters);
     let mut sigma = by_name(report.sigma);
@@ -60,11 +60,11 @@ pub(super) fn json(
         parameters.extend(denominator(calibration.lens.denominator));
         sigma.extend(denominator(calibration.denominator_sigma));
     }
-    let image = |(k, p): (usize, &Picture)| {
+    let image = |(k, p): (usize, &BoardImage)| {
         serde_json::json!({
             "image": p.name,
             "used": calibration.view_rms_px[k].is_some(),
-            "reason": reason(calibration, k, p),
+            "reason": exclusion_reason(calibration, k, p),
             "corners": p.view.as_ref().map_or(0, Vec::len),
             "corners_used": calibration.view_points[k],
             "rms_px": calibration.view_rms_px[k],
@@ -99,14 +99,14 @@ pub(super) fn json(
     .to_string()
 }
 
-/// Value over standard deviation of a distortion term.
+/// Returns a distortion term divided by its standard deviation.
 fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> Option<f64> {
     report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| values(calibration)[k] / s)
 }
 
-pub(super) fn text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
+pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
     let mut text = format!(
-        "{}: {}\n{} of {} pictures, {} points, rms {:.4} px\n",
+        "{}: {}\n{} of {} images, {} points, rms {:.4} px\n",
         output.display(),
         report.verdict,
         report.images_used,
@@ -119,23 +119,23 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
     {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
         let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
-        let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));
+        let sigma = sigma.map_or("fixed".to_owned(), |s| format!("+- {s:.digits$}"));
         let note = if weak { " (not significant)" } else { "" };
         text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
     }
     if calibration.lens.denominator != [0.0; 3] {
         let of = calibration.lens.denominator.iter().zip(calibration.denominator_sigma);
-        for (name, (value, sigma)) in DENOMINATOR.iter().zip(of) {
+        for (name, (value, sigma)) in DENOMINATOR_NAMES.iter().zip(of) {
             text.push_str(&format!("{name:>3} {value:>12.6} +- {sigma:.6} (denominator: a rational lens)\n"));
         }
     }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
-        let flat = if bow.significant() { "" } else { " (not significant)" };
+        let flat = if bow.is_significant() { "" } else { " (not significant)" };
         let (value, sigma) = rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
         text.push_str(&format!("board's bow {name} {value} +- {sigma} mm{flat}\n"));
     }
     if let Some(s) = calibration.stretch.filter(|s| s.stated.is_some()) {
-        let note = if s.significant() { "" } else { " (not significant)" };
+        let note = if s.is_significant() { "" } else { " (not significant)" };
         text.push_str(&format!(
             "board's stretch across over along {:.4} +- {:.4} %{note}\n",
             1e2 * s.value,

@@ -1,21 +1,21 @@
-//! `wingd export --table live` goes block by block, so that an hour of results takes no more memory than a minute.
+//! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
 
 use serde_json::Value;
 
-use super::sink::{Notes, Sink, Stop, ended};
-use super::{Args, FormatName, recorder_notes};
-use crate::cli::copy::bar;
-use crate::cli::{Done, Failure};
+use super::sink::{FileMetadata, RowSink, ExportEnd, finish_export};
+use super::{ExportArgs, FormatName, recorder_metadata};
+use crate::cli::copy::byte_progress;
+use crate::cli::{Completion, Failure};
 use crate::report::export::{LiveColumns, LiveFacts};
 use crate::report::{aircraft, source};
 use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    usage(args)?;
+pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failure> {
+    check_options(args)?;
     let flights = source::chosen(&args.store, args.flight.as_deref())?;
     let (mut tables, mut bytes) = (Vec::new(), 0);
     for flight in &flights {
-        live::each_file(&RealDisk, &args.store, flight, |file| {
+        live::for_each_live_file(&RealDisk, &args.store, flight, |file| {
             bytes += file.length() as u64;
             if !tables.contains(&file.head.table) {
                 tables.push(file.head.table);
@@ -25,34 +25,34 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     }
     if tables.is_empty() {
         let what = format!(
-            "{}: there are no live results; [live] in the configuration makes some",
+            "{}: no live results; enable [live] in the configuration to record them",
             args.store.display()
         );
         return Err(Failure::Failed(what));
     }
     let store_id = catalogue::store_id(&RealDisk, &args.store);
     let columns = LiveColumns::of(&tables, store_id.clone());
-    let bar = bar(bytes, "live results");
+    let bar = byte_progress(bytes, "live results");
     let mut notes = Vec::new();
     let mut empty = columns.empty();
     empty.extend(LiveFacts::empty());
-    let sink = Sink::begin(args, empty, || Ok(notes_of(&tables, store_id.as_deref())));
+    let sink = RowSink::begin(args, empty, || Ok(live_metadata(&tables, store_id.as_deref())));
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
-            notes.extend(write(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
-            Result::<(), Stop>::Ok(())
+            notes.extend(write_flight_rows(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
+            Result::<(), ExportEnd>::Ok(())
         })?;
-        sink.end(args)
+        sink.finish(args)
     });
     bar.finish_and_clear();
-    ended(args, outcome)?;
+    finish_export(args, outcome)?;
     notes.iter().for_each(|note| eprintln!("wingd: {note}"));
-    Ok(Done::all(notes.is_empty()))
+    Ok(Completion::from_success(notes.is_empty()))
 }
 
-/// Who recorded, and what the results follow from, by the key in column `inputs`.
-fn notes_of(tables: &[LiveTable], store_id: Option<&str>) -> Notes {
-    let mut notes = recorder_notes(store_id);
+/// Metadata of a file: recorder, and provenance of the results by the key in column `inputs`.
+fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
+    let mut notes = recorder_metadata(store_id);
     for table in tables {
         let Some(inputs) = table.source.get(live::names::PROVENANCE).and_then(Value::as_object) else {
             continue;
@@ -66,41 +66,41 @@ fn notes_of(tables: &[LiveTable], store_id: Option<&str>) -> Notes {
     notes
 }
 
-/// A flight's rows; what is to be said of its files comes back.
-fn write(
-    args: &Args,
+/// Writes a flight's rows and returns notes on its files.
+fn write_flight_rows(
+    args: &ExportArgs,
     flight: &FlightRef,
     columns: &LiveColumns,
-    sink: &mut Sink,
+    sink: &mut RowSink,
     read: impl Fn(u64),
-) -> Result<Vec<String>, Stop> {
+) -> Result<Vec<String>, ExportEnd> {
     let (track, mut notes) = aircraft::track(&RealDisk, &args.store, flight)?;
     let facts = LiveFacts { track };
-    let files = live::each_file(&RealDisk, &args.store, flight, |mut file| {
+    let files = live::for_each_live_file(&RealDisk, &args.store, flight, |mut file| {
         read(file.length() as u64);
         let head = file.head.clone();
         while let Some(block) = file.next_block() {
             match columns.rows(&head, &block) {
                 Some(mut rows) => {
                     rows.extend(facts.rows(&head, &block));
-                    sink.add(args, rows)?;
+                    sink.add_rows(args, rows)?;
                 }
-                None => return Ok(file.torn().max(1)),
+                None => return Ok(file.torn_length().max(1)),
             }
         }
-        Result::<usize, Stop>::Ok(file.torn())
+        Result::<usize, ExportEnd>::Ok(file.torn_length())
     })?;
     notes.extend(files);
     Ok(notes)
 }
 
-fn usage(args: &Args) -> Result<(), Failure> {
+fn check_options(args: &ExportArgs) -> Result<(), Failure> {
     let wrong = match args.format {
         FormatName::Vtk => {
-            Some("--format vtk has shapes of frames; take csv, parquet or jsonl for live results")
+            Some("--format vtk has no live results; use csv, parquet or jsonl")
         }
-        _ if args.inputs.is_some() => Some("--inputs: live results are not solved again; leave it out"),
-        _ => args.installation.is_some().then_some("--installation is for vtk alone; leave it out"),
+        _ if args.inputs.is_some() => Some("--inputs cannot be used with live results, which are never solved again; omit it"),
+        _ => args.installation.is_some().then_some("--installation is used only for vtk; omit it"),
     };
     wrong.map_or(Ok(()), |what| Err(Failure::Usage(what.to_owned())))
 }

@@ -1,148 +1,148 @@
-//! An export's rows go to a file or to standard output, as CSV, JSON lines or Parquet.
+//! Output of an export: rows to a file or standard output, as CSV, JSON lines or Parquet.
 
 use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::{Args, FormatName};
-use crate::cli::{Failure, print};
+use super::{ExportArgs, FormatName};
+use crate::cli::{Failure, print_line};
 use crate::report::export::{self, Column, Csv};
 
-/// Why rows end early.
-pub(super) enum Stop {
-    /// Nobody reads on (`| head`): no fault.
+/// Reason why an export ended early.
+pub(super) enum ExportEnd {
+    /// Closed pipe (`| head`): not an error.
     Pipe,
-    /// Anything else.
+    /// Error of an output or of a store.
     Failed(Failure),
 }
 
-impl<E: Into<Failure>> From<E> for Stop {
+impl<E: Into<Failure>> From<E> for ExportEnd {
     fn from(failure: E) -> Self {
         Self::Failed(failure.into())
     }
 }
 
-/// Where rows go.
-pub(super) enum Sink {
+/// Output of rows.
+pub(super) enum RowSink {
     Csv(Csv<Box<dyn Write>>),
     Lines(Box<dyn Write>),
     #[cfg(feature = "parquet")]
     Parquet(export::ParquetFile<BufWriter<File>>),
 }
 
-impl Args {
-    /// The file that is written; `None`: standard output.
-    fn place(&self) -> Option<&Path> {
+impl ExportArgs {
+    /// Returns the file to write; `None` for standard output.
+    fn output_file(&self) -> Option<&Path> {
         let default = matches!(self.format, FormatName::Parquet).then_some(Path::new("export.parquet"));
         self.output.as_deref().or(default)
     }
 
-    /// Where text goes.
+    /// Opens the output of text.
     pub(super) fn text_output(&self) -> Result<Box<dyn Write>, Failure> {
-        match self.place() {
-            Some(file) => Ok(Box::new(BufWriter::new(create(file)?))),
+        match self.output_file() {
+            Some(file) => Ok(Box::new(BufWriter::new(create_file(file)?))),
             None => Ok(Box::new(BufWriter::new(io::stdout()))),
         }
     }
 
-    /// A fault of the output, or a reader that went away.
-    fn stop(&self, error: &dyn Display, kind: Option<io::ErrorKind>) -> Stop {
-        match self.place() {
-            None if kind == Some(io::ErrorKind::BrokenPipe) => Stop::Pipe,
-            place => Stop::Failed(cannot_write(place.unwrap_or(Path::new("standard output")), error)),
+    /// Distinguishes an error of the output from a closed pipe.
+    fn classify_error(&self, error: &dyn Display, kind: Option<io::ErrorKind>) -> ExportEnd {
+        match self.output_file() {
+            None if kind == Some(io::ErrorKind::BrokenPipe) => ExportEnd::Pipe,
+            place => ExportEnd::Failed(write_failure(place.unwrap_or(Path::new("standard output")), error)),
         }
     }
 
-    /// The same of text.
-    pub(super) fn stopped(&self, error: &io::Error) -> Stop {
-        self.stop(error, Some(error.kind()))
+    /// Distinguishes an I/O error of the output from a closed pipe.
+    pub(super) fn classify_io_error(&self, error: &io::Error) -> ExportEnd {
+        self.classify_error(error, Some(error.kind()))
     }
 
-    fn stopped_csv(&self, error: &csv::Error) -> Stop {
+    fn classify_csv_error(&self, error: &csv::Error) -> ExportEnd {
         let kind = match error.kind() {
             csv::ErrorKind::Io(error) => Some(error.kind()),
             _ => None,
         };
-        self.stop(error, kind)
+        self.classify_error(error, kind)
     }
 }
 
-fn create(file: &Path) -> Result<File, Failure> {
-    File::create(file).map_err(|e| cannot_write(file, &e))
+fn create_file(file: &Path) -> Result<File, Failure> {
+    File::create(file).map_err(|e| write_failure(file, &e))
 }
 
-pub(super) fn cannot_write(file: &Path, error: &dyn Display) -> Failure {
+pub(super) fn write_failure(file: &Path, error: &dyn Display) -> Failure {
     Failure::Failed(format!("{}: could not write: {error}; choose another --output", file.display()))
 }
 
-/// Name and value for the metadata of a Parquet file.
-pub(super) type Notes = Vec<(String, String)>;
+/// Names and values for the metadata of a Parquet file.
+pub(super) type FileMetadata = Vec<(String, String)>;
 
-impl Sink {
-    /// With these columns, whose rows are the first; `notes` go into a file that has room for them.
+impl RowSink {
+    /// Begins an output with columns and their first rows; `notes` are the metadata, if the format has any.
     pub(super) fn begin(
-        args: &Args,
+        args: &ExportArgs,
         columns: Vec<Column>,
-        notes: impl FnOnce() -> Result<Notes, Failure>,
-    ) -> Result<Self, Stop> {
+        notes: impl FnOnce() -> Result<FileMetadata, Failure>,
+    ) -> Result<Self, ExportEnd> {
         match args.format {
             FormatName::Jsonl => Ok(Self::Lines(args.text_output()?)),
-            FormatName::Parquet => Self::parquet(args, columns, notes),
+            FormatName::Parquet => Self::begin_parquet(args, columns, notes),
             FormatName::Csv | FormatName::Vtk => {
                 let begun = Csv::begin(args.text_output()?, &columns);
-                begun.map(Self::Csv).map_err(|error| args.stopped_csv(&error))
+                begun.map(Self::Csv).map_err(|error| args.classify_csv_error(&error))
             }
         }
     }
 
     #[cfg(feature = "parquet")]
-    fn parquet(
-        args: &Args,
+    fn begin_parquet(
+        args: &ExportArgs,
         columns: Vec<Column>,
-        notes: impl FnOnce() -> Result<Notes, Failure>,
-    ) -> Result<Self, Stop> {
-        let output = BufWriter::new(create(args.place().unwrap_or(Path::new("")))?);
+        notes: impl FnOnce() -> Result<FileMetadata, Failure>,
+    ) -> Result<Self, ExportEnd> {
+        let output = BufWriter::new(create_file(args.output_file().unwrap_or(Path::new("")))?);
         let begun = export::ParquetFile::begin(output, columns, &notes()?);
-        begun.map(Self::Parquet).map_err(|error| args.stop(&error, None))
+        begun.map(Self::Parquet).map_err(|error| args.classify_error(&error, None))
     }
 
     #[cfg(not(feature = "parquet"))]
-    fn parquet(_: &Args, _: Vec<Column>, _: impl FnOnce() -> Result<Notes, Failure>) -> Result<Self, Stop> {
+    fn begin_parquet(_: &ExportArgs, _: Vec<Column>, _: impl FnOnce() -> Result<FileMetadata, Failure>) -> Result<Self, ExportEnd> {
         Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
     }
 
-    pub(super) fn add(&mut self, args: &Args, rows: Vec<Column>) -> Result<(), Stop> {
+    pub(super) fn add_rows(&mut self, args: &ExportArgs, rows: Vec<Column>) -> Result<(), ExportEnd> {
         match self {
-            Self::Csv(csv) => csv.add(&rows).map_err(|error| args.stopped_csv(&error)),
-            Self::Lines(output) => export::json_rows(output, &rows).map_err(|error| args.stopped(&error)),
+            Self::Csv(csv) => csv.add(&rows).map_err(|error| args.classify_csv_error(&error)),
+            Self::Lines(output) => export::json_rows(output, &rows).map_err(|error| args.classify_io_error(&error)),
             #[cfg(feature = "parquet")]
-            Self::Parquet(file) => file.add(rows).map_err(|error| args.stop(&error, None)),
+            Self::Parquet(file) => file.add(rows).map_err(|error| args.classify_error(&error, None)),
         }
     }
 
-    /// Writes what is left.
-    pub(super) fn end(self, args: &Args) -> Result<(), Stop> {
+    /// Writes buffered rows and closes the output.
+    pub(super) fn finish(self, args: &ExportArgs) -> Result<(), ExportEnd> {
         match self {
-            Self::Csv(csv) => csv.end().map_err(|error| args.stopped_csv(&error)),
-            Self::Lines(mut output) => output.flush().map_err(|error| args.stopped(&error)),
+            Self::Csv(csv) => csv.end().map_err(|error| args.classify_csv_error(&error)),
+            Self::Lines(mut output) => output.flush().map_err(|error| args.classify_io_error(&error)),
             #[cfg(feature = "parquet")]
             Self::Parquet(file) => {
-                let mut output = file.end().map_err(|error| args.stop(&error, None))?;
-                output.flush().map_err(|error| args.stopped(&error))
+                let mut output = file.end().map_err(|error| args.classify_error(&error, None))?;
+                output.flush().map_err(|error| args.classify_io_error(&error))
             }
         }
     }
 }
 
-/// What came of it, and where the file is; a reader that went away is no fault.
-pub(super) fn ended<T: Default>(args: &Args, outcome: Result<T, Stop>) -> Result<T, Failure> {
+/// Prints the path of the file, or returns the failure; a closed pipe is not an error.
+pub(super) fn finish_export<T: Default>(args: &ExportArgs, outcome: Result<T, ExportEnd>) -> Result<T, Failure> {
     match outcome {
-        Err(Stop::Pipe) => Ok(T::default()),
-        Err(Stop::Failed(failure)) => Err(failure),
-        Ok(said) => {
-            args.place().map_or(Ok(()), |file| print(&file.display().to_string()))?;
-            Ok(said)
+        Err(ExportEnd::Pipe) => Ok(T::default()),
+        Err(ExportEnd::Failed(failure)) => Err(failure),
+        Ok(value) => {
+            args.output_file().map_or(Ok(()), |file| print_line(&file.display().to_string()))?;
+            Ok(value)
         }
     }
 }

@@ -1,11 +1,11 @@
-//! `wingd plan` says what an installation will be able to see, or one that is not there yet.
+//! `wingd plan` predicts the resolution and precision of an existing or planned installation.
 
 mod draft;
-mod want;
+mod requirement;
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, RIGHTS, print, unwritable};
+use super::{Completion, Failure, CHECK_WRITE_ACCESS, print_line, write_failure};
 use crate::installation::Installation;
 use crate::measure::plan::{
     self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction, TipSigma,
@@ -15,46 +15,48 @@ use crate::report::grid::Grid;
 use crate::report::number::fixed;
 use crate::report::{plan_figure, table};
 
-/// Resolution, depth of field and predicted uncertainty of an installation.
+/// Predict resolution, depth of field and standard deviations of an installation.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The installation; without orientation.toml the camera is taken to look at the wing's middle
+pub struct PlanArgs {
+    /// Installation; without orientation.toml the camera is assumed to point at the middle of the wing
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     #[command(flatten)]
     draft: draft::DraftArgs,
-    /// Also so many frames of a flight adjusted together
+    /// Also predict N frames of a flight, adjusted together
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
     frames: Option<u16>,
-    /// The standard deviation of the tip's deflection that is wanted, for example 5mm: whether it is reached, where what is
-    /// planned comes from, and what would mend it, cheapest first
-    #[arg(long, value_name = "LENGTH", value_parser = want::length)]
+    /// Required standard deviation of the tip deflection, for example 5mm: prints whether the plan meets it, the
+    /// variance
+    /// budget, and possible improvements
+    #[arg(long, value_name = "LENGTH", value_parser = requirement::parse_length)]
     want: Option<f64>,
-    /// Write the layout (with --want the one proposed): installation.toml, camera.toml, a survey.csv to be replaced by the
-    /// true one, and layout.svg, a drawing to scale
+    /// Write the layout (with --want the proposed one): installation.toml, camera.toml, a survey.csv to be replaced
+    /// by the
+    /// true survey, and layout.svg, a drawing to scale
     #[arg(long, value_name = "DIR")]
     layout: Option<PathBuf>,
-    /// Deflection of the outermost marker to plan for, m
+    /// Planned deflection of the outermost marker, m
     #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_deflection_m, allow_negative_numbers = true)]
     tip_deflection: f64,
-    /// Standard deviation of an image coordinate to plan for, px
+    /// Planned standard deviation of an image coordinate, px
     #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
     pixel_sigma: f64,
-    /// Terms of the curvature, 1 to 10; an adjustment takes 8 or 10 where none are given
+    /// Number of curvature terms, 1 to 10; an adjustment uses 8 or 10 if none is given
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: u8,
     /// Draw the plan as SVG
     #[arg(long, value_name = "FILE.svg")]
     figure: Option<PathBuf>,
-    /// One JSON object
+    /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    /// Show all columns of the tables [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
     let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_deflection.abs() <= 100.0;
     if !sensible {
         return Err(Failure::Usage(
@@ -63,32 +65,32 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     }
     let frames = args.frames.map_or(1, usize::from);
     let installation = match args.draft.span {
-        None => super::load_installation(&super::default_paths::installation(args.installation.as_deref())?)?,
-        Some(_) => args.draft.installation(&options(args, None), frames)?,
+        None => super::load_installation(&super::default_paths::resolve_installation(args.installation.as_deref())?)?,
+        Some(_) => args.draft.draft_installation(&plan_options(args, None), frames)?,
     };
-    let options = options(args, Some(&installation));
+    let options = plan_options(args, Some(&installation));
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Failed(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
-        std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
+        std::fs::write(file, plan_figure::figure(&plan)).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
     }
-    let together = want::together(&installation, &options, args.frames)?;
-    let beside = want::beside(&installation, &options, frames)?;
-    let asked = args.want.map(|sigma_m| want::ask(&installation, &options, sigma_m, frames)).transpose()?;
+    let joint = requirement::flight_precision(&installation, &options, args.frames)?;
+    let with_prior = requirement::prior_precision(&installation, &options, frames)?;
+    let proposal = args.want.map(|sigma_m| requirement::answer_requirement(&installation, &options, sigma_m, frames)).transpose()?;
     if let Some(folder) = &args.layout {
-        want::write_layout(folder, &installation, &options, asked.as_ref())?;
+        requirement::write_layout(folder, &installation, &options, proposal.as_ref())?;
     }
     if args.json {
-        print(&want::json(&plan, together.as_ref(), beside.as_ref(), asked.as_ref())?)?;
+        print_line(&requirement::plan_json(&plan, joint.as_ref(), with_prior.as_ref(), proposal.as_ref())?)?;
     } else {
-        let mut out = text(&plan, args.wide);
-        out.push_str(&want::text(together.as_ref(), beside.as_ref(), asked.as_ref()));
-        print(out.trim_end())?;
+        let mut out = plan_text(&plan, args.wide);
+        out.push_str(&requirement::precision_text(joint.as_ref(), with_prior.as_ref(), proposal.as_ref()));
+        print_line(out.trim_end())?;
     }
-    Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
+    Ok(if plan.prediction.is_some() { Completion::All } else { Completion::Partly })
 }
 
-fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
+fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOptions {
     let optics = installation.and_then(|i| i.optics.as_ref()).map(|o| Optics {
         focal_length_mm: o.focal_length_mm,
         f_number: o.f_number,
@@ -103,32 +105,32 @@ fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
     }
 }
 
-fn text(plan: &Plan, wide: bool) -> String {
+fn plan_text(plan: &Plan, wide: bool) -> String {
     let mut out = format!(
-        "Planned for a tip deflection of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
+        "Planned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
         plan.tip_deflection_m,
         plan.pixel_sigma,
         plan.field_of_view_deg[0],
         plan.field_of_view_deg[1],
         plan.focal_px
     );
-    out.push_str(&optics(plan));
-    out.push_str(&format!("\n{}", markers(&plan.markers).text_at(wide)));
+    out.push_str(&optics_text(plan));
+    out.push_str(&format!("\n{}", marker_table(&plan.markers).text_at(wide)));
     if let Some(prediction) = &plan.prediction {
-        out.push_str(&format!("\n{}", predicted(prediction)));
+        out.push_str(&format!("\n{}", prediction_text(prediction)));
         let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
         out.push_str(&format!(
-            "\nWhat the variance of that deflection comes from\n{}",
+            "\nVariance budget of that deflection\n{}",
             table::budget(&shares).text()
         ));
-        out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
-        let marks = alternatives(prediction, &prediction.fixed_marks);
+        out.push_str(&format!("\nOne marker removed or added\n{}", marker_change_table(prediction).text()));
+        let marks = alternative_table(prediction, &prediction.fixed_marks);
         out.push_str(&format!(
-            "\nMarks more that are rigid to the cabin, in the frame's corners\n{}",
+            "\nAdditional fixed targets, rigid to the cabin, in the corners of the image\n{}",
             marks.text()
         ));
-        let known = alternatives(prediction, &prediction.terms_known);
-        out.push_str(&format!("\nIf what the installation leaves open were known\n{}", known.text()));
+        let known = alternative_table(prediction, &prediction.terms_known);
+        out.push_str(&format!("\nUncertain values of the installation, if each were known exactly\n{}", known.text()));
     }
     for remark in &plan.remarks {
         out.push_str(&format!("\n{remark}\n"));
@@ -136,7 +138,7 @@ fn text(plan: &Plan, wide: bool) -> String {
     out
 }
 
-fn optics(plan: &Plan) -> String {
+fn optics_text(plan: &Plan) -> String {
     let Some(o) = &plan.optics else {
         return "Depth of field and diffraction: give [camera.optics] in installation.toml\n".into();
     };
@@ -156,7 +158,7 @@ fn optics(plan: &Plan) -> String {
     )
 }
 
-fn markers(markers: &[MarkerPlan]) -> Grid {
+fn marker_table(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
     Grid::each(markers).columns(&[
         ("<marker", &|m| m.id.clone()),
@@ -174,10 +176,10 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
     ])
 }
 
-fn predicted(prediction: &Prediction) -> String {
+fn prediction_text(prediction: &Prediction) -> String {
     let e = &prediction.expected;
     let mut out = format!(
-        "Predicted standard deviations (spatial, one frame, redundancy {}): deflection of the axis against the survey {:.1} mm \
+        "Predicted standard deviations (spatial, one frame, redundancy {}): deflection of the axis relative to the survey {:.1} mm \
          at the tip, {:.1} mm along the span (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
         prediction.redundancy,
         1e3 * e.sigma_tip_deflection_m,
@@ -186,20 +188,20 @@ fn predicted(prediction: &Prediction) -> String {
         fixed(e.sigma_tip_twist_deg, 3)
     );
     if let Some(tip) = &prediction.tip {
-        out.push_str(&tip_deflections(tip));
+        out.push_str(&tip_deflection_text(tip));
     }
     for (name, angle, twist) in &prediction.torsion {
         let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
         out.push_str(&format!("Torsion '{name}': angle {angle} deg, twist free of bending {twist} deg\n"));
     }
     if let Some(r) = prediction.pitch_bending_correlation {
-        out.push_str(&format!("Correlation of the mount's pitch with bending: {r:.3}\n"));
+        out.push_str(&format!("Correlation of mount pitch and bending: {r:.3}\n"));
     }
     out
 }
 
-/// Of the tip marker, each deflection; the one that results show first.
-fn tip_deflections(tip: &TipSigma) -> String {
+/// Lists the standard deviation of the tip marker's deflection for each reference; that of the results comes first.
+fn tip_deflection_text(tip: &TipSigma) -> String {
     let shown = Reference::from(tip.reference);
     let sigma = |reference: Reference| match reference {
         Reference::Survey => tip.deflection_m,
@@ -209,21 +211,21 @@ fn tip_deflections(tip: &TipSigma) -> String {
     let text = |one: Reference| Some(format!("{} {:.1} mm", one.words(), 1e3 * sigma(one)?));
     let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
     let all: Vec<String> = text(shown).into_iter().chain(others).collect();
-    format!("Deflection of {}, the first is what results show: {}\n", tip.marker, all.join("; "))
+    format!("Deflection of {}, first that reported in results: {}\n", tip.marker, all.join("; "))
 }
 
-/// How much larger the tip's deflection is in its standard deviation than as surveyed.
-fn change(prediction: &Prediction, e: Option<Expected>) -> String {
+/// Returns the change of the tip deflection's standard deviation relative to the layout as surveyed, in percent.
+fn relative_change(prediction: &Prediction, e: Option<Expected>) -> String {
     let before = prediction.expected.sigma_tip_deflection_m;
     let change = e.map(|e| 100.0 * (e.sigma_tip_deflection_m / before - 1.0));
     change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %"))
 }
 
-fn mm(e: Option<Expected>, pick: fn(&Expected) -> f64) -> String {
+fn sigma_mm(e: Option<Expected>, pick: fn(&Expected) -> f64) -> String {
     fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
 }
 
-fn changes(prediction: &Prediction) -> Grid {
+fn marker_change_table(prediction: &Prediction) -> Grid {
     let mut rows = vec![("as surveyed".to_owned(), None, Some(prediction.expected))];
     rows.extend(prediction.changes.iter().map(|change| {
         let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
@@ -232,19 +234,19 @@ fn changes(prediction: &Prediction) -> Grid {
     Grid::each(&rows).columns(&[
         ("<layout", &|(name, ..)| name.clone()),
         ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
-        ("tip deflection / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_deflection_m)),
+        ("tip deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
         ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
-        ("along span / mm", &|(.., e)| mm(*e, |e| e.sigma_span_m)),
-        ("tip deflection changes by", &|(.., e)| change(prediction, *e)),
+        ("along span / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_span_m)),
+        ("tip deflection changes by", &|(.., e)| relative_change(prediction, *e)),
     ])
 }
 
-fn alternatives(prediction: &Prediction, list: &[Alternative]) -> Grid {
+fn alternative_table(prediction: &Prediction, list: &[Alternative]) -> Grid {
     Grid::each(list).columns(&[
         ("<assumed", &|one| one.name.clone()),
-        ("tip deflection / mm", &|one| mm(one.expected, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|one| mm(one.expected, |e| e.sigma_mean_deflection_m)),
-        ("tip deflection changes by", &|one| change(prediction, one.expected)),
+        ("tip deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),
+        ("tip deflection changes by", &|one| relative_change(prediction, one.expected)),
     ])
 }

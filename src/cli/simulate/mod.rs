@@ -8,24 +8,24 @@ use std::path::PathBuf;
 
 use nalgebra::Vector2;
 
-use super::{Done, Failure, frames, print};
+use super::{Completion, Failure, image_batch, print_line};
 use crate::installation;
 use crate::measure::plan::{self, PlanOptions};
-use crate::measure::render::{Drawn, Light, Options, Random, Scene, Shot, Side};
+use crate::measure::render::{SampledAircraft, Light, SceneOptions, SeededRandom, Scene, SceneShot, SceneSide};
 use crate::measure::setup::{Orientation, Setup, Thermal, Uncertainty, fixed_mark};
 use crate::report::number::count;
 use writer::{SetFrame, write_set};
 
-/// Frames of a wing, or pictures of a board, with known truth
+/// Render frames of a wing, or images of a board, with known truth
 #[derive(clap::Args)]
-pub struct Args {
+pub struct SimulateArgs {
     /// Folder for installation/, frames/ and truth.json
     #[arg(long, value_name = "DIR")]
     output: PathBuf,
-    /// Use this installation's camera, survey and orientation instead of a random wing
+    /// Use the camera, survey and orientation of this installation instead of a random wing
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Everything random follows from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Tip deflection of each flight frame, m
@@ -38,23 +38,24 @@ pub struct Args {
     )]
     tip_deflections: Vec<f64>,
     /// Light of the flight frames in turn: plain, gradient, shadow, glare, dusk, backlight, haze
-    #[arg(long, value_delimiter = ',', default_value = "plain", value_name = "LIGHT,LIGHT", value_parser = light)]
+    #[arg(long, value_delimiter = ',', default_value = "plain", value_name = "LIGHT,LIGHT", value_parser = parse_light)]
     lights: Vec<Light>,
-    /// Markers missing in each flight frame
+    /// Number of markers missing in each flight frame
     #[arg(long, default_value_t = 0, value_name = "N")]
     hide: usize,
-    /// Change of the load's shape over the flight, e.g. 0.05
+    /// Change of the load distribution over the flight, for example 0.05
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_name = "SHARE")]
     shape_change: f64,
-    /// The camera is mounted anew before this flight frame, counted from 1
+    /// Remount the camera before this flight frame, counted from 1
     #[arg(long, value_name = "N")]
     remount: Option<usize>,
-    /// Draw errors of what the installation states, and what flight does, by the installation's widths; the installation that
-    /// is written has them, with the widths of what is drawn
+    /// Sample errors of the installation's values and in-flight effects from the installation's priors; the
+    /// installation that is
+    /// written has these errors and the priors they were sampled from
     #[arg(long, requires = "installation")]
     drawn: bool,
     #[command(flatten)]
-    gusts: gusts::Args,
+    gusts: gusts::GustArgs,
     #[command(flatten)]
     wing: WingArgs,
     #[command(flatten)]
@@ -63,14 +64,14 @@ pub struct Args {
     board: BoardArgs,
 }
 
-/// Pictures of a board by the same camera
+/// Images of a board by the same camera
 #[derive(clap::Args)]
 #[command(next_help_heading = "Board")]
 struct BoardArgs {
-    /// Also pictures of this checkerboard, in board/
+    /// Also render images of this checkerboard, in board/
     #[arg(long, value_name = "BOARD.toml")]
     board: Option<PathBuf>,
-    /// How many
+    /// Number of board images
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=200))]
     board_pictures: u16,
 }
@@ -80,15 +81,15 @@ struct BoardArgs {
 #[command(next_help_heading = "Random wing (not with --installation)")]
 struct WingArgs {
     /// Side of the wing [default: by seed]
-    #[arg(long, value_name = "left|right", value_parser = side)]
-    side: Option<Side>,
+    #[arg(long, value_name = "left|right", value_parser = parse_side)]
+    side: Option<SceneSide>,
     /// Length of the wing, m
     #[arg(long, value_name = "M")]
     length: Option<f64>,
-    /// Markers, the pair at the tip included
+    /// Number of markers, including the pair at the tip
     #[arg(long, value_name = "N")]
     markers: Option<usize>,
-    /// How many of them are quadrants
+    /// Number of markers that are quadrants
     #[arg(long, value_name = "N")]
     quadrants: Option<usize>,
     /// Diameter of the markers, m
@@ -97,13 +98,13 @@ struct WingArgs {
     /// Camera above the skin at the root, m
     #[arg(long, value_name = "M")]
     camera_height: Option<f64>,
-    /// Marks rigid to the cabin, 0 to 4, in the frame's corners
+    /// Fixed targets, rigid to the cabin, 0 to 4, in the corners of the image
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     fixed_marks: Option<u8>,
-    /// Noise of the survey, m
+    /// Standard deviation of the survey, m
     #[arg(long, value_name = "M")]
     survey_sigma: Option<f64>,
-    /// Clutter on the skin: 1 usual, 0 none
+    /// Clutter on the skin: 1 typical, 0 none
     #[arg(long, value_name = "FACTOR")]
     clutter: Option<f64>,
     /// Size of the frames, px
@@ -112,7 +113,7 @@ struct WingArgs {
     /// Camera constant, px
     #[arg(long, value_name = "PX")]
     focal: Option<f64>,
-    /// Distortion
+    /// Distortion coefficients
     #[arg(long, value_delimiter = ',', num_args = 5, value_names = ["K1", "K2", "K3", "P1", "P2"], allow_hyphen_values = true)]
     distortion: Option<Vec<f64>>,
 }
@@ -121,7 +122,7 @@ struct WingArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Picture")]
 struct PictureArgs {
-    /// Standard deviation of the point spread, px
+    /// Standard deviation of the point spread function, px
     #[arg(long, default_value_t = 0.8, value_name = "PX")]
     blur: f64,
     /// Movement during the exposure, px
@@ -138,101 +139,103 @@ struct PictureArgs {
     quality: u8,
 }
 
-/// A word of the command line that is not among those that are known.
+/// Value of an option that is not accepted.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-struct UnknownWord(String);
+struct InvalidValue(String);
 
-fn light(name: &str) -> Result<Light, UnknownWord> {
-    let words = || UnknownWord(format!("one of {}", Light::ALL.map(Light::name).join(", ")));
-    Light::named(name).ok_or_else(words)
+fn parse_light(name: &str) -> Result<Light, InvalidValue> {
+    let words = || InvalidValue(format!("one of {}", Light::ALL.map(Light::name).join(", ")));
+    Light::from_name(name).ok_or_else(words)
 }
 
-fn side(name: &str) -> Result<Side, UnknownWord> {
+fn parse_side(name: &str) -> Result<SceneSide, InvalidValue> {
     match name {
-        "left" => Ok(Side::Left),
-        "right" => Ok(Side::Right),
-        _ => Err(UnknownWord("left or right".into())),
+        "left" => Ok(SceneSide::Left),
+        "right" => Ok(SceneSide::Right),
+        _ => Err(InvalidValue("left or right".into())),
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    args.gusts.check()?;
-    let scene = scene(args)?;
+pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
+    args.gusts.check_options()?;
+    let scene = create_scene(args)?;
     let mut frames = match args.gusts.seconds {
-        Some(seconds) => gusts::shots(args, &scene, seconds),
-        None => shots(args, &scene),
+        Some(seconds) => gusts::gust_frames(args, &scene, seconds),
+        None => flight_frames(args, &scene),
     };
-    let mut stated = as_usual(&scene.setup);
+    let mut specified = with_default_priors(&scene.setup);
     if args.drawn {
-        (stated, frames) = drawn(args.seed, &scene, frames);
+        (specified, frames) = sample_aircraft(args.seed, &scene, frames);
     }
     let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
-    let bar = frames::progress(frames.len(), "rendering");
-    write_set(&args.output, &name, (&scene, &stated), &frames, || bar.inc(1))
+    let bar = image_batch::progress_bar(frames.len(), "rendering");
+    write_set(&args.output, &name, (&scene, &specified), &frames, || bar.inc(1))
         .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
-    print(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
+    print_line(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
     if let Some(file) = &args.board.board {
         let folder = args.output.join("board");
-        boards::write(&folder, file, &scene.setup.lens, usize::from(args.board.board_pictures), args.seed)?;
+        boards::write_board_images(&folder, file, &scene.setup.lens, usize::from(args.board.board_pictures), args.seed)?;
         let pictures = count(usize::from(args.board.board_pictures), "picture");
-        print(&format!("{pictures} of the board in {}", folder.display()))?;
+        print_line(&format!("{pictures} of the board in {}", folder.display()))?;
     }
-    Ok(Done::All)
+    Ok(Completion::All)
 }
 
-/// What is stated of a scene that nothing was drawn of: its numbers, with the widths of who says nothing but how well the
-/// drawings give the skin.
-fn as_usual(setup: &Setup) -> Setup {
+/// Returns the setup of a scene without sampled errors, with default priors. The prior of the skin height stays: it
+/// is that of the
+/// drawings.
+fn with_default_priors(setup: &Setup) -> Setup {
     let skin_height_sigma_m = setup.uncertainty.skin_height_sigma_m;
     let uncertainty = Uncertainty { skin_height_sigma_m, ..Uncertainty::default() };
-    let usual = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
-    let mut stated = Setup { uncertainty, thermal: setup.thermal.map(usual), ..setup.clone() };
-    stated
+    let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
+    let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
+    specified
         .markers
         .iter_mut()
         .filter(|m| m.fixed)
         .for_each(|m| m.flight_motion_m = fixed_mark::FLIGHT_MOTION_M);
-    stated
+    specified
 }
 
-/// The frames of one aircraft that the installation allows, and what is stated of it.
-fn drawn(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFrame>) {
-    let mut random = Random::new(seed, 21);
-    let aircraft = Drawn::new(scene, &mut random);
-    let stated = Drawn::stated(scene, &mut random);
+/// Samples an aircraft consistent with the installation; returns its frames and the setup as an installation
+/// specifies it.
+fn sample_aircraft(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFrame>) {
+    let mut random = SeededRandom::new(seed, 21);
+    let aircraft = SampledAircraft::new(scene, &mut random);
+    let specified = SampledAircraft::perturbed_setup(scene, &mut random);
     let shot = |(k, frame): (usize, SetFrame)| {
         let shot = match k {
-            0 => aircraft.on_ground(frame.shot),
-            _ => aircraft.in_flight(frame.shot, &mut random),
+            0 => aircraft.ground_shot(frame.shot),
+            _ => aircraft.flight_shot(frame.shot, &mut random),
         };
         SetFrame { shot, ..frame }
     };
-    (stated, frames.into_iter().enumerate().map(shot).collect())
+    (specified, frames.into_iter().enumerate().map(shot).collect())
 }
 
-fn scene(args: &Args) -> Result<Scene, Failure> {
-    let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.highest_m();
+fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
+    let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.max_added_deflection_m();
     let Some(directory) = &args.installation else {
-        let options = args.wing.options(args.seed, highest);
-        check(&options)?;
+        let options = args.wing.render_options(args.seed, highest);
+        check_options(&options)?;
         return Ok(Scene::random(args.seed, &options));
     };
-    let (setup, mut orientation) = load(directory)?;
+    let (setup, mut orientation) = load_setup(directory)?;
     if args.drawn && orientation.is_none() {
-        // As it was planned: marks in the frame's corners are seen there alone.
+        // Planned attitude: only there are targets in the corners of the image visible.
         let options = PlanOptions { tip_deflection_m: highest, ..PlanOptions::default() };
         let planned = plan::attitude(&setup, None, &options);
         orientation = Some(planned.map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))?);
     }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
-    Scene::fitted(&setup, attitude, args.seed, highest)
+    Scene::from_setup(&setup, attitude, args.seed, highest)
         .map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))
 }
 
-/// The orientation is used where there is one, and not needed.
-fn load(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Failure> {
+/// Loads a setup, and its orientation if there is one.
+fn load_setup(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Failure> {
     let read = if directory.join(installation::ORIENTATION_FILE).exists() {
         installation::load(directory)?
     } else {
@@ -241,7 +244,7 @@ fn load(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Fai
     Ok((read.setup, read.orientation))
 }
 
-fn check(options: &Options) -> Result<(), Failure> {
+fn check_options(options: &SceneOptions) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if options.lens.width < 64
@@ -266,18 +269,18 @@ fn check(options: &Options) -> Result<(), Failure> {
 }
 
 impl WingArgs {
-    fn options(&self, seed: u64, highest_deflection_m: f64) -> Options {
-        let by_seed = if seed.is_multiple_of(2) { Side::Right } else { Side::Left };
-        let mut options = Options::random(seed, self.side.unwrap_or(by_seed));
+    fn render_options(&self, seed: u64, highest_deflection_m: f64) -> SceneOptions {
+        let by_seed = if seed.is_multiple_of(2) { SceneSide::Right } else { SceneSide::Left };
+        let mut options = SceneOptions::random(seed, self.side.unwrap_or(by_seed));
         options.tip_deflection_m = 1.03 * highest_deflection_m;
-        set(&mut options.length_m, self.length);
-        set(&mut options.markers, self.markers);
-        set(&mut options.quadrants, self.quadrants);
-        set(&mut options.diameter_m, self.diameter);
-        set(&mut options.camera_height_m, self.camera_height);
-        set(&mut options.survey_sigma_m, self.survey_sigma);
+        set_if_given(&mut options.length_m, self.length);
+        set_if_given(&mut options.markers, self.markers);
+        set_if_given(&mut options.quadrants, self.quadrants);
+        set_if_given(&mut options.diameter_m, self.diameter);
+        set_if_given(&mut options.camera_height_m, self.camera_height);
+        set_if_given(&mut options.survey_sigma_m, self.survey_sigma);
         options.fixed_marks = self.fixed_marks.map_or(0, usize::from);
-        set(&mut options.clutter, self.clutter);
+        set_if_given(&mut options.clutter, self.clutter);
         let lens = &mut options.lens;
         if let Some([width, height]) = self.size.as_deref() {
             let scale = f64::from(*width) / f64::from(lens.width);
@@ -295,24 +298,24 @@ impl WingArgs {
     }
 }
 
-fn set<T>(target: &mut T, value: Option<T>) {
+fn set_if_given<T>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
         *target = value;
     }
 }
 
-fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
-    let mut random = Random::new(args.seed, 20);
+fn flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
+    let mut random = SeededRandom::new(args.seed, 20);
     let mount = scene.remount(&mut random);
     let count = args.tip_deflections.len();
     let digits = count.to_string().len();
     let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
-    let ground = args.picture.applied(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time: None }];
+    let ground = args.picture.apply_to(scene.ground_shot(seed(0)));
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, moment: None }];
     for (i, &deflection) in args.tip_deflections.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
-        let mut shot = args.picture.applied(scene.flight_shot(deflection, light, seed(i + 1)));
+        let mut shot = args.picture.apply_to(scene.flight_shot(deflection, light, seed(i + 1)));
         // Burning fuel changes the load slowly and steadily.
         let progress = i as f64 / count.max(2) as f64 - 0.5;
         shot.state.load.relief += args.shape_change * progress;
@@ -320,20 +323,20 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
         if args.remount.is_some_and(|first| i + 1 >= first) {
             shot.mount = mount;
         }
-        shot.hidden = hidden(&mut random, args.hide, scene.markers.len());
+        shot.hidden = choose_hidden(&mut random, args.hide, scene.markers.len());
         let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, time: None });
+        frames.push(SetFrame { image, shot, quality, moment: None });
     }
     frames
 }
 
-fn hidden(random: &mut Random, count: usize, of: usize) -> Vec<usize> {
+fn choose_hidden(random: &mut SeededRandom, count: usize, of: usize) -> Vec<usize> {
     let mut left: Vec<usize> = (0..of).collect();
     (0..count.min(of)).map(|_| left.swap_remove(random.integer(0, left.len() - 1))).collect()
 }
 
 impl PictureArgs {
-    fn applied(&self, mut shot: Shot) -> Shot {
+    fn apply_to(&self, mut shot: SceneShot) -> SceneShot {
         shot.sensor.blur_px = self.blur.clamp(0.0, 20.0);
         shot.sensor.noise = self.noise.max(0.0);
         // Less light, more gain.

@@ -1,4 +1,4 @@
-//! A set is written with its installation, its frames and their truth (format: `fixtures/dev`).
+//! Writer of an image set: installation, frames and truth (format: `fixtures/dev`).
 
 use std::fs;
 use std::path::Path;
@@ -9,38 +9,39 @@ use serde_json::{Value, json};
 
 use crate::installation;
 use crate::measure::raster::Raster;
-use crate::measure::render::{FrameTruth, MarkerTruth, Scene, Shot};
+use crate::measure::render::{FrameTruth, MarkerTruth, Scene, SceneShot};
 use crate::measure::setup::Setup;
 
-/// A frame of a set.
+/// A frame of an image set.
 pub struct SetFrame {
     /// File name below `frames/`.
     pub image: String,
-    /// What to render.
-    pub shot: Shot,
+    /// Parameters of the rendering.
+    pub shot: SceneShot,
     /// JPEG quality, 1 to 100.
     pub quality: u8,
-    /// In a flight in time.
-    pub time: Option<Moment>,
+    /// Time in the flight, for a time series.
+    pub moment: Option<FlightMoment>,
 }
 
-/// Of a flight in time.
-pub struct Moment {
-    /// Since the flight's first frame, s.
+/// Time and bending modes of a frame in a time series.
+pub struct FlightMoment {
+    /// Time since the first frame of the flight, s.
     pub time_s: f64,
-    /// How far each mode swings, at the tip, m.
+    /// Tip deflection of each bending mode, m.
     pub modes_m: Vec<f64>,
 }
 
-/// Writes `installation/`, `frames/` and `truth.json` below `directory`: the installation as it is `stated`. `done` is called after every frame.
+/// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`;
+/// `done` is called after each frame.
 pub fn write_set(
     directory: &Path,
     name: &str,
-    (scene, stated): (&Scene, &Setup),
+    (scene, specified): (&Scene, &Setup),
     frames: &[SetFrame],
     done: impl Fn(),
 ) -> Result<()> {
-    installation::write_installation(&directory.join("installation"), stated, [""; 2])
+    installation::write_installation(&directory.join("installation"), specified, [""; 2])
         .map_err(|(file, error)| anyhow!("cannot write {}: {error}", file.display()))?;
     let folder = directory.join("frames");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -77,10 +78,10 @@ fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
         "light": frame.shot.light.name(),
         "tip_deflection_m": truth.tip_deflection_m,
         "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
-        "camera_from_survey": rows(&truth.camera_from_survey),
+        "camera_from_survey": matrix_rows(&truth.camera_from_survey),
         "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
     });
-    if let (Some(time), Some(map)) = (&frame.time, value.as_object_mut()) {
+    if let (Some(time), Some(map)) = (&frame.moment, value.as_object_mut()) {
         map.insert("time_s".into(), time.time_s.into());
         if !time.modes_m.is_empty() {
             map.insert("modes_m".into(), time.modes_m.clone().into());
@@ -104,6 +105,6 @@ fn marker_json(marker: &MarkerTruth) -> Value {
     })
 }
 
-fn rows(rotation: &Rotation3<f64>) -> Vec<Vec<f64>> {
+fn matrix_rows(rotation: &Rotation3<f64>) -> Vec<Vec<f64>> {
     rotation.matrix().row_iter().map(|row| row.iter().copied().collect()).collect()
 }

@@ -1,23 +1,23 @@
-//! What people marked in the frames of a store.
+//! Manual marks in the frames of a store.
 
-use super::Args;
+use super::SolveArgs;
 use crate::cli::Failure;
 use crate::installation::{Installation, ManualObservation};
 use crate::pipeline::manual_observations::observation;
-use crate::store::{FlightRef, Store, marks};
+use crate::store::{FlightRef, Store, manual_marks};
 
-/// What people marked in the frames of a flight.
+/// Manual marks in the frames of a flight.
 #[derive(Default)]
-pub(super) struct Marks {
-    said: Vec<ManualObservation>,
-    /// Over all of it; `None` where there is none.
+pub(super) struct FlightMarks {
+    observations: Vec<ManualObservation>,
+    /// Digest of all marks; `None` if there are none.
     pub digest: Option<String>,
 }
 
-impl Marks {
-    /// Reads them, where they are wanted.
+impl FlightMarks {
+    /// Reads the marks, unless `--no-marks` is given.
     pub fn read(
-        args: &Args,
+        args: &SolveArgs,
         store: &Store,
         flight: &FlightRef,
         installation: &Installation,
@@ -25,29 +25,29 @@ impl Marks {
         if args.no_marks {
             return Ok(Self::default());
         }
-        let (all, notes) = marks::read(store.disk(), store.root(), flight)?;
+        let (all, notes) = manual_marks::read_marks(store.disk(), store.root(), flight)?;
         for note in notes {
             eprintln!("wingd: {note}");
         }
-        let counting = marks::standing(&all);
-        let said: Vec<ManualObservation> =
+        let counting = manual_marks::effective_marks(&all);
+        let observations: Vec<ManualObservation> =
             counting.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
         if !counting.is_empty() {
             eprintln!(
-                "wingd: {}: {} marks by hand are used (--no-marks leaves them out)",
+                "wingd: {}: using {} manual marks (--no-marks ignores them)",
                 flight.id,
-                said.len()
+                observations.len()
             );
         }
-        if said.len() < counting.len() {
-            let strange = counting.len() - said.len();
-            eprintln!("wingd: {}: {strange} marks are of markers that this survey does not have", flight.id);
+        if observations.len() < counting.len() {
+            let unknown = counting.len() - observations.len();
+            eprintln!("wingd: {}: {unknown} manual marks name markers that are not in this survey", flight.id);
         }
-        Ok(Self { said, digest: marks::digest(&all) })
+        Ok(Self { observations, digest: manual_marks::marks_digest(&all) })
     }
 
-    /// Those of a frame, by its name in the flight.
-    pub fn of(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
-        self.said.iter().filter(move |said| said.image.as_deref() == Some(name))
+    /// Iterates over the marks of a frame, by its name in the flight.
+    pub fn for_frame(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
+        self.observations.iter().filter(move |point| point.image.as_deref() == Some(name))
     }
 }

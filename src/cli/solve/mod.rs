@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Done, Failure, pictures, print};
+use super::{Completion, Failure, image_files, print_line};
 use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::pipeline::Job;
 use crate::record::ImageRecord;
@@ -26,86 +26,89 @@ enum MethodName {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum SigmaName {
-    /// From the observations' own standard deviations
+    /// Computed from the standard deviations of the observations
     Prior,
-    /// Scaled by the root of the variance factor
+    /// Scaled by the square root of the variance factor
     Posterior,
 }
 
-/// Solve bending, torsion and positions, one result per image.
+/// Estimate bending, torsion and positions, one result per image.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The installation, with its orientation [default: installation/ of this folder; of a store: the one kept there that
+pub struct SolveArgs {
+    /// Installation with its orientation [default: installation/ in this directory; for a store: the one kept there
+    /// that
     /// its results came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// How the deflection is modelled
+    /// Model of the deflection
     #[arg(long, value_enum, default_value = "spatial")]
     method: MethodName,
-    /// Adjust all the frames together (spatial). Of a store: name the flight to solve, for example
-    /// --flight f0001 [default: every flight]
+    /// Adjust all frames together (spatial). For a store: the flight to solve, for example
+    /// --flight f0001 [default: all flights]
     #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true)]
     flight: Option<Option<String>>,
-    /// The same as --flight without a name: also the frames of each flight of a store together
+    /// Adjust the frames of each flight together, like --flight without a name, but also for a store
     #[arg(long)]
     together: bool,
-    /// Which mounting of the camera each frame belongs to (image,mounting); ground: not remounted since the ground
-    /// frames [default: remounts are looked for in the frames]
+    /// Camera mounting of each frame (image,mounting); ground: not remounted since the ground
+    /// frames [default: remounts are detected from the frames]
     #[arg(long, value_name = "FILE.csv")]
     mountings: Option<PathBuf>,
-    /// Image points measured by hand (id,u_px,v_px,sigma_px, of several images also image): beside images they are added
-    /// to what is detected, by id; alone they are solved instead of an image
+    /// Manually measured image points (id,u_px,v_px,sigma_px; for several images also image): with images they are
+    /// added
+    /// to the detections, by id; alone they are solved instead of an image
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
-    /// Beside images: nothing is detected, the points measured by hand stand alone
+    /// Use only the manually measured points of the images; nothing is detected
     #[arg(long, requires_all = ["observations", "images"])]
     observations_only: bool,
-    /// Also write figures and tables as one HTML file
+    /// Write figures and tables as one HTML file
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Which standard deviations [default: posterior where the global test rejects]
+    /// Kind of standard deviations [default: posterior if the global test rejects]
     #[arg(long, value_enum)]
     sigma: Option<SigmaName>,
-    /// Terms of the curvature, 1 to 10 [default: 8 or 10, chosen by test; with --flight 8]
+    /// Number of curvature terms, 1 to 10 [default: 8 or 10, chosen by test; with --flight 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: Option<u8>,
     /// Estimate variance components of image and survey
     #[arg(long)]
     variance_components: bool,
-    /// Of a store: hold air and temperatures as the installation states them, though there are aircraft data
+    /// For a store: use air data and temperatures of the installation, even if there are aircraft data
     #[arg(long)]
     no_aircraft_data: bool,
-    /// Of a store: leave out what people marked in its frames (`wingd mark`)
+    /// For a store: ignore manual marks in its frames (`wingd mark`)
     #[arg(long)]
     no_marks: bool,
-    /// Print the readable protocol of each adjustment
+    /// Print a readable protocol of each adjustment
     #[arg(long, conflicts_with = "json")]
     protocol: bool,
-    /// One JSON object per image
+    /// Print one JSON object per image
     #[arg(long)]
     json: bool,
-    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    /// Show all columns of the tables [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
-    /// Images worked on at once [default: the cores]
+    /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
-    /// Frames: JPEG, PNG, PNM or TIFF, or folders of them; or a store, whose frames get results beside their old ones
+    /// Images (JPEG, PNG, PNM or TIFF) or folders of them; or a store, whose frames get results in addition to
+    /// older ones
     #[arg(required_unless_present = "observations", value_name = "IMAGE|FOLDER|STORE")]
     images: Vec<PathBuf>,
 }
 
-impl Args {
-    /// Whether the frames of a flight are adjusted together.
-    fn together(&self) -> bool {
+impl SolveArgs {
+    /// Returns whether the frames of a flight are adjusted together.
+    fn adjusts_jointly(&self) -> bool {
         self.together || self.flight == Some(None)
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    if args.together() && matches!(args.method, MethodName::Profile) {
+pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
+    if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
         return Err(Failure::Usage(
-            "--flight adjusts with the spatial method; leave --method profile out".into(),
+            "--flight needs the spatial method; omit --method profile".into(),
         ));
     }
     if let [store] = args.images.as_slice()
@@ -115,30 +118,30 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none())
         {
             let what = format!(
-                "{}: holds nothing; name pictures, a folder of pictures, or a store (`wingd import` makes one of pictures)",
+                "{}: is empty; name images, a folder of images, or a store (`wingd import` creates one from images)",
                 store.display()
             );
             return Err(Failure::Failed(what));
         }
         if args.observations.is_some() {
-            return Err(Failure::Usage("--observations belongs to pictures, not to a store".into()));
+            return Err(Failure::Usage("--observations is only for images, not for a store".into()));
         }
-        return store::run(args, store);
+        return store::solve_store(args, store);
     }
     if let Some(Some(flight)) = &args.flight {
         return Err(Failure::Usage(format!(
-            "--flight {flight} names a flight of a store; name the store too"
+            "--flight {flight} names a flight of a store; give the store too"
         )));
     }
-    images::run(args)
+    images::solve_images(args)
 }
 
-/// Whether a folder is meant as a store: it is one, or holds no pictures that could be meant instead.
+/// Returns whether a folder is to be treated as a store: it is one, or has no images.
 fn is_store(folder: &Path) -> bool {
-    folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !pictures::holds_any(folder))
+    folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !image_files::contains_images(folder))
 }
 
-fn job(args: &Args) -> Job {
+fn solve_job(args: &SolveArgs) -> Job {
     let sigma = match args.sigma {
         None => SigmaKind::ByTest,
         Some(SigmaName::Prior) => SigmaKind::Prior,
@@ -158,48 +161,49 @@ fn job(args: &Args) -> Job {
     Job { method, options }
 }
 
-/// Where records go: lines and protocols at once, so that what is done is kept; the table with its widths at the end.
-struct Output<'a> {
-    args: &'a Args,
+/// Output of records: lines and protocols at once, so that finished results are kept; the table at the end, when
+/// its column widths are known.
+struct ResultOutput<'a> {
+    args: &'a SolveArgs,
     records: Vec<ImageRecord>,
-    /// Whole, where a report is to be made of pictures.
+    /// Complete records for the report on images, if there is one.
     kept: Option<Vec<ImageRecord>>,
-    all_well: bool,
+    all_solved: bool,
 }
 
-impl<'a> Output<'a> {
-    fn new(args: &'a Args) -> Self {
-        Self { args, records: vec![], kept: None, all_well: true }
+impl<'a> ResultOutput<'a> {
+    fn new(args: &'a SolveArgs) -> Self {
+        Self { args, records: vec![], kept: None, all_solved: true }
     }
 
-    fn keeping(args: &'a Args) -> Self {
+    fn keeping_records(args: &'a SolveArgs) -> Self {
         Self { kept: args.report.as_ref().map(|_| vec![]), ..Self::new(args) }
     }
 
-    fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
-        self.all_well &= record.is_solved();
+    fn take_record(&mut self, record: ImageRecord) -> Result<(), Failure> {
+        self.all_solved &= record.is_solved();
         if let Some(kept) = &mut self.kept {
             kept.push(record.clone());
         }
         if self.args.protocol {
-            return print(&protocol::protocol(&record));
+            return print_line(&protocol::protocol(&record));
         }
         if self.args.json {
             let line = serde_json::to_string(&record).map_err(|error| {
                 Failure::Failed(format!("{}: result cannot be written as JSON: {error}", record.image))
             })?;
-            return print(&line);
+            return print_line(&line);
         }
-        // What the table does not show is let go: a store has thousands of records.
+        // Fields that the table does not show are dropped: a store has thousands of records.
         let (model, quality) = Default::default();
         self.records.push(ImageRecord { model, quality, curve: Vec::new(), ..record });
         Ok(())
     }
 
-    fn end(self) -> Result<Done, Failure> {
+    fn finish(self) -> Result<Completion, Failure> {
         if !self.records.is_empty() {
-            print(&table::results(&self.records, self.args.wide))?;
+            print_line(&table::results(&self.records, self.args.wide))?;
         }
-        Ok(Done::all(self.all_well))
+        Ok(Completion::from_success(self.all_solved))
     }
 }

@@ -1,11 +1,11 @@
-//! `wingd solve … --report FILE.html`: figures and tables of what was solved, as `wingd report` writes them.
+//! `wingd solve … --report FILE.html`: figures and tables of the results, as written by `wingd report`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::camera::replay::format_of;
-use crate::cli::pictures::{self, Dating, Picture};
-use crate::cli::{Failure, RIGHTS, frames, unwritable};
+use crate::cli::image_files::{self, DatingOptions, DatedImage};
+use crate::cli::{Failure, CHECK_WRITE_ACCESS, image_batch, write_failure};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation};
 use crate::record::ImageRecord;
@@ -13,8 +13,8 @@ use crate::report::source::{self, Choice, OF_PICTURES};
 use crate::report::{ReportData, SeriesData, ShotData, html};
 use crate::store::Store;
 
-/// The page of a flight of the store, the newest where none is named.
-pub(super) fn of_store(
+/// Writes the report of a flight of the store, by default the newest.
+pub(super) fn write_store_report(
     page: &Path,
     store: &Store,
     flight: Option<&str>,
@@ -26,24 +26,24 @@ pub(super) fn of_store(
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
-    write(page, &data)
+    write_page(page, &data)
 }
 
-/// The page of pictures that are in no store, in series by their own times.
-pub(super) fn of_pictures(
+/// Writes the report of images that are in no store, in series by their own times.
+pub(super) fn write_image_report(
     page: &Path,
     files: &[PathBuf],
     records: Vec<ImageRecord>,
     installation: &Installation,
 ) -> Result<(), Failure> {
-    let names: BTreeMap<&PathBuf, String> = files.iter().zip(frames::names(files)).collect();
+    let names: BTreeMap<&PathBuf, String> = files.iter().zip(image_batch::image_names(files)).collect();
     let mut of_name: BTreeMap<String, ImageRecord> =
         records.into_iter().map(|record| (record.image.clone(), record)).collect();
-    let card = pictures::card(files, &Dating::default(), 0)?;
-    let name = |picture: &Picture| names.get(&picture.file).cloned().unwrap_or_default();
+    let card = image_files::read_collection(files, &DatingOptions::default(), 0)?;
+    let name = |picture: &DatedImage| names.get(&picture.file).cloned().unwrap_or_default();
     let series = card.series.iter().enumerate().map(|(k, pictures)| {
         let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
-        let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot(k, p, name(p))).collect();
+        let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot_data(k, p, name(p))).collect();
         SeriesData {
             flight: OF_PICTURES.to_owned(),
             name: (k + 1).to_string(),
@@ -63,10 +63,10 @@ pub(super) fn of_pictures(
     };
     let mut data = source::pictures(series.collect(), &installation.setup, of_shot);
     data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));
-    write(page, &data)
+    write_page(page, &data)
 }
 
-fn shot(place: usize, picture: &Picture, name: String) -> ShotData {
+fn shot_data(place: usize, picture: &DatedImage, name: String) -> ShotData {
     let stamp = picture.utc.map(|utc| Stamp {
         utc,
         utc_synchronised: false,
@@ -83,8 +83,8 @@ fn shot(place: usize, picture: &Picture, name: String) -> ShotData {
     }
 }
 
-fn write(page: &Path, data: &ReportData) -> Result<(), Failure> {
-    std::fs::write(page, html::page(data)).map_err(unwritable(page, RIGHTS))?;
+fn write_page(page: &Path, data: &ReportData) -> Result<(), Failure> {
+    std::fs::write(page, html::page(data)).map_err(write_failure(page, CHECK_WRITE_ACCESS))?;
     eprintln!("wingd: report: {}", page.display());
     Ok(())
 }

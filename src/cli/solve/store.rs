@@ -1,33 +1,33 @@
-//! `wingd solve STORE` solves the frames of a store again, results beside the old ones.
+//! `wingd solve STORE` solves the frames of a store again and adds the results to the existing ones.
 
 use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::marks::Marks;
-use super::{Args, Output, job, report};
+use super::marks::FlightMarks;
+use super::{SolveArgs, ResultOutput, solve_job, report};
 use crate::aircraft::Track;
-use crate::cli::{Done, Failure, frames, say_learnt, stored, stores};
+use crate::cli::{Completion, Failure, image_batch, print_flight_prior, stored_frames, store_access};
 use crate::installation::{self, Installation};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, ProcessedFrame};
 use crate::record::{ImageRecord, Reason};
-use crate::store::{self, FlightRef, FrameRef, Inputs, Store, sets};
+use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
 
-pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
-    // Opening would make a store where there is none.
-    let flights = stores::flights(root, args.flight.clone().flatten().as_deref())?;
-    let (store, recovery) = stores::open(root)?;
+pub(super) fn solve_store(args: &SolveArgs, root: &Path) -> Result<Completion, Failure> {
+    // Checked first, because opening would create a missing store.
+    let flights = store_access::select_flights(root, args.flight.clone().flatten().as_deref())?;
+    let (store, recovery) = store_access::open_store(root)?;
     for remark in &recovery.remarks {
         eprintln!("wingd: {remark}");
     }
-    let mut output = Output::new(args);
+    let mut output = ResultOutput::new(args);
     let solved = flights.iter().try_for_each(|flight| solve_flight(args, &store, flight, &mut output));
     store.seal();
-    let done = output.end();
+    let done = output.finish();
     solved?;
     if let Some(page) = &args.report {
-        report::of_store(
+        report::write_store_report(
             page,
             &store,
             args.flight.clone().flatten().as_deref(),
@@ -37,11 +37,11 @@ pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
     done
 }
 
-/// The installation of the command line, or the last one kept that the flight's results came from.
-fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<Installation, Failure> {
+/// Loads the installation of the command line, or the kept one that the flight's last results came from.
+fn installation_for(args: &SolveArgs, store: &Store, flight: &FlightRef) -> Result<Installation, Failure> {
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
-        None => stores::installation_of(store.root(), flight)?,
+        None => store_access::flight_installation(store.root(), flight)?,
     };
     let installation = installation::load(&directory)?;
     let files = installation.files()?;
@@ -49,17 +49,17 @@ fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<In
     Ok(installation)
 }
 
-fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Output) -> Result<(), Failure> {
+fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mut ResultOutput) -> Result<(), Failure> {
     let installation = installation_for(args, store, flight)?;
-    say_learnt(&installation);
+    print_flight_prior(&installation);
     let orientation = installation.require_orientation()?;
-    let job = job(args);
+    let job = solve_job(args);
     let (track, digest) = match args.no_aircraft_data {
         true => (Track::default(), None),
-        false => stored::aircraft_data(store.disk(), store.root(), flight)?,
+        false => stored_frames::read_aircraft_data(store.disk(), store.root(), flight)?,
     };
-    let marks = Marks::read(args, store, flight, &installation)?;
-    let work = Work {
+    let marks = FlightMarks::read(args, store, flight, &installation)?;
+    let work = FlightSolver {
         args,
         store,
         flight,
@@ -70,105 +70,106 @@ fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Out
         digest,
         marks,
     };
-    if args.together() { work.together(output) } else { work.one_by_one(output) }?;
-    if let Some(warning) = sets::of_flight(store.disk(), flight)?.warning(&flight.id, None) {
+    if args.adjusts_jointly() { work.solve_jointly(output) } else { work.solve_frames_singly(output) }?;
+    if let Some(warning) = result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None) {
         eprintln!("wingd: {warning}");
     }
     Ok(())
 }
 
-struct Work<'a> {
-    args: &'a Args,
+struct FlightSolver<'a> {
+    args: &'a SolveArgs,
     store: &'a Store,
     flight: &'a FlightRef,
     installation: &'a Installation,
     orientation: &'a Orientation,
     job: &'a Job,
-    /// The aircraft's data, and their digest where there are any.
+    /// Aircraft data, with their digest if there are any.
     track: Track,
     digest: Option<String>,
-    marks: Marks,
+    marks: FlightMarks,
 }
 
-impl Work<'_> {
-    fn one_by_one(&self, output: &mut Output) -> Result<(), Failure> {
+impl FlightSolver<'_> {
+    fn solve_frames_singly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
         let mut provenance = pipeline::inputs(self.installation, self.job);
-        self.name_beside(&mut provenance);
+        self.add_input_digests(&mut provenance);
         let inputs = Inputs::new(provenance);
-        let frames = self.store.unsolved_of(self.flight, &inputs)?;
-        self.announce(frames.len());
+        let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
+        self.announce_count(frames.len());
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
-            let sighting = self.sight(frame, bytes);
-            let record = pipeline::solve_sighting(&sighting, self.installation, self.orientation, self.job);
+            let processed = self.process_frame(frame, bytes);
+            let record = pipeline::solve_sighting(&processed, self.installation, self.orientation, self.job);
             (frame.clone(), record)
         };
-        let take = |(frame, record)| self.add(&frame, &inputs, record, output);
-        frames::stored(self.store, &frames, self.args.jobs, solve, take)
+        let take = |(frame, record)| self.add_result(&frame, &inputs, record, output);
+        image_batch::for_each_stored_frame(self.store, &frames, self.args.jobs, solve, take)
     }
 
-    /// A result follows from all the frames: their digests are among its inputs.
-    fn together(&self, output: &mut Output) -> Result<(), Failure> {
-        let frames = stores::frames(self.store.disk(), self.flight, None)?;
+    /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its
+    /// inputs.
+    fn solve_jointly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
+        let frames = store_access::flight_frames(self.store.disk(), self.flight, None)?;
         let job = Job { method: crate::measure::adjust::Method::Flight, ..self.job.clone() };
         let mut provenance = pipeline::inputs(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
-        provenance.insert("frames_together".into(), store::sha256(digests.as_bytes()).into());
-        self.name_beside(&mut provenance);
+        provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
+        self.add_input_digests(&mut provenance);
         let inputs = Inputs::new(provenance);
-        let left = self.store.unsolved_of(self.flight, &inputs)?;
-        self.announce(left.len());
+        let left = self.store.unsolved_in_flight(self.flight, &inputs)?;
+        self.announce_count(left.len());
         if left.is_empty() {
             return Ok(());
         }
-        let mut sightings = Vec::with_capacity(frames.len());
-        let mountings = stored::mountings(self.store.disk(), self.flight)?;
-        let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
+        let mut processed_frames = Vec::with_capacity(frames.len());
+        let mountings = stored_frames::frame_mountings(self.store.disk(), self.flight)?;
+        let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let mounting = mountings.get(&frame.entry.sha256).copied();
-            ProcessedFrame { mounting, ..self.sight(frame, bytes) }
+            ProcessedFrame { mounting, ..self.process_frame(frame, bytes) }
         };
-        frames::stored(self.store, &frames, self.args.jobs, sight, |sighting| {
-            sightings.push(sighting);
+        image_batch::for_each_stored_frame(self.store, &frames, self.args.jobs, process, |processed| {
+            processed_frames.push(processed);
             Ok(())
         })?;
-        let records = pipeline::solve_flight(&sightings, self.installation, self.orientation, self.job);
+        let records = pipeline::solve_flight(&processed_frames, self.installation, self.orientation, self.job);
         let mut pairs = frames.iter().zip(records).filter(|(frame, _)| left.contains(frame));
-        pairs.try_for_each(|(frame, record)| self.add(frame, &inputs, record, output))
+        pairs.try_for_each(|(frame, record)| self.add_result(frame, &inputs, record, output))
     }
 
-    /// A result follows from the aircraft's data and from what people marked, too.
-    fn name_beside(&self, provenance: &mut Map<String, Value>) {
+    /// Adds the digests of aircraft data and manual marks to the inputs of a result.
+    fn add_input_digests(&self, provenance: &mut Map<String, Value>) {
         let named = [("aircraft_data", &self.digest), ("marks", &self.marks.digest)];
         let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
         provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
     }
 
-    fn announce(&self, count: usize) {
+    fn announce_count(&self, count: usize) {
         let flight = &self.flight.id;
         match count {
-            0 => eprintln!("wingd: {flight}: every frame has a result of these inputs already"),
+            0 => eprintln!("wingd: {flight}: every frame already has a result from these inputs"),
             n => eprintln!("wingd: {flight}: {n} frames to solve"),
         }
     }
 
-    fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
-        let mut sighting = stored::sight(frame, bytes, self.installation, self.orientation, &self.track);
-        sighting.add_manual(self.marks.of(&stores::name_of(frame)));
-        sighting
+    fn process_frame(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
+        let mut processed = stored_frames::process_stored_frame(frame, bytes, self.installation, self.orientation, &self.track);
+        processed.add_manual(self.marks.for_frame(&store_access::frame_name(frame)));
+        processed
     }
 
-    /// As the recorder writes it: under the frame's own name.
-    fn add(
+    /// Adds a result to the store as the recorder writes it: under the frame's file name.
+    fn add_result(
         &self,
         frame: &FrameRef,
         inputs: &Inputs,
         record: ImageRecord,
-        output: &mut Output,
+        output: &mut ResultOutput,
     ) -> Result<(), Failure> {
         let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
         let value: Value = serde_json::to_value(&written).map_err(|e| {
             Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image))
         })?;
         self.store.add_result(frame, inputs, value)?;
-        output.take(record)
+        output.take_record(record)
     }
 }

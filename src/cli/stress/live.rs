@@ -1,48 +1,48 @@
-//! The bending lines of live results are read here.
+//! Bending lines of live results.
 
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
-use super::{Failure, Line};
+use super::{Failure, BendingLine};
 use crate::clock::Stamp;
 use crate::measure::stress::{Curvature, USUAL_STEPS};
 use crate::report::stress::Frame;
-use crate::store::columns::{Block, File, Head, LiveTable};
+use crate::store::columns::{RowBlock, LiveFile, LiveHead, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
 
-fn of(table: &LiveTable) -> Option<Map<String, Value>> {
+fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
     let is_there = table.columns.iter().any(|column| column.name == live::names::CURVATURE);
     is_there.then(|| table.source.get(live::names::PROVENANCE)?.as_object().cloned()).flatten()
 }
 
-/// What the last results with a curvature follow from; `None` where a flight has none.
-pub(super) fn provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, Failure> {
+/// Returns the provenance of the last live results with a curvature; `None` if there are none.
+pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, Failure> {
     let mut last = None;
-    live::each_file(&RealDisk, store, flight, |file| {
-        last = of(&file.head.table).or(last.take());
+    live::for_each_live_file(&RealDisk, store, flight, |file| {
+        last = curvature_provenance(&file.head.table).or(last.take());
         Result::<usize, StoreError>::Ok(0)
     })?;
     Ok(last)
 }
 
-/// The results that follow from that, and why others are left out.
-pub(super) fn frames(
+/// Reads the live results of a provenance, and the reasons for excluding others.
+pub(super) fn live_frames(
     store: &Path,
     flight: &FlightRef,
     provenance: &Map<String, Value>,
-    line: &Line,
+    line: &BendingLine,
 ) -> Result<(Vec<Frame>, Vec<String>), Failure> {
     let (mut frames, mut without, mut others, mut foreign) = (Vec::new(), 0, 0, Vec::new());
-    let notes = live::each_file(&RealDisk, store, flight, |mut file: File<'_>| {
+    let notes = live::for_each_live_file(&RealDisk, store, flight, |mut file: LiveFile<'_>| {
         let head = file.head.clone();
-        if of(&head.table).as_ref() != Some(provenance) {
+        if curvature_provenance(&head.table).as_ref() != Some(provenance) {
             others += 1;
             return Result::<usize, StoreError>::Ok(0);
         }
         while let Some(block) = file.next_block() {
-            match of_block(&head, &block, line) {
+            match block_frames(&head, &block, line) {
                 Some(read) => {
                     without += block.len() - read.len();
                     frames.extend(read);
@@ -50,27 +50,27 @@ pub(super) fn frames(
                 None => foreign.push(block.len()),
             }
         }
-        Ok(file.torn())
+        Ok(file.torn_length())
     })?;
-    let mut left_out = notes;
+    let mut excluded = notes;
     if others > 0 {
-        left_out.push(format!(
+        excluded.push(format!(
             "{others} files of live results come from another installation or have no curvature"
         ));
     }
     if !foreign.is_empty() {
         let rows: usize = foreign.iter().sum();
-        left_out.push(format!("{rows} live results have no time, or a curvature without its covariance"));
+        excluded.push(format!("{rows} live results have no time, or a curvature without its covariance"));
     }
     if without > 0 {
-        left_out.push(format!("{without} live results were not solved"));
+        excluded.push(format!("{without} live results were not solved"));
     }
-    Ok((frames, left_out))
+    Ok((frames, excluded))
 }
 
-/// The solved results of a block; `None` where columns are missing.
-fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
-    let column = |name: &str| block.column(head.table.find(name)?.0);
+/// Returns the solved results of a block; `None` if columns are missing.
+fn block_frames(head: &LiveHead, block: &RowBlock, line: &BendingLine) -> Option<Vec<Frame>> {
+    let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
     let curvature = column(live::names::CURVATURE)?;
     let covariance = column(live::names::CURVATURE_COVARIANCE)?;
     let utc = column(live::names::UTC)?;
@@ -96,7 +96,7 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
             stamp: Stamp { utc, since_boot_s: by_boot_s.copied().unwrap_or(by_utc_s), ..began.clone() },
             curvature: Curvature {
                 coefficients_per_m: DVector::from_column_slice(curvature),
-                covariance: symmetric(terms, covariance),
+                covariance: symmetric_matrix(terms, covariance),
                 length_m: line.length_m,
                 root_sigma_m: line.root_sigma_m,
                 steps: USUAL_STEPS,
@@ -106,8 +106,8 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
     Some((0..block.len()).filter_map(frame).collect())
 }
 
-/// From the upper triangle, row by row.
-fn symmetric(terms: usize, upper: &[f64]) -> DMatrix<f64> {
+/// Builds a symmetric matrix from its upper triangle, row by row.
+fn symmetric_matrix(terms: usize, upper: &[f64]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(terms, terms);
     let places = (0..terms).flat_map(|i| (i..terms).map(move |j| (i, j)));
     for ((i, j), value) in places.zip(upper) {

@@ -1,22 +1,22 @@
-//! The page that shows the clock is one file and needs no server.
+//! The page that shows the clock: a single file that needs no server.
 
 use crate::measure::time_code::{
-    BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell,
+    BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell_rectangle,
 };
 
-const PAGE: &str = include_str!("page.html");
+const PAGE_TEMPLATE: &str = include_str!("page.html");
 
-/// The page, with the places and the numbers of the code.
-pub(super) fn page() -> String {
+/// Returns the page, with the positions and numbers of the code filled in.
+pub(super) fn clock_page() -> String {
     let discs = DISCS.map(|[x, y]| format!(r#"<circle cx="{x}" cy="{y}" r="{DISC_RADIUS}"/>"#)).join("\n  ");
     let rect = |(bit, opposite): (usize, bool)| {
-        let [x, y, width, height] = cell(bit, opposite);
+        let [x, y, width, height] = cell_rectangle(bit, opposite);
         format!(
             r#"<rect data-bit="{bit}" data-opposite="{opposite}" x="{x:.4}" y="{y:.4}" width="{width:.4}" height="{height:.4}"/>"#
         )
     };
     let cells: Vec<String> = (0..BITS).flat_map(|bit| [(bit, false), (bit, true)]).map(rect).collect();
-    PAGE.replace("{{SIZE}}", &format!("{} {}", SIZE[0], SIZE[1]))
+    PAGE_TEMPLATE.replace("{{SIZE}}", &format!("{} {}", SIZE[0], SIZE[1]))
         .replace("{{DISCS}}", &discs)
         .replace("{{CELLS}}", &cells.join("\n  "))
         .replace("{{TICK_MS}}", &TICK_MS.to_string())
@@ -31,7 +31,7 @@ mod tests {
 
     #[test]
     fn the_page_is_whole_and_asks_for_nothing() {
-        let page = page();
+        let page = clock_page();
         assert!(!page.contains("{{") && !page.contains("http"), "{page}");
         assert_eq!((page.matches("<circle").count(), page.matches("<rect").count()), (4, 2 * BITS));
     }

@@ -54,11 +54,11 @@ mod tests {
     use std::net::UdpSocket;
     use std::sync::Arc;
 
-    use crate::clock::{Clock, System};
+    use crate::clock::{Clock, SystemClock};
     use crate::daemon::shutdown::Halt;
     use crate::daemon::status::{AircraftStatus, StatusBoard};
-    use crate::store::manifest::{Cause, State};
-    use crate::store::{Plan, RealDisk, Store, StoreConfig, catalogue, verify};
+    use crate::store::manifest::{SeriesCause, SeriesState};
+    use crate::store::{SeriesPlan, RealDisk, Store, StoreConfig, catalogue, verify};
 
     struct Bench {
         dir: tempfile::TempDir,
@@ -68,12 +68,12 @@ mod tests {
     /// A store with a flight, and `reserve_mb` to be kept free.
     fn bench(reserve_mb: u64) -> Bench {
         let dir = tempfile::tempdir().unwrap();
-        let config = |reserve_mb| StoreConfig { reserve_mb, ..StoreConfig::at(dir.path()) };
-        let clock: Arc<dyn Clock> = Arc::new(System::new());
+        let config = |reserve_mb| StoreConfig { reserve_mb, ..StoreConfig::new(dir.path()) };
+        let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
         let (store, _) = Store::open(Arc::new(RealDisk), config(0)).unwrap();
         let (series, _) =
-            store.begin_series(Plan { cause: Cause::Scheduled, shots: 1 }, &clock.stamp()).unwrap();
-        store.close_series(series, State::Interrupted, &clock.stamp(), vec![]).unwrap();
+            store.begin_series(SeriesPlan { cause: SeriesCause::Scheduled, shots: 1 }, &clock.stamp()).unwrap();
+        store.close_series(series, SeriesState::Interrupted, &clock.stamp(), vec![]).unwrap();
         drop(store);
         let store = Arc::new(Store::open(Arc::new(RealDisk), config(reserve_mb)).unwrap().0);
         let board = StatusBoard::new(clock.clone());
@@ -107,7 +107,7 @@ mod tests {
 
     /// As the recorder's own clock has it.
     fn now_utc() -> jiff::Timestamp {
-        System::new().stamp().utc
+        SystemClock::new().stamp().utc
     }
 
     /// A port that nobody has.
@@ -138,9 +138,9 @@ mod tests {
         // Every other line is noise, and kept; the last one may still wait.
         assert!((status.read * 2).abs_diff(status.recorded) <= 1, "{status:?}");
         bench.end(feed);
-        let flight = catalogue::flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
-        assert_eq!(crate::store::aircraft::files(&RealDisk, &flight).unwrap().len(), 1);
-        assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
+        let flight = catalogue::list_flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
+        assert_eq!(crate::store::aircraft::closed_files(&RealDisk, &flight).unwrap().len(), 1);
+        assert!(verify::verify_path(&RealDisk, bench.dir.path()).is_sound());
     }
 
     #[test]
@@ -181,7 +181,7 @@ mod tests {
         assert_eq!((status.recorded, status.read, status.fault), (2, 2, None));
         // It hangs: the connection stays and nothing comes.
         bench.end(feed);
-        assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
+        assert!(verify::verify_path(&RealDisk, bench.dir.path()).is_sound());
     }
 
     #[test]

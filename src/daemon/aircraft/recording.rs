@@ -35,7 +35,7 @@ pub(super) fn record(shared: &Shared, inbox: &Receiver<AircraftLine>) {
             break;
         }
     }
-    if let Err(error) = shared.core.store.close_aircraft() {
+    if let Err(error) = shared.core.store.close_aircraft_file() {
         shared.fault(Some(error.to_string()));
     }
 }
@@ -46,7 +46,7 @@ fn flush(shared: &Shared, (layout, source): (&Layout, &serde_json::Value), waiti
     }
     let seen = Seen::of(layout, waiting);
     let count = waiting.len() as u64;
-    match shared.core.store.add_aircraft(source, waiting) {
+    match shared.core.store.add_aircraft_lines(source, waiting) {
         Ok(true) => {
             waiting.clear();
             shared.update(|status| {

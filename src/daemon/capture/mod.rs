@@ -10,10 +10,10 @@ use serde_json::{Map, Value};
 use super::config::SeriesConfig;
 use super::core::Core;
 use super::worker::{Unanswered, Worker};
-use crate::camera::{Camera, CameraError, CameraFactory, CameraInfo, Frame};
+use crate::camera::{Camera, CameraError, CameraFactory, CameraInfo, CameraFrame};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::store::manifest::{Failure, Shot};
+use crate::store::manifest::{ShotFailure, Shot};
 pub(crate) use judging::STALE;
 use judging::{Judge, failure_of};
 
@@ -43,7 +43,7 @@ pub(crate) enum Mode {
 /// A good frame.
 pub(crate) struct Taken {
     /// As the camera delivered it.
-    pub frame: Frame,
+    pub frame: CameraFrame,
     /// When the camera was asked.
     pub stamp: Stamp,
     /// From asking to delivery, s.
@@ -54,7 +54,7 @@ pub(crate) struct Taken {
 
 impl Taken {
     /// The shot that it is in a series.
-    pub fn shot(&self, number: u32, failures: Vec<Failure>) -> Shot {
+    pub fn shot(&self, number: u32, failures: Vec<ShotFailure>) -> Shot {
         Shot {
             shot: number,
             stamp: self.stamp.clone(),
@@ -69,11 +69,11 @@ impl Taken {
 /// An attempt without a good frame.
 pub(crate) struct Missed {
     /// Why.
-    pub failure: Failure,
+    pub failure: ShotFailure,
     /// Another attempt at the same shot may help. A camera that did not answer has cost its time already.
     pub again: bool,
     /// What was delivered instead.
-    pub delivered: Option<Box<Frame>>,
+    pub delivered: Option<Box<CameraFrame>>,
 }
 
 impl From<CameraError> for Missed {
@@ -171,7 +171,7 @@ impl Capture {
     }
 
     /// The next frame that an interrupted series left on the open camera's card.
-    pub fn left_over(&mut self) -> Option<Frame> {
+    pub fn left_over(&mut self) -> Option<CameraFrame> {
         let deadline = self.deadline;
         let found = self.call(hard(deadline), "a frame left in it", move |camera| camera.recover(deadline));
         found.and_then(|frame| frame).ok().flatten()

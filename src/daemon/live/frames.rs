@@ -12,8 +12,8 @@ use super::config::KeepConfig;
 use super::result::LiveFrame;
 use super::shared::Shared;
 use crate::daemon::frame_storage;
-use crate::store::manifest::{Cause, State as Ended};
-use crate::store::{OpenSeries, Plan, StoreError};
+use crate::store::manifest::{SeriesCause, SeriesState as Ended};
+use crate::store::{OpenSeries, SeriesPlan, StoreError};
 
 /// Of every n-th frame so many may wait for the disk.
 const NTH_WAITING: usize = 4;
@@ -198,12 +198,12 @@ impl Keeper {
             let job = self.raw.state().next();
             match job {
                 Job::Nth(frame) => {
-                    self.keep(&mut nth, Cause::Live, &frame);
+                    self.keep(&mut nth, SeriesCause::Live, &frame);
                     if nth.as_ref().is_some_and(|series: &OpenSeries| series.shots().len() >= NTH_OF_SERIES) {
                         self.close(&mut nth, vec![self.words_of_nth()]);
                     }
                 }
-                Job::OfEvent(frame) => self.keep(&mut event, Cause::Event, &frame),
+                Job::OfEvent(frame) => self.keep(&mut event, SeriesCause::Event, &frame),
                 Job::EndEvent(reasons) => self.close(&mut event, reasons),
                 Job::Wait => self.raw.wait(),
                 Job::End => break,
@@ -216,7 +216,7 @@ impl Keeper {
         format!("every {}th frame of live mode", self.raw.keep.every)
     }
 
-    fn keep(&self, series: &mut Option<OpenSeries>, cause: Cause, frame: &LiveFrame) {
+    fn keep(&self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
         match self.store(series, cause, frame) {
             Ok(()) => {
                 self.shared.update(|live| live.kept_frames += 1);
@@ -234,13 +234,13 @@ impl Keeper {
     fn store(
         &self,
         series: &mut Option<OpenSeries>,
-        cause: Cause,
+        cause: SeriesCause,
         frame: &LiveFrame,
     ) -> Result<(), StoreError> {
         let open = match series {
             Some(open) => open,
             none => {
-                let mut begun = frame_storage::begin(&self.shared.core, Plan { cause, shots: 0 })?;
+                let mut begun = frame_storage::begin(&self.shared.core, SeriesPlan { cause, shots: 0 })?;
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }

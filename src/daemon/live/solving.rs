@@ -11,7 +11,7 @@ use super::meter::Meter;
 use super::out::Tap;
 use super::result::{Given, LiveFrame, LiveResult};
 use super::shared::Shared;
-use crate::camera::Frame;
+use crate::camera::CameraFrame;
 use crate::daemon::solver::{Track, Tracking};
 use crate::daemon::worker::{Unanswered, Worker};
 use crate::pipeline::guided::Search;
@@ -64,7 +64,7 @@ impl Solving {
             let frame = frame.clone();
             // The frame is let go of before the answer: its memory is not the solver's any more.
             move |tracking: &mut Tracking| {
-                let Frame { bytes, format, .. } = &frame.taken.frame;
+                let CameraFrame { bytes, format, .. } = &frame.taken.frame;
                 tracking(&frame.name(), bytes, format, frame.at_s())
             }
         };

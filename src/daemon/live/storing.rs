@@ -31,7 +31,7 @@ impl Storing {
             open = gather(inbox, &mut waiting);
             self.flush(&mut table, &mut words, &mut waiting);
         }
-        if let Err(error) = self.shared.core.store.close_live() {
+        if let Err(error) = self.shared.core.store.close_live_file() {
             tracing::warn!(%error, "the live results' file is closed at the next start");
         }
     }
@@ -50,7 +50,7 @@ impl Storing {
         }
         let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else { return self.bound(waiting) };
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
-        match self.shared.core.store.append_live(&table.table, &rows, &self.shared.core.clock.stamp()) {
+        match self.shared.core.store.append_live_rows(&table.table, &rows, &self.shared.core.clock.stamp()) {
             Ok(()) => {
                 let core = &self.shared.core;
                 core.board.update(|status| status.flight = core.store.current_flight());

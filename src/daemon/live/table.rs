@@ -3,13 +3,13 @@
 use serde_json::{Map, Value, json};
 
 use super::result::LiveResult;
-use crate::clock::exposure::Source;
+use crate::clock::exposure::ExposureSource;
 use crate::pipeline::guided::Search;
 use crate::record::{
     CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Reference, SigmaKind, TorsionRecord, word,
 };
-use crate::store::columns::{Column, Kind, LiveTable, Row};
-use crate::store::live::{ONCE, names};
+use crate::store::columns::{LiveColumn, ValueKind, LiveTable, LiveRow};
+use crate::store::live::{SCALAR_COLUMNS, names};
 
 /// What the rows are of: one result has shown how many markers, stations and pairs there are.
 pub(crate) struct Table {
@@ -32,13 +32,13 @@ pub(crate) struct Words {
 const REASONS: usize = 32;
 /// What stands for all further ones.
 const OTHER_REASON: &str = "one of many reasons; the recorder's log has it";
-const SOURCES: [Source; 6] = [
-    Source::StartOfExposure,
-    Source::EndOfFrame,
-    Source::ReleaseEdge,
-    Source::TriggerAndEvent,
-    Source::AskedAndDelivered,
-    Source::CameraClock,
+const SOURCES: [ExposureSource; 6] = [
+    ExposureSource::StartOfExposure,
+    ExposureSource::EndOfFrame,
+    ExposureSource::ReleaseEdge,
+    ExposureSource::TriggerAndEvent,
+    ExposureSource::AskedAndDelivered,
+    ExposureSource::CameraClock,
 ];
 const SIGMA_KINDS: [SigmaKind; 2] = [SigmaKind::Prior, SigmaKind::Posterior];
 
@@ -57,7 +57,7 @@ impl Words {
     fn described(&self) -> Value {
         json!({
             names::REASON: self.reasons,
-            names::EXPOSURE_SOURCE: SOURCES.map(Source::name),
+            names::EXPOSURE_SOURCE: SOURCES.map(ExposureSource::name),
             names::SIGMA_KIND: SIGMA_KINDS.map(word),
             names::TIP_REFERENCE: Reference::ALL.map(word),
         })
@@ -115,19 +115,19 @@ impl Table {
         let record = &result.record;
         let (markers, stations, pairs) = (record.markers.len(), record.curve.len(), record.torsion.len());
         let terms = result.curvature.as_ref().map_or(0, |c| c.per_m.len());
-        let once = ONCE.map(|(name, unit, kind)| column(name.to_owned(), unit, kind, 1));
+        let once = SCALAR_COLUMNS.map(|(name, unit, kind)| column(name.to_owned(), unit, kind, 1));
         let list = |list: &str, (name, unit): (&str, &str), width| {
-            column(format!("{list}.{name}"), unit, Kind::F32, width)
+            column(format!("{list}.{name}"), unit, ValueKind::F32, width)
         };
         let columns = once
             .into_iter()
-            .chain(std::iter::once(column("markers.used".to_owned(), "", Kind::U8, markers)))
+            .chain(std::iter::once(column("markers.used".to_owned(), "", ValueKind::U8, markers)))
             .chain(MARKERS.map(|(name, unit, _)| list("markers", (name, unit), markers)))
             .chain(STATIONS.map(|(name, unit, _)| list("stations", (name, unit), stations)))
             .chain(PAIRS.map(|(name, unit, _)| list("torsion", (name, unit), pairs)))
             .chain([
-                column(names::CURVATURE.to_owned(), "1/m", Kind::F64, terms),
-                column(names::CURVATURE_COVARIANCE.to_owned(), "1/m2", Kind::F64, terms * (terms + 1) / 2),
+                column(names::CURVATURE.to_owned(), "1/m", ValueKind::F64, terms),
+                column(names::CURVATURE_COVARIANCE.to_owned(), "1/m2", ValueKind::F64, terms * (terms + 1) / 2),
             ])
             .filter(|column| column.width > 0)
             .collect();
@@ -145,7 +145,7 @@ impl Table {
     }
 
     /// A result's values.
-    pub fn row(&self, result: &LiveResult) -> Row {
+    pub fn row(&self, result: &LiveResult) -> LiveRow {
         let record = &result.record;
         let mut row = once(result);
         row.extend(self.words.row(result));
@@ -169,12 +169,12 @@ impl Table {
     }
 }
 
-fn column(name: String, unit: &str, kind: Kind, width: usize) -> Column {
-    Column { name, unit: unit.to_owned(), kind, width }
+fn column(name: String, unit: &str, kind: ValueKind, width: usize) -> LiveColumn {
+    LiveColumn { name, unit: unit.to_owned(), kind, width }
 }
 
 /// In the order of [`ONCE`], without the words.
-fn once(result: &LiveResult) -> Row {
+fn once(result: &LiveResult) -> LiveRow {
     let (record, exposure) = (&result.record, &result.exposure);
     let flag = |yes: bool| f64::from(u8::from(yes));
     let or_none = |value: Option<f64>| value.unwrap_or(f64::NAN);

@@ -161,12 +161,12 @@ impl StatusBoard {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::clock::Simulated;
+    use crate::clock::SimulatedClock;
     use crate::daemon::Health;
 
     #[test]
     fn health_is_the_age_of_the_last_good_frame() {
-        let clock = Arc::new(Simulated::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Ok, None));
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn without_any_frame_health_turns_bad_too() {
-        let clock = Arc::new(Simulated::new("b", "1970-01-01T00:00:30Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new("b", "1970-01-01T00:00:30Z".parse().unwrap(), None));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         clock.sleep(Duration::from_secs(5500));

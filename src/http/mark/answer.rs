@@ -8,7 +8,7 @@ use crate::measure::raster::Raster;
 use crate::pipeline::manual_observations::{observation, rows};
 use crate::pipeline::marking::MarkingResult;
 use crate::record::{ImageRecord, MarkerRecord};
-use crate::store::marks::{Mark, MarkAction};
+use crate::store::manual_marks::{ManualMark, MarkAction};
 
 /// Markers with what is known of each, where lost ones should be, what is solved with the marks and without.
 pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
@@ -35,7 +35,7 @@ pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
     })
 }
 
-fn marker(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&Mark>) -> Value {
+fn marker(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
     let seen = now.observations.iter().find(|o| o.marker == index);
     let state = match mark.map(|mark| &mark.act) {
         Some(MarkAction::Place(_)) => "manual",

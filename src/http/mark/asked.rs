@@ -4,11 +4,11 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 
 use super::{Open, Refused, Workplace};
-use crate::clock::{Clock, System};
+use crate::clock::{Clock, SystemClock};
 use crate::installation::{ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
 use crate::pipeline::manual_observations::{observation, place};
-use crate::store::marks::{Mark, MarkAction, MarkSource, Place};
+use crate::store::manual_marks::{ManualMark, MarkAction, MarkSource, MarkPosition};
 
 /// A name and a reason are not longer, characters.
 const MAX_NAME_AND_REASON: (usize, usize) = (100, 500);
@@ -56,7 +56,7 @@ pub enum MarkRequestKind {
 
 impl MarkRequest {
     /// The marks that say so.
-    pub(super) fn marks(&self, at: &Workplace, open: &Open, clock: &System) -> Result<Vec<Mark>, Refused> {
+    pub(super) fn marks(&self, at: &Workplace, open: &Open, clock: &SystemClock) -> Result<Vec<ManualMark>, Refused> {
         let (who, why) = (line(&self.who, MAX_NAME_AND_REASON.0), line(&self.why, MAX_NAME_AND_REASON.1));
         if who.is_empty() {
             return Err(Refused::Wrong("say who you are: marks are kept with a name".into()));
@@ -65,7 +65,7 @@ impl MarkRequest {
             return Err(Refused::Wrong("say why: what is taken away is kept with a reason".into()));
         }
         let image = at.pictures.get(open.number).ok_or(Refused::NotFound)?.name.clone();
-        let mark = |id: &str, act: MarkAction| Mark {
+        let mark = |id: &str, act: MarkAction| ManualMark {
             image: image.clone(),
             frame_sha256: open.digest.clone(),
             id: id.to_owned(),
@@ -104,7 +104,7 @@ struct Work<'a> {
     at: &'a Workplace,
     open: &'a Open,
     /// Marks of this picture that count.
-    before: Vec<Mark>,
+    before: Vec<ManualMark>,
     who: &'a str,
 }
 
@@ -114,7 +114,7 @@ impl Work<'_> {
         found.ok_or_else(|| Refused::Wrong(format!("marker \"{id}\" is not in the survey")))
     }
 
-    fn own(&self, id: &str) -> Option<&Mark> {
+    fn own(&self, id: &str) -> Option<&ManualMark> {
         self.before.iter().find(|mark| mark.id == id)
     }
 
@@ -140,7 +140,7 @@ impl Work<'_> {
     }
 
     /// The place that is pointed at, measured by the detector where that holds.
-    fn place(&self, asked: &MarkRequest) -> Result<Place, Refused> {
+    fn place(&self, asked: &MarkRequest) -> Result<MarkPosition, Refused> {
         let setup = &self.at.installation.setup;
         let index = self.index(&asked.id)?;
         let at = asked.u_px.zip(asked.v_px).map(|(u, v)| Vector2::new(u, v));
@@ -163,8 +163,8 @@ impl Work<'_> {
     }
 
     /// Where a marker is known to be.
-    fn known(&self, id: &str) -> Result<Place, Refused> {
-        if let Some(Mark { act: MarkAction::Place(place), .. }) = self.own(id) {
+    fn known(&self, id: &str) -> Result<MarkPosition, Refused> {
+        if let Some(ManualMark { act: MarkAction::Place(place), .. }) = self.own(id) {
             return Ok(*place);
         }
         let none = || Refused::Wrong(format!("{id} is not seen in this picture: there is nothing to rename"));

@@ -6,14 +6,14 @@ use std::path::PathBuf;
 use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
 use crate::pipeline::manual_observations::{mark, observation};
-use crate::store::marks::{Mark, standing};
+use crate::store::manual_marks::{ManualMark, effective_marks};
 use crate::store::{Disk, RealDisk, Store, StoreError};
 
 /// Marks, and where they are kept.
 pub struct Kept {
     place: Where,
     /// All of them, in the order in which they were made.
-    marks: Vec<Mark>,
+    marks: Vec<ManualMark>,
 }
 
 enum Where {
@@ -23,7 +23,7 @@ enum Where {
 
 impl Kept {
     /// With a flight of a store, beside those that are there.
-    pub fn with_flight(store: Store, flight: String, marks: Vec<Mark>) -> Self {
+    pub fn with_flight(store: Store, flight: String, marks: Vec<ManualMark>) -> Self {
         Self { place: Where::Flight { store: Box::new(store), flight }, marks }
     }
 
@@ -49,17 +49,17 @@ impl Kept {
     ///
     /// # Errors
     /// Where they cannot be written; none of them counts then.
-    pub fn add(&mut self, new: Vec<Mark>) -> Result<(), StoreError> {
+    pub fn add(&mut self, new: Vec<ManualMark>) -> Result<(), StoreError> {
         match &self.place {
             Where::Flight { store, flight } => store.add_marks(flight, &new)?,
             Where::File { path, setup } => {
-                let all: Vec<Mark> = self.marks.iter().chain(&new).cloned().collect();
+                let all: Vec<ManualMark> = self.marks.iter().chain(&new).cloned().collect();
                 let rows: Vec<ManualObservation> =
-                    standing(&all).into_iter().filter_map(|m| observation(m, setup)).collect();
+                    effective_marks(&all).into_iter().filter_map(|m| observation(m, setup)).collect();
                 let disk: &dyn Disk = &RealDisk;
                 let text =
                     installation::observations_text(&rows, setup).map_err(StoreError::io(path, "write"))?;
-                disk.replace(path, &text)?;
+                disk.replace_file(path, &text)?;
             }
         }
         self.marks.extend(new);
@@ -67,9 +67,9 @@ impl Kept {
     }
 
     /// Those of a picture that count.
-    pub fn of(&self, image: &str) -> Vec<Mark> {
+    pub fn of(&self, image: &str) -> Vec<ManualMark> {
         // A file of one picture need not name it.
-        standing(&self.marks)
+        effective_marks(&self.marks)
             .into_iter()
             .filter(|mark| mark.image == image || mark.image.is_empty())
             .cloned()
@@ -82,7 +82,7 @@ impl Kept {
     /// Where it cannot be closed; the next start closes it.
     pub fn close(&self) -> Result<(), StoreError> {
         match &self.place {
-            Where::Flight { store, .. } => store.close_marks(),
+            Where::Flight { store, .. } => store.close_marks_file(),
             Where::File { .. } => Ok(()),
         }
     }

@@ -30,12 +30,12 @@ use tokio::net::TcpListener;
 use super::access::Access;
 use super::{Refusal, dressed, pages, server};
 use crate::camera::Format;
-use crate::clock::System;
+use crate::clock::SystemClock;
 use crate::installation::Installation;
 use crate::measure::setup::Orientation;
 use crate::pipeline::marking::{MarkingResult, MarkingSession};
 use crate::record::Reason;
-use crate::store::{FrameRef, RealDisk, read_frame, sha256};
+use crate::store::{FrameRef, RealDisk, read_frame, sha256_hex};
 
 pub use asked::MarkRequest;
 pub use kept::Kept;
@@ -86,12 +86,12 @@ impl Picture {
             Source::File(path) => {
                 let text = |e: io::Error| Reason::new(format!("{} cannot be read ({e})", path.display()), e);
                 let bytes = std::fs::read(path).map_err(text)?;
-                let digest = sha256(&bytes);
+                let digest = sha256_hex(&bytes);
                 Ok((bytes, digest, None))
             }
             Source::Stored(frame) => {
                 let bytes = read_frame(&RealDisk, frame).map_err(Reason::of)?;
-                let format = Format::of_manifest(&frame.entry.format).map_err(Reason::of)?;
+                let format = Format::from_manifest(&frame.entry.format).map_err(Reason::of)?;
                 Ok((bytes, frame.entry.sha256.clone(), Some(format)))
             }
         }
@@ -114,7 +114,7 @@ struct Table {
 
 struct Shared {
     table: Mutex<Table>,
-    clock: System,
+    clock: SystemClock,
 }
 
 type Context = State<Arc<Shared>>;
@@ -131,7 +131,7 @@ pub async fn serve(
 ) -> io::Result<()> {
     let access = Arc::new(access);
     let table = Mutex::new(Table { workplace, open: None });
-    let shared = Arc::new(Shared { table, clock: System::new() });
+    let shared = Arc::new(Shared { table, clock: SystemClock::new() });
     let router = Router::new()
         .route("/", get(page))
         .route("/mark.js", get(script))
@@ -166,7 +166,7 @@ async fn pictures(State(shared): Context) -> Json<Value> {
 /// Work on the table, on a thread of its own: one at a time.
 async fn blocking<T: Send + 'static>(
     shared: Arc<Shared>,
-    work: impl FnOnce(&mut Table, &System) -> Result<T, Refused> + Send + 'static,
+    work: impl FnOnce(&mut Table, &SystemClock) -> Result<T, Refused> + Send + 'static,
 ) -> Result<T, Refused> {
     let task = tokio::task::spawn_blocking(move || {
         let mut table = shared.table.lock().unwrap_or_else(PoisonError::into_inner);
@@ -271,7 +271,7 @@ impl Table {
         answer::png(open.desk.raster()).ok_or_else(|| Refused::Failed("the picture cannot be written".into()))
     }
 
-    fn say(&mut self, number: usize, asked: &MarkRequest, clock: &System) -> Result<Value, Refused> {
+    fn say(&mut self, number: usize, asked: &MarkRequest, clock: &SystemClock) -> Result<Value, Refused> {
         let (workplace, open) = self.open(number)?;
         let marks = asked.marks(workplace, open, clock)?;
         self.workplace.kept.add(marks).map_err(|e| Refused::Failed(format!("not kept: {e}")))?;

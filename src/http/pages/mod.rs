@@ -71,14 +71,14 @@ pub fn message(text: &str) -> Markup {
 pub fn index(site: &Site) -> Result<Markup, Refusal> {
     let disk = RealDisk;
     catalogue::check_format(&disk, &site.root)?;
-    let mut flights = catalogue::flights(&disk, &site.root)?;
+    let mut flights = catalogue::list_flights(&disk, &site.root)?;
     flights.reverse();
     let drawn =
         flights.iter().take(DRAWN).map(|f| overview::flight(&disk, f)).collect::<Result<Vec<_>, _>>()?;
     let newest = drawn.first();
     let older = flights.iter().skip(DRAWN);
     let begun = |f: &catalogue::FlightRef| {
-        catalogue::flight_manifest(&disk, f).map_or("beginning unknown".to_owned(), |m| minute(m.started.utc))
+        catalogue::read_flight_manifest(&disk, f).map_or("beginning unknown".to_owned(), |m| minute(m.started.utc))
     };
     let content = html! {
         (tiles(site, newest))
@@ -183,7 +183,7 @@ fn room(site: &Site, newest: Option<&Overview>, daemon: Option<&Status>) -> Opti
 pub fn status(site: &Site) -> Result<Value, Refusal> {
     let disk = RealDisk;
     catalogue::check_format(&disk, &site.root)?;
-    let flights = catalogue::flights(&disk, &site.root)?;
+    let flights = catalogue::list_flights(&disk, &site.root)?;
     let newest = flights.last().map(|f| overview::flight(&disk, f)).transpose()?.unwrap_or_default();
     let daemon = site.status.as_ref().map(StatusBoard::snapshot);
     let room = room(site, Some(&newest), daemon.as_ref());

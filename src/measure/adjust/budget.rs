@@ -105,7 +105,7 @@ pub fn told(
 ) -> AttributedInformation {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
     let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
-    AttributedInformation::of(problem, fit, lasting, blocks.members.len(), &naming)
+    AttributedInformation::from_solution(problem, fit, lasting, blocks.members.len(), &naming)
 }
 
 impl MarkerSolution {
@@ -130,7 +130,7 @@ impl Outcome<'_> {
         let deflected = markers.iter().filter(|m| m.used && m.deflection_m.is_some());
         let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
         let reference = tip.better()?;
-        let parts = sources.parts(self.group, &self.deflection_gradient(tip.marker, reference)?);
+        let parts = sources.contributions(self.group, &self.deflection_gradient(tip.marker, reference)?);
         let total: f64 = parts.iter().map(|part| part.variance).sum();
         let share = |part: &crate::estimation::Part| BudgetShare {
             source: part.source,

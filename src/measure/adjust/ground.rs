@@ -245,7 +245,7 @@ pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
                 (k, height, (variance + 1.0 / weights[k]).sqrt())
             })
             .collect();
-        let factor = robust::sigma(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
+        let factor = robust::robust_sigma(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
         let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
         let Some(&(marker, height_m, sigma)) = worst else { break };
         let sigma_m = sigma * factor;
@@ -290,7 +290,7 @@ impl Surface {
             };
             points.iter().zip(weights).map(one).collect()
         };
-        robust::fit(weights, |weights| Self::fit(points, weights, axis_z, root_x), off)
+        robust::fit_robustly(weights, |weights| Self::fit(points, weights, axis_z, root_x), off)
     }
 
     /// A point's height above the surface, m, and the surface's variance there, m^2.

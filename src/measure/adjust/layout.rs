@@ -126,7 +126,7 @@ impl Layout {
     pub fn local_priors(&self) -> Vec<Prior> {
         let of = |placed: &Placed| match placed.place {
             ParameterScope::Local(first) => {
-                placed.term.priors.iter().map(|p| p.clone().moved(first)).collect()
+                placed.term.priors.iter().map(|p| p.clone().shift_columns(first)).collect()
             }
             ParameterScope::Global(_) => vec![],
         };

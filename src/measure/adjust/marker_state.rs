@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::beam::{Bending, Carried, Grid, MAX_CURVATURE_TERMS, Mount, RAISE_TERMS, Section, TWIST_BASIS};
-use crate::geometry::skew;
+use crate::geometry::cross_matrix;
 
 /// Number of quantities that the user can only estimate: root offset (m), chord offset of the axis (m), direction of
 /// the span (rad).
@@ -118,7 +118,7 @@ impl MarkerState {
     /// the span by one radian, to first order.
     pub fn lean(&mut self, turn_rad: f64, nominal: &Self, turned: &Self) {
         let Some(from_root_m) = &mut self.from_root_m else { return };
-        let about_span = skew(&Vector3::x());
+        let about_span = cross_matrix(&Vector3::x());
         let by = |v: &Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| about_span * v - (t - n);
         let place = |state: &Self| state.carried.position_m;
         self.by_plane = by(from_root_m, &place(nominal), &place(turned));
@@ -143,7 +143,7 @@ impl MarkerState {
     /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
     pub fn carry_with_root(&mut self, turn_rad: &Vector3<f64>, shift_m: &Vector3<f64>) {
         let Some(from_root_m) = self.from_root_m else { return };
-        let small = skew(turn_rad);
+        let small = cross_matrix(turn_rad);
         let turn = Matrix3::identity() + small;
         self.carried.position_m += small * from_root_m + shift_m;
         self.carried.by_slope = turn * self.carried.by_slope;

@@ -129,12 +129,12 @@ impl<'a> Outcome<'a> {
     }
 
     fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
-        self.fit.covariance_of(self.group, gradient) * (self.scale * self.scale)
+        self.fit.function_covariance(self.group, gradient) * (self.scale * self.scale)
     }
 
     fn sigmas(&self, gradient: &Gradient) -> Vec<f64> {
         let sigma = |variance: f64| self.scale * variance.max(0.0).sqrt();
-        self.fit.variances_of(self.group, gradient).into_iter().map(sigma).collect()
+        self.fit.function_variances(self.group, gradient).into_iter().map(sigma).collect()
     }
 
     fn block_of(&self, marker: usize) -> Option<usize> {
@@ -242,7 +242,7 @@ impl<'a> Outcome<'a> {
         let member = self.members[block];
         let Some(first) = member.flight else { return solution };
         let residuals = &self.fit.groups[self.group].blocks[block].residuals;
-        let all = quality::reliability(
+        let all = quality::observation_reliability(
             self.problem,
             self.fit,
             self.group,

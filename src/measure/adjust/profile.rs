@@ -377,7 +377,7 @@ impl Adjusted<'_> {
 }
 
 fn reliability(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
-    (0..problem.groups.len()).map(|index| quality::reliability(problem, fit, index, 0, alpha)).collect()
+    (0..problem.groups.len()).map(|index| quality::observation_reliability(problem, fit, index, 0, alpha)).collect()
 }
 
 /// The one with the larger test statistic.

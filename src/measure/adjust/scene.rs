@@ -9,7 +9,7 @@ use super::marker_state::{Answers, ESTIMATED, MarkerState};
 use super::values::{Pose, Values};
 use super::{AdjustError, Observation};
 use crate::environment::Plate;
-use crate::geometry::{BROWN, Lens, left_jacobian, skew};
+use crate::geometry::{BROWN, Lens, left_jacobian, cross_matrix};
 use crate::setup::{Orientation, Setup};
 
 /// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
@@ -60,8 +60,8 @@ impl Camera {
     /// Where a point of the camera frame is seen, m, with the derivatives by its place and by the bow.
     fn seen(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Vector3<f64>) {
         let Some(stated) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
-        let (seen, by_place) = stated.bowed(self.bow).apparent_with_jacobian(point_m);
-        let more = || stated.bowed(self.bow + BOW_STEP).apparent(point_m);
+        let (seen, by_place) = stated.with_bow_change(self.bow).apparent_with_jacobian(point_m);
+        let more = || stated.with_bow_change(self.bow + BOW_STEP).apparent_point(point_m);
         let by_bow = if self.bows { (more() - seen) / BOW_STEP } else { Vector3::zeros() };
         (seen, by_place, by_bow)
     }
@@ -116,7 +116,7 @@ impl Scene {
         let wing_from_survey = ground.frame.wing_from_survey.matrix();
         let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
         let panes = [true, false]
-            .map(|flight| Plate::seen(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
+            .map(|flight| Plate::from_window(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
         Ok(Self {
             ground,
             grid,
@@ -166,13 +166,13 @@ impl Scene {
         let mount = *Rotation3::new(pose.mount_rad).matrix();
         let camera_from_wing = mount * ground_from_wing;
         Camera {
-            lens: self.lens.changed(&pose.lens).in_flight(pose.flight_scale, &pose.flight_principal_px),
+            lens: self.lens.with_changes(&pose.lens).with_flight_change(pose.flight_scale, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
             mount_jacobian: left_jacobian(&pose.mount_rad),
             ground_jacobian: left_jacobian(&pose.ground_rad),
-            pane: pane.map(|pane| pane.turned(&camera_from_wing)),
+            pane: pane.map(|pane| pane.rotated(&camera_from_wing)),
             bow: pose.bow,
             bows: false,
             scale: 1.0 + pose.flight_scale,
@@ -188,14 +188,14 @@ impl Scene {
         let before_mount = camera.mount.transpose() * seen;
         let turned = by_seen * camera.mount;
         let Lens { cx, cy, .. } = camera.lens;
-        let mut by_lens = camera.lens.by_parameters(&seen);
+        let mut by_lens = camera.lens.parameter_jacobian(&seen);
         (0..2).for_each(|k| by_lens[(k, k)] *= camera.scale);
         Some(Predicted {
             pixel,
             by_point: by_seen * by_place * camera.camera_from_wing,
             by_bow: by_seen * by_bow,
-            by_mount: -(by_seen * skew(&seen)) * camera.mount_jacobian,
-            by_ground_rotation: -(turned * skew(&before_mount)) * camera.ground_jacobian,
+            by_mount: -(by_seen * cross_matrix(&seen)) * camera.mount_jacobian,
+            by_ground_rotation: -(turned * cross_matrix(&before_mount)) * camera.ground_jacobian,
             by_lens,
             by_scale: (pixel - Vector2::new(cx, cy)) / camera.scale,
         })

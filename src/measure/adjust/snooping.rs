@@ -199,7 +199,7 @@ pub fn marks_contradict(
     let limit = quality::critical_w(input.options.snooping_alpha / frames as f64);
     let fixed = members.iter().enumerate().filter(|(_, m)| input.scene.is_fixed(m.marker));
     let beyond = |(block, member): (usize, &Member)| {
-        let all = quality::reliability(problem, fit, group, block, input.options.snooping_alpha);
+        let all = quality::observation_reliability(problem, fit, group, block, input.options.snooping_alpha);
         let seen = member.flight.and_then(|first| all.get(first..first + 2));
         seen.is_some_and(|seen| seen.iter().filter_map(|r| r.w).any(|w| w.abs() > limit))
     };
@@ -261,7 +261,7 @@ fn suspect(
 ) -> Option<Suspect> {
     let options = input.options;
     let moves = input.scene.is_fixed(member.marker) && marks_are_few(input);
-    let all = quality::reliability(problem, fit, group, block, options.snooping_alpha);
+    let all = quality::observation_reliability(problem, fit, group, block, options.snooping_alpha);
     let shift = quality::detectable_shift(options.snooping_alpha);
     let largest = |first: usize, n: usize, target: Target| {
         let one = |r: &Reliability| {

@@ -223,7 +223,7 @@ impl Columns {
     /// Takes a term's columns.
     pub fn place(&mut self, term: Term) -> Placed {
         let first = self.take(term.size, term.missing);
-        self.priors.extend(term.priors.iter().map(|prior| prior.clone().moved(first)));
+        self.priors.extend(term.priors.iter().map(|prior| prior.clone().shift_columns(first)));
         let place = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
         Placed { term: Arc::new(term), place }
     }

@@ -2,50 +2,50 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::bundle::Bundle;
-use super::model::{Form, GLOBAL, INTERIOR, Pose, Size, form_of, lens_of, parameters, with_common};
-use super::shape::Shape;
-use super::{BoardPoint, CalibrateError, View, start};
+use super::bundle::BoardBundle;
+use super::model::{BoardForm, GLOBAL, INTERIOR, BoardPose, ImageSize, board_form, lens_from_parameters, pack_parameters, add_common_variance};
+use super::shape::BoardShape;
+use super::{BoardPoint, CalibrateError, BoardView, start};
 use crate::estimation::arrow::{self, ScalarPrior, Solution};
 use crate::estimation::robust::{MEDIAN_SQUARE, common_variance};
 use crate::geometry::Lens;
 
 /// Camera, board and poses of one adjustment.
-pub(super) struct Adjusted {
+pub(super) struct CameraAdjustment {
     pub lens: Lens,
-    pub shape: Shape,
-    pub form: Form,
+    pub shape: BoardShape,
+    pub form: BoardForm,
     /// Of the stretch beforehand.
     pub stretch_sigma: f64,
-    pub poses: Vec<Pose>,
+    pub poses: Vec<BoardPose>,
     /// Parameters that keep their start.
     pub held: [bool; GLOBAL],
-    pub solution: Solution<GLOBAL, Pose>,
+    pub solution: Solution<GLOBAL, BoardPose>,
     /// Common to all points, beyond their own, px.
     pub model_sigma_px: f64,
 }
 
-impl Adjusted {
+impl CameraAdjustment {
     /// A point of a view (counted among those used), camera frame, m.
-    pub(super) fn point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
-        self.poses[k].apply(&self.shape.point(&p.board_m, &self.form))
+    pub(super) fn camera_point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
+        self.poses[k].apply(&self.shape.surface_point(&p.board_m, &self.form))
     }
 
     /// Per view, per point: observed - projected, px.
-    pub(super) fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
+    pub(super) fn residuals(&self, used: &[(usize, BoardView)]) -> Vec<Vec<Vector2<f64>>> {
         // Behind the camera: as gross as an error can be, and still finite when squared.
         let far = Vector2::new(1e6, 1e6);
         let one =
-            |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
+            |k: usize, p: &BoardPoint| self.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
         used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
     }
 
     pub(super) fn covariance_px2(&self, p: &BoardPoint) -> Matrix2<f64> {
-        with_common(&p.covariance_px2, self.model_sigma_px)
+        add_common_variance(&p.covariance_px2, self.model_sigma_px)
     }
 
     /// Squared lengths of the residuals in standard deviations.
-    pub(super) fn squares(&self, used: &[(usize, View)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
+    pub(super) fn normalized_squares(&self, used: &[(usize, BoardView)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
         let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
             self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
         };
@@ -54,7 +54,7 @@ impl Adjusted {
 
     /// The variance that the points must have in common for the median of their squared lengths to be
     /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
-    pub(super) fn common_sigma_px(&self, used: &[(usize, View)]) -> f64 {
+    pub(super) fn common_sigma_px(&self, used: &[(usize, BoardView)]) -> f64 {
         let residuals = self.residuals(used).concat();
         let own: Vec<f64> =
             used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
@@ -66,17 +66,17 @@ impl Adjusted {
 }
 
 /// Where an adjustment begins.
-pub(super) struct Start {
+pub(super) struct AdjustmentStart {
     pub lens: Lens,
-    pub form: Form,
+    pub form: BoardForm,
     /// Standard deviation of the stretch beforehand; where it is held, without meaning.
     pub stretch_sigma: f64,
-    pub poses: Vec<Pose>,
+    pub poses: Vec<BoardPose>,
     pub held: [bool; GLOBAL],
 }
 
-impl Start {
-    pub(super) fn of(adjusted: &Adjusted) -> Self {
+impl AdjustmentStart {
+    pub(super) fn from_adjustment(adjusted: &CameraAdjustment) -> Self {
         Self {
             lens: adjusted.lens,
             form: adjusted.form,
@@ -92,20 +92,20 @@ const FIRST_SIGMA_PX: f64 = 0.1;
 
 /// From nothing: the camera constant that the homographies tell, or where the adjustment does not converge
 /// from there, that of the usual lenses from which it comes closest.
-pub(super) fn first(
-    used: &[(usize, View)],
-    size: Size,
+pub(super) fn initial_adjustment(
+    used: &[(usize, BoardView)],
+    size: ImageSize,
     held: [bool; GLOBAL],
     stretch_sigma: f64,
-) -> Result<Adjusted, CalibrateError> {
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
+) -> Result<CameraAdjustment, CalibrateError> {
+    let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
     let from = |f_px: Option<f64>| {
-        let (lens, poses) = start::start(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
+        let (lens, poses) = start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
         // A lens without distortion first: all at once, few pictures run away.
-        let start = Start { lens, form: Form::zeros(), stretch_sigma, poses, held };
-        let mut rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
+        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, held };
+        let mut rough = adjust_with_stiffness(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
         for stiff in &STIFF[1..] {
-            rough = adjust_with(used, &Start::of(&rough), FIRST_SIGMA_PX, *stiff)?;
+            rough = adjust_with_stiffness(used, &AdjustmentStart::from_adjustment(&rough), FIRST_SIGMA_PX, *stiff)?;
         }
         Ok(rough)
     };
@@ -121,43 +121,43 @@ pub(super) fn first(
 /// let free at once, a constant that hardly tilted boards leave open runs away with the distortion.
 const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
-pub(super) fn adjust(
-    used: &[(usize, View)],
-    start: &Start,
+pub(super) fn adjust_bundle(
+    used: &[(usize, BoardView)],
+    start: &AdjustmentStart,
     model_sigma_px: f64,
-) -> Result<Adjusted, CalibrateError> {
-    adjust_with(used, start, model_sigma_px, 1.0)
+) -> Result<CameraAdjustment, CalibrateError> {
+    adjust_with_stiffness(used, start, model_sigma_px, 1.0)
 }
 
-pub(super) fn adjust_with(
-    used: &[(usize, View)],
-    start: &Start,
+pub(super) fn adjust_with_stiffness(
+    used: &[(usize, BoardView)],
+    start: &AdjustmentStart,
     model_sigma_px: f64,
     stiff: f64,
-) -> Result<Adjusted, CalibrateError> {
-    let found = adjust_views(used, start, &vec![model_sigma_px; used.len()], stiff)?;
-    Ok(Adjusted { model_sigma_px, ..found })
+) -> Result<CameraAdjustment, CalibrateError> {
+    let found = adjust_with_view_sigmas(used, start, &vec![model_sigma_px; used.len()], stiff)?;
+    Ok(CameraAdjustment { model_sigma_px, ..found })
 }
 
 /// With a common standard deviation for each view, px.
-pub(super) fn adjust_views(
-    used: &[(usize, View)],
-    start: &Start,
+pub(super) fn adjust_with_view_sigmas(
+    used: &[(usize, BoardView)],
+    start: &AdjustmentStart,
     common_px: &[f64],
     stiff: f64,
-) -> Result<Adjusted, CalibrateError> {
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let size = Size::of(&start.lens);
-    let shape = Shape::of(&views);
+) -> Result<CameraAdjustment, CalibrateError> {
+    let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
+    let size = ImageSize::from_lens(&start.lens);
+    let shape = BoardShape::from_views(&views);
     let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR, start.stretch_sigma)].concat();
-    let bundle = Bundle { views: &views, size, shape, common_px };
-    let global = parameters(&start.lens, &start.form);
+    let bundle = BoardBundle { views: &views, size, shape, common_px };
+    let global = pack_parameters(&start.lens, &start.form);
     let solution =
-        arrow::solve(&bundle, &priors, &start.held, global, &start.poses).ok_or(CalibrateError::NoFit)?;
-    Ok(Adjusted {
-        lens: lens_of(size, &solution.global),
+        arrow::solve_arrow(&bundle, &priors, &start.held, global, &start.poses).ok_or(CalibrateError::NoFit)?;
+    Ok(CameraAdjustment {
+        lens: lens_from_parameters(size, &solution.global),
         shape,
-        form: form_of(&solution.global),
+        form: board_form(&solution.global),
         stretch_sigma: start.stretch_sigma,
         poses: solution.own.clone(),
         held: start.held,
@@ -173,7 +173,7 @@ pub(super) fn adjust_views(
 fn lens_priors(start: &Lens, stiff: f64) -> Vec<ScalarPrior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;
-    let centre = Size::of(start).centre();
+    let centre = ImageSize::from_lens(start).centre();
     let mean = |k: usize| match k {
         0 | 1 => start.fx,
         2 | 3 => centre[k - 2],

@@ -10,10 +10,10 @@ use ::aprilgrid::detector::TagDetector;
 use image::{DynamicImage, GrayImage};
 use nalgebra::Vector2;
 
-use super::board::{Board, BoardError, Misfit, Sighting};
+use super::board::{Board, BoardError, BoardMismatch, BoardDetection};
 use super::checkerboard::REACH;
-use super::corner::{self, Hint};
-use super::{BoardPoint, View, reduced, saddle, start};
+use super::corner::{self, CornerHint};
+use super::{BoardPoint, BoardView, reduced, saddle, start};
 use crate::raster::Raster;
 
 /// Tags needed for a view.
@@ -22,16 +22,16 @@ const MIN_TAGS: usize = 4;
 /// picture lies whole in one.
 const PARTS: usize = 3;
 
-type Tag = [Vector2<f64>; 4];
+type TagCorners = [Vector2<f64>; 4];
 
-pub(super) fn find(
+pub(super) fn find_aprilgrid(
     raster: &Raster,
     columns: usize,
     rows: usize,
     tag_m: f64,
     spacing: f64,
-) -> Result<Sighting, BoardError> {
-    let tags = tags(raster, columns * rows);
+) -> Result<BoardDetection, BoardError> {
+    let tags = detect_tags(raster, columns * rows);
     if tags.len() < MIN_TAGS {
         return Err(if tags.is_empty() {
             BoardError::NotFound
@@ -39,44 +39,44 @@ pub(super) fn find(
             BoardError::Partial { found: 4 * tags.len(), expected: 4 * columns * rows }
         });
     }
-    let mut view = View::new();
+    let mut view = BoardView::new();
     for (&id, tag) in &tags {
         for k in 0..4 {
-            let Some(found) = hint(raster, tag, k, spacing).and_then(|h| corner::fit(raster, &h)) else {
+            let Some(found) = tag_corner_hint(raster, tag, k, spacing).and_then(|h| corner::fit_corner(raster, &h)) else {
                 continue;
             };
             let board_m = Board::tag_corner(columns, tag_m, spacing, id, k);
             view.push(BoardPoint { board_m, pixel: found.pixel, covariance_px2: found.covariance_px2 });
         }
     }
-    Ok(Sighting { view, misfit: misfit(&tags, columns, spacing) })
+    Ok(BoardDetection { view, misfit: find_mismatch(&tags, columns, spacing) })
 }
 
 /// The board's tags by id, which also gives them an order: the finder's differs between runs.
-fn tags(raster: &Raster, expected: usize) -> BTreeMap<usize, Tag> {
-    let (small, scale) = reduced::reduced(raster);
+fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> {
+    let (small, scale) = reduced::reduce_image(raster);
     let mut tags = BTreeMap::new();
-    search(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, expected, &mut tags);
+    add_tags(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, expected, &mut tags);
     let (width, height) = (2 * raster.width() / (PARTS + 1), 2 * raster.height() / (PARTS + 1));
     for k in 0..PARTS * PARTS {
         if tags.len() == expected {
             break;
         }
         let (left, top) = (k % PARTS * width / 2, k / PARTS * height / 2);
-        if let Some(part) = reduced::part(raster, left, top, width, height) {
-            search(&part, Vector2::new(left as f64, top as f64), 1.0, expected, &mut tags);
+        if let Some(part) = reduced::crop_image(raster, left, top, width, height) {
+            add_tags(&part, Vector2::new(left as f64, top as f64), 1.0, expected, &mut tags);
         }
     }
     tags
 }
 
 /// Adds tags not yet known.
-fn search(
+fn add_tags(
     raster: &Raster,
     origin: Vector2<f64>,
     scale: f64,
     expected: usize,
-    tags: &mut BTreeMap<usize, Tag>,
+    tags: &mut BTreeMap<usize, TagCorners>,
 ) {
     let (width, height) = (raster.width() as u32, raster.height() as u32);
     let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else { return };
@@ -90,17 +90,17 @@ fn search(
 }
 
 /// A tag's corner, where the small square touches it.
-fn hint(raster: &Raster, tag: &Tag, k: usize, spacing: f64) -> Option<Hint> {
+fn tag_corner_hint(raster: &Raster, tag: &TagCorners, k: usize, spacing: f64) -> Option<CornerHint> {
     let edges = [tag[(k + 1) % 4] - tag[k], tag[(k + 3) % 4] - tag[k]];
     let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
     let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
-    let centre = saddle::refine(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
+    let centre = saddle::refine_saddle(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
     let radius_px = (REACH * square * sine).min(corner::MAX_REFINEMENT_PX);
-    Some(Hint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
+    Some(CornerHint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
 }
 
 /// What the tags' places say of the description: each tag tells where the next lies, in sides of a tag.
-fn misfit(tags: &BTreeMap<usize, Tag>, columns: usize, spacing: f64) -> Option<Misfit> {
+fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f64) -> Option<BoardMismatch> {
     let mut gaps = vec![];
     let mut ups: BTreeMap<usize, usize> = BTreeMap::new();
     for (&id, tag) in tags {
@@ -118,7 +118,7 @@ fn misfit(tags: &BTreeMap<usize, Tag>, columns: usize, spacing: f64) -> Option<M
     }
     let seen = ups.into_iter().max_by_key(|(_, votes)| *votes).map(|(step, _)| step);
     if let Some(seen) = seen.filter(|s| *s != columns) {
-        return Some(Misfit::Columns { seen });
+        return Some(BoardMismatch::Columns { seen });
     }
     gaps.sort_by(f64::total_cmp);
     let gap = *gaps.get(gaps.len() / 2)?;
@@ -126,7 +126,7 @@ fn misfit(tags: &BTreeMap<usize, Tag>, columns: usize, spacing: f64) -> Option<M
     // The quartiles of a normal distribution are 1.35 standard deviations apart; the median's is 1.25 / root n of one.
     let sigma = spread / 1.35 * 1.25 / (gaps.len() as f64).sqrt();
     let off = (gap - spacing).abs();
-    (off > 3.0 * sigma && off > GAP_TOLERANCE).then_some(Misfit::Gap { seen: gap })
+    (off > 3.0 * sigma && off > GAP_TOLERANCE).then_some(BoardMismatch::Gap { seen: gap })
 }
 
 /// A gap measured with a ruler is right to this share of a tag's side (1 mm on 100 mm).

@@ -1,6 +1,6 @@
 //! Boards: what is printed, and where its points are.
 
-use super::View;
+use super::BoardView;
 use crate::estimation::robust::median;
 
 /// A calibration board (docs/interface.md).
@@ -49,16 +49,16 @@ pub enum BoardError {
 
 /// A board in a picture.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sighting {
+pub struct BoardDetection {
     /// Its points.
-    pub view: View,
+    pub view: BoardView,
     /// What shows that it is not as described.
-    pub misfit: Option<Misfit>,
+    pub misfit: Option<BoardMismatch>,
 }
 
 /// How a board differs from its description, as one picture shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Misfit {
+pub enum BoardMismatch {
     /// A checkerboard has more lines of corners.
     Larger,
     /// Tags above one another count this much on.
@@ -74,14 +74,14 @@ pub enum Misfit {
 }
 
 /// What most pictures say of the description, as a reason; `None` where the board is as described.
-pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String> {
+pub fn description_mismatch(board: &Board, misfits: &[Option<BoardMismatch>]) -> Option<String> {
     let half = |n: usize| n > 0 && 2 * n > misfits.len();
     let found = || misfits.iter().flatten();
-    let larger = found().filter(|m| matches!(m, Misfit::Larger)).count();
+    let larger = found().filter(|m| matches!(m, BoardMismatch::Larger)).count();
     let mut columns: Vec<usize> =
-        found().filter_map(|m| if let Misfit::Columns { seen } = m { Some(*seen) } else { None }).collect();
+        found().filter_map(|m| if let BoardMismatch::Columns { seen } = m { Some(*seen) } else { None }).collect();
     let gaps: Vec<f64> =
-        found().filter_map(|m| if let Misfit::Gap { seen } = m { Some(*seen) } else { None }).collect();
+        found().filter_map(|m| if let BoardMismatch::Gap { seen } = m { Some(*seen) } else { None }).collect();
     columns.sort_unstable();
     match *board {
         Board::Checkerboard { columns, rows, .. } if half(larger) => Some(format!(
@@ -107,9 +107,9 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
 
 /// Columns or rows of a checkerboard that no picture shows, as a reason; `None` where one shows it whole. A description that
 /// counts squares has one of each too many.
-pub fn never_whole(board: &Board, views: &[View]) -> Option<String> {
+pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String> {
     let Board::Checkerboard { columns, rows, square_m } = *board else { return None };
-    let spanned = |view: &View, axis: usize| {
+    let spanned = |view: &BoardView, axis: usize| {
         let places = view.iter().map(|p| (p.board_m[axis] / square_m).round() as i64);
         places.clone().max().zip(places.min()).map_or(0, |(last, first)| (last - first + 1) as usize)
     };

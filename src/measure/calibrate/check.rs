@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::adjust::{Adjusted, Start, adjust};
-use super::model::{Covariance, DISTANCES_M, GLOBAL, INTERIOR};
-use super::{MIN_VIEWS, View, quality};
+use super::adjust::{CameraAdjustment, AdjustmentStart, adjust_bundle};
+use super::model::{GlobalCovariance, DISTANCES_M, GLOBAL, INTERIOR};
+use super::{MIN_VIEWS, BoardView, quality};
 
 /// Cells over the image's and the board's width and height.
 const CELLS: usize = 8;
@@ -24,7 +24,7 @@ pub struct Halves {
 
 /// What the residuals have in common, root mean square, px: 0 where they are as random as their number allows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pattern {
+pub struct ResidualPattern {
     /// By the place in the image: the lens's.
     pub image_px: f64,
     /// By the place on the board: the board's.
@@ -32,27 +32,27 @@ pub struct Pattern {
 }
 
 /// `None` where a half has too few pictures or no camera.
-pub(super) fn halves(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Halves> {
+pub(super) fn compare_halves(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<Halves> {
     let of = |part: usize| {
         let mine = |k: &usize| k % 2 == part;
-        let views: Vec<(usize, View)> =
+        let views: Vec<(usize, BoardView)> =
             used.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, v)| v.clone()).collect();
-        let mut start = Start::of(adjusted);
+        let mut start = AdjustmentStart::from_adjustment(adjusted);
         start.poses = adjusted.poses.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, p)| *p).collect();
-        (views.len() >= MIN_VIEWS).then(|| adjust(&views, &start, adjusted.model_sigma_px).ok()).flatten()
+        (views.len() >= MIN_VIEWS).then(|| adjust_bundle(&views, &start, adjusted.model_sigma_px).ok()).flatten()
     };
     let (a, b) = (of(0)?, of(1)?);
     let change = b.solution.global - a.solution.global;
-    let scaled = |h: &Adjusted| h.solution.covariance * h.solution.variance_factor();
+    let scaled = |h: &CameraAdjustment| h.solution.covariance * h.solution.variance_factor();
     // In the middle of the distances at which markers lie.
     let distance_m = DISTANCES_M[1];
-    let worth = |m: &Covariance| quality::projection_at(adjusted, used, m, distance_m).map(|p| p.sigma_px);
+    let worth = |m: &GlobalCovariance| quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px);
     let difference_px = worth(&(change * change.transpose()))?;
     let predicted_px = worth(&(scaled(&a) + scaled(&b)))?;
     Some(Halves { distance_m, difference_px, predicted_px })
 }
 
-pub(super) fn pattern(adjusted: &Adjusted, used: &[(usize, View)]) -> Pattern {
+pub(super) fn residual_pattern(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> ResidualPattern {
     let residuals = adjusted.residuals(used);
     let (low, high) = adjusted.shape.bounds_m();
     let side = high - low;
@@ -60,11 +60,11 @@ pub(super) fn pattern(adjusted: &Adjusted, used: &[(usize, View)]) -> Pattern {
     let points = || used.iter().flat_map(|(_, v)| v).zip(residuals.iter().flatten());
     let image = points().map(|(p, r)| (p.pixel.component_div(&size), *r));
     let board = points().map(|(p, r)| ((p.board_m - low).component_div(&side.map(|s| s.max(1e-9))), *r));
-    Pattern { image_px: common(image), board_px: common(board) }
+    ResidualPattern { image_px: systematic_rms(image), board_px: systematic_rms(board) }
 }
 
 /// Root mean square of the cells' means, less what chance leaves there; places from 0 to 1.
-fn common(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 {
+fn systematic_rms(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 {
     let mut cells = vec![(0usize, Vector2::zeros(), 0.0); CELLS * CELLS];
     let (mut all, mut n) = (0.0, 0usize);
     for (place, r) in residuals {
@@ -85,13 +85,13 @@ fn common(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 
 
 /// Distortion terms of which a calibration can do without one: of the radial ones only the highest left, of the
 /// denominator first.
-pub(super) fn droppable(held: &[bool; GLOBAL]) -> Vec<usize> {
+pub(super) fn droppable_terms(held: &[bool; GLOBAL]) -> Vec<usize> {
     let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !held[*k]);
     radial.into_iter().chain([7, 8].into_iter().filter(|k| !held[*k])).collect()
 }
 
 /// Value over standard deviation; infinite where there is none.
-pub(super) fn t_value(adjusted: &Adjusted, k: usize) -> f64 {
+pub(super) fn t_value(adjusted: &CameraAdjustment, k: usize) -> f64 {
     let variance = adjusted.solution.covariance[(k, k)] * adjusted.solution.variance_factor();
     debug_assert!(k < INTERIOR);
     adjusted.solution.global[k].abs() / variance.max(0.0).sqrt()

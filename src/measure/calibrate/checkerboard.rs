@@ -7,13 +7,13 @@ use calib_targets_chessboard::{
 };
 use nalgebra::Vector2;
 
-use super::board::{BoardError, Misfit, Sighting};
-use super::corner::{self, Hint};
-use super::{BoardPoint, View, reduced, saddle};
+use super::board::{BoardError, BoardMismatch, BoardDetection};
+use super::corner::{self, CornerHint};
+use super::{BoardPoint, BoardView, reduced, saddle};
 use crate::raster::Raster;
 
-type Cell = (i32, i32);
-type Corners = HashMap<Cell, Vector2<f64>>;
+type GridCell = (i32, i32);
+type GridCorners = HashMap<GridCell, Vector2<f64>>;
 
 /// Share of the distance to the nearest other corner that a window may reach: half, so that no two windows hold
 /// the same pixels. Where they overlap, neighbours share their noise, and the camera's standard deviations, to which all corners
@@ -22,24 +22,24 @@ pub(super) const REACH: f64 = 0.5;
 /// Share of a line beyond the described board that must be corners for it to be the board's.
 const LINE: f64 = 0.8;
 
-pub(super) fn find(
+pub(super) fn find_checkerboard(
     raster: &Raster,
     columns: usize,
     rows: usize,
     square_m: f64,
-) -> Result<Sighting, BoardError> {
-    let corners = refined(raster, &labelled(raster).ok_or(BoardError::NotFound)?);
+) -> Result<BoardDetection, BoardError> {
+    let corners = refine_corners(raster, &locate_corners(raster).ok_or(BoardError::NotFound)?);
     let expected = columns * rows;
     let (origin, turned) =
-        placement(&corners, columns, rows).ok_or(BoardError::Partial { found: corners.len(), expected })?;
+        best_placement(&corners, columns, rows).ok_or(BoardError::Partial { found: corners.len(), expected })?;
     // Columns count to the right of rows in every picture: a bow towards the camera stays one.
     let mirrored = turned == (handedness(&corners) > 0.0);
-    let mut view = View::new();
+    let mut view = BoardView::new();
     for r in 0..rows as i32 {
         for c in 0..columns as i32 {
             let k = if mirrored { columns as i32 - 1 - c } else { c };
             let cell = if turned { (origin.0 + r, origin.1 + k) } else { (origin.0 + k, origin.1 + r) };
-            let fitted = hint(&corners, cell).and_then(|h| corner::fit(raster, &h));
+            let fitted = corner_hint(&corners, cell).and_then(|h| corner::fit_corner(raster, &h));
             let board_m = Vector2::new(f64::from(c), f64::from(r)) * square_m;
             view.extend(fitted.map(|f| BoardPoint {
                 board_m,
@@ -54,19 +54,19 @@ pub(super) fn find(
         return Err(BoardError::Partial { found: view.len(), expected });
     }
     let size = if turned { (rows, columns) } else { (columns, rows) };
-    Ok(Sighting { view, misfit: larger(&corners, origin, size) })
+    Ok(BoardDetection { view, misfit: find_extra_line(&corners, origin, size) })
 }
 
 /// Corners with the labels of their squares; large pictures are searched in a smaller copy, then as they are.
-fn labelled(raster: &Raster) -> Option<Corners> {
-    let (small, scale) = reduced::reduced(raster);
-    let found = small.as_ref().and_then(searched).map(|found| {
+fn locate_corners(raster: &Raster) -> Option<GridCorners> {
+    let (small, scale) = reduced::reduce_image(raster);
+    let found = small.as_ref().and_then(detect_grid).map(|found| {
         found.into_iter().map(|(cell, p)| (cell, p * scale + Vector2::repeat(0.5 * (scale - 1.0)))).collect()
     });
-    found.or_else(|| searched(raster))
+    found.or_else(|| detect_grid(raster))
 }
 
-fn searched(raster: &Raster) -> Option<Corners> {
+fn detect_grid(raster: &Raster) -> Option<GridCorners> {
     let gray = GrayImageView { width: raster.width(), height: raster.height(), data: raster.luma() };
     let corners = detect_corners(&gray, &default_chess_config());
     let ways = ChessboardParams::sweep_default().into_iter();
@@ -81,31 +81,31 @@ fn searched(raster: &Raster) -> Option<Corners> {
 }
 
 /// At their saddle points, where those lie near.
-fn refined(raster: &Raster, corners: &Corners) -> Corners {
-    let one = |(cell, here): (&Cell, &Vector2<f64>)| {
+fn refine_corners(raster: &Raster, corners: &GridCorners) -> GridCorners {
+    let one = |(cell, here): (&GridCell, &Vector2<f64>)| {
         let near = STEPS.iter().filter_map(|d| corners.get(&(cell.0 + d.0, cell.1 + d.1)));
         let nearest = near.map(|p| (p - here).norm()).fold(f64::MAX, f64::min);
-        Some((*cell, saddle::refine(raster, here, saddle::half_window_for(nearest))?))
+        Some((*cell, saddle::refine_saddle(raster, here, saddle::half_window_for(nearest))?))
     };
     corners.iter().filter_map(one).collect()
 }
 
-const STEPS: [Cell; 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+const STEPS: [GridCell; 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 
 /// The lines through a corner as its neighbours show them.
-fn hint(corners: &Corners, cell: Cell) -> Option<Hint> {
+fn corner_hint(corners: &GridCorners, cell: GridCell) -> Option<CornerHint> {
     let centre = *corners.get(&cell)?;
-    let along = line(corners, cell, (1, 0))?;
-    let across = line(corners, cell, (0, 1))?;
+    let along = grid_line(corners, cell, (1, 0))?;
+    let across = grid_line(corners, cell, (0, 1))?;
     let sine = along.0.normalize().perp(&across.0.normalize()).abs();
     let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::MAX_REFINEMENT_PX);
     let curvature_per_px = [along.1, across.1];
-    Some(Hint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
+    Some(CornerHint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
 }
 
 /// Direction, curvature and shortest neighbour's distance of the board's line through a corner. At its
 /// ends the line bends as it does at the next corner.
-fn line(corners: &Corners, cell: Cell, step: Cell) -> Option<(Vector2<f64>, f64, f64)> {
+fn grid_line(corners: &GridCorners, cell: GridCell, step: GridCell) -> Option<(Vector2<f64>, f64, f64)> {
     let at = |k: i32| corners.get(&(cell.0 + k * step.0, cell.1 + k * step.1));
     let here = at(0)?;
     let bend = |a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>| {
@@ -122,8 +122,8 @@ fn line(corners: &Corners, cell: Cell, step: Cell) -> Option<(Vector2<f64>, f64,
 }
 
 /// Whether the labels' second axis lies clockwise of the first in the picture (positive) or not.
-fn handedness(corners: &Corners) -> f64 {
-    let turn = |(cell, here): (&Cell, &Vector2<f64>)| {
+fn handedness(corners: &GridCorners) -> f64 {
+    let turn = |(cell, here): (&GridCell, &Vector2<f64>)| {
         let along = corners.get(&(cell.0 + 1, cell.1))? - here;
         let across = corners.get(&(cell.0, cell.1 + 1))? - here;
         Some((along.x * across.y - along.y * across.x).signum())
@@ -133,9 +133,9 @@ fn handedness(corners: &Corners) -> f64 {
 
 /// Where on the labelled grid the board lies with most corners, and whether its rows run along v.
 /// Which of the two ends is the origin does not matter to a calibration.
-fn placement(corners: &Corners, columns: usize, rows: usize) -> Option<(Cell, bool)> {
-    let mut best: Option<(usize, Cell, bool)> = None;
-    let mut cells: Vec<Cell> = corners.keys().copied().collect();
+fn best_placement(corners: &GridCorners, columns: usize, rows: usize) -> Option<(GridCell, bool)> {
+    let mut best: Option<(usize, GridCell, bool)> = None;
+    let mut cells: Vec<GridCell> = corners.keys().copied().collect();
     cells.sort_unstable();
     let us: std::collections::BTreeSet<i32> = cells.iter().map(|c| c.0).collect();
     let vs: std::collections::BTreeSet<i32> = cells.iter().map(|c| c.1).collect();
@@ -143,7 +143,7 @@ fn placement(corners: &Corners, columns: usize, rows: usize) -> Option<(Cell, bo
         let size = if turned { (rows, columns) } else { (columns, rows) };
         for &u in &us {
             for &v in &vs {
-                let count = cells.iter().filter(|c| within(c, (u, v), size)).count();
+                let count = cells.iter().filter(|c| is_inside_board(c, (u, v), size)).count();
                 if best.is_none_or(|b| count > b.0) {
                     best = Some((count, (u, v), turned));
                 }
@@ -153,15 +153,15 @@ fn placement(corners: &Corners, columns: usize, rows: usize) -> Option<(Cell, bo
     best.map(|(_, origin, turned)| (origin, turned))
 }
 
-fn within(cell: &Cell, origin: Cell, size: (usize, usize)) -> bool {
+fn is_inside_board(cell: &GridCell, origin: GridCell, size: (usize, usize)) -> bool {
     (origin.0..origin.0 + size.0 as i32).contains(&cell.0)
         && (origin.1..origin.1 + size.1 as i32).contains(&cell.1)
 }
 
 /// A whole line of corners beside the described board.
-fn larger(corners: &Corners, origin: Cell, size: (usize, usize)) -> Option<Misfit> {
+fn find_extra_line(corners: &GridCorners, origin: GridCell, size: (usize, usize)) -> Option<BoardMismatch> {
     let (end_u, end_v) = (origin.0 + size.0 as i32, origin.1 + size.1 as i32);
-    let count = |cells: &mut dyn Iterator<Item = Cell>, length: usize| {
+    let count = |cells: &mut dyn Iterator<Item = GridCell>, length: usize| {
         let found = cells.filter(|c| corners.contains_key(c)).count();
         found as f64 >= LINE * length as f64
     };
@@ -169,5 +169,5 @@ fn larger(corners: &Corners, origin: Cell, size: (usize, usize)) -> Option<Misfi
         [origin.0 - 1, end_u].into_iter().any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
     let level =
         [origin.1 - 1, end_v].into_iter().any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
-    (upright || level).then_some(Misfit::Larger)
+    (upright || level).then_some(BoardMismatch::Larger)
 }

@@ -31,12 +31,12 @@ const BAND_SHARE: f64 = 1.0 / 3.0;
 /// Blurs that fit into the window at least; more blur and the edges' ends count as edges.
 const MIN_BLURS: f64 = 1.5;
 
-type Unknowns = SVector<f64, UNKNOWNS>;
-type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+type CornerParameters = SVector<f64, UNKNOWNS>;
+type CornerNormalMatrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// What the corner's neighbours tell of it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hint {
+pub(super) struct CornerHint {
     /// About where, px.
     pub centre: Vector2<f64>,
     /// Along the two edges.
@@ -53,28 +53,28 @@ pub(super) const MAX_REFINEMENT_PX: f64 = 24.0;
 
 /// A fitted corner.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Corner {
+pub(super) struct FittedCorner {
     pub pixel: Vector2<f64>,
     pub covariance_px2: Matrix2<f64>,
 }
 
 /// `None` where the grey values are no such corner.
-pub(super) fn fit(raster: &Raster, hint: &Hint) -> Option<Corner> {
-    let pixels = window(raster, hint)?;
-    let mut at = start(hint);
-    let (mut normal, mut right, mut sum) = (Normal::zeros(), Unknowns::zeros(), 0.0);
+pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCorner> {
+    let pixels = edge_pixels(raster, hint)?;
+    let mut at = start_values(hint);
+    let (mut normal, mut right, mut sum) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
     // Mean, contrast and gradient are linear: one step from nothing.
-    assemble(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
-    linear_start(&normal, &right, &mut at)?;
-    assemble(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
+    assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
+    solve_linear_start(&normal, &right, &mut at)?;
+    assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
     let mut damping = 1e-3;
     for _ in 0..ITERATIONS {
         let mut damped = normal;
         (0..UNKNOWNS).for_each(|k| damped[(k, k)] *= 1.0 + damping);
         let step = damped.cholesky()?.solve(&right);
         let next = at + step;
-        let (mut n, mut r, mut s) = (Normal::zeros(), Unknowns::zeros(), 0.0);
-        assemble(&pixels, hint, &next, &mut n, &mut r, &mut s);
+        let (mut n, mut r, mut s) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
+        assemble_normal_equations(&pixels, hint, &next, &mut n, &mut r, &mut s);
         if s > sum * (1.0 + 1e-12) || next[4] <= 0.0 {
             damping *= 10.0;
             if damping > 1e6 {
@@ -85,24 +85,24 @@ pub(super) fn fit(raster: &Raster, hint: &Hint) -> Option<Corner> {
         (at, normal, right, sum) = (next, n, r, s);
         damping *= 0.1;
         if step.fixed_rows::<2>(0).norm() < SETTLED_PX {
-            return outcome(hint, &at, &normal, sum, pixels.len());
+            return accept_corner(hint, &at, &normal, sum, pixels.len());
         }
     }
     None
 }
 
-fn outcome(hint: &Hint, at: &Unknowns, normal: &Normal, sum: f64, pixels: usize) -> Option<Corner> {
+fn accept_corner(hint: &CornerHint, at: &CornerParameters, normal: &CornerNormalMatrix, sum: f64, pixels: usize) -> Option<FittedCorner> {
     let pixel = Vector2::new(at[0], at[1]);
     let plausible = (pixel - hint.centre).norm() < 0.5 * hint.radius_px
         && at[4] * MIN_BLURS < hint.radius_px
         && at[6].abs() > 1.0;
     let unit = (SMOOTHED * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
     let inverse = normal.cholesky()?.inverse();
-    plausible.then(|| Corner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
+    plausible.then(|| FittedCorner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
 }
 
 /// Pixels (column, row, grey) near the edges; `None` where too few lie in the picture.
-fn window(raster: &Raster, hint: &Hint) -> Option<Vec<(f64, f64, f64)>> {
+fn edge_pixels(raster: &Raster, hint: &CornerHint) -> Option<Vec<(f64, f64, f64)>> {
     let (c, r) = (hint.centre, hint.radius_px);
     let band = (BAND_BLURS * START_BLUR_PX).max(BAND_SHARE * r);
     let sides = hint.edges.map(|e| Vector2::new(-e.y, e.x) / e.norm());
@@ -114,13 +114,13 @@ fn window(raster: &Raster, hint: &Hint) -> Option<Vec<(f64, f64, f64)>> {
         let d = Vector2::new(x as f64, y as f64) - c;
         let near = d.norm_squared() <= r * r && sides.iter().any(|n| n.dot(&d).abs() < band);
         if near && inner(x, raster.width()) && inner(y, raster.height()) {
-            pixels.push((x as f64, y as f64, smoothed(raster, x, y)));
+            pixels.push((x as f64, y as f64, smoothed_grey(raster, x, y)));
         }
     }
     (pixels.len() > 2 * UNKNOWNS).then_some(pixels)
 }
 
-fn smoothed(raster: &Raster, x: usize, y: usize) -> f64 {
+fn smoothed_grey(raster: &Raster, x: usize, y: usize) -> f64 {
     let row = |dy: isize| {
         let grey = |dx: isize| f64::from(raster.clamped(x as isize + dx, y as isize + dy));
         KERNEL[0] * grey(-1) + KERNEL[1] * grey(0) + KERNEL[2] * grey(1)
@@ -128,22 +128,22 @@ fn smoothed(raster: &Raster, x: usize, y: usize) -> f64 {
     KERNEL[0] * row(-1) + KERNEL[1] * row(0) + KERNEL[2] * row(1)
 }
 
-fn start(hint: &Hint) -> Unknowns {
+fn start_values(hint: &CornerHint) -> CornerParameters {
     let angle = |e: &Vector2<f64>| e.y.atan2(e.x);
     let (c, e) = (hint.centre, hint.edges);
     let blur = START_BLUR_PX;
-    Unknowns::from_column_slice(&[c.x, c.y, angle(&e[0]), angle(&e[1]), blur, 0.0, 1.0, 0.0, 0.0])
+    CornerParameters::from_column_slice(&[c.x, c.y, angle(&e[0]), angle(&e[1]), blur, 0.0, 1.0, 0.0, 0.0])
 }
 
 /// The linear unknowns with the others held.
-fn linear_start(normal: &Normal, right: &Unknowns, at: &mut Unknowns) -> Option<()> {
+fn solve_linear_start(normal: &CornerNormalMatrix, right: &CornerParameters, at: &mut CornerParameters) -> Option<()> {
     let step = normal.fixed_view::<4, 4>(5, 5).clone_owned().cholesky()?.solve(&right.fixed_rows::<4>(5));
     (0..4).for_each(|k| at[5 + k] += step[k]);
     Some(())
 }
 
 /// An edge at a pixel: `erf`, and its derivatives by the corner's place, the direction and the blur.
-fn edge(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64, [f64; 4]) {
+fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64, [f64; 4]) {
     let (sin, cos) = angle.sin_cos();
     let along = cos * d.x + sin * d.y;
     let side = cos * d.y - sin * d.x - 0.5 * curvature * along * along;
@@ -163,20 +163,20 @@ fn erf(x: f64) -> (f64, f64) {
     ((1.0 - series * gauss).copysign(x), gauss * std::f64::consts::FRAC_2_SQRT_PI)
 }
 
-fn assemble(
+fn assemble_normal_equations(
     pixels: &[(f64, f64, f64)],
-    hint: &Hint,
-    at: &Unknowns,
-    normal: &mut Normal,
-    right: &mut Unknowns,
+    hint: &CornerHint,
+    at: &CornerParameters,
+    normal: &mut CornerNormalMatrix,
+    right: &mut CornerParameters,
     sum: &mut f64,
 ) {
-    (*normal, *right, *sum) = (Normal::zeros(), Unknowns::zeros(), 0.0);
+    (*normal, *right, *sum) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
     let (blur, mean, contrast) = (at[4], at[5], at[6]);
     for &(x, y, grey) in pixels {
         let d = Vector2::new(x - at[0], y - at[1]);
-        let (e1, by1) = edge(&d, at[2], hint.curvature_per_px[0], blur);
-        let (e2, by2) = edge(&d, at[3], hint.curvature_per_px[1], blur);
+        let (e1, by1) = edge_profile(&d, at[2], hint.curvature_per_px[0], blur);
+        let (e2, by2) = edge_profile(&d, at[3], hint.curvature_per_px[1], blur);
         let residual = grey - (mean + contrast * e1 * e2 + at[7] * d.x + at[8] * d.y);
         let row = [
             contrast * (by1[0] * e2 + e1 * by2[0]) - at[7],

@@ -36,17 +36,17 @@ mod verdict;
 
 use nalgebra::{DMatrix, Matrix2, Vector2};
 
-pub use board::{Board, BoardError, Misfit, Sighting, misdescribed, never_whole};
+pub use board::{Board, BoardError, BoardMismatch, BoardDetection, description_mismatch, missing_corner_lines};
 
 use super::geometry::Lens;
-pub use check::{Halves, Pattern};
-use fitting::Set;
+pub use check::{Halves, ResidualPattern};
+use fitting::CalibrationProblem;
 pub use model::DISTANCES_M;
-use model::Size;
-pub use outliers::Dropped;
-pub use quality::Projection;
-pub use shape::{Bow, Stretch};
-pub use verdict::{Verdict, judge, refusals};
+use model::ImageSize;
+pub use outliers::ImageRejection;
+pub use quality::ProjectionUncertainty;
+pub use shape::{BoardBow, BoardStretch};
+pub use verdict::{Verdict, judge_calibration, count_refusals};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +67,7 @@ impl BoardPoint {
 }
 
 /// One picture's points.
-pub type View = Vec<BoardPoint>;
+pub type BoardView = Vec<BoardPoint>;
 
 /// A calibrated camera with its quality.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,13 +85,13 @@ pub struct Calibration {
     /// leave over.
     pub model_sigma_px: f64,
     /// The board's bow along its rows and its columns.
-    pub bow: [Bow; 2],
+    pub bow: [BoardBow; 2],
     /// By how much more the board is stretched across its rows than along them; `None` where that cannot be told.
-    pub stretch: Option<Stretch>,
+    pub stretch: Option<BoardStretch>,
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
     /// Per view: why it took no part.
-    pub dropped: Vec<Option<Dropped>>,
+    pub dropped: Vec<Option<ImageRejection>>,
     /// Per view: points that took part.
     pub view_points: Vec<usize>,
     /// Per view that took part: angle between the board and the image plane, degrees.
@@ -109,13 +109,13 @@ pub struct Calibration {
     /// Every second picture against the others; `None` where they are too few.
     pub halves: Option<Halves>,
     /// What the residuals have in common.
-    pub pattern: Pattern,
+    pub pattern: ResidualPattern,
     /// Per view, empty where it took no part: each point's place in the image and observed - projected, px.
     pub residuals: Vec<Vec<(Vector2<f64>, Vector2<f64>)>>,
     /// Sides of the rectangle in which the board's points lie, m.
     pub board_side_m: [f64; 2],
     /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
-    pub projections: Option<Vec<Projection>>,
+    pub projections: Option<Vec<ProjectionUncertainty>>,
 }
 
 /// Share of the way from the principal point to the image's farthest corner to which boards must have been shown for
@@ -132,7 +132,7 @@ impl Calibration {
     }
 
     /// Whether boards were shown into a corner of the image.
-    fn is_shown_to_the_corner(&self) -> bool {
+    fn covers_corner(&self) -> bool {
         self.shown_px >= SHOWN * self.farthest_corner_px().norm()
     }
 }
@@ -151,7 +151,7 @@ pub enum CalibrateError {
         /// Needed.
         needed: usize,
         /// Per view: why it took no part.
-        dropped: Vec<Option<Dropped>>,
+        dropped: Vec<Option<ImageRejection>>,
     },
     /// All boards parallel to the sensor, or the like.
     #[error(
@@ -176,7 +176,7 @@ const SIGNIFICANT: f64 = 1.96;
 
 /// What may be asked of a calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Options {
+pub struct CalibrationOptions {
     /// Distortion terms that do not differ from 0 at 95 % are dropped, the least first and of the radial ones the
     /// highest.
     pub select: bool,
@@ -185,26 +185,26 @@ pub struct Options {
 }
 
 /// Calibrates from views of a plane board that is exactly as described; `width` and `height` of the pictures, px.
-pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
-    calibrate_with(views, width, height, &Options::default())
+pub fn calibrate(views: &[BoardView], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+    calibrate_with_options(views, width, height, &CalibrationOptions::default())
 }
 
 /// The same with options.
-pub fn calibrate_with(
-    views: &[View],
+pub fn calibrate_with_options(
+    views: &[BoardView],
     width: u32,
     height: u32,
-    options: &Options,
+    options: &CalibrationOptions,
 ) -> Result<Calibration, CalibrateError> {
-    let set = Set { views, size: Size { width, height }, options };
-    let (brown, selection) = set.fitted(false)?;
-    let found = set.outcome(&brown, &selection);
+    let set = CalibrationProblem { views, size: ImageSize { width, height }, options };
+    let (brown, selection) = set.fit_without_outliers(false)?;
+    let found = set.calibration(&brown, &selection);
     // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others. And only
     // where boards told the lens up to the image's border: it bends as it likes beyond.
     let does = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
-    if does || !found.is_shown_to_the_corner() {
+    if does || !found.covers_corner() {
         return Ok(found);
     }
-    let richer = set.richer(&brown, &selection).filter(|r| r.projections.is_some());
+    let richer = set.rational_calibration(&brown, &selection).filter(|r| r.projections.is_some());
     Ok(richer.unwrap_or(found))
 }

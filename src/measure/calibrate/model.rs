@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, Vector2, Vector3, Vector6};
 
-use crate::geometry::{BROWN, Lens, skew};
+use crate::geometry::{BROWN, Lens, cross_matrix};
 
 /// Interior parameters: Brown's, then those of the rational model's denominator, k4 k5 k6; the board's form follows.
 pub(super) const INTERIOR: usize = BROWN + 3;
@@ -15,24 +15,24 @@ pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
 /// Index of the board's stretch.
 pub(super) const STRETCH: usize = INTERIOR + 2;
 
-pub(super) type Global = SVector<f64, GLOBAL>;
-pub(super) type Covariance = SMatrix<f64, GLOBAL, GLOBAL>;
+pub(super) type GlobalParameters = SVector<f64, GLOBAL>;
+pub(super) type GlobalCovariance = SMatrix<f64, GLOBAL, GLOBAL>;
 /// Values of the board's form.
-pub(super) type Form = SVector<f64, FORM>;
-pub(super) type ByInterior = SMatrix<f64, 2, INTERIOR>;
+pub(super) type BoardForm = SVector<f64, FORM>;
+pub(super) type InteriorJacobian = SMatrix<f64, 2, INTERIOR>;
 
 /// Of the pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Size {
+pub(super) struct ImageSize {
     /// px.
     pub width: u32,
     /// px.
     pub height: u32,
 }
 
-impl Size {
+impl ImageSize {
     /// Of a lens's pictures.
-    pub(super) fn of(lens: &Lens) -> Self {
+    pub(super) fn from_lens(lens: &Lens) -> Self {
         Self { width: lens.width, height: lens.height }
     }
 
@@ -43,35 +43,35 @@ impl Size {
 }
 
 /// The board's form among all parameters.
-pub(super) fn form_of(global: &Global) -> Form {
+pub(super) fn board_form(global: &GlobalParameters) -> BoardForm {
     global.fixed_rows::<FORM>(INTERIOR).into()
 }
 
 /// All parameters of a lens and a board's form.
-pub(super) fn parameters(lens: &Lens, form: &Form) -> Global {
-    Global::from_iterator(lens.parameters().iter().chain(&lens.denominator).chain(form.iter()).copied())
+pub(super) fn pack_parameters(lens: &Lens, form: &BoardForm) -> GlobalParameters {
+    GlobalParameters::from_iterator(lens.parameters().iter().chain(&lens.denominator).chain(form.iter()).copied())
 }
 
 /// The lens of pictures of a size among all parameters.
-pub(super) fn lens_of(Size { width, height }: Size, p: &Global) -> Lens {
+pub(super) fn lens_from_parameters(ImageSize { width, height }: ImageSize, p: &GlobalParameters) -> Lens {
     let nothing = Lens::pinhole(width, height, 0.0, 0.0, 0.0);
-    let lens = nothing.changed(&p.fixed_rows::<BROWN>(0).into_owned());
+    let lens = nothing.with_changes(&p.fixed_rows::<BROWN>(0).into_owned());
     Lens { denominator: [p[BROWN], p[BROWN + 1], p[BROWN + 2]], ..lens }
 }
 
 /// A point's covariance with what all points have in common.
-pub(super) fn with_common(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
+pub(super) fn add_common_variance(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
     own_px2 + Matrix2::identity() * model_sigma_px.powi(2)
 }
 
 /// The board's pose in the camera frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pose {
+pub(super) struct BoardPose {
     pub camera_from_board: Rotation3<f64>,
     pub translation_m: Vector3<f64>,
 }
 
-impl Pose {
+impl BoardPose {
     /// Camera-frame point, m.
     pub(super) fn apply(&self, board_m: &Vector3<f64>) -> Vector3<f64> {
         self.camera_from_board * board_m + self.translation_m
@@ -89,27 +89,27 @@ impl Pose {
 }
 
 /// How a pixel answers.
-pub(super) struct Jacobians {
+pub(super) struct ProjectionJacobians {
     /// d pixel / d (rotation, shift of the camera).
     pub by_motion: SMatrix<f64, 2, 6>,
     /// d pixel / d interior parameters.
-    pub by_lens: ByInterior,
+    pub by_lens: InteriorJacobian,
 }
 
 /// At a camera-frame point, m; `None` behind the camera.
-pub(super) fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<Jacobians> {
+pub(super) fn projection_jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<ProjectionJacobians> {
     let (_, by_point) = lens.project_with_jacobian(point)?;
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
-    by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
+    by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * cross_matrix(point)));
     by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
-    let mut by_lens = ByInterior::zeros();
-    by_lens.fixed_columns_mut::<BROWN>(0).copy_from(&lens.by_parameters(point));
-    by_lens.fixed_columns_mut::<3>(BROWN).copy_from(&lens.by_denominator(point));
-    Some(Jacobians { by_motion, by_lens })
+    let mut by_lens = InteriorJacobian::zeros();
+    by_lens.fixed_columns_mut::<BROWN>(0).copy_from(&lens.parameter_jacobian(point));
+    by_lens.fixed_columns_mut::<3>(BROWN).copy_from(&lens.denominator_jacobian(point));
+    Some(ProjectionJacobians { by_motion, by_lens })
 }
 
 /// Root mean square of vectors' lengths.
-pub(super) fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
+pub(super) fn rms_length<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
     let (sum, n) = vectors.fold((0.0, 0usize), |(s, n), r| (s + r.norm_squared(), n + 1));
     (sum / n.max(1) as f64).sqrt()
 }

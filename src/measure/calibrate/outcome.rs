@@ -2,29 +2,29 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::adjust::{Adjusted, Start, adjust};
-use super::model::{INTERIOR, Pose, STRETCH, rms};
+use super::adjust::{CameraAdjustment, AdjustmentStart, adjust_bundle};
+use super::model::{INTERIOR, BoardPose, STRETCH, rms_length};
 use super::outliers::Selection;
-use super::shape::{Bow, Stretch};
-use super::{Calibration, View, check, quality};
+use super::shape::{BoardBow, BoardStretch};
+use super::{Calibration, BoardView, check, quality};
 use crate::geometry::{BROWN, Lens};
 
 /// Standard deviation of a stretch beforehand where it is only looked for, a share: an assumption, more than paper shrinks.
 const LOOSE_STRETCH: f64 = 0.01;
 
 /// As estimated, or where the board is taken as described, as it would be.
-fn stretch(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Stretch> {
+fn estimate_stretch(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<BoardStretch> {
     let is_unknown = !adjusted.held[STRETCH];
-    let mut start = Start::of(adjusted);
+    let mut start = AdjustmentStart::from_adjustment(adjusted);
     start.held[STRETCH] = is_unknown;
     start.form[STRETCH - INTERIOR] = 0.0;
     start.stretch_sigma = LOOSE_STRETCH;
-    let other = adjust(used, &start, adjusted.model_sigma_px).ok()?;
+    let other = adjust_bundle(used, &start, adjusted.model_sigma_px).ok()?;
     let with = if is_unknown { adjusted } else { &other };
     let change = other.solution.global - adjusted.solution.global;
-    let worth = quality::projection_at(adjusted, used, &(change * change.transpose()), Stretch::DISTANCE_M)?;
+    let worth = quality::uncertainty_at_distance(adjusted, used, &(change * change.transpose()), BoardStretch::DISTANCE_M)?;
     let variance = with.solution.covariance[(STRETCH, STRETCH)] * with.solution.variance_factor();
-    Some(Stretch {
+    Some(BoardStretch {
         value: with.form[STRETCH - INTERIOR],
         sigma: variance.max(0.0).sqrt(),
         worth_px: worth.sigma_px,
@@ -32,42 +32,42 @@ fn stretch(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Stretch> {
     })
 }
 
-pub(super) fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration {
+pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
     let Selection { used, dropped } = selection;
     let solution = &adjusted.solution;
     let residuals = adjusted.residuals(used);
     let covariance = solution.covariance * solution.variance_factor();
-    let brown = quality::of_brown(adjusted, &covariance)
+    let brown = quality::brown_covariance(adjusted, &covariance)
         .unwrap_or_else(|| covariance.fixed_view::<BROWN, BROWN>(0, 0).into());
-    let bow = |k: usize| Bow {
+    let bow = |k: usize| BoardBow {
         value_m: adjusted.form[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
     };
     let mut found = Calibration {
-        stretch: stretch(adjusted, used),
+        stretch: estimate_stretch(adjusted, used),
         lens: adjusted.lens,
         bow: [bow(0), bow(1)],
         covariance: DMatrix::from_fn(BROWN, BROWN, |i, j| brown[(i, j)]),
         denominator_sigma: std::array::from_fn(|k| covariance[(BROWN + k, BROWN + k)].max(0.0).sqrt()),
-        rms_px: rms(residuals.iter().flatten()),
+        rms_px: rms_length(residuals.iter().flatten()),
         model_sigma_px: adjusted.model_sigma_px,
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
         spread_deg: spread_deg(adjusted),
-        coverage: coverage(&adjusted.lens, used),
+        coverage: image_coverage(&adjusted.lens, used),
         dropped: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
         shown_px: 0.0,
         held: std::array::from_fn(|k| adjusted.held[k]),
-        halves: check::halves(adjusted, used),
-        pattern: check::pattern(adjusted, used),
+        halves: check::compare_halves(adjusted, used),
+        pattern: check::residual_pattern(adjusted, used),
         residuals: vec![vec![]; dropped.len()],
         board_side_m: adjusted.shape.sides_m(),
-        projections: quality::projections(adjusted, used, &covariance),
+        projections: quality::projection_uncertainties(adjusted, used, &covariance),
     };
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
-        found.view_rms_px[*index] = Some(rms(r.iter()));
+        found.view_rms_px[*index] = Some(rms_length(r.iter()));
         found.view_points[*index] = view.len();
         found.residuals[*index] = view.iter().map(|p| p.pixel).zip(r.iter().copied()).collect();
         let normal_z = pose.camera_from_board.matrix()[(2, 2)];
@@ -76,8 +76,8 @@ pub(super) fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration
     found
 }
 
-fn spread_deg(adjusted: &Adjusted) -> f64 {
-    let normal = |pose: &Pose| {
+fn spread_deg(adjusted: &CameraAdjustment) -> f64 {
+    let normal = |pose: &BoardPose| {
         let normal: Vector3<f64> = pose.camera_from_board.matrix().column(2).into();
         normal * normal.z.signum()
     };
@@ -87,7 +87,7 @@ fn spread_deg(adjusted: &Adjusted) -> f64 {
     (sum / normals.len().max(1) as f64).sqrt().to_degrees()
 }
 
-fn coverage(lens: &Lens, used: &[(usize, View)]) -> [[usize; 3]; 3] {
+fn image_coverage(lens: &Lens, used: &[(usize, BoardView)]) -> [[usize; 3]; 3] {
     let ninth = |value: f64, side: u32| ((3.0 * value / f64::from(side)).max(0.0) as usize).min(2);
     let mut counts = [[0; 3]; 3];
     for p in used.iter().flat_map(|(_, v)| v) {

@@ -7,19 +7,19 @@
 
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3};
 
-use super::View;
-use super::adjust::Adjusted;
-use super::model::{Covariance, DISTANCES_M, INTERIOR, Jacobians, jacobians};
+use super::BoardView;
+use super::adjust::CameraAdjustment;
+use super::model::{GlobalCovariance, DISTANCES_M, INTERIOR, ProjectionJacobians, projection_jacobians};
 use crate::geometry::{BROWN, Lens};
 
 /// Cells over the image's width and height.
 const CELLS: usize = 9;
 
-type Motion = SMatrix<f64, 6, INTERIOR>;
+type CompensatingMotion = SMatrix<f64, 6, INTERIOR>;
 
 /// Standard deviation of a projected point (length of its error vector) over the image, px.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Projection {
+pub struct ProjectionUncertainty {
     /// Distance of the points, m.
     pub distance_m: f64,
     /// Root mean square over the image, px.
@@ -33,37 +33,37 @@ pub struct Projection {
 }
 
 /// At [`DISTANCES_M`]; `None` where the lens has no inverse somewhere in the image.
-pub(super) fn projections(
-    adjusted: &Adjusted,
-    used: &[(usize, View)],
-    covariance: &Covariance,
-) -> Option<Vec<Projection>> {
-    let motion = motion(adjusted, used)?;
-    let found = DISTANCES_M.into_iter().map(|d| projection(adjusted, &motion, covariance, d));
-    let whole = |p: &Projection| p.cells_px.iter().flatten().all(Option::is_some);
+pub(super) fn projection_uncertainties(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+    covariance: &GlobalCovariance,
+) -> Option<Vec<ProjectionUncertainty>> {
+    let motion = compensating_motion(adjusted, used)?;
+    let found = DISTANCES_M.into_iter().map(|d| projection_uncertainty(adjusted, &motion, covariance, d));
+    let whole = |p: &ProjectionUncertainty| p.cells_px.iter().flatten().all(Option::is_some);
     found.map(|p| p.filter(whole)).collect()
 }
 
 /// At one distance, over what of the image has an inverse.
-pub(super) fn projection_at(
-    adjusted: &Adjusted,
-    used: &[(usize, View)],
-    covariance: &Covariance,
+pub(super) fn uncertainty_at_distance(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+    covariance: &GlobalCovariance,
     distance_m: f64,
-) -> Option<Projection> {
-    projection(adjusted, &motion(adjusted, used)?, covariance, distance_m)
+) -> Option<ProjectionUncertainty> {
+    projection_uncertainty(adjusted, &compensating_motion(adjusted, used)?, covariance, distance_m)
 }
 
-fn projection(
-    adjusted: &Adjusted,
-    motion: &Motion,
-    covariance: &Covariance,
+fn projection_uncertainty(
+    adjusted: &CameraAdjustment,
+    motion: &CompensatingMotion,
+    covariance: &GlobalCovariance,
     distance_m: f64,
-) -> Option<Projection> {
+) -> Option<ProjectionUncertainty> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let variance = |row: usize, column: usize| {
         let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
-        let Jacobians { by_motion, by_lens } = jacobians(&adjusted.lens, &point)?;
+        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
         let error = by_lens + by_motion * motion;
         Some((error * interior * error.transpose()).trace())
     };
@@ -76,20 +76,20 @@ fn projection(
             *ninth = (ninth.0 + v, ninth.1 + 1);
         }
     }
-    summary(distance_m, &ninths, cells_px)
+    summarize_cells(distance_m, &ninths, cells_px)
 }
 
-fn summary(
+fn summarize_cells(
     distance_m: f64,
     ninths: &[[(f64, usize); 3]; 3],
     cells_px: Vec<Vec<Option<f64>>>,
-) -> Option<Projection> {
+) -> Option<ProjectionUncertainty> {
     let mean = |(sum, n): (f64, usize)| if n > 0 { sum / n as f64 } else { 0.0 };
     let worst = (0..9)
         .map(|k| (k % 3, k / 3))
         .max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
     let (sum, n) = ninths.iter().flatten().fold((0.0, 0), |(s, n), c| (s + c.0, n + c.1));
-    (n > 0).then(|| Projection {
+    (n > 0).then(|| ProjectionUncertainty {
         distance_m,
         sigma_px: mean((sum, n)).sqrt(),
         worst,
@@ -109,12 +109,12 @@ fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
 }
 
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.
-fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
-    let (mut normal, mut right) = (Matrix6::zeros(), Motion::zeros());
+fn compensating_motion(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<CompensatingMotion> {
+    let (mut normal, mut right) = (Matrix6::zeros(), CompensatingMotion::zeros());
     for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
-            let point = adjusted.point(k, p);
-            let Jacobians { by_motion, by_lens } = jacobians(&adjusted.lens, &point)?;
+            let point = adjusted.camera_point(k, p);
+            let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;
         }
@@ -124,13 +124,13 @@ fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
 
 /// The covariance of Brown's parameters that is worth the same in the picture while the denominator stays as it is: what
 /// moves in the denominator is carried over to them by least squares over the image.
-pub(super) fn of_brown(adjusted: &Adjusted, covariance: &Covariance) -> Option<SMatrix<f64, BROWN, BROWN>> {
+pub(super) fn brown_covariance(adjusted: &CameraAdjustment, covariance: &GlobalCovariance) -> Option<SMatrix<f64, BROWN, BROWN>> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let rays: Vec<Vector3<f64>> =
         (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.lens, k % CELLS, k / CELLS)).collect();
     let mut by = DMatrix::zeros(2 * rays.len(), INTERIOR);
     for (k, ray) in rays.iter().enumerate() {
-        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&jacobians(&adjusted.lens, ray)?.by_lens);
+        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&projection_jacobians(&adjusted.lens, ray)?.by_lens);
     }
     // Columns of one size, for the inverse's sake.
     let size: Vec<f64> = (0..INTERIOR).map(|k| by.column(k).norm().max(f64::MIN_POSITIVE)).collect();

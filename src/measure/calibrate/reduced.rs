@@ -8,19 +8,19 @@ use crate::raster::Raster;
 const LARGE: usize = 4_000_000;
 
 /// A copy by 2 x 2 means, or 4 x 4 and so on, and its pixel's side; `None` where the picture is small.
-pub(super) fn reduced(raster: &Raster) -> (Option<Raster>, f64) {
+pub(super) fn reduce_image(raster: &Raster) -> (Option<Raster>, f64) {
     let (mut small, mut scale) = (None, 1.0);
     loop {
         let now = small.as_ref().unwrap_or(raster);
         if now.width() * now.height() <= LARGE {
             return (small, scale);
         }
-        small = halved(now);
+        small = halve_image(now);
         scale *= 2.0;
     }
 }
 
-fn halved(raster: &Raster) -> Option<Raster> {
+fn halve_image(raster: &Raster) -> Option<Raster> {
     let (width, height) = (raster.width() / 2, raster.height() / 2);
     let mut luma = Vec::with_capacity(width * height);
     for y in 0..height {
@@ -35,7 +35,7 @@ fn halved(raster: &Raster) -> Option<Raster> {
 
 /// A part of the picture; `None` where it has no pixels.
 #[cfg(feature = "aprilgrid")]
-pub(super) fn part(raster: &Raster, left: usize, top: usize, width: usize, height: usize) -> Option<Raster> {
+pub(super) fn crop_image(raster: &Raster, left: usize, top: usize, width: usize, height: usize) -> Option<Raster> {
     let right = (left + width).min(raster.width());
     let rows = top..(top + height).min(raster.height());
     let luma: Vec<u8> =

@@ -17,7 +17,7 @@ pub(super) fn half_window_for(distance_px: f64) -> usize {
 
 /// The point to which every edge's gradient in the window is orthogonal (Förstner and Gülch 1987),
 /// iterated; `None` where it does not settle inside the window.
-pub(super) fn refine(raster: &Raster, start: &Vector2<f64>, half: usize) -> Option<Vector2<f64>> {
+pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) -> Option<Vector2<f64>> {
     let half = half as isize;
     let inside = |p: &Vector2<f64>| {
         p.x > half as f64 + 1.0
@@ -35,8 +35,8 @@ pub(super) fn refine(raster: &Raster, start: &Vector2<f64>, half: usize) -> Opti
             for dx in -half..=half {
                 let at = centre + Vector2::new(dx as f64, dy as f64);
                 let g = Vector2::new(
-                    sample(raster, at.x + 1.0, at.y) - sample(raster, at.x - 1.0, at.y),
-                    sample(raster, at.x, at.y + 1.0) - sample(raster, at.x, at.y - 1.0),
+                    sample_bilinear(raster, at.x + 1.0, at.y) - sample_bilinear(raster, at.x - 1.0, at.y),
+                    sample_bilinear(raster, at.x, at.y + 1.0) - sample_bilinear(raster, at.x, at.y - 1.0),
                 );
                 let weight = (-2.0 * ((dx * dx + dy * dy) as f64) / (half * half) as f64).exp();
                 let outer = g * g.transpose() * weight;
@@ -55,7 +55,7 @@ pub(super) fn refine(raster: &Raster, start: &Vector2<f64>, half: usize) -> Opti
 }
 
 /// Bilinear grey value.
-fn sample(raster: &Raster, x: f64, y: f64) -> f64 {
+fn sample_bilinear(raster: &Raster, x: f64, y: f64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let (fx, fy) = (x - x0, y - y0);
     let g = |dx: isize, dy: isize| f64::from(raster.clamped(x0 as isize + dx, y0 as isize + dy));

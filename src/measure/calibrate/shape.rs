@@ -11,22 +11,22 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::model::{DISTANCES_M, Form};
-use super::{SIGNIFICANT, View};
+use super::model::{DISTANCES_M, BoardForm};
+use super::{SIGNIFICANT, BoardView};
 use crate::estimation::arrow::ScalarPrior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bow {
+pub struct BoardBow {
     /// m; positive away from the camera for a checkerboard, towards it for an AprilGrid, whose rows run upwards.
     pub value_m: f64,
     /// Standard deviation, scaled by the residuals, m.
     pub sigma_m: f64,
 }
 
-impl Bow {
+impl BoardBow {
     /// Whether it differs from 0 at 95 %.
-    pub fn significant(&self) -> bool {
+    pub fn is_significant(&self) -> bool {
         self.value_m.abs() > SIGNIFICANT * self.sigma_m
     }
 }
@@ -37,7 +37,7 @@ const SIGMA_M_PER_M: f64 = 0.005;
 
 /// By how much the board is longer across its rows than along them, as a share, against its description.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stretch {
+pub struct BoardStretch {
     /// Its share.
     pub value: f64,
     /// Standard deviation, scaled by the residuals.
@@ -48,26 +48,26 @@ pub struct Stretch {
     pub stated: Option<f64>,
 }
 
-impl Stretch {
+impl BoardStretch {
     /// Of the points by which its worth is told, m: in the middle of those at which markers lie.
     pub(super) const DISTANCE_M: f64 = DISTANCES_M[1];
 
     /// Whether it differs from 0 at 95 %.
-    pub fn significant(&self) -> bool {
+    pub fn is_significant(&self) -> bool {
         self.value.abs() > SIGNIFICANT * self.sigma
     }
 }
 
 /// Where the board's points lie: middle and half the sides.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
+pub(super) struct BoardShape {
     middle_m: Vector2<f64>,
     half_m: Vector2<f64>,
 }
 
-impl Shape {
+impl BoardShape {
     /// Of all points seen.
-    pub(super) fn of(views: &[&View]) -> Self {
+    pub(super) fn from_views(views: &[&BoardView]) -> Self {
         let mut points = views.iter().flat_map(|v| v.iter()).map(|p| p.board_m);
         let first = points.next().unwrap_or_default();
         let (low, high) = points.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
@@ -95,14 +95,14 @@ impl Shape {
     }
 
     /// d point / d form, board frame.
-    pub(super) fn by_form(&self, board_m: &Vector2<f64>) -> Matrix3<f64> {
+    pub(super) fn form_jacobian(&self, board_m: &Vector2<f64>) -> Matrix3<f64> {
         let off = board_m - self.middle_m;
         let uv = off.component_div(&self.half_m);
         Matrix3::new(0.0, 0.0, -0.5 * off.x, 0.0, 0.0, 0.5 * off.y, 1.0 - uv.x * uv.x, 1.0 - uv.y * uv.y, 0.0)
     }
 
     /// The point in space, board frame, m: linear in the form.
-    pub(super) fn point(&self, board_m: &Vector2<f64>, form: &Form) -> Vector3<f64> {
-        Vector3::new(board_m.x, board_m.y, 0.0) + self.by_form(board_m) * form
+    pub(super) fn surface_point(&self, board_m: &Vector2<f64>, form: &BoardForm) -> Vector3<f64> {
+        Vector3::new(board_m.x, board_m.y, 0.0) + self.form_jacobian(board_m) * form
     }
 }

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
-use super::model::{Pose, Size};
-use super::{BoardPoint, View};
+use super::model::{BoardPose, ImageSize};
+use super::{BoardPoint, BoardView};
 use crate::geometry::Lens;
 
 /// Camera constants over the image's width of the lenses there are, from wide to long: each may be off by
@@ -12,12 +12,12 @@ pub(super) const USUAL: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
 
 /// A lens without distortion, its principal point in the middle, and the views' poses; its camera constant as
 /// given or as the views tell it.
-pub(super) fn start(views: &[&View], size: Size, f_px: Option<f64>) -> Option<(Lens, Vec<Pose>)> {
+pub(super) fn start_from_homographies(views: &[&BoardView], size: ImageSize, f_px: Option<f64>) -> Option<(Lens, Vec<BoardPose>)> {
     let centre = size.centre();
     let homographies: Vec<Matrix3<f64>> =
-        views.iter().map(|v| homography(v, &centre)).collect::<Option<Vec<_>>>()?;
-    let f = f_px.or_else(|| camera_constant(&homographies))?;
-    let poses = homographies.iter().map(|h| pose(h, f)).collect::<Option<Vec<_>>>()?;
+        views.iter().map(|v| fit_homography(v, &centre)).collect::<Option<Vec<_>>>()?;
+    let f = f_px.or_else(|| estimate_camera_constant(&homographies))?;
+    let poses = homographies.iter().map(|h| pose_from_homography(h, f)).collect::<Option<Vec<_>>>()?;
     Some((Lens::pinhole(size.width, size.height, f, centre.x, centre.y), poses))
 }
 
@@ -27,9 +27,9 @@ const DISTORTIONS: [f64; 9] = [-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2
 
 /// Root mean square distance of a view's points from the best image of a plane through a roughly known lens, px;
 /// infinite where there is none.
-pub(super) fn misfit_px(view: &View, size: Size) -> f64 {
+pub(super) fn min_plane_misfit_px(view: &BoardView, size: ImageSize) -> f64 {
     let centre = size.centre();
-    let flattened = |distortion: f64| -> View {
+    let flattened = |distortion: f64| -> BoardView {
         let place = |p: &BoardPoint| {
             let off = p.pixel - centre;
             let stretched = off / (1.0 + distortion * off.norm_squared() / centre.norm_squared());
@@ -40,8 +40,8 @@ pub(super) fn misfit_px(view: &View, size: Size) -> f64 {
     DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
 }
 
-fn plane_misfit_px(view: &View, centre: &Vector2<f64>) -> f64 {
-    let Some(h) = homography(view, centre) else { return f64::INFINITY };
+fn plane_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
+    let Some(h) = fit_homography(view, centre) else { return f64::INFINITY };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
         (q.xy() / q.z + centre - p.pixel).norm_squared()
@@ -50,7 +50,7 @@ fn plane_misfit_px(view: &View, centre: &Vector2<f64>) -> f64 {
 }
 
 /// Centred pixel from board plane, by the direct linear transform with normalised coordinates.
-fn homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
+fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
     let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
     let radius_m = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
@@ -92,9 +92,9 @@ fn homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>
 pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {
     let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     let point = |(p, (x, y)): (&Vector2<f64>, (f64, f64))| BoardPoint::new(Vector2::new(x, y), *p, 1.0);
-    let view: View = tag.iter().zip(unit).map(point).collect();
+    let view: BoardView = tag.iter().zip(unit).map(point).collect();
     let middle = tag.iter().sum::<Vector2<f64>>() / 4.0;
-    let back = homography(&view, &middle)?.try_inverse()?;
+    let back = fit_homography(&view, &middle)?.try_inverse()?;
     Some(move |p: &Vector2<f64>| {
         let q = back * Vector3::new(p.x - middle.x, p.y - middle.y, 1.0);
         q.xy() / q.z
@@ -103,7 +103,7 @@ pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2
 
 /// From h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1), least squares over all
 /// views; `None` where every board is parallel to the sensor.
-fn camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
+fn estimate_camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
     let (mut top, mut bottom) = (0.0, 0.0);
     for h in homographies {
         let h = h / h.norm();
@@ -121,7 +121,7 @@ fn camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
     (squared.is_finite() && squared > 0.0).then(|| squared.sqrt())
 }
 
-fn pose(h: &Matrix3<f64>, f: f64) -> Option<Pose> {
+fn pose_from_homography(h: &Matrix3<f64>, f: f64) -> Option<BoardPose> {
     let k = Matrix3::new(1.0 / f, 0.0, 0.0, 0.0, 1.0 / f, 0.0, 0.0, 0.0, 1.0);
     let m = k * h;
     let scale = 2.0 / (m.column(0).norm() + m.column(1).norm());
@@ -130,7 +130,7 @@ fn pose(h: &Matrix3<f64>, f: f64) -> Option<Pose> {
     let (a, b): (Vector3<f64>, Vector3<f64>) = (m.column(0).into(), m.column(1).into());
     let svd = Matrix3::from_columns(&[a, b, a.cross(&b)]).svd(true, true);
     let r = svd.u? * svd.v_t?;
-    (r.determinant() > 0.0).then(|| Pose {
+    (r.determinant() > 0.0).then(|| BoardPose {
         camera_from_board: Rotation3::from_matrix_unchecked(r),
         translation_m: m.column(2).into(),
     })

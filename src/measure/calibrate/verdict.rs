@@ -2,8 +2,8 @@
 
 use nalgebra::Vector2;
 
-use super::quality::Projection;
-use super::{Calibration, Dropped};
+use super::quality::ProjectionUncertainty;
+use super::{Calibration, ImageRejection};
 
 /// The judgement over a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,37 +51,37 @@ const TILT_DEG: f64 = 15.0;
 const PARALLEL_DEG: f64 = 10.0;
 
 /// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
-pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
-    let found = findings(calibration, board);
+pub fn judge_calibration(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
+    let found = collect_findings(calibration, board);
     let verdict = found.first().map_or(Verdict::Good, |f| f.0);
     (verdict, found.into_iter().map(|f| f.1).collect())
 }
 
 /// Of the reasons of [`judge`] so many refuse the calibration.
-pub fn refusals(calibration: &Calibration, board: Option<String>) -> usize {
-    findings(calibration, board).iter().filter(|f| f.0 == Verdict::Refused).count()
+pub fn count_refusals(calibration: &Calibration, board: Option<String>) -> usize {
+    collect_findings(calibration, board).iter().filter(|f| f.0 == Verdict::Refused).count()
 }
 
 /// The gravest first.
-fn findings(calibration: &Calibration, board: Option<String>) -> Vec<(Verdict, String)> {
+fn collect_findings(calibration: &Calibration, board: Option<String>) -> Vec<(Verdict, String)> {
     let mut found: Vec<(Verdict, String)> = [
         board.map(|reason| (Verdict::Refused, reason)),
-        misfit(calibration),
-        fold(calibration),
-        stretched(calibration),
-        halves(calibration),
-        left_out(calibration),
-        uncovered(calibration),
+        residual_finding(calibration),
+        fold_finding(calibration),
+        stretch_finding(calibration),
+        halves_finding(calibration),
+        rejection_finding(calibration),
+        coverage_finding(calibration),
     ]
     .into_iter()
     .flatten()
     .collect();
-    found.extend(uncertain(calibration));
+    found.extend(uncertainty_finding(calibration));
     found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
     found
 }
 
-fn fold(c: &Calibration) -> Option<(Verdict, String)> {
+fn fold_finding(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
@@ -89,7 +89,7 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     let middle = Vector2::new(lens.cx, lens.cy);
     let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
     let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
-    let why = if !c.is_shown_to_the_corner() {
+    let why = if !c.covers_corner() {
         "nothing told the lens's distortion out there: show the board in all corners of the image, or let --select drop \
          the terms that the pictures do not tell"
     } else {
@@ -103,22 +103,22 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     Some((Verdict::Refused, text))
 }
 
-fn misfit(c: &Calibration) -> Option<(Verdict, String)> {
+fn residual_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let verdict = match (c.rms_px, c.pattern.image_px.max(c.pattern.board_px)) {
         (r, _) if r > REFUSED_RMS_PX => Verdict::Refused,
         (r, _) if r > POOR_RMS_PX => Verdict::Poor,
         (_, pattern) if pattern > GOOD_PX => Verdict::Poor,
         _ => return None,
     };
-    Some((verdict, format!("the points are {:.2} px rms off: {}", c.rms_px, cause(c))))
+    Some((verdict, format!("the points are {:.2} px rms off: {}", c.rms_px, residual_cause(c))))
 }
 
 /// What the residuals follow: the place in the image, the place on the board, both (the stronger first), or neither.
-fn cause(c: &Calibration) -> String {
+fn residual_cause(c: &Calibration) -> String {
     let (image, board) = (c.pattern.image_px, c.pattern.board_px);
     let lens = format!(
         "the place in the image ({image:.2} px): {} does not fit this lens (a fisheye, or one that is too wide for it)",
-        model(c)
+        model_name(c)
     );
     let shape = format!(
         "the place on the board ({board:.2} px): it is not as described (count its rows and columns, measure a square \
@@ -136,17 +136,17 @@ fn cause(c: &Calibration) -> String {
     format!("they follow {}", told.join("; and "))
 }
 
-fn model(c: &Calibration) -> &'static str {
+fn model_name(c: &Calibration) -> &'static str {
     if c.lens.denominator == [0.0; 3] { "Brown's model" } else { "the rational model" }
 }
 
 /// Where two halves of the pictures differ by more than their standard deviations let expect, those are no
 /// standard deviations.
-fn halves(c: &Calibration) -> Option<(Verdict, String)> {
+fn halves_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let h = c.halves.filter(|h| h.difference_px > HALVES * h.predicted_px)?;
     let times = h.difference_px / h.predicted_px;
     let why = if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_SHARE * c.rms_px {
-        format!("the residuals ({:.2} px rms) are not random: {}", c.rms_px, cause(c))
+        format!("the residuals ({:.2} px rms) are not random: {}", c.rms_px, residual_cause(c))
     } else {
         "zoom, focus or the board's shape changed on the way; tape the rings, use a stiff board".to_owned()
     };
@@ -162,7 +162,7 @@ fn halves(c: &Calibration) -> Option<(Verdict, String)> {
 const STRETCHED: f64 = 3.0;
 
 /// A board that is longer one way than described pulls the camera constants apart.
-fn stretched(c: &Calibration) -> Option<(Verdict, String)> {
+fn stretch_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let s = c.stretch?;
     let percent = 100.0 * s.value;
     let text = match s.stated {
@@ -182,9 +182,9 @@ fn stretched(c: &Calibration) -> Option<(Verdict, String)> {
     Some((Verdict::Poor, text))
 }
 
-fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
-    let other = c.dropped.iter().flatten().filter(|d| !matches!(d, Dropped::TooFewPoints { .. })).count();
-    let seen = c.dropped.iter().filter(|d| !matches!(d, Some(Dropped::TooFewPoints { .. }))).count();
+fn rejection_finding(c: &Calibration) -> Option<(Verdict, String)> {
+    let other = c.dropped.iter().flatten().filter(|d| !matches!(d, ImageRejection::TooFewPoints { .. })).count();
+    let seen = c.dropped.iter().filter(|d| !matches!(d, Some(ImageRejection::TooFewPoints { .. }))).count();
     (3 * other >= seen && other > 0).then(|| {
         let text = format!(
             "{other} of {seen} pictures with a board do not fit the others: was zoom or focus moved? Tape both \
@@ -196,9 +196,9 @@ fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
 
 /// Where no board was, the distortion is the model's guess: its standard deviation holds only if the
 /// lens is exactly the model.
-fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
+fn coverage_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let empty: Vec<&str> =
-        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region(k % 3, k / 3)).collect();
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region_name(k % 3, k / 3)).collect();
     (!empty.is_empty()).then(|| {
         let text =
             format!("no board was shown in these parts of the image: {}; show it there", empty.join(", "));
@@ -207,8 +207,8 @@ fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
 }
 
 /// The uncertainty in the picture, and what would lessen it.
-fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
-    let grade = |p: &&Projection| p.sigma_px > GOOD_PX || p.worst_sigma_px > 2.0 * GOOD_PX;
+fn uncertainty_finding(c: &Calibration) -> Option<(Verdict, String)> {
+    let grade = |p: &&ProjectionUncertainty| p.sigma_px > GOOD_PX || p.worst_sigma_px > 2.0 * GOOD_PX;
     let worst =
         c.projections.iter().flatten().filter(grade).max_by(|a, b| a.sigma_px.total_cmp(&b.sigma_px))?;
     let verdict = if worst.sigma_px > REFUSED_PX { Verdict::Refused } else { Verdict::Poor };
@@ -226,7 +226,7 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
     } else {
         format!(
             "show the board some times more in the {} of the image, tilted",
-            region(worst.worst.0, worst.worst.1)
+            region_name(worst.worst.0, worst.worst.1)
         )
     };
     let text = format!(
@@ -234,12 +234,12 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
         worst.distance_m,
         worst.sigma_px,
         worst.worst_sigma_px,
-        region(worst.worst.0, worst.worst.1)
+        region_name(worst.worst.0, worst.worst.1)
     );
     Some((verdict, text))
 }
 
-fn region(column: usize, row: usize) -> &'static str {
+fn region_name(column: usize, row: usize) -> &'static str {
     [
         ["upper left", "upper middle", "upper right"],
         ["left", "middle", "right"],

@@ -47,21 +47,21 @@ mod search;
 mod segment;
 mod simd;
 
-use crate::detect::accept::{correlated, dirt, found::Found, lost_contrast, misfit};
+use crate::detect::accept::{correlated, dirt, found::FoundMarkers, lost_contrast, misfit};
 use crate::detect::detection::by_place;
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
 use crate::detect::revise::neighbours::inflate_unlike;
 use crate::detect::scope::Scope;
-use crate::detect::search::{Progress, SearchOptions, is_faint};
+use crate::detect::search::{SearchProgress, SearchOptions, is_faint};
 use crate::detect::segment::windows;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 
-pub use detection::covariance::{Covariance, Source};
-pub use detection::{Detection, Detections, Overshoot, Prediction, RejectReason, Rejected};
-pub use revise::orientation::{Expected, UNSURE_PX2, second_pass};
+pub use detection::covariance::{Covariance, CovarianceSource};
+pub use detection::{Detection, Detections, Overshoot, MarkerPrediction, RejectReason, Rejected};
+pub use revise::orientation::{ExpectedMarker, UNSURE_PX2, second_pass};
 
 /// Most rejected hypotheses that are reported, the largest.
 const MAX_REJECTED: usize = 200;
@@ -73,7 +73,7 @@ pub fn detect(image: &Raster) -> Detections {
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
-pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
+pub fn detect_guided(image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
     GuidedDetector::new(image).detect(image, predictions)
 }
 
@@ -87,26 +87,26 @@ pub struct GuidedDetector {
 impl GuidedDetector {
     /// At a frame in which nothing has been found.
     pub fn new(image: &Raster) -> Self {
-        Self { noise: noise::estimate(image), sharpening: Sharpening::Open }
+        Self { noise: noise::estimate(image), sharpening: Sharpening::Undetermined }
     }
 
     /// At one in which something has been found.
     pub fn again(found: &Detections) -> Self {
-        let sharpening = found.overshoot.map_or(Sharpening::None, Sharpening::Of);
+        let sharpening = found.overshoot.map_or(Sharpening::Absent, Sharpening::Sharpened);
         Self { noise: found.noise, sharpening }
     }
 
     /// The predicted markers, as [`detect_guided`] finds them.
-    pub fn detect(&self, image: &Raster, predictions: &[Prediction]) -> Detections {
+    pub fn detect(&self, image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
         let mut all = find(image, self.look(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
         detections(image, all)
     }
 
     /// Those that show without effort, to some tenths of a pixel.
-    pub fn detect_coarse(&mut self, image: &Raster, predictions: &[Prediction]) -> Vec<Detection> {
+    pub fn detect_coarse(&mut self, image: &Raster, predictions: &[MarkerPrediction]) -> Vec<Detection> {
         let look = SearchOptions { rough: true, ..self.look(Scope::Around(predictions)) };
-        let All { mut found, sharpening, .. } = find(image, look);
+        let SearchResult { mut found, sharpening, .. } = find(image, look);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
@@ -119,15 +119,15 @@ impl GuidedDetector {
 
 /// What is found, searched for at the usual levels and, where that is faint, at fainter ones: of what is predicted, what is
 /// missing.
-fn find(image: &Raster, look: SearchOptions) -> All {
+fn find(image: &Raster, look: SearchOptions) -> SearchResult {
     let smooth = |scope, from: f64| if look.noise > from { smoothed(image, scope) } else { None };
     let usual = smooth(look.scope, noise::FRAYING);
     let seen = usual.as_ref().unwrap_or(image);
-    let mut progress = Progress::new(image, seen, look);
+    let mut progress = SearchProgress::new(image, seen, look);
     progress.search(seen, false);
     let missing = look.scope.missing(&progress.found.measured);
     let is_done = look.rough || missing.as_ref().is_some_and(Vec::is_empty);
-    if !is_done && is_faint(&progress.found, windows::factor(image.width(), image.height())) {
+    if !is_done && is_faint(&progress.found, windows::block_size(image.width(), image.height())) {
         let scope = missing.as_deref().map_or(look.scope, Scope::Around);
         let faint = if usual.is_none() { smooth(scope, noise::FRAYING_FAINT) } else { None };
         let seen = faint.as_ref().unwrap_or(seen);
@@ -136,9 +136,9 @@ fn find(image: &Raster, look: SearchOptions) -> All {
         }
         progress.search(seen, true);
     }
-    let Progress { mut found, look: SearchOptions { noise, sharpening, .. }, .. } = progress;
+    let SearchProgress { mut found, look: SearchOptions { noise, sharpening, .. }, .. } = progress;
     inflate_unlike(&mut found);
-    All { found, noise, sharpening }
+    SearchResult { found, noise, sharpening }
 }
 
 /// A frame without most of its noise, of which only that is seen which is read.
@@ -147,21 +147,21 @@ fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
 }
 
 /// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
-struct All {
-    found: Found,
+struct SearchResult {
+    found: FoundMarkers,
     noise: f64,
     sharpening: Sharpening,
 }
 
-fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Detections {
-    let inflation = correlated::factor(&found.measured);
+fn detections(image: &Raster, SearchResult { mut found, noise, sharpening }: SearchResult) -> Detections {
+    let inflation = correlated::correlation_factor(&found.measured);
     let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
     for measured in &mut found.measured {
-        correlated::raise(measured, inflation);
-        dirt::inflate(image, measured, &ellipses);
-        misfit::inflate(image, measured, noise);
+        correlated::raise_for_correlation(measured, inflation);
+        dirt::inflate_for_dirt(image, measured, &ellipses);
+        misfit::inflate_for_misfit(image, measured, noise);
     }
-    let lost_contrast_px = lost_contrast::inflate(&mut found.measured);
+    let lost_contrast_px = lost_contrast::inflate_for_lost_contrast(&mut found.measured);
     // Markers are larger than dirt.
     found.rejected.sort_by(|a, b| b.semi_major_px.total_cmp(&a.semi_major_px));
     found.rejected.truncate(MAX_REJECTED);
@@ -182,19 +182,19 @@ fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Dete
 }
 
 /// What of a frame of `width` x `height` px [`detect_guided`] reads: what lies elsewhere need not be decoded.
-pub fn tiles_read(predictions: &[Prediction], width: usize, height: usize) -> Tiles {
+pub fn tiles_read(predictions: &[MarkerPrediction], width: usize, height: usize) -> Tiles {
     Scope::Around(predictions).tiles_read(width, height)
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.
-pub fn is_complete(found: &Detections, predictions: &[Prediction]) -> bool {
+pub fn is_complete(found: &Detections, predictions: &[MarkerPrediction]) -> bool {
     let there = scope::matched(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
     predictions.iter().any(|p| p.seen) && predictions.iter().zip(there).all(|(p, there)| there || !p.seen)
 }
 
 /// The predicted markers; where one that the earlier frame showed is not found, all that the whole frame shows. A marker
 /// that nobody expects is only seen by [`detect`].
-pub fn detect_guided_or_full(image: &Raster, predictions: &[Prediction]) -> Detections {
+pub fn detect_guided_or_full(image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
     let found = detect_guided(image, predictions);
     if is_complete(&found, predictions) { found } else { detect(image) }
 }

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector2;
 
-use crate::detect::accept::{found::Found, verdict::Measured};
-use crate::detect::appearance::parameters::Pattern;
-use crate::detect::detection::{Detection, Prediction};
+use crate::detect::accept::{found::FoundMarkers, verdict::MeasuredMarker};
+use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::detection::{Detection, MarkerPrediction};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, noise};
-use crate::detect::segment::windows::{self, Part, Window};
+use crate::detect::segment::windows::{self, SearchArea, SearchWindow};
 use crate::setup::Shape;
 use crate::tiles::Tiles;
 
@@ -29,7 +29,7 @@ const SKIRT: f64 = 12.0;
 /// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
 const MARGIN: usize = 40;
 
-impl Prediction {
+impl MarkerPrediction {
     /// How far the centre may be off along u and v, px.
     fn reach(&self) -> Vector2<f64> {
         self.search_px.map(|far| far.clamp(0.0, MAX_DISTANCE_PX))
@@ -58,7 +58,7 @@ impl Prediction {
     /// Whether a hypothesis may be the marker, or what is seen of it.
     fn is_near(&self, hypothesis: &Hypothesis) -> bool {
         let seen = &hypothesis.ellipse;
-        let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+        let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
         let near = |ellipse: Ellipse| {
             let (s, t) = ellipse.local(self.drawn_in(seen.centre));
             let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
@@ -76,11 +76,11 @@ pub enum Scope<'a> {
     /// All of it.
     Frame,
     /// What lies about predicted markers: the same search, but only there.
-    Around(&'a [Prediction]),
+    Around(&'a [MarkerPrediction]),
 }
 
 impl Scope<'_> {
-    fn predictions(&self) -> Option<&[Prediction]> {
+    fn predictions(&self) -> Option<&[MarkerPrediction]> {
         match self {
             Self::Frame => None,
             Self::Around(predictions) => Some(predictions),
@@ -88,33 +88,33 @@ impl Scope<'_> {
     }
 
     /// Where markers may lie; `None` where that is anywhere.
-    fn windows(&self) -> Option<Vec<Window>> {
-        let window = |p: &Prediction| {
+    fn windows(&self) -> Option<Vec<SearchWindow>> {
+        let window = |p: &MarkerPrediction| {
             let ellipse = p.ellipse()?;
             let extent = ellipse.extent() * LARGER;
             let half = (extent + p.reach()).add_scalar(SKIRT);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
-            Some(Window { low: low.into(), high: high.into(), thick: 2.0 * extent.min() })
+            Some(SearchWindow { low: low.into(), high: high.into(), thick: 2.0 * extent.min() })
         };
         Some(self.predictions()?.iter().filter_map(window).collect())
     }
 
     /// The part of a frame of `width` x `height` px in which markers may lie.
-    pub fn part(&self, width: usize, height: usize) -> Part {
-        self.windows().map_or_else(|| Part::all(width, height), |w| Part::about(&w, width, height))
+    pub fn part(&self, width: usize, height: usize) -> SearchArea {
+        self.windows().map_or_else(|| SearchArea::full_frame(width, height), |w| SearchArea::from_windows(&w, width, height))
     }
 
     /// How long a thing may look that is sought, px.
     pub fn longest_px(&self) -> f64 {
         let Some(predictions) = self.predictions() else { return f64::INFINITY };
-        let long = |p: &Prediction| 2.0 * (WIDER * p.semi_major_px + ALIKE_PX);
+        let long = |p: &MarkerPrediction| 2.0 * (WIDER * p.semi_major_px + ALIKE_PX);
         predictions.iter().map(long).fold(0.0, f64::max)
     }
 
     /// What of a frame of `width` x `height` px is looked at: what lies about the markers.
     pub fn tiles(&self, width: usize, height: usize) -> Tiles {
         let all = || Tiles::all(width, height);
-        self.windows().map_or_else(all, |sought| windows::tiles(&sought, width, height, MARGIN))
+        self.windows().map_or_else(all, |sought| windows::required_tiles(&sought, width, height, MARGIN))
     }
 
     /// What is read, beside that the rows that tell the noise.
@@ -131,10 +131,10 @@ impl Scope<'_> {
 
     /// Whether a hypothesis is none of the markers that are sought, for each that it is near has been found beside it as a
     /// whole.
-    pub fn is_beside(&self, hypothesis: &Hypothesis, found: &[Measured]) -> bool {
+    pub fn is_beside(&self, hypothesis: &Hypothesis, found: &[MeasuredMarker]) -> bool {
         let Some(predictions) = self.predictions() else { return false };
         let seen = &hypothesis.ellipse;
-        let beside = |m: &&Measured| {
+        let beside = |m: &&MeasuredMarker| {
             let own = m.detection.ellipse();
             m.is_sure() && m.is_whole && !own.contains(seen.centre) && !seen.contains(own.centre)
         };
@@ -144,13 +144,13 @@ impl Scope<'_> {
     }
 
     /// What is sought and has not been found; `None` where that may be anything.
-    pub fn missing(&self, found: &[Measured]) -> Option<Vec<Prediction>> {
+    pub fn missing(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
         Some(missing(found, self.predictions()?).cloned().collect())
     }
 
     /// The quadrants that are still sought; `None` where that may be any.
-    pub fn missing_quadrants(&self, found: &[Measured]) -> Option<Vec<Prediction>> {
-        let quadrants = |p: &&Prediction| p.shape == Shape::Quadrant;
+    pub fn missing_quadrants(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
+        let quadrants = |p: &&MarkerPrediction| p.shape == Shape::Quadrant;
         Some(missing(found, self.predictions()?).filter(quadrants).cloned().collect())
     }
 }
@@ -162,16 +162,16 @@ fn inside(p: f64, q: f64) -> bool {
 
 /// The predicted markers that have not been found yet.
 fn missing<'a>(
-    found: &[Measured],
-    predictions: &'a [Prediction],
-) -> impl Iterator<Item = &'a Prediction> + use<'a> {
+    found: &[MeasuredMarker],
+    predictions: &'a [MarkerPrediction],
+) -> impl Iterator<Item = &'a MarkerPrediction> + use<'a> {
     let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
     let there = matched(&found, predictions).1;
     predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p)
 }
 
 /// Whether what is seen may be a part of one of the predicted markers.
-pub fn may_show_part_of(seen: &Ellipse, predictions: &[Prediction]) -> bool {
+pub fn may_show_part_of(seen: &Ellipse, predictions: &[MarkerPrediction]) -> bool {
     predictions.iter().filter_map(|p| Some((p.ellipse()?, p.drawn_in(seen.centre)))).any(|(ellipse, at)| {
         let (s, t) = ellipse.local(at);
         inside(s / (WIDER * ellipse.major), t / (WIDER * ellipse.minor))
@@ -180,7 +180,7 @@ pub fn may_show_part_of(seen: &Ellipse, predictions: &[Prediction]) -> bool {
 
 /// For each detection whether it is a predicted marker, and for each prediction whether one is it: the nearest pairs that
 /// are alike, none twice.
-pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
+pub fn matched(found: &[&Detection], predictions: &[MarkerPrediction]) -> (Vec<bool>, Vec<bool>) {
     let mut pairs = Vec::new();
     for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.ellipse().is_some()) {
         let alike = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
@@ -197,7 +197,7 @@ pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, 
 }
 
 /// Leaves the predicted markers.
-pub fn keep_predicted(found: &mut Found, predictions: &[Prediction]) {
+pub fn keep_predicted(found: &mut FoundMarkers, predictions: &[MarkerPrediction]) {
     let detections: Vec<&Detection> = found.measured.iter().map(|m| &m.detection).collect();
     let mut kept = matched(&detections, predictions).0.into_iter();
     found.measured.retain(|_| kept.next().unwrap_or(false));
@@ -209,8 +209,8 @@ mod tests {
     use super::*;
     use nalgebra::Matrix2;
 
-    fn prediction(x: f64) -> Prediction {
-        Prediction {
+    fn prediction(x: f64) -> MarkerPrediction {
+        MarkerPrediction {
             shape: Shape::Circle,
             centre_px: Vector2::new(x, 50.0),
             semi_major_px: 20.0,
@@ -250,24 +250,24 @@ mod tests {
     fn what_lies_beside_markers_that_are_found_is_not_measured() {
         let sure =
             |x: f64| Detection { covariance_px2: (Matrix2::identity() * 1e-3).into(), ..detection(x, 20.0) };
-        let found = |x: f64| Measured::whole(sure(x));
+        let found = |x: f64| MeasuredMarker::whole(sure(x));
         let seen = |x: f64| {
             let ellipse = Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
-            Hypothesis::of(Pattern::Disc, ellipse, Vec::new())
+            Hypothesis::of(MarkerPattern::Disc, ellipse, Vec::new())
         };
         let two = [prediction(100.0), prediction(150.0)];
-        let is_beside = |at: f64, found: &[Measured]| Scope::Around(&two).is_beside(&seen(at), found);
+        let is_beside = |at: f64, found: &[MeasuredMarker]| Scope::Around(&two).is_beside(&seen(at), found);
         assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
         // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
         assert!(!is_beside(125.0, &[found(100.0)]));
         assert!(!is_beside(105.0, &[found(100.0), found(150.0)]));
-        let vague = Measured::whole(detection(150.0, 20.0));
+        let vague = MeasuredMarker::whole(detection(150.0, 20.0));
         assert!(!is_beside(125.0, &[found(100.0), vague]));
     }
 
     #[test]
     fn only_what_is_missing_is_sought_further() {
-        let quadrants = Prediction { shape: Shape::Quadrant, ..prediction(1000.0) };
+        let quadrants = MarkerPrediction { shape: Shape::Quadrant, ..prediction(1000.0) };
         let sought = [prediction(100.0), quadrants.clone()];
         let missing = Scope::Around(&sought).missing_quadrants(&[]).expect("predictions");
         assert_eq!(missing, [quadrants]);
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn what_is_read_lies_about_the_predictions() {
-        let tiles = |sought: &[Prediction]| Scope::Around(sought).tiles_read(4000, 3000);
+        let tiles = |sought: &[MarkerPrediction]| Scope::Around(sought).tiles_read(4000, 3000);
         let about = tiles(&[prediction(1000.0)]);
         let read = (0..375).map(|row| about.row(row).iter().filter(|m| **m).count()).sum::<usize>();
         let none = tiles(&[]);
@@ -286,8 +286,8 @@ mod tests {
         assert!(about.row(6)[115..135].iter().all(|m| *m) && !about.row(6)[250]);
         assert!(read < rows * 500 + 375 * 500 / 20, "{read} tiles are read");
         // What lies outside, or is no number, asks for nothing.
-        let absent = Prediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
-        let outside = Prediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
+        let absent = MarkerPrediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
+        let outside = MarkerPrediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
         assert!(tiles(&[absent, outside]) == none && rows == noise::sampled(3000).count());
     }
 }

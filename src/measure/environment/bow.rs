@@ -14,12 +14,12 @@
 
 use nalgebra::Vector3;
 
-use super::refraction::refract;
+use super::refraction::refract_ray;
 use crate::setup::Pane;
 
 /// The ray outside of one that leaves the projection centre: a point on it and its direction; `None` where it
 /// misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive where the pane bulges outwards.
-pub(super) fn trace(
+pub(super) fn trace_bowed_pane(
     pane: &Pane,
     normal: &Vector3<f64>,
     radius_m: f64,
@@ -27,15 +27,15 @@ pub(super) fn trace(
 ) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let inner = (normal * pane.distance_m, 1.0 / radius_m);
     let outer = (normal * (pane.distance_m + pane.thickness_m), 1.0 / (radius_m + pane.thickness_m));
-    let (enters, facing) = meet(&Vector3::zeros(), ray, normal, inner)?;
-    let inside = refract(ray, &facing, 1.0 / pane.index)?;
-    let (leaves, facing) = meet(&enters, &inside, normal, outer)?;
-    let outside = refract(&inside, &facing, pane.index)?;
+    let (enters, facing) = intersect_face(&Vector3::zeros(), ray, normal, inner)?;
+    let inside = refract_ray(ray, &facing, 1.0 / pane.index)?;
+    let (leaves, facing) = intersect_face(&enters, &inside, normal, outer)?;
+    let outside = refract_ray(&inside, &facing, pane.index)?;
     Some((leaves - outside * leaves.dot(&outside), outside))
 }
 
 /// Where a ray meets a face (apex, curvature), and the face's normal there.
-fn meet(
+fn intersect_face(
     from: &Vector3<f64>,
     ray: &Vector3<f64>,
     normal: &Vector3<f64>,

@@ -6,7 +6,7 @@ use crate::setup::{Setup, Window};
 
 /// `None`: the installation's constant holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Conditions {
+pub struct FlightConditions {
     /// Pressure in the cabin, hPa.
     pub cabin_pressure_hpa: Option<Estimate>,
     /// Pressure outside, hPa.
@@ -17,7 +17,7 @@ pub struct Conditions {
     pub wing_temperature_c: Option<Estimate>,
 }
 
-impl Conditions {
+impl FlightConditions {
     /// Puts what is known in the constants' place.
     pub fn apply(&self, setup: &mut Setup) {
         if let Some(window) = &mut setup.window {
@@ -42,7 +42,7 @@ impl Conditions {
 
     /// Standard deviation of the refraction as a share of it, from those of the measured air. A shift is in
     /// proportion to how far the indices' ratio is from 1.
-    pub fn refraction_sigma_share(&self, window: &Window) -> f64 {
+    pub fn relative_refraction_sigma(&self, window: &Window) -> f64 {
         let excess = |window: &Window| {
             refractive_index(&window.cabin, window.wavelength_nm)
                 / refractive_index(&window.outside, window.wavelength_nm)
@@ -79,13 +79,13 @@ mod tests {
             pane: None,
         };
         let known = |value, sigma| Some(Estimate { value, sigma: Some(sigma) });
-        let measured = Conditions { cabin_pressure_hpa: known(800.0, 8.0), ..Conditions::default() };
+        let measured = FlightConditions { cabin_pressure_hpa: known(800.0, 8.0), ..FlightConditions::default() };
         let mut set = window.clone();
         measured.apply_to_window(&mut set);
         assert_eq!((set.cabin.pressure_hpa, set.outside), (800.0, window.outside));
         // n - 1 goes with the pressure: 1 % of the cabin's 211e-6 over the difference to the outside's 79e-6.
-        let share = measured.refraction_sigma_share(&window);
+        let share = measured.relative_refraction_sigma(&window);
         assert!((share - 0.01 * 2.1 / (2.1 - 0.79)).abs() < 1e-3, "{share}");
-        assert_eq!(Conditions::default().refraction_sigma_share(&window), 0.0);
+        assert_eq!(FlightConditions::default().relative_refraction_sigma(&window), 0.0);
     }
 }

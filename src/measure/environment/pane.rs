@@ -35,7 +35,7 @@ pub struct Plate {
 impl Plate {
     /// What a frame is seen through, its normal turned from the survey frame by `turn`; `None` where no
     /// pane is described, or on ground without it.
-    pub fn seen(window: Option<&Window>, turn: &Rotation3<f64>, in_flight: bool) -> Option<Self> {
+    pub fn from_window(window: Option<&Window>, turn: &Rotation3<f64>, in_flight: bool) -> Option<Self> {
         let window = window?;
         let mut pane = window.pane.filter(|pane| in_flight || pane.same_on_ground)?;
         // No pressure bows it on ground.
@@ -44,12 +44,12 @@ impl Plate {
     }
 
     /// The same plate with its normal turned into another frame.
-    pub fn turned(&self, turn: &Matrix3<f64>) -> Self {
+    pub fn rotated(&self, turn: &Matrix3<f64>) -> Self {
         Self { normal: turn * self.normal, ..*self }
     }
 
     /// The same plate with its bow's curvature changed by a share of it, or, where none is stated, of the usual one.
-    pub fn bowed(&self, change: f64) -> Self {
+    pub fn with_bow_change(&self, change: f64) -> Self {
         let radius = match self.pane.bow_radius_m {
             Some(radius) => Some(radius / (1.0 + change)),
             None => (change != 0.0).then(|| USUAL_BOW_RADIUS_M / change),
@@ -59,25 +59,25 @@ impl Plate {
 
     /// The ray outside that the camera sees under the unit vector `ray`: a point on it from the projection
     /// centre, m, and its direction. A ray that does not leave through the pane stays as it is.
-    pub fn outside(&self, ray: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn outside_ray(&self, ray: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let cosine = ray.dot(&self.normal);
         if cosine <= 0.0 {
             return (Vector3::zeros(), *ray);
         }
         let curved =
-            self.pane.bow_radius_m.and_then(|radius| bow::trace(&self.pane, &self.normal, radius, ray));
+            self.pane.bow_radius_m.and_then(|radius| bow::trace_bowed_pane(&self.pane, &self.normal, radius, ray));
         curved.unwrap_or((self.normal * shift_m(self.pane.thickness_m, self.pane.index, cosine), *ray))
     }
 
     /// Where a point seems to be: in the direction under which the camera sees it, from the projection
     /// centre, m. Where its derivative by the point is taken as 1 (orientation, identification, profile), k
     /// over the distance is neglected, 6e-4 at 8 m: it slows the iteration by as much.
-    pub fn apparent(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+    pub fn apparent_point(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         let mut seen = *point_m;
         for _ in 0..STEPS {
             let distance = seen.norm();
             let ray = seen / distance;
-            let (from, direction) = self.outside(&ray);
+            let (from, direction) = self.outside_ray(&ray);
             let along = (point_m - from).dot(&direction);
             seen = ray * along + (point_m - from - direction * along);
         }
@@ -88,8 +88,8 @@ impl Plate {
     /// derivative is k over the distance squared).
     pub fn apparent_with_jacobian(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
         const STEP_M: f64 = 1e-3;
-        let seen = self.apparent(point_m);
-        let column = |axis: Vector3<f64>| (self.apparent(&(point_m + axis * STEP_M)) - seen) / STEP_M;
+        let seen = self.apparent_point(point_m);
+        let column = |axis: Vector3<f64>| (self.apparent_point(&(point_m + axis * STEP_M)) - seen) / STEP_M;
         (seen, Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(column)))
     }
 

@@ -95,7 +95,7 @@ pub fn refraction_shift_px(window: &Window, incidence_rad: f64, focal_px: f64) -
 /// Direction outside of a ray that the camera sees, by Snell's law; `outward_normal` of the
 /// window and `ray` of unit length in one frame. `None` beyond total reflection or where the ray
 /// does not leave through the window.
-pub fn refract(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_ratio: f64) -> Option<Vector3<f64>> {
+pub fn refract_ray(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_ratio: f64) -> Option<Vector3<f64>> {
     let cosine = ray.dot(outward_normal);
     let squared = 1.0 - index_ratio * index_ratio * (1.0 - cosine * cosine);
     (cosine > 0.0 && squared >= 0.0)
@@ -160,7 +160,7 @@ fn unrefracted_pixel(
     pixel: &Vector2<f64>,
 ) -> Result<Vector2<f64>, LensError> {
     let ray = setup.lens.ray(pixel)?;
-    let outside = refract(&ray, normal_camera, ratio).and_then(|r| setup.lens.project(&r));
+    let outside = refract_ray(&ray, normal_camera, ratio).and_then(|r| setup.lens.project(&r));
     Ok(outside.unwrap_or(*pixel))
 }
 
@@ -247,7 +247,7 @@ mod tests {
             let ray = Vector3::new(x, y, 1.5).normalize();
             let normal = Vector3::new(tilt.sin(), 0.0, tilt.cos());
             let window = cruise(air(22.0, 780.0, 0.1));
-            let outside = refract(&ray, &normal, index_ratio(&window)).unwrap();
+            let outside = refract_ray(&ray, &normal, index_ratio(&window)).unwrap();
             prop_assert!((outside.norm() - 1.0).abs() < 1e-12);
             prop_assert!(outside.dot(&ray.cross(&normal)).abs() < 1e-12);
             let incidence = ray.dot(&normal).acos();

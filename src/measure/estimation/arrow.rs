@@ -11,12 +11,12 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 type Square<const N: usize> = SMatrix<f64, N, N>;
 
 /// Steps at most, so that an adjustment that creeps ends too.
-const ITERATIONS: usize = 500;
+const MAX_ITERATIONS: usize = 500;
 /// Fall of the sum of squares that a full step still promises, below which it is at the end: a step of a
 /// thousandth of a standard deviation.
 const CONVERGED: f64 = 1e-6;
 /// The same where rounding or a long flat valley ends the steps before: a tenth of a standard deviation.
-const NEARLY: f64 = 1e-2;
+const NEARLY_CONVERGED: f64 = 1e-2;
 /// What rounding may take from a sum of squares: where nothing else is left of it, shared parameters and groups' own are
 /// one.
 const ROUNDING: f64 = 1e-12;
@@ -45,7 +45,7 @@ pub trait Model<const G: usize, const L: usize> {
     type Own: Clone;
 
     /// Adds all points, group after group; `None` where one has no image.
-    fn observe(
+    fn add_observations(
         &self,
         global: &SVector<f64, G>,
         own: &[Self::Own],
@@ -53,7 +53,7 @@ pub trait Model<const G: usize, const L: usize> {
     ) -> Option<()>;
 
     /// A group's own after a step.
-    fn moved(own: &Self::Own, step: &SVector<f64, L>) -> Self::Own;
+    fn apply_step(own: &Self::Own, step: &SVector<f64, L>) -> Self::Own;
 }
 
 /// One point's derivatives, weight and observed less computed.
@@ -107,7 +107,7 @@ impl<const G: usize, Own> Solution<G, Own> {
 
 /// Minimises the sum of squares from a start; `None` where no step leads further down, a point has no image, or something
 /// stays undetermined. `held`: parameters that keep their start, whose priors do not count.
-pub fn solve<const G: usize, const L: usize, M: Model<G, L>>(
+pub fn solve_arrow<const G: usize, const L: usize, M: Model<G, L>>(
     model: &M,
     priors: &[ScalarPrior],
     held: &[bool; G],
@@ -116,12 +116,12 @@ pub fn solve<const G: usize, const L: usize, M: Model<G, L>>(
 ) -> Option<Solution<G, M::Own>> {
     let priors: Vec<_> = priors.iter().filter(|p| !held[p.index]).copied().collect();
     let (mut global, mut own) = (global, own.to_vec());
-    let mut equations = Equations::at(model, &priors, &global, &own)?;
+    let mut equations = Equations::assemble(model, &priors, &global, &own)?;
     let mut damping = FIRST_DAMPING;
-    for _ in 0..ITERATIONS {
+    for _ in 0..MAX_ITERATIONS {
         let tried = equations.step(damping, held).and_then(|(step, own_steps)| {
-            let next: Vec<_> = own.iter().zip(&own_steps).map(|(o, s)| M::moved(o, s)).collect();
-            let at = Equations::at(model, &priors, &(global + step), &next)
+            let next: Vec<_> = own.iter().zip(&own_steps).map(|(o, s)| M::apply_step(o, s)).collect();
+            let at = Equations::assemble(model, &priors, &(global + step), &next)
                 .filter(|n| n.omega <= equations.omega * (1.0 + ROUNDING))?;
             Some((global + step, next, at))
         });
@@ -133,16 +133,16 @@ pub fn solve<const G: usize, const L: usize, M: Model<G, L>>(
             None if damping < MAX_DAMPING => damping *= 10.0,
             None => break,
         }
-        if equations.promise(held).is_some_and(|p| p < CONVERGED) {
-            return equations.outcome(global, own, held, priors.len());
+        if equations.predicted_decrease(held).is_some_and(|p| p < CONVERGED) {
+            return equations.build_solution(global, own, held, priors.len());
         }
     }
-    let near = equations.promise(held).is_some_and(|p| p < NEARLY);
-    near.then(|| equations.outcome(global, own, held, priors.len())).flatten()
+    let near = equations.predicted_decrease(held).is_some_and(|p| p < NEARLY_CONVERGED);
+    near.then(|| equations.build_solution(global, own, held, priors.len())).flatten()
 }
 
 impl<const G: usize, const L: usize> Equations<G, L> {
-    fn at<M: Model<G, L>>(
+    fn assemble<M: Model<G, L>>(
         model: &M,
         priors: &[ScalarPrior],
         global: &SVector<f64, G>,
@@ -150,7 +150,7 @@ impl<const G: usize, const L: usize> Equations<G, L> {
     ) -> Option<Self> {
         let mut all =
             Self { global: Square::zeros(), right: SVector::zeros(), groups: vec![], omega: 0.0, points: 0 };
-        model.observe(global, own, &mut all)?;
+        model.add_observations(global, own, &mut all)?;
         for prior in priors {
             let weight = prior.sigma.powi(-2);
             let off = prior.mean - global[prior.index];
@@ -181,12 +181,12 @@ impl<const G: usize, const L: usize> Equations<G, L> {
     }
 
     /// Normal equations of the shared parameters alone.
-    fn reduced(&self, damping: f64) -> Option<(Square<G>, SVector<f64, G>)> {
+    fn reduced_equations(&self, damping: f64) -> Option<(Square<G>, SVector<f64, G>)> {
         let mut matrix = self.global;
         (0..G).for_each(|k| matrix[(k, k)] *= 1.0 + damping + ROUNDING);
         let mut right = self.right;
         for group in &self.groups {
-            let solved = group.damped(damping).cholesky()?;
+            let solved = group.damped_matrix(damping).cholesky()?;
             matrix -= group.cross * solved.solve(&group.cross.transpose());
             right -= group.cross * solved.solve(&group.right);
         }
@@ -194,29 +194,29 @@ impl<const G: usize, const L: usize> Equations<G, L> {
     }
 
     fn step(&self, damping: f64, held: &[bool; G]) -> Option<(SVector<f64, G>, Vec<SVector<f64, L>>)> {
-        let (matrix, right) = self.reduced(damping)?;
-        let step = inverse(&masked(matrix, held))? * masked_vector(right, held);
+        let (matrix, right) = self.reduced_equations(damping)?;
+        let step = scaled_inverse(&mask_matrix(matrix, held))? * mask_vector(right, held);
         let back = |group: &GroupEquations<G, L>| {
-            Some(group.damped(damping).cholesky()?.solve(&(group.right - group.cross.transpose() * step)))
+            Some(group.damped_matrix(damping).cholesky()?.solve(&(group.right - group.cross.transpose() * step)))
         };
         Some((step, self.groups.iter().map(back).collect::<Option<_>>()?))
     }
 
     /// By how much an undamped step would lessen the sum of squares.
-    fn promise(&self, held: &[bool; G]) -> Option<f64> {
+    fn predicted_decrease(&self, held: &[bool; G]) -> Option<f64> {
         let (step, own_steps) = self.step(0.0, held)?;
         let own: f64 = self.groups.iter().zip(&own_steps).map(|(group, step)| group.right.dot(step)).sum();
-        Some(masked_vector(self.right, held).dot(&step) + own)
+        Some(mask_vector(self.right, held).dot(&step) + own)
     }
 
-    fn outcome<Own>(
+    fn build_solution<Own>(
         &self,
         global: SVector<f64, G>,
         own: Vec<Own>,
         held: &[bool; G],
         priors: usize,
     ) -> Option<Solution<G, Own>> {
-        let covariance = inverse(&masked(self.reduced(0.0)?.0, held))?;
+        let covariance = scaled_inverse(&mask_matrix(self.reduced_equations(0.0)?.0, held))?;
         let free = |k: usize| if held[k] { 0.0 } else { 1.0 };
         let covariance = Square::from_fn(|i, j| covariance[(i, j)] * free(i) * free(j));
         let unknowns = held.iter().filter(|h| !**h).count() + L * self.groups.len();
@@ -226,14 +226,14 @@ impl<const G: usize, const L: usize> Equations<G, L> {
 }
 
 impl<const G: usize, const L: usize> GroupEquations<G, L> {
-    fn damped(&self, damping: f64) -> Square<L> {
+    fn damped_matrix(&self, damping: f64) -> Square<L> {
         let mut own = self.own;
         (0..L).for_each(|k| own[(k, k)] *= 1.0 + damping);
         own
     }
 }
 
-fn masked<const G: usize>(mut matrix: Square<G>, held: &[bool; G]) -> Square<G> {
+fn mask_matrix<const G: usize>(mut matrix: Square<G>, held: &[bool; G]) -> Square<G> {
     for k in (0..G).filter(|k| held[*k]) {
         matrix.row_mut(k).fill(0.0);
         matrix.column_mut(k).fill(0.0);
@@ -242,13 +242,13 @@ fn masked<const G: usize>(mut matrix: Square<G>, held: &[bool; G]) -> Square<G> 
     matrix
 }
 
-fn masked_vector<const G: usize>(mut right: SVector<f64, G>, held: &[bool; G]) -> SVector<f64, G> {
+fn mask_vector<const G: usize>(mut right: SVector<f64, G>, held: &[bool; G]) -> SVector<f64, G> {
     (0..G).filter(|k| held[*k]).for_each(|k| right[k] = 0.0);
     right
 }
 
 /// Of a symmetric matrix whose parameters have very different units.
-fn inverse<const G: usize>(matrix: &Square<G>) -> Option<Square<G>> {
+fn scaled_inverse<const G: usize>(matrix: &Square<G>) -> Option<Square<G>> {
     let scale = matrix.diagonal().map(|d| d.sqrt().recip());
     let scales = scale * scale.transpose();
     let scaled = matrix.component_mul(&scales).cholesky()?;

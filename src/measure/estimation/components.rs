@@ -29,12 +29,12 @@ pub struct VarianceComponent {
     pub redundancy: f64,
 }
 
-const ITERATIONS: usize = 40;
+const MAX_ITERATIONS: usize = 40;
 /// Iterations after which a component that is vague where it stands is given up.
-const PATIENCE: usize = 15;
+const MIN_ITERATIONS: usize = 15;
 /// Gain in likelihood below which the iteration ends: a thousandth of a standard deviation, of which
 /// Fisher's step leaves a small part.
-const SETTLED: f64 = 1e-6;
+const MIN_GAIN: f64 = 1e-6;
 /// Information added to each component's own, so that one without any stays where it is.
 const RIDGE: f64 = 0.1;
 /// Longest step, in the logarithm.
@@ -43,7 +43,7 @@ const MAX_STEP: f64 = 1.0;
 const MIN_COMPONENT: f64 = 1e-3;
 /// Relative standard deviation of a component that is not worth stating: that of two redundant
 /// observations. How well a component is known that has to be taken as stated: the same.
-const VAGUE: f64 = 1.0;
+const MAX_RELATIVE_SIGMA: f64 = 1.0;
 
 /// Which observations of which blocks form a group of variance. Groups must not be correlated.
 pub struct VarianceGroup<'a> {
@@ -75,23 +75,23 @@ pub fn variance_components(
     let mut logs = vec![0.0; groups.len()];
     let mut remarks = vec![];
     let (mut share, mut before) = (1.0_f64, vec![0.0; groups.len()]);
-    for iteration in 0..ITERATIONS {
-        *problem = scaled(&stated, groups, &logs);
+    for iteration in 0..MAX_ITERATIONS {
+        *problem = scale_covariances(&stated, groups, &logs);
         let Ok(fit) = solve_groups(problem, &linearise) else { break };
         let shares = Shares::new(problem, &fit, groups);
-        let (steps, gain) = shares.steps(&free);
-        let settled = gain < SETTLED;
-        if settled || iteration >= PATIENCE {
-            let sigmas = shares.sigmas(&free);
-            let vague = |i: &usize| free[*i] && sigmas[*i] > VAGUE;
+        let (steps, gain) = shares.scoring_steps(&free);
+        let settled = gain < MIN_GAIN;
+        if settled || iteration >= MIN_ITERATIONS {
+            let sigmas = shares.log_sigmas(&free);
+            let vague = |i: &usize| free[*i] && sigmas[*i] > MAX_RELATIVE_SIGMA;
             let worst = (0..groups.len()).filter(vague).max_by(|&a, &b| sigmas[a].total_cmp(&sigmas[b]));
             if let Some(worst) = worst {
-                remarks.push(sentence(groups[worst].name, shares.redundancy[worst]));
+                remarks.push(unestimated_remark(groups[worst].name, shares.redundancy[worst]));
                 (free[worst], logs[worst]) = (false, 0.0);
                 continue;
             }
             if settled {
-                return Ok(Components { components: shares.components(groups, &free, &logs), fit, remarks });
+                return Ok(Components { components: shares.build_components(groups, &free, &logs), fit, remarks });
             }
         }
         // Expected information may be less than there is: steps that turn back were too long.
@@ -101,7 +101,7 @@ pub fn variance_components(
         for i in 0..groups.len() {
             logs[i] += share * steps[i].clamp(-MAX_STEP, MAX_STEP);
             if logs[i] < MIN_COMPONENT.ln() {
-                remarks.push(sentence(groups[i].name, shares.redundancy[i]));
+                remarks.push(unestimated_remark(groups[i].name, shares.redundancy[i]));
                 (free[i], logs[i]) = (false, 0.0);
             }
         }
@@ -109,12 +109,12 @@ pub fn variance_components(
     *problem = stated;
     let fit = solve_groups(problem, &linearise)?;
     let shares = Shares::new(problem, &fit, groups);
-    let components = shares.components(groups, &vec![false; groups.len()], &logs);
+    let components = shares.build_components(groups, &vec![false; groups.len()], &logs);
     let sentence = "the variance components did not settle; all standard deviations stay as stated";
     Ok(Components { fit, components, remarks: vec![sentence.into()] })
 }
 
-fn sentence(name: &str, redundancy: f64) -> String {
+fn unestimated_remark(name: &str, redundancy: f64) -> String {
     format!(
         "the variance component of {name} cannot be estimated from this frame (its share of the redundancy is \
          {redundancy:.1}); its standard deviations stay as stated"
@@ -122,7 +122,7 @@ fn sentence(name: &str, redundancy: f64) -> String {
 }
 
 /// The problem with each group's covariances multiplied by its component.
-fn scaled(stated: &Problem, groups: &[VarianceGroup], logs: &[f64]) -> Problem {
+fn scale_covariances(stated: &Problem, groups: &[VarianceGroup], logs: &[f64]) -> Problem {
     let mut problem = stated.clone();
     for (group, log) in groups.iter().zip(logs) {
         for (g, data) in problem.groups.iter_mut().enumerate() {
@@ -149,7 +149,7 @@ struct Shares {
 impl Shares {
     fn new(problem: &Problem, fit: &Fit, groups: &[VarianceGroup]) -> Self {
         let conditions = Conditions::new(problem, fit);
-        let products: Vec<_> = groups.iter().map(|g| conditions.product(problem, fit, g)).collect();
+        let products: Vec<_> = groups.iter().map(|g| conditions.cofactor_product(problem, fit, g)).collect();
         let n = groups.len();
         let information =
             DMatrix::from_fn(n, n, |i, j| 0.5 * products[i].component_mul(&products[j].transpose()).sum());
@@ -160,7 +160,7 @@ impl Shares {
         }
     }
 
-    fn picked(&self, free: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
+    fn free_information(&self, free: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
         let list: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
         let n = list.len();
         let part = DMatrix::from_fn(n, n, |i, j| self.information[(list[i], list[j])]);
@@ -169,8 +169,8 @@ impl Shares {
 
     /// Steps of the logarithms, and what they gain. Where two components act alike, the step goes along
     /// what they have in common.
-    fn steps(&self, free: &[bool]) -> (Vec<f64>, f64) {
-        let (list, mut part) = self.picked(free);
+    fn scoring_steps(&self, free: &[bool]) -> (Vec<f64>, f64) {
+        let (list, mut part) = self.free_information(free);
         (0..list.len()).for_each(|k| part[(k, k)] += RIDGE);
         let score = |&i: &usize| 0.5 * (self.omega[i] - self.redundancy[i]);
         let score = DVector::from_iterator(list.len(), list.iter().map(score));
@@ -181,8 +181,8 @@ impl Shares {
     }
 
     /// Standard deviations of the logarithms; those taken as stated are uncertain themselves.
-    fn sigmas(&self, free: &[bool]) -> Vec<f64> {
-        let (list, part) = self.picked(free);
+    fn log_sigmas(&self, free: &[bool]) -> Vec<f64> {
+        let (list, part) = self.free_information(free);
         let mut sigmas = vec![f64::INFINITY; free.len()];
         let Some(inverse) = part.cholesky().map(|c| c.inverse()) else { return sigmas };
         for (k, &i) in list.iter().enumerate() {
@@ -190,15 +190,15 @@ impl Shares {
             let through = held.map(|h| {
                 let answer: f64 =
                     list.iter().enumerate().map(|(m, &j)| inverse[(k, m)] * self.information[(j, h)]).sum();
-                (answer * VAGUE).powi(2)
+                (answer * MAX_RELATIVE_SIGMA).powi(2)
             });
             sigmas[i] = (inverse[(k, k)] + through.sum::<f64>()).sqrt();
         }
         sigmas
     }
 
-    fn components(&self, groups: &[VarianceGroup], free: &[bool], logs: &[f64]) -> Vec<VarianceComponent> {
-        let sigmas = self.sigmas(free);
+    fn build_components(&self, groups: &[VarianceGroup], free: &[bool], logs: &[f64]) -> Vec<VarianceComponent> {
+        let sigmas = self.log_sigmas(free);
         let one = |i: usize| {
             let value = logs[i].exp();
             VarianceComponent {
@@ -280,7 +280,7 @@ impl Conditions {
     }
 
     /// R V of a group; V is block diagonal.
-    fn product(&self, problem: &Problem, fit: &Fit, group: &VarianceGroup) -> DMatrix<f64> {
+    fn cofactor_product(&self, problem: &Problem, fit: &Fit, group: &VarianceGroup) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(self.cofactor.nrows(), self.cofactor.ncols());
         for (g, data) in problem.groups.iter().enumerate() {
             for (b, block) in data.blocks.iter().enumerate() {

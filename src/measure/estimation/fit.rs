@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::linear::{add_scaled, dot};
+use super::linear::{add_scaled, dot_product};
 use super::problem::{InformationPrior, Linearised};
 
 /// State of one block at the solution.
@@ -84,12 +84,12 @@ impl Gradient {
         }
     }
 
-    fn functions(&self) -> usize {
+    fn function_count(&self) -> usize {
         self.global.ncols()
     }
 
     /// One of the functions.
-    pub fn function(&self, index: usize) -> Self {
+    pub fn single_function(&self, index: usize) -> Self {
         let column = |m: &DMatrix<f64>| m.columns(index, 1).into_owned();
         let observed = self.observed.iter().map(|(block, by)| (*block, column(by)));
         Self {
@@ -118,18 +118,18 @@ impl Fit {
     }
 
     /// What it tells of the global parameters.
-    pub fn known(&self) -> InformationPrior {
+    pub fn information_prior(&self) -> InformationPrior {
         let conditions = self.global.len();
         InformationPrior { mean: self.global.clone(), information: self.information.clone(), conditions }
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.
-    pub(super) fn by_parameters<'a>(
+    pub(super) fn eliminate_observations<'a>(
         &self,
         group: usize,
         gradient: &'a Gradient,
     ) -> (Cow<'a, Gradient>, DMatrix<f64>) {
-        let functions = gradient.functions();
+        let functions = gradient.function_count();
         let mut own = DMatrix::zeros(functions, functions);
         if gradient.observed.is_empty() {
             return (Cow::Borrowed(gradient), own);
@@ -161,10 +161,10 @@ impl Fit {
 
     /// Splits functions' derivatives into their answer to the global parameters and their own noise.
     pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
-        let (by, mut own) = self.by_parameters(group, gradient);
-        let mut total = DMatrix::zeros(gradient.functions(), self.global.len());
+        let (by, mut own) = self.eliminate_observations(group, gradient);
+        let mut total = DMatrix::zeros(gradient.function_count(), self.global.len());
         for (k, &column) in by.columns.iter().enumerate() {
-            (0..by.functions()).for_each(|f| total[(f, column)] += by.global[(k, f)]);
+            (0..by.function_count()).for_each(|f| total[(f, column)] += by.global[(k, f)]);
         }
         if by.local.nrows() > 0 {
             let local = by.local.transpose();
@@ -175,13 +175,13 @@ impl Fit {
     }
 
     /// Covariance of functions of one group.
-    pub fn covariance_of(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
-        let (by, mut covariance) = self.by_parameters(group, gradient);
+    pub fn function_covariance(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
+        let (by, mut covariance) = self.eliminate_observations(group, gradient);
         let mut common = Common::new(self, group, &by);
-        for f in 0..by.functions() {
-            common.with_parameters(f);
+        for f in 0..by.function_count() {
+            common.set_function(f);
             for g in 0..=f {
-                let both = common.with_function(g);
+                let both = common.covariance_with(g);
                 covariance[(f, g)] += both;
                 if g < f {
                     covariance[(g, f)] += both;
@@ -192,14 +192,14 @@ impl Fit {
     }
 
     /// Its diagonal.
-    pub fn variances_of(&self, group: usize, gradient: &Gradient) -> Vec<f64> {
-        let (by, own) = self.by_parameters(group, gradient);
+    pub fn function_variances(&self, group: usize, gradient: &Gradient) -> Vec<f64> {
+        let (by, own) = self.eliminate_observations(group, gradient);
         let mut common = Common::new(self, group, &by);
         let one = |f: usize| {
-            common.with_parameters(f);
-            own[(f, f)] + common.with_function(f)
+            common.set_function(f);
+            own[(f, f)] + common.covariance_with(f)
         };
-        (0..by.functions()).map(one).collect()
+        (0..by.function_count()).map(one).collect()
     }
 
     /// Covariance of a block's adjusted observations, a priori.
@@ -213,7 +213,7 @@ impl Fit {
             local: small_product(&lin.local, &gain),
             observed: vec![],
         };
-        self.covariance_of(group, &by) + &block.conditional
+        self.function_covariance(group, &by) + &block.conditional
     }
 }
 
@@ -246,14 +246,14 @@ impl<'a> Common<'a> {
     }
 
     /// Of a function with the parameters.
-    fn with_parameters(&mut self, f: usize) {
+    fn set_function(&mut self, f: usize) {
         let (n, q) = (self.with_global.len(), self.with_local.len());
         self.with_global.fill(0.0);
         self.with_local.fill(0.0);
         let local = self.by.local.column(f);
         for (k, &derivative) in self.by.global.column(f).iter().enumerate() {
             let cross = &self.cross[k * q..(k + 1) * q];
-            self.with_global[k] += dot(cross, local.as_slice());
+            self.with_global[k] += dot_product(cross, local.as_slice());
             if derivative != 0.0 {
                 add_scaled(&mut self.with_global, derivative, &self.shared[k * n..(k + 1) * n]);
                 add_scaled(&mut self.with_local, derivative, cross);
@@ -265,9 +265,9 @@ impl<'a> Common<'a> {
     }
 
     /// Of that function with another.
-    fn with_function(&self, g: usize) -> f64 {
-        dot(self.by.global.column(g).as_slice(), &self.with_global)
-            + dot(self.by.local.column(g).as_slice(), &self.with_local)
+    fn covariance_with(&self, g: usize) -> f64 {
+        dot_product(self.by.global.column(g).as_slice(), &self.with_global)
+            + dot_product(self.by.local.column(g).as_slice(), &self.with_local)
     }
 }
 
@@ -278,7 +278,7 @@ fn small_product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     for (column, b) in out.as_mut_slice().chunks_exact_mut(a.ncols().max(1)).zip(b.as_slice().chunks_exact(n))
     {
         for (target, a) in column.iter_mut().zip(a.as_slice().chunks_exact(n)) {
-            *target = dot(a, b);
+            *target = dot_product(a, b);
         }
     }
     out

@@ -13,17 +13,17 @@ use super::state::State;
 use super::system::System;
 
 /// Directions that are looked at: in flights two or three differ from the normal matrix.
-const DIRECTIONS: usize = 4;
+const MAX_DIRECTIONS: usize = 4;
 /// Differences are taken so many standard deviations to either side.
-const SIDE: f64 = 0.3;
+const DIFFERENCE_STEP: f64 = 0.3;
 /// A direction of which those before leave less than this is spanned by them.
-const NOTHING_NEW: f64 = 1e-3;
+const MIN_NEW_LENGTH: f64 = 1e-3;
 /// Share of the normal matrix that may be lost along a direction, so that what is left is regular.
 const MAX_LOSS: f64 = 0.98;
 
 /// Half the second derivative: the normal matrix `N` but for Lanczos' directions, in which it is found by differences of the
 /// gradient. `start`: one that differs, `start' N start = 1`; `system`: at the state.
-pub(super) fn derivative<L>(
+pub(super) fn half_hessian<L>(
     system: &System,
     problem: &Problem,
     state: &State,
@@ -39,19 +39,19 @@ where
     let mut feigned: Vec<DVector<f64>> = vec![];
     let mut next = start;
     let mut there = System::new(problem)?;
-    while directions.len() < DIRECTIONS {
+    while directions.len() < MAX_DIRECTIONS {
         for direction in &directions {
             let along = direction.dot(&(normal * &next));
             next.axpy(-along, direction, 1.0);
         }
         let length = next.dot(&(normal * &next)).max(0.0).sqrt();
-        if length < NOTHING_NEW {
+        if length < MIN_NEW_LENGTH {
             break;
         }
         next /= length;
-        let too_much = normal * &next - turned((system, &mut there), problem, state, &next, linearise)?;
+        let too_much = normal * &next - half_gradient_change((system, &mut there), problem, state, &next, linearise)?;
         directions.push(next);
-        next = system.solve(problem, &too_much)?;
+        next = system.solve_right_side(problem, &too_much)?;
         feigned.push(too_much);
     }
     let n = directions.len();
@@ -63,7 +63,7 @@ where
 }
 
 /// Half of what a direction changes of the gradient, the groups' own parameters settled; `there`: room.
-fn turned<L>(
+fn half_gradient_change<L>(
     (system, there): (&System, &mut System),
     problem: &Problem,
     state: &State,
@@ -75,12 +75,12 @@ where
 {
     let (mut near, mut settled) = (state.clone(), state.clone());
     let mut side = |by: f64| {
-        system.moved(problem, state, &(direction * by), &mut near);
+        system.apply_step(problem, state, &(direction * by), &mut near);
         there.assemble(problem, &near, linearise)?;
-        there.moved(problem, &near, &(direction * 0.0), &mut settled);
+        there.apply_step(problem, &near, &(direction * 0.0), &mut settled);
         there.assemble(problem, &settled, linearise)?;
         Ok::<_, EstimationError>(there.right.clone())
     };
-    let (ahead, behind) = (side(SIDE)?, side(-SIDE)?);
-    Ok((behind - ahead) / (2.0 * SIDE))
+    let (ahead, behind) = (side(DIFFERENCE_STEP)?, side(-DIFFERENCE_STEP)?);
+    Ok((behind - ahead) / (2.0 * DIFFERENCE_STEP))
 }

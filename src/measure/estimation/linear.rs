@@ -26,12 +26,12 @@ impl Whitener {
             return Ok(());
         }
         self.by.clone_from(by);
-        sandwich(by, covariance, &mut self.lower);
-        let regular = cholesky(&mut self.lower);
+        congruence_product(by, covariance, &mut self.lower);
+        let regular = factor_in_place(&mut self.lower);
         if regular {
             invert_lower(&mut self.lower);
         }
-        regular.then_some(()).ok_or_else(|| singular("a condition without an observation of its own"))
+        regular.then_some(()).ok_or_else(|| singular_error("a condition without an observation of its own"))
     }
 
     /// Entry `i` of W times a vector.
@@ -41,7 +41,7 @@ impl Whitener {
     }
 
     /// W by rows, where it has N of them.
-    pub(super) fn rows<const N: usize>(&self) -> Option<[[f64; N]; N]> {
+    pub(super) fn row_arrays<const N: usize>(&self) -> Option<[[f64; N]; N]> {
         let square = self.lower.nrows() == N;
         square.then(|| std::array::from_fn(|i| std::array::from_fn(|j| self.lower[(i, j)])))
     }
@@ -52,19 +52,19 @@ impl Whitener {
     }
 
     /// W' W times a vector.
-    pub(super) fn weigh(&self, values: &mut [f64]) {
+    pub(super) fn apply_weight(&self, values: &mut [f64]) {
         let n = values.len();
         for i in (0..n).rev() {
             values[i] = self.row_times(i, values);
         }
         for j in 0..n {
-            values[j] = dot(&self.lower.as_slice()[j * n + j..(j + 1) * n], &values[j..]);
+            values[j] = dot_product(&self.lower.as_slice()[j * n + j..(j + 1) * n], &values[j..]);
         }
     }
 }
 
 /// `B Q B'`, for matrices too small for a library's product.
-fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
+fn congruence_product(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
     let (n, m) = b.shape();
     out.resize_mut(n, n, 0.0);
     out.as_mut_slice().fill(0.0);
@@ -81,7 +81,7 @@ fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
 }
 
 /// Cholesky's factor in place of the lower triangle; `false` where a pivot is lost in rounding.
-pub(super) fn cholesky(m: &mut DMatrix<f64>) -> bool {
+pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> bool {
     let n = m.nrows();
     for j in 0..n {
         let all = m[(j, j)];
@@ -124,16 +124,16 @@ pub(super) fn add_scaled(into: &mut [f64], factor: f64, column: &[f64]) {
 }
 
 /// Sum of products.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot_product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-pub(super) fn singular(missing: &str) -> EstimationError {
+pub(super) fn singular_error(missing: &str) -> EstimationError {
     EstimationError::Singular { missing: missing.into() }
 }
 
 /// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
-pub(super) fn inverse(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     match m.nrows() {
         1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
         2 => {
@@ -175,7 +175,7 @@ impl Factor {
 }
 
 /// Factors the normal matrix, or names the datum that is missing.
-pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, EstimationError> {
+pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, EstimationError> {
     let n = normal.nrows();
     if normal.as_slice().iter().any(|v| !v.is_finite()) {
         return Err(EstimationError::Input(
@@ -193,7 +193,7 @@ pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<
     };
     let culprit = |column: usize| {
         let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
-        singular(text)
+        singular_error(text)
     };
     if let Some(column) = scale.iter().position(|&s| s == 0.0) {
         return Err(culprit(column));

@@ -49,7 +49,7 @@ pub use error::EstimationError;
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
 pub use problem::{Block, Group, GroupPoint, InformationPrior, Linearised, Point, Prior, Problem};
 pub use quality::{GlobalTest, SigmaKind};
-pub use solve::{SolveOptions, solve, solve_from, solve_groups};
+pub use solve::{SolveOptions, solve, solve_with_options, solve_groups};
 pub use variance_budget::{AttributedInformation, Naming, Observed, Part, Sources};
 
 #[cfg(test)]

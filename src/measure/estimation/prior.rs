@@ -3,16 +3,16 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
-use super::linear::inverse;
+use super::linear::inverse_spd;
 use super::problem::Prior;
 
 /// Weights of the priors, in their order.
 ///
 /// # Errors
 /// Where a covariance is not positive definite.
-pub(super) fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
+pub(super) fn prior_weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
     let weight = |prior: &Prior| {
-        inverse(&prior.covariance).ok_or_else(|| {
+        inverse_spd(&prior.covariance).ok_or_else(|| {
             EstimationError::Input(format!(
                 "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
                 prior.name

@@ -49,7 +49,7 @@ impl Prior {
     }
 
     /// The same on parameters so many columns farther.
-    pub fn moved(mut self, by: usize) -> Self {
+    pub fn shift_columns(mut self, by: usize) -> Self {
         self.columns.iter_mut().for_each(|column| *column += by);
         self
     }

@@ -36,9 +36,9 @@ pub enum GlobalTest {
 }
 
 /// Probability of finding a bias as large as the minimal detectable one (Baarda).
-const POWER: f64 = 0.8;
+const DETECTION_POWER: f64 = 0.8;
 /// Below this share of its redundancy an observation is uncontrolled.
-const UNCONTROLLED: f64 = 1e-6;
+const MIN_REDUNDANCY: f64 = 1e-6;
 
 /// Chi-square test of the variance factor against 1, one-sided.
 pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
@@ -77,7 +77,7 @@ pub fn critical_w(alpha: f64) -> f64 {
 /// Root of the non-centrality at which the w-test finds a bias with Baarda's power.
 pub fn detectable_shift(alpha: f64) -> f64 {
     let alpha = if alpha > 0.0 { alpha } else { 0.001 };
-    critical_w(alpha) + normal_quantile(POWER)
+    critical_w(alpha) + normal_quantile(DETECTION_POWER)
 }
 
 fn normal_quantile(p: f64) -> f64 {
@@ -96,7 +96,7 @@ pub struct Reliability {
 }
 
 /// Reliability of every observation of a block; covariance within the block is honoured.
-pub fn reliability(
+pub fn observation_reliability(
     problem: &Problem,
     fit: &Fit,
     group: usize,
@@ -114,7 +114,7 @@ pub fn reliability(
     let shift = detectable_shift(snooping_alpha);
     (0..n)
         .map(|k| {
-            let controlled = power[(k, k)] > UNCONTROLLED * weight[(k, k)];
+            let controlled = power[(k, k)] > MIN_REDUNDANCY * weight[(k, k)];
             Reliability {
                 redundancy: shares[(k, k)].clamp(0.0, 1.0),
                 w: controlled.then(|| -weighted[k] / power[(k, k)].sqrt()),

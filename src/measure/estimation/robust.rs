@@ -5,9 +5,9 @@ use nalgebra::Vector2;
 /// Standard deviation over the median of the absolute values, normal law.
 pub const SIGMA_OVER_MEDIAN: f64 = 1.4826;
 /// A point farther off, in robust standard deviations, begins to lose its weight; at twice that it has none.
-const OUTLYING: f64 = 4.0;
+const OUTLIER_SIGMAS: f64 = 4.0;
 /// Rounds of either weighting at most; they settle in five or six.
-const ROUNDS: usize = 10;
+const MAX_ROUNDS: usize = 10;
 
 /// The middle one, of an even number the upper; `None` of none.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
@@ -18,7 +18,7 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
 /// Median of a squared length of two standard normal coordinates.
 pub const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
 /// The same of one.
-pub const MEDIAN_SQUARE_OF_ONE: f64 = 0.4549;
+pub const MEDIAN_SQUARE_1D: f64 = 0.4549;
 /// The range of a common variance is halved so often, and then known to 1e-12 of it.
 const BISECTIONS: usize = 40;
 
@@ -38,7 +38,7 @@ pub struct Location {
 
 impl Location {
     /// Of values; of none 0.
-    pub fn of(values: &[f64]) -> Self {
+    pub fn from_values(values: &[f64]) -> Self {
         let median = median_or_0(values.to_vec());
         let off = values.iter().map(|v| (v - median).abs());
         Self { median, sigma: SIGMA_OVER_MEDIAN * median_or_0(off.collect()) }
@@ -47,13 +47,13 @@ impl Location {
 
 /// Scale of normalised residuals of two coordinates that the median of their squared lengths tells: a gross error blows up
 /// the mean.
-pub fn scale(squares: &[f64]) -> f64 {
+pub fn scale_from_squares(squares: &[f64]) -> f64 {
     (median_or_0(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
 }
 
 /// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
-pub fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
-    scale(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
+pub fn coordinate_sigma_px(residuals: &[Vector2<f64>]) -> f64 {
+    scale_from_squares(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
 }
 
 /// The variance that values must have in common beyond their own for the median of their normalised squares to be
@@ -72,24 +72,24 @@ pub fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
 }
 
 /// Robust standard deviation (the median's) of distances in their own, not below 1.
-pub fn sigma(distances: Vec<f64>) -> f64 {
+pub fn robust_sigma(distances: Vec<f64>) -> f64 {
     median(distances).map_or(1.0, |median| (SIGMA_OVER_MEDIAN * median).max(1.0))
 }
 
 /// A fit to points of these weights without those that stand off the others: from the sum of distances, which one point
 /// hardly bends, to Hampel's weights, 1 up to [`OUTLYING`] robust standard deviations, 0 from twice that on. `fit` takes
 /// weights, `distances` are the points' from a fit, in their standard deviations. Points of weight 0 do not count.
-pub fn fit<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: impl Fn(&F) -> Vec<f64>) -> F {
+pub fn fit_robustly<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: impl Fn(&F) -> Vec<f64>) -> F {
     let hampel = |off: &[f64]| {
         let counting = off.iter().zip(weights).filter(|(_, w)| **w > 0.0);
-        let limit = OUTLYING * sigma(counting.map(|(o, _)| *o).collect());
+        let limit = OUTLIER_SIGMAS * robust_sigma(counting.map(|(o, _)| *o).collect());
         off.iter().map(|o| (2.0 - o / limit).clamp(0.0, 1.0)).collect::<Vec<f64>>()
     };
     let nearness = |off: &[f64]| off.iter().map(|o| 1.0 / o.max(1.0)).collect::<Vec<f64>>();
     let mut factors = vec![1.0; weights.len()];
     let mut found = fit(weights);
     for weighting in [&nearness as &dyn Fn(&[f64]) -> Vec<f64>, &hampel] {
-        for _ in 0..ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let next = weighting(&distances(&found));
             // The same weights give the same fit.
             if next == factors {
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn points_far_off_have_no_weight_and_all_others_the_whole() {
         let values = [0.3, -0.5, 0.1, 0.6, -0.2, 50.0, -0.4];
-        let found = fit(
+        let found = fit_robustly(
             &[1.0; 7],
             |weights| mean(&values, weights),
             |mean| values.iter().map(|v| (v - mean).abs()).collect(),
@@ -131,7 +131,7 @@ mod tests {
             fits.set(fits.get() + 1);
             mean(&values, weights)
         };
-        fit(&[1.0; 4], counted, |mean| values.iter().map(|v| (v - mean).abs()).collect());
+        fit_robustly(&[1.0; 4], counted, |mean| values.iter().map(|v| (v - mean).abs()).collect());
         assert_eq!(fits.get(), 1);
     }
 }

@@ -25,14 +25,14 @@ pub(super) struct Secants {
 
 impl Secants {
     /// Pairs that are kept: more than there are directions that little tells.
-    const MEMORY: usize = 8;
+    const MAX_PAIRS: usize = 8;
     /// Curvature along a step over that of the normal matrix, at least (Powell's damping): no step is more than the inverse too
     /// short.
     const MIN_CURVATURE_RATIO: f64 = 0.05;
     /// Squared length in standard deviations beyond which a step says nothing of the next.
-    const NEAR: f64 = 100.0;
+    const MAX_SQUARED_LENGTH: f64 = 100.0;
     /// Departure from the normal matrix' curvature, as a share of it, that says nothing: its own steps end quickly then.
-    const FORETOLD: f64 = 0.2;
+    const MIN_DEVIATION: f64 = 0.2;
 
     /// Forgets them: a step led up.
     pub(super) fn clear(&mut self) {
@@ -40,14 +40,14 @@ impl Secants {
     }
 
     /// The next step.
-    pub(super) fn step(
+    pub(super) fn next_step(
         &mut self,
         system: &System,
         problem: &Problem,
         global: &DVector<f64>,
     ) -> Result<DVector<f64>, EstimationError> {
         if let Some((before, right)) = self.from.take() {
-            self.learn(&system.normal, global - before, right - &system.right);
+            self.add_pair(&system.normal, global - before, right - &system.right);
         }
         self.from = Some((global.clone(), system.right.clone()));
         let mut step = system.right.clone();
@@ -57,7 +57,7 @@ impl Secants {
             step.axpy(-part, turned, 1.0);
             parts.push(part);
         }
-        step = system.solve(problem, &step)?;
+        step = system.solve_right_side(problem, &step)?;
         for ((moved, turned), part) in self.pairs.iter().zip(parts.into_iter().rev()) {
             let back = turned.dot(&step) / moved.dot(turned);
             step.axpy(part - back, moved, 1.0);
@@ -67,7 +67,7 @@ impl Secants {
 
     /// The step along which the normal matrix is farthest above what the steps showed, a standard deviation long; `None` where
     /// it is near.
-    pub(super) fn unlike(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
+    pub(super) fn max_deviation_direction(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
         let own = |moved: &DVector<f64>| moved.dot(&(normal * moved));
         let share = |(moved, turned): &Pair| moved.dot(turned) / own(moved);
         let least = self.pairs.iter().min_by(|a, b| share(a).total_cmp(&share(b)))?;
@@ -75,14 +75,14 @@ impl Secants {
     }
 
     /// Whether the next step is Gauss's.
-    pub(super) fn are_none(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    fn learn(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut turned: DVector<f64>) {
+    fn add_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut turned: DVector<f64>) {
         let usual = normal * &moved;
         let (curved, own) = (moved.dot(&turned), moved.dot(&usual));
-        if own <= 0.0 || own > Self::NEAR || (curved / own - 1.0).abs() < Self::FORETOLD {
+        if own <= 0.0 || own > Self::MAX_SQUARED_LENGTH || (curved / own - 1.0).abs() < Self::MIN_DEVIATION {
             return;
         }
         let least = Self::MIN_CURVATURE_RATIO * own;
@@ -90,7 +90,7 @@ impl Secants {
             let share = (own - least) / (own - curved);
             turned = turned * share + usual * (1.0 - share);
         }
-        if self.pairs.len() == Self::MEMORY {
+        if self.pairs.len() == Self::MAX_PAIRS {
             self.pairs.pop_front();
         }
         self.pairs.push_back((moved, turned));

@@ -5,16 +5,16 @@
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
 
 use super::error::EstimationError;
-use super::linear::{Whitener, add_scaled, dot};
+use super::linear::{Whitener, add_scaled, dot_product};
 use super::problem::{Block, Linearised};
 
 /// Products with fewer multiplications than this are not worth a library's call.
-const SMALL: usize = 1500;
+const MIN_LIBRARY_PRODUCT: usize = 1500;
 /// Columns of the normal matrix that are subtracted at once: what lies above the diagonal is not
 /// computed but for the panel's own part.
-const PANEL: usize = 48;
+const PANEL_COLUMNS: usize = 48;
 /// Local parameters whose share of the normal matrix is gathered before it is subtracted.
-const GATHERED: usize = 128;
+const MAX_GATHERED: usize = 128;
 
 /// One block's part of the normal equations.
 #[derive(Default)]
@@ -88,7 +88,7 @@ impl Stack {
 
     /// Whitens and stacks the blocks, adds the products of what each has for itself, and leaves the
     /// square of the rest in the room. Returns f' M^-1 f.
-    pub(super) fn multiply(
+    pub(super) fn accumulate_products(
         &mut self,
         data: &[Block],
         residuals: &[DVector<f64>],
@@ -104,7 +104,7 @@ impl Stack {
         let (mut first, mut unclosed) = (0, 0.0);
         for (k, lin) in linearised.iter().enumerate() {
             let block = &mut self.blocks[k];
-            block.prepare(&data[k], &residuals[k], lin)?;
+            block.update_contradiction(&data[k], &residuals[k], lin)?;
             unclosed += block.whitener.weighted_square(lin.misclosure.as_slice());
             let n = lin.misclosure.len();
             let rows = &mut room.rows[first * width..(first + n) * width];
@@ -116,21 +116,21 @@ impl Stack {
                 for (row, &value) in rows.chunks_exact(width).zip(values) {
                     add_scaled(&mut room.with, value, row);
                 }
-                target.add_own(column, &room.with, self.local, &self.shared);
+                target.add_own_column(column, &room.with, self.local, &self.shared);
                 for (b, &other) in block.own.iter().enumerate().take(a + 1) {
-                    let square = dot(values, &room.own[b * n..(b + 1) * n]);
+                    let square = dot_product(values, &room.own[b * n..(b + 1) * n]);
                     target.normal[(column.max(other), column.min(other))] += square;
                 }
             }
             first += n;
         }
-        room.square(width, conditions);
+        room.square_rows(width, conditions);
         Ok(unclosed)
     }
 }
 
 impl Target<'_> {
-    fn add_own(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
+    fn add_own_column(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
         let p = self.right.len();
         let coupling = self.coupling.as_mut_slice().iter_mut().skip(column).step_by(p);
         coupling.zip(&with[..local]).for_each(|(target, value)| *target += value);
@@ -143,7 +143,7 @@ impl Target<'_> {
 }
 
 impl BlockSystem {
-    fn prepare(
+    fn update_contradiction(
         &mut self,
         data: &Block,
         residuals: &DVector<f64>,
@@ -162,14 +162,14 @@ impl BlockSystem {
     /// W times the block's derivatives and contradiction.
     fn whiten(&self, lin: &Linearised, rows: &mut [f64], own: &mut [f64]) {
         // Images come in pairs, a frame of its own has two of them for each marker.
-        if let Some(white) = self.whitener.rows::<2>() {
-            self.whiten_by(&white, lin, rows, own);
-        } else if let Some(white) = self.whitener.rows::<4>() {
-            self.whiten_by(&white, lin, rows, own);
+        if let Some(white) = self.whitener.row_arrays::<2>() {
+            self.whiten_fixed_size(&white, lin, rows, own);
+        } else if let Some(white) = self.whitener.row_arrays::<4>() {
+            self.whiten_fixed_size(&white, lin, rows, own);
         } else {
             let n = lin.misclosure.len().max(1);
             let width = rows.len() / n;
-            for (place, values) in self.columns(lin, n, width) {
+            for (place, values) in self.indexed_columns(lin, n, width) {
                 for i in 0..n {
                     let white = self.whitener.row_times(i, values);
                     match place.checked_sub(width) {
@@ -181,7 +181,7 @@ impl BlockSystem {
         }
     }
 
-    fn whiten_by<const N: usize>(
+    fn whiten_fixed_size<const N: usize>(
         &self,
         white: &[[f64; N]; N],
         lin: &Linearised,
@@ -189,7 +189,7 @@ impl BlockSystem {
         own: &mut [f64],
     ) {
         let width = rows.len() / N;
-        for (place, values) in self.columns(lin, N, width) {
+        for (place, values) in self.indexed_columns(lin, N, width) {
             let Ok(values) = <&[f64; N]>::try_from(values) else { continue };
             let by = white.map(|row| row.iter().zip(values).map(|(w, v)| w * v).sum::<f64>());
             match place.checked_sub(width) {
@@ -200,7 +200,7 @@ impl BlockSystem {
     }
 
     /// Columns of a block of `n` conditions with their places.
-    fn columns<'a>(
+    fn indexed_columns<'a>(
         &'a self,
         lin: &'a Linearised,
         n: usize,
@@ -214,15 +214,15 @@ impl BlockSystem {
 
 impl Workspace {
     /// Forgets what was gathered.
-    pub(super) fn clear(&mut self) {
+    pub(super) fn clear_gathered(&mut self) {
         self.gathered.clear();
     }
 
     /// Rows' times rows, its lower triangle at least.
-    fn square(&mut self, width: usize, conditions: usize) {
+    fn square_rows(&mut self, width: usize, conditions: usize) {
         self.product.clear();
         self.product.resize(width * width, 0.0);
-        if width * width * conditions < SMALL {
+        if width * width * conditions < MIN_LIBRARY_PRODUCT {
             for row in self.rows.chunks_exact(width) {
                 for (j, column) in self.product.chunks_exact_mut(width).enumerate() {
                     add_scaled(&mut column[j..], row[j], &row[j..]);
@@ -231,36 +231,36 @@ impl Workspace {
             return;
         }
         // Transposed first: nalgebra's product is many times faster than with a transpose in it.
-        transpose(&self.rows, width, &mut self.transposed);
+        transpose_columns(&self.rows, width, &mut self.transposed);
         let rows = DMatrixView::from_slice(&self.rows, width, conditions);
         let transposed = DMatrixView::from_slice(&self.transposed, conditions, width);
         DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(1.0, &rows, &transposed, 0.0);
     }
 
     /// Keeps `factor` (global x local), whose square is to be subtracted from the normal matrix.
-    pub(super) fn gather(&mut self, factor: &DMatrix<f64>, normal: &mut DMatrix<f64>) {
+    pub(super) fn gather_factor(&mut self, factor: &DMatrix<f64>, normal: &mut DMatrix<f64>) {
         self.gathered.extend_from_slice(factor.as_slice());
-        if self.gathered.len() >= GATHERED * factor.nrows() {
-            self.subtract(normal);
+        if self.gathered.len() >= MAX_GATHERED * factor.nrows() {
+            self.subtract_gathered(normal);
         }
     }
 
     /// Subtracts what was gathered from the normal matrix' lower triangle.
-    pub(super) fn subtract(&mut self, normal: &mut DMatrix<f64>) {
+    pub(super) fn subtract_gathered(&mut self, normal: &mut DMatrix<f64>) {
         let p = normal.nrows();
         let k = self.gathered.len() / p.max(1);
-        if p * p * k < SMALL {
+        if p * p * k < MIN_LIBRARY_PRODUCT {
             for factor in self.gathered.chunks_exact(p.max(1)) {
                 for (j, mut column) in normal.column_iter_mut().enumerate() {
                     add_scaled(&mut column.as_mut_slice()[j..], -factor[j], &factor[j..]);
                 }
             }
         } else {
-            transpose(&self.gathered, p, &mut self.transposed);
+            transpose_columns(&self.gathered, p, &mut self.transposed);
             let factors = DMatrixView::from_slice(&self.gathered, p, k);
             let transposed = DMatrixView::from_slice(&self.transposed, k, p);
-            for first in (0..p).step_by(PANEL) {
-                let n = PANEL.min(p - first);
+            for first in (0..p).step_by(PANEL_COLUMNS) {
+                let n = PANEL_COLUMNS.min(p - first);
                 let (left, right) = (factors.rows(first, p - first), transposed.columns(first, n));
                 normal.view_mut((first, first), (p - first, n)).gemm(-1.0, &left, &right, 1.0);
             }
@@ -270,7 +270,7 @@ impl Workspace {
 }
 
 /// Of a matrix stored column by column, `height` values each.
-fn transpose(columns: &[f64], height: usize, into: &mut Vec<f64>) {
+fn transpose_columns(columns: &[f64], height: usize, into: &mut Vec<f64>) {
     let count = columns.len() / height.max(1);
     into.resize(columns.len(), 0.0);
     for (j, column) in columns.chunks_exact(height.max(1)).enumerate() {

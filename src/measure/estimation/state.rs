@@ -16,7 +16,7 @@ pub(super) struct State {
 }
 
 impl State {
-    pub(super) fn start(problem: &Problem, before: Option<&Fit>) -> Self {
+    pub(super) fn initial(problem: &Problem, before: Option<&Fit>) -> Self {
         let residuals = |(index, group): (usize, &Group)| -> Vec<DVector<f64>> {
             let before = before.and_then(|fit| fit.groups.get(index));
             let before = before.filter(|b| b.blocks.len() == group.blocks.len());

@@ -4,14 +4,14 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::fit::{BlockFit, Fit, GroupFit};
-use super::linear::{add_scaled, cholesky, dot, factor, invert_lower, singular};
-use super::prior::{add_prior, weights};
+use super::linear::{add_scaled, factor_in_place, dot_product, factor_normal_matrix, invert_lower, singular_error};
+use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
 use super::stack::{BlockSystem, Stack, Target, Workspace};
 use super::state::State;
 
 /// Rise of the sum of squares that a step may cause, over what of the sum is still open.
-const OPEN_SHARE: f64 = 0.1;
+const OPEN_FRACTION: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
 const ROUNDING: f64 = 1e-9;
 
@@ -59,7 +59,7 @@ impl System {
             Ok(GroupSystem {
                 linearised: Vec::with_capacity(group.blocks.len()),
                 stack: None,
-                weights: weights(&group.priors)?,
+                weights: prior_weights(&group.priors)?,
                 factor: DMatrix::zeros(q, q),
                 coupling: DMatrix::zeros(p, q),
                 right: DVector::zeros(q),
@@ -74,7 +74,7 @@ impl System {
             several_own: problem.groups.iter().filter(|group| !group.local.is_empty()).count() > 1,
             unsettled: 0.0,
             rounding: 0.0,
-            weights: weights(&problem.priors)?,
+            weights: prior_weights(&problem.priors)?,
             groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
             room: Workspace::default(),
         })
@@ -89,12 +89,12 @@ impl System {
     ) -> Result<(), EstimationError> {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
-        self.room.clear();
+        self.room.clear_gathered();
         (self.omega, self.omega_priors, self.unclosed, self.unsettled) = (0.0, 0.0, 0.0, 0.0);
         for index in 0..problem.groups.len() {
             self.add_group(&problem.groups[index], state, index, linearise)?;
         }
-        self.room.subtract(&mut self.normal);
+        self.room.subtract_gathered(&mut self.normal);
         self.normal.fill_upper_triangle_with_lower_triangle();
         for (prior, weight) in problem.priors.iter().zip(&self.weights) {
             self.omega_priors += add_prior(prior, weight, &state.global, &mut self.normal, &mut self.right);
@@ -105,7 +105,7 @@ impl System {
             self.normal += &known.information;
             self.right -= &weighted;
             self.omega_priors += off.dot(&weighted);
-            self.rounding = rounding(&known.information, &off);
+            self.rounding = rounding_bound(&known.information, &off);
         }
         self.omega += self.omega_priors;
         Ok(())
@@ -128,7 +128,7 @@ impl System {
             Target { normal: &mut self.normal, right: &mut self.right, coupling: &mut part.coupling };
         let residuals = &state.residuals[index];
         self.unclosed +=
-            stack.multiply(&group.blocks, residuals, &part.linearised, &mut self.room, &mut target)?;
+            stack.accumulate_products(&group.blocks, residuals, &part.linearised, &mut self.room, &mut target)?;
         // The stack's own square, lower triangle.
         let (q, width) = (local.len(), stack.width());
         let product = &self.room.product;
@@ -150,46 +150,46 @@ impl System {
             self.omega_priors += add_prior(prior, weight, local, &mut part.factor, &mut part.right);
         }
         if q > 0 {
-            part.eliminate(&mut self.right)?;
+            part.eliminate_local(&mut self.right)?;
             if self.several_own {
                 self.unsettled += part.right.norm_squared();
             }
-            self.room.gather(&part.coupling, &mut self.normal);
+            self.room.gather_factor(&part.coupling, &mut self.normal);
         }
         Ok(())
     }
 
     /// The global step, damped after Levenberg and Marquardt.
-    pub(super) fn step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
+    pub(super) fn global_step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + damping;
         }
-        Ok(factor(&normal, &problem.missing)?.solve(&self.right))
+        Ok(factor_normal_matrix(&normal, &problem.missing)?.solve(&self.right))
     }
 
     /// Sum of squares that is left when the groups' own parameters have settled, to first order in them.
-    pub(super) fn left(&self) -> f64 {
+    pub(super) fn settled_omega(&self) -> f64 {
         self.omega - self.unsettled
     }
 
     /// What of that is not told: it holds to first order in what is still open, and rounding lets it waver far below what a
     /// standard deviation can tell.
-    pub(super) fn slack(&self) -> f64 {
-        OPEN_SHARE * (self.unclosed + self.unsettled) + ROUNDING * (1.0 + self.omega)
+    pub(super) fn omega_tolerance(&self) -> f64 {
+        OPEN_FRACTION * (self.unclosed + self.unsettled) + ROUNDING * (1.0 + self.omega)
     }
 
     /// The undamped step for another right side.
-    pub(super) fn solve(
+    pub(super) fn solve_right_side(
         &self,
         problem: &Problem,
         right: &DVector<f64>,
     ) -> Result<DVector<f64>, EstimationError> {
-        Ok(factor(&self.normal, &problem.missing)?.solve(right))
+        Ok(factor_normal_matrix(&self.normal, &problem.missing)?.solve(right))
     }
 
     /// All unknowns after a global step: local parameters and residuals follow from it.
-    pub(super) fn moved(&self, problem: &Problem, state: &State, step: &DVector<f64>, next: &mut State) {
+    pub(super) fn apply_step(&self, problem: &Problem, state: &State, step: &DVector<f64>, next: &mut State) {
         next.global.copy_from(&state.global);
         next.global += step;
         let mut work = vec![];
@@ -200,7 +200,7 @@ impl System {
             let systems = part.stack.iter().flat_map(|s| &s.blocks);
             for (k, (system, lin)) in systems.zip(&part.linearised).enumerate() {
                 let residuals = &mut next.residuals[index][k];
-                system.residuals(lin, &group.blocks[k], step, &local_step, &mut work, residuals);
+                system.update_residuals(lin, &group.blocks[k], step, &local_step, &mut work, residuals);
                 let observed = &mut next.observed[index][k];
                 observed.copy_from(&group.blocks[k].observed);
                 *observed += &*residuals;
@@ -211,17 +211,17 @@ impl System {
     /// The solution at a state. `second`: half the second derivative of what is left of the sum of squares, where it is not
     /// near the normal matrix: a parameter answers to an error by its inverse, while errors are as large as the normal matrix
     /// says (White 1982).
-    pub(super) fn finish(
+    pub(super) fn into_fit(
         self,
         problem: &Problem,
         state: State,
         iterations: usize,
         second: Option<DMatrix<f64>>,
     ) -> Result<Fit, EstimationError> {
-        let usual = factor(&self.normal, &problem.missing)?.inverse();
+        let usual = factor_normal_matrix(&self.normal, &problem.missing)?.inverse();
         let (response, covariance, information) = match second {
             Some(second) => {
-                let response = factor(&second, &problem.missing)?.inverse();
+                let response = factor_normal_matrix(&second, &problem.missing)?.inverse();
                 let covariance = &response * &self.normal * &response;
                 (response, covariance, &second * usual * &second)
             }
@@ -236,7 +236,7 @@ impl System {
         for ((part, group), (local, residuals)) in self.groups.into_iter().zip(&problem.groups).zip(states) {
             unknowns += local.len();
             conditions += part.linearised.iter().map(|b| b.misclosure.len()).sum::<usize>();
-            groups.push(part.finish(group, local, residuals, &covariance));
+            groups.push(part.into_group_fit(group, local, residuals, &covariance));
         }
         Ok(Fit {
             global: state.global,
@@ -254,9 +254,9 @@ impl System {
 
 impl GroupSystem {
     /// Factors the local parameters' normal matrix and takes their part out of the right side.
-    fn eliminate(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
-        if !cholesky(&mut self.factor) {
-            return Err(singular("the local parameters of a group of observations"));
+    fn eliminate_local(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
+        if !factor_in_place(&mut self.factor) {
+            return Err(singular_error("the local parameters of a group of observations"));
         }
         let p = self.coupling.nrows();
         for i in 0..self.right.len() {
@@ -280,13 +280,13 @@ impl GroupSystem {
         let mut local = self.right.clone();
         for i in (0..local.len()).rev() {
             let known: f64 = (i + 1..local.len()).map(|k| self.factor[(k, i)] * local[k]).sum();
-            let by_global = dot(self.coupling.column(i).as_slice(), step.as_slice());
+            let by_global = dot_product(self.coupling.column(i).as_slice(), step.as_slice());
             local[i] = (local[i] - by_global - known) / self.factor[(i, i)];
         }
         local
     }
 
-    fn finish(
+    fn into_group_fit(
         mut self,
         group: &Group,
         local: DVector<f64>,
@@ -299,7 +299,7 @@ impl GroupSystem {
         let cross = &sensitivity * covariance;
         let systems = self.stack.into_iter().flat_map(|s| s.blocks);
         let blocks = self.linearised.into_iter().zip(systems).zip(&group.blocks).zip(residuals);
-        let blocks = blocks.map(|(((lin, system), block), residuals)| system.finish(lin, block, residuals));
+        let blocks = blocks.map(|(((lin, system), block), residuals)| system.into_block_fit(lin, block, residuals));
         GroupFit {
             local,
             covariance: &cross * sensitivity.transpose() + &conditional,
@@ -313,7 +313,7 @@ impl GroupSystem {
 
 impl BlockSystem {
     /// v = -Q B' M^-1 (A dx + L dd + w).
-    fn residuals(
+    fn update_residuals(
         &self,
         lin: &Linearised,
         block: &Block,
@@ -331,15 +331,15 @@ impl BlockSystem {
         for (by, &column) in lin.global.as_slice().chunks_exact(n).zip(&lin.columns) {
             add_scaled(work, step[column], by);
         }
-        self.whitener.weigh(work);
+        self.whitener.apply_weight(work);
         into.as_mut_slice().fill(0.0);
         let observations = lin.observations.as_slice().chunks_exact(n);
         for (by, covariance) in observations.zip(block.covariance.as_slice().chunks_exact(into.len())) {
-            add_scaled(into.as_mut_slice(), -dot(by, work), covariance);
+            add_scaled(into.as_mut_slice(), -dot_product(by, work), covariance);
         }
     }
 
-    fn finish(self, linearised: Linearised, block: &Block, residuals: DVector<f64>) -> BlockFit {
+    fn into_block_fit(self, linearised: Linearised, block: &Block, residuals: DVector<f64>) -> BlockFit {
         let (n, m) = linearised.observations.shape();
         // (Q B')', one observation after the other.
         let mut answers = vec![0.0; n * m];
@@ -356,10 +356,10 @@ impl BlockSystem {
         let mut weighed = vec![0.0; n];
         for (i, answer) in answers.chunks_exact(n).enumerate() {
             weighed.copy_from_slice(answer);
-            self.whitener.weigh(&mut weighed);
+            self.whitener.apply_weight(&mut weighed);
             weighed.iter().enumerate().for_each(|(k, w)| gain[(i, k)] = *w);
             for (j, other) in answers.chunks_exact(n).enumerate() {
-                conditional[(i, j)] -= dot(&weighed, other);
+                conditional[(i, j)] -= dot_product(&weighed, other);
             }
         }
         BlockFit { residuals, linearised, gain, conditional }
@@ -368,7 +368,7 @@ impl BlockSystem {
 
 /// Bound of what rounding changes of a sum of squares: of every sum of n terms, n times the machine's precision of their
 /// absolute values (Higham 2002, 3.1).
-fn rounding(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
+fn rounding_bound(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let absolute = off.abs();
     let weighed =
         |column: &[f64]| -> f64 { column.iter().zip(absolute.iter()).map(|(a, b)| a.abs() * b).sum() };

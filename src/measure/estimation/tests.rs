@@ -114,7 +114,7 @@ fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
     let mut before = solve(&line(&POINTS[..2], 1e-4, 0.3), line_block).unwrap();
     let mut omega = before.omega;
     for point in &POINTS[2..] {
-        let known = before.known();
+        let known = before.information_prior();
         let next = Problem { known: Some(known), start: before.global, ..line(&[*point], 1e-4, 0.3) };
         before = solve(&next, line_block).unwrap();
         assert_eq!(before.redundancy, 1);

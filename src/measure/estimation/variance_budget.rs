@@ -10,7 +10,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{BlockFit, Fit, Gradient, GroupFit};
-use super::linear::{cholesky, inverse, invert_lower};
+use super::linear::{factor_in_place, inverse_spd, invert_lower};
 use super::problem::{Block, Group, Prior, Problem};
 
 /// Some of a block's observations, which are independent of its others, and what they are called.
@@ -39,7 +39,7 @@ pub struct AttributedInformation {
 
 impl AttributedInformation {
     /// Of a solution from which knowledge was taken: its priors on no other columns than these, and a group of it.
-    pub fn of(
+    pub fn from_solution(
         problem: &Problem,
         fit: &Fit,
         columns: impl Fn(usize) -> bool,
@@ -95,7 +95,7 @@ struct Sensitivity {
 
 impl Sensitivity {
     /// Of the function that it is of, through the parameters.
-    fn variance(&self, by: &Gradient) -> f64 {
+    fn function_variance(&self, by: &Gradient) -> f64 {
         let global = |(k, column): (usize, &usize)| by.global[(k, 0)] * self.global[*column];
         let local = (0..by.local.nrows()).map(|k| by.local[(k, 0)] * self.local[k]);
         by.columns.iter().enumerate().map(global).chain(local).sum()
@@ -107,9 +107,9 @@ pub struct Sources<'a> {
     problem: &'a Problem,
     fit: &'a Fit,
     naming: Naming<'a>,
-    told: Option<&'a AttributedInformation>,
+    attributed: Option<&'a AttributedInformation>,
     /// Of each source but the rest: what all groups together say of the global parameters; empty where there is one group.
-    of_groups: Vec<(&'static str, DMatrix<f64>)>,
+    group_information: Vec<(&'static str, DMatrix<f64>)>,
 }
 
 impl<'a> Sources<'a> {
@@ -120,24 +120,24 @@ impl<'a> Sources<'a> {
         naming: Naming<'a>,
         told: Option<&'a AttributedInformation>,
     ) -> Self {
-        let mut sources = Self { problem, fit, naming, told, of_groups: vec![] };
+        let mut sources = Self { problem, fit, naming, attributed: told, group_information: vec![] };
         if problem.groups.len() > 1 {
-            sources.of_groups = sources.informed();
+            sources.group_information = sources.information_by_source();
         }
         sources
     }
 
     /// The parts of the variance of one function (the gradient's first) of a group's unknowns. They add up to
     /// [`Fit::variances_of`].
-    pub fn parts(&self, group: usize, gradient: &Gradient) -> Vec<Part> {
-        let (by, own) = self.fit.by_parameters(group, gradient);
-        let answer = self.answer(group, &by);
+    pub fn contributions(&self, group: usize, gradient: &Gradient) -> Vec<Part> {
+        let (by, own) = self.fit.eliminate_observations(group, gradient);
+        let answer = self.sensitivity(group, &by);
         let mut sum = Sum::default();
-        self.of_priors(&answer.global, &mut sum);
-        self.of_known(&answer.global, &mut sum);
-        self.of_own(group, &answer, &gradient.observed, &mut sum);
-        self.of_others(group, &answer.global, &mut sum);
-        let total = own[(0, 0)] + answer.variance(&by);
+        self.add_priors(&answer.global, &mut sum);
+        self.add_information_prior(&answer.global, &mut sum);
+        self.add_own_group(group, &answer, &gradient.observed, &mut sum);
+        self.add_other_groups(group, &answer.global, &mut sum);
+        let total = own[(0, 0)] + answer.function_variance(&by);
         if self.problem.groups.len() > 1 {
             let explained = sum.total();
             sum.add(self.naming.rest, (total - explained).max(0.0));
@@ -145,12 +145,12 @@ impl<'a> Sources<'a> {
         let part = |(source, variance)| Part {
             source,
             variance,
-            if_known: self.if_known(group, &answer, source, total),
+            if_known: self.variance_if_known(group, &answer, source, total),
         };
         sum.0.into_iter().map(part).collect()
     }
 
-    fn answer(&self, group: usize, by: &Gradient) -> Sensitivity {
+    fn sensitivity(&self, group: usize, by: &Gradient) -> Sensitivity {
         let solved = &self.fit.groups[group];
         let mut function = DVector::zeros(self.fit.global.len());
         by.columns.iter().enumerate().for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
@@ -163,23 +163,23 @@ impl<'a> Sources<'a> {
         Sensitivity { local: &solved.sensitivity * &global + &solved.conditional * local, global }
     }
 
-    fn of_priors(&self, global: &DVector<f64>, sum: &mut Sum) {
+    fn add_priors(&self, global: &DVector<f64>, sum: &mut Sum) {
         for prior in &self.problem.priors {
-            sum.add((self.naming.prior)(prior.name), of_prior(prior, global));
+            sum.add((self.naming.prior)(prior.name), prior_variance(prior, global));
         }
     }
 
     /// Knowledge from elsewhere, less what keeps its name.
-    fn of_known(&self, global: &DVector<f64>, sum: &mut Sum) {
+    fn add_information_prior(&self, global: &DVector<f64>, sum: &mut Sum) {
         let Some(known) = &self.problem.known else { return };
         let all = global.dot(&(&known.information * global));
         let mut named = Sum::default();
-        for prior in self.told.iter().flat_map(|told| &told.priors) {
-            named.add((self.naming.prior)(prior.name), of_prior(prior, global));
+        for prior in self.attributed.iter().flat_map(|told| &told.priors) {
+            named.add((self.naming.prior)(prior.name), prior_variance(prior, global));
         }
-        for (block, solved, observed) in self.told.iter().flat_map(|told| &told.blocks) {
-            let answered = answered(solved, global, &DVector::zeros(0));
-            of_block(block, &-answered, observed, &mut named);
+        for (block, solved, observed) in self.attributed.iter().flat_map(|told| &told.blocks) {
+            let answered = observation_sensitivity(solved, global, &DVector::zeros(0));
+            add_block(block, &-answered, observed, &mut named);
         }
         let rest = (all - named.total()).max(0.0);
         named.0.into_iter().for_each(|(source, variance)| sum.add(source, variance));
@@ -187,29 +187,29 @@ impl<'a> Sources<'a> {
     }
 
     /// The group that the function is of.
-    fn of_own(&self, group: usize, answer: &Sensitivity, observed: &[(usize, DMatrix<f64>)], sum: &mut Sum) {
+    fn add_own_group(&self, group: usize, answer: &Sensitivity, observed: &[(usize, DMatrix<f64>)], sum: &mut Sum) {
         let (given, solved) = (&self.problem.groups[group], &self.fit.groups[group]);
         for prior in &given.priors {
-            sum.add((self.naming.prior)(prior.name), of_prior(prior, &answer.local));
+            sum.add((self.naming.prior)(prior.name), prior_variance(prior, &answer.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
-            let mut answered = -answered(fit, &answer.global, &answer.local);
+            let mut answered = -observation_sensitivity(fit, &answer.global, &answer.local);
             for (_, derivative) in observed.iter().filter(|(index, _)| *index == k) {
                 answered += &fit.conditional * derivative.column(0);
             }
-            of_block(block, &answered, &(self.naming.observations)(group, k), sum);
+            add_block(block, &answered, &(self.naming.observations)(group, k), sum);
         }
     }
 
     /// The other groups, whose own parameters follow the global ones.
-    fn of_others(&self, group: usize, global: &DVector<f64>, sum: &mut Sum) {
-        if self.of_groups.is_empty() {
+    fn add_other_groups(&self, group: usize, global: &DVector<f64>, sum: &mut Sum) {
+        if self.group_information.is_empty() {
             return;
         }
         let mut own = Sum::default();
         let local = &self.fit.groups[group].sensitivity * global;
-        self.of_own(group, &Sensitivity { global: global.clone(), local }, &[], &mut own);
-        for (source, information) in &self.of_groups {
+        self.add_own_group(group, &Sensitivity { global: global.clone(), local }, &[], &mut own);
+        for (source, information) in &self.group_information {
             let all = global.dot(&(information * global));
             let own = own.0.iter().find(|(name, _)| name == source).map_or(0.0, |(_, variance)| *variance);
             sum.add(source, (all - own).max(0.0));
@@ -217,11 +217,11 @@ impl<'a> Sources<'a> {
     }
 
     /// Per source but the rest the information of all groups on the global parameters.
-    fn informed(&self) -> Vec<(&'static str, DMatrix<f64>)> {
+    fn information_by_source(&self) -> Vec<(&'static str, DMatrix<f64>)> {
         let p = self.fit.global.len();
         let mut all: Vec<(&'static str, DMatrix<f64>)> = vec![];
         for (index, (group, solved)) in self.problem.groups.iter().zip(&self.fit.groups).enumerate() {
-            for (source, rows) in self.rows(index, group, solved) {
+            for (source, rows) in self.weighted_rows(index, group, solved) {
                 let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
                     all.push((source, DMatrix::zeros(p, p)));
                     all.len() - 1
@@ -233,11 +233,11 @@ impl<'a> Sources<'a> {
     }
 
     /// A group's weighted answers to the global parameters, source by source.
-    fn rows(&self, index: usize, group: &Group, solved: &GroupFit) -> Vec<(&'static str, DMatrix<f64>)> {
+    fn weighted_rows(&self, index: usize, group: &Group, solved: &GroupFit) -> Vec<(&'static str, DMatrix<f64>)> {
         let mut all = vec![];
         for prior in &group.priors {
-            let rows = whitened(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
-            stacked(&mut all, (self.naming.prior)(prior.name), &rows);
+            let rows = whitening_matrix(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
+            stack_rows(&mut all, (self.naming.prior)(prior.name), &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
             let mut observed = (self.naming.observations)(index, k);
@@ -254,19 +254,19 @@ impl<'a> Sources<'a> {
                 let (first, count) = (places.start, places.len());
                 let covariance = block.covariance.view((first, first), (count, count)).into_owned();
                 let gain = fit.gain.rows(first, count);
-                stacked(&mut all, source, &(whitened(&covariance) * gain * &by_global));
+                stack_rows(&mut all, source, &(whitening_matrix(&covariance) * gain * &by_global));
             }
         }
         all.into_iter().map(|(source, rows)| (source, DMatrix::from_rows(&rows))).collect()
     }
 
     /// The function's variance under the condition that the parameters of a name are known.
-    fn if_known(&self, group: usize, answer: &Sensitivity, source: &'static str, total: f64) -> Option<f64> {
+    fn variance_if_known(&self, group: usize, answer: &Sensitivity, source: &'static str, total: f64) -> Option<f64> {
         let of = |priors: &[Prior]| -> Vec<usize> {
             let named = priors.iter().filter(|prior| (self.naming.prior)(prior.name) == source);
             named.flat_map(|prior| prior.columns.clone()).collect()
         };
-        let told = self.told.map_or(&[][..], |told| &told.priors);
+        let told = self.attributed.map_or(&[][..], |told| &told.priors);
         let global = [of(&self.problem.priors), of(told)].concat();
         let local = of(&self.problem.groups[group].priors);
         let (n, m) = (global.len(), global.len() + local.len());
@@ -288,13 +288,13 @@ impl<'a> Sources<'a> {
 }
 
 /// `q' Sigma^-1 q` on a prior's columns.
-fn of_prior(prior: &Prior, answer: &DVector<f64>) -> f64 {
+fn prior_variance(prior: &Prior, answer: &DVector<f64>) -> f64 {
     let of = answer.select_rows(&prior.columns);
-    inverse(&prior.covariance).map_or(0.0, |weight| of.dot(&(weight * &of)))
+    inverse_spd(&prior.covariance).map_or(0.0, |weight| of.dot(&(weight * &of)))
 }
 
 /// `Q B' M^-1 (A, L) q` of a block.
-fn answered(block: &BlockFit, global: &DVector<f64>, local: &DVector<f64>) -> DVector<f64> {
+fn observation_sensitivity(block: &BlockFit, global: &DVector<f64>, local: &DVector<f64>) -> DVector<f64> {
     let lin = &block.linearised;
     let mut conditions = DVector::zeros(lin.misclosure.len());
     for (column, by) in lin.columns.iter().zip(lin.global.column_iter()) {
@@ -307,19 +307,19 @@ fn answered(block: &BlockFit, global: &DVector<f64>, local: &DVector<f64>) -> DV
 }
 
 /// `y' Q^-1 y`, by what its observations are.
-fn of_block(block: &Block, answered: &DVector<f64>, observed: &[Observed], sum: &mut Sum) {
+fn add_block(block: &Block, answered: &DVector<f64>, observed: &[Observed], sum: &mut Sum) {
     for (source, places) in observed {
         let (first, count) = (places.start, places.len());
         let covariance = block.covariance.view((first, first), (count, count)).into_owned();
         let of = answered.rows(first, count);
-        sum.add(source, inverse(&covariance).map_or(0.0, |weight| of.dot(&(weight * of))));
+        sum.add(source, inverse_spd(&covariance).map_or(0.0, |weight| of.dot(&(weight * of))));
     }
 }
 
 /// `W` with `W' W` the inverse of a covariance; 0 where it has none.
-fn whitened(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let mut lower = covariance.clone();
-    if !cholesky(&mut lower) {
+    if !factor_in_place(&mut lower) {
         return DMatrix::zeros(covariance.nrows(), covariance.ncols());
     }
     invert_lower(&mut lower);
@@ -328,7 +328,7 @@ fn whitened(covariance: &DMatrix<f64>) -> DMatrix<f64> {
 
 type Rows = Vec<nalgebra::RowDVector<f64>>;
 
-fn stacked(all: &mut Vec<(&'static str, Rows)>, source: &'static str, rows: &DMatrix<f64>) {
+fn stack_rows(all: &mut Vec<(&'static str, Rows)>, source: &'static str, rows: &DMatrix<f64>) {
     let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
         all.push((source, vec![]));
         all.len() - 1

@@ -82,7 +82,7 @@ impl Lens {
     pub fn distort(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
-        let [above, below] = self.parts(r2);
+        let [above, below] = self.radial_ratio(r2);
         let radial = above / below;
         let [k4, k5, k6] = self.denominator;
         let rise = |a: f64, b: f64, c: f64| a + r2 * (2.0 * b + 3.0 * r2 * c);
@@ -100,7 +100,7 @@ impl Lens {
     }
 
     /// Numerator and denominator of the radial distortion.
-    fn parts(&self, r2: f64) -> [f64; 2] {
+    fn radial_ratio(&self, r2: f64) -> [f64; 2] {
         let polynomial = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let [k4, k5, k6] = self.denominator;
         [polynomial(self.k1, self.k2, self.k3), polynomial(k4, k5, k6)]
@@ -112,7 +112,7 @@ impl Lens {
     }
 
     /// The lens with Brown's parameters changed, in the order of [`Lens::PARAMETERS`].
-    pub fn changed(&self, by: &SVector<f64, BROWN>) -> Self {
+    pub fn with_changes(&self, by: &SVector<f64, BROWN>) -> Self {
         Self {
             fx: self.fx + by[0],
             fy: self.fy + by[1],
@@ -128,17 +128,17 @@ impl Lens {
     }
 
     /// The same in flight, where the camera constants are larger by a share and the principal point lies elsewhere, px.
-    pub fn in_flight(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
+    pub fn with_flight_change(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
         let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
         Self { fx, fy, cx: self.cx + principal_point_px.x, cy: self.cy + principal_point_px.y, ..*self }
     }
 
     /// d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
-    pub fn by_parameters(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, BROWN> {
+    pub fn parameter_jacobian(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, BROWN> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
         let (d, _) = self.distort(&n);
-        let radial = [r2, r2 * r2, r2 * r2 * r2].map(|r| r / self.parts(r2)[1]);
+        let radial = [r2, r2 * r2, r2 * r2 * r2].map(|r| r / self.radial_ratio(r2)[1]);
         let mut by = SMatrix::zeros();
         (by[(0, 0)], by[(1, 1)], by[(0, 2)], by[(1, 3)]) = (d.x, d.y, 1.0, 1.0);
         for (k, r) in radial.into_iter().enumerate() {
@@ -150,9 +150,9 @@ impl Lens {
     }
 
     /// d pixel / d denominator at a camera-frame point.
-    pub fn by_denominator(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
+    pub fn denominator_jacobian(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
-        let [above, below] = self.parts(n.norm_squared());
+        let [above, below] = self.radial_ratio(n.norm_squared());
         let r2 = n.norm_squared();
         SMatrix::from_fn(|i, k| {
             let f = [self.fx, self.fy][i];
@@ -193,7 +193,7 @@ impl Lens {
             let residual = target - d;
             if residual.norm() < INVERSE_TOLERANCE {
                 // Beyond the fold of the distortion a second, mirrored solution exists.
-                let [_, below] = self.parts(n.norm_squared());
+                let [_, below] = self.radial_ratio(n.norm_squared());
                 let regular = below > 0.0 && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0;
                 return if regular { Ok(n) } else { Err(fail) };
             }
@@ -333,11 +333,11 @@ mod tests {
                     other.project(&point).unwrap()
                 };
                 let by = (at(1.0) - at(-1.0)) / 2e-7;
-                differences.push((by - lens.by_denominator(&point).column(k)).norm());
+                differences.push((by - lens.denominator_jacobian(&point).column(k)).norm());
             }
             let by = |k1: f64| Lens { k1, ..lens }.project(&point).unwrap();
             let by_k1 = (by(lens.k1 + 1e-6) - by(lens.k1 - 1e-6)) / 2e-6;
-            differences.push((by_k1 - lens.by_parameters(&point).column(4)).norm());
+            differences.push((by_k1 - lens.parameter_jacobian(&point).column(4)).norm());
             assert!(differences.iter().all(|d| *d < 1e-3), "{differences:?}");
         }
     }

@@ -11,14 +11,14 @@ pub use wing_frame::WingFrame;
 use nalgebra::{Matrix3, Vector3};
 
 /// The matrix of the cross product: `skew(a) * b = a x b`.
-pub fn skew(a: &Vector3<f64>) -> Matrix3<f64> {
+pub fn cross_matrix(a: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -a.z, a.y, a.z, 0.0, -a.x, -a.y, a.x, 0.0)
 }
 
 /// Of a rotation vector w: `exp(w + dw) = exp(J dw) exp(w)` to first order.
 pub fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle2 = w.norm_squared();
-    let k = skew(w);
+    let k = cross_matrix(w);
     let (a, b) = if angle2 < 1e-6 {
         (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
     } else {

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Matrix3, Matrix3xX, Rotation3, SMatrix, SVector, Vector3};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::skew;
+use super::cross_matrix;
 
 /// `target = scale * rotation * source + translation`; scale 1 for a rigid transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,11 +87,11 @@ impl TransformFit {
         if points.len() < 3 {
             return Err(FitError::Degenerate);
         }
-        let mut transform = closed_form(points, with_scale)?;
+        let mut transform = fit_closed_form(points, with_scale)?;
         let mut cofactor = Matrix7::zeros();
         for _ in 0..REFINEMENTS {
             let step;
-            (step, cofactor) = gauss_newton(points, &transform, with_scale)?;
+            (step, cofactor) = gauss_newton_step(points, &transform, with_scale)?;
             transform.rotation = Rotation3::new(step.fixed_rows::<3>(0)) * transform.rotation;
             transform.translation_m += step.fixed_rows::<3>(3);
             transform.scale += step[6];
@@ -118,7 +118,7 @@ impl TransformFit {
 
     /// Chi-square test of the variance factor against 1, one-sided: `Some(true)` where it holds at
     /// the significance `alpha`; `None` without redundancy.
-    pub fn passes(&self, alpha: f64) -> Option<bool> {
+    pub fn passes_test(&self, alpha: f64) -> Option<bool> {
         let freedom = self.redundancy as f64;
         let limit = ChiSquared::new(freedom).ok()?.inverse_cdf(1.0 - alpha);
         Some(self.variance_factor? * freedom <= limit)
@@ -138,13 +138,13 @@ impl TransformFit {
     }
 }
 
-fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, FitError> {
+fn fit_closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, FitError> {
     let weight = |p: &PointPair| p.sigma_m.powi(-2);
     let total: f64 = points.iter().map(weight).sum();
     let source: Vector3<f64> = points.iter().map(|p| p.source_m * weight(p)).sum::<Vector3<f64>>() / total;
     let target: Vector3<f64> = points.iter().map(|p| p.target_m * weight(p)).sum::<Vector3<f64>>() / total;
-    refuse_a_line(points.iter().map(|p| p.source_m - source))?;
-    refuse_a_line(points.iter().map(|p| p.target_m - target))?;
+    check_not_collinear(points.iter().map(|p| p.source_m - source))?;
+    check_not_collinear(points.iter().map(|p| p.target_m - target))?;
     let (mut cross, mut inertia) = (Matrix3::zeros(), 0.0);
     for p in points {
         let (s, t) = (p.source_m - source, p.target_m - target);
@@ -168,7 +168,7 @@ fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, Fit
 /// part of the second is a solid, and its reflection no noise.
 const MIRROR_RATIO: f64 = 0.01;
 
-fn refuse_a_line(centred: impl Iterator<Item = Vector3<f64>>) -> Result<(), FitError> {
+fn check_not_collinear(centred: impl Iterator<Item = Vector3<f64>>) -> Result<(), FitError> {
     let columns: Vec<_> = centred.collect();
     let values = Matrix3xX::from_columns(&columns).singular_values();
     let line = values[1] <= LINE_RATIO * values[0] || values[0] == 0.0;
@@ -178,7 +178,7 @@ fn refuse_a_line(centred: impl Iterator<Item = Vector3<f64>>) -> Result<(), FitE
 /// d(target)/d(small rotation, translation, scale) at a rotated source point.
 fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SMatrix<f64, 3, 7> {
     let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
-    jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-skew(turned) * scale));
+    jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-cross_matrix(turned) * scale));
     jacobian.fixed_view_mut::<3, 3>(0, 3).fill_with_identity();
     if with_scale {
         jacobian.fixed_view_mut::<3, 1>(0, 6).copy_from(turned);
@@ -187,7 +187,7 @@ fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SM
 }
 
 /// One step and the cofactor matrix, both in (rotation, translation, scale).
-fn gauss_newton(
+fn gauss_newton_step(
     points: &[PointPair],
     t: &Similarity,
     with_scale: bool,
@@ -271,8 +271,8 @@ mod tests {
         let points = pairs(&cloud(3, 6), &truth);
         let rigid = TransformFit::estimate(&points, false).unwrap();
         assert_eq!(rigid.transform.scale, 1.0);
-        assert_eq!(rigid.passes(0.01), Some(false));
-        assert_eq!(TransformFit::estimate(&points, true).unwrap().passes(0.01), Some(true));
+        assert_eq!(rigid.passes_test(0.01), Some(false));
+        assert_eq!(TransformFit::estimate(&points, true).unwrap().passes_test(0.01), Some(true));
     }
 
     #[test]
@@ -334,7 +334,7 @@ mod tests {
             sampled += error * error.transpose() / f64::from(runs);
             predicted = covariance;
             factors += fit.variance_factor.unwrap() / f64::from(runs);
-            passed += i32::from(fit.passes(0.05) == Some(true));
+            passed += i32::from(fit.passes_test(0.05) == Some(true));
         }
         for axis in 0..3 {
             let ratio = (sampled[(axis, axis)] / predicted[(axis, axis)]).sqrt();

@@ -4,13 +4,13 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// The rotation that takes `source` to `target`, exact for the first direction and for the plane
 /// of both; `None` for parallel directions.
-pub(super) fn from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f64>; 2]) -> Option<Rotation3<f64>> {
-    let (a, b) = (triad(source)?, triad(target)?);
+pub(super) fn rotation_from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f64>; 2]) -> Option<Rotation3<f64>> {
+    let (a, b) = (orthonormal_triad(source)?, orthonormal_triad(target)?);
     Some(Rotation3::from_matrix_unchecked(b * a.transpose()))
 }
 
 /// Axes along the mean of two directions, across their plane, and the third.
-fn triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
+fn orthonormal_triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
     let across = a.cross(b);
     if across.norm() < 1e-6 {
         return None;
@@ -22,7 +22,7 @@ fn triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
 /// Weighted least-squares rotation target_from_source over (source, target, weight) of unit
 /// directions, by Arun's singular value decomposition; the determinant guard keeps a reflection
 /// from coming out. `None` for fewer than two distinct directions.
-pub(super) fn from_many(
+pub(super) fn rotation_from_many(
     directions: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>, f64)>,
 ) -> Option<Rotation3<f64>> {
     let mut moment = Matrix3::zeros();
@@ -58,9 +58,9 @@ mod tests {
         ) {
             prop_assume!(a.cross(&b).norm() > 0.05);
             let truth = Rotation3::new(axis * angle);
-            let two = from_two([&a, &b], [&(truth * a), &(truth * b)]).unwrap();
+            let two = rotation_from_two([&a, &b], [&(truth * a), &(truth * b)]).unwrap();
             prop_assert!((two.matrix() - truth.matrix()).amax() < 1e-12);
-            let many = from_many([a, b, c].map(|d| (d, truth * d, 1.0))).unwrap();
+            let many = rotation_from_many([a, b, c].map(|d| (d, truth * d, 1.0))).unwrap();
             prop_assert!((many.matrix() - truth.matrix()).amax() < 1e-9);
         }
 
@@ -73,7 +73,7 @@ mod tests {
                     + Vector3::new(0.0, noise * (f64::from(i) - 2.0), 0.0);
                 (source, target.normalize(), 1.0)
             });
-            let rotation = from_many(directions).unwrap();
+            let rotation = rotation_from_many(directions).unwrap();
             prop_assert!((rotation.matrix().determinant() - 1.0).abs() < 1e-9);
         }
     }
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn parallel_directions_fix_no_rotation() {
         let a = Vector3::x();
-        assert!(from_two([&a, &a], [&a, &a]).is_none());
-        assert!(from_many([(a, a, 1.0), (a, a, 2.0)]).is_none());
+        assert!(rotation_from_two([&a, &a], [&a, &a]).is_none());
+        assert!(rotation_from_many([(a, a, 1.0), (a, a, 2.0)]).is_none());
     }
 }

@@ -67,36 +67,36 @@ impl Beam {
         let mean_z = points.iter().map(|p| p.z).sum::<f64>() / count;
         let chord_axis_m = setup.axis_chord_offset_m.unwrap_or(mean_z);
         let root_x = setup.root_offset_m;
-        let height = |x: f64| skin.height(x, chord_axis_m) - skin_height(setup, x - root_x);
+        let height = |x: f64| skin.height(x, chord_axis_m) - skin_height_at(setup, x - root_x);
         let tip_x = points.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
         let (length_m, slopes) = ground_axis(&height, root_x, tip_x);
         let root = Vector2::new(root_x, height(root_x));
         let mut beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
-        let arm = |(m, p): (&SurveyMarker, &Vector3<f64>)| if m.fixed { Arm::NONE } else { beam.arm(p) };
+        let arm = |(m, p): (&SurveyMarker, &Vector3<f64>)| if m.fixed { Arm::NONE } else { beam.arm_to(p) };
         beam.arms = setup.markers.iter().zip(&beam.ground_m).map(arm).collect();
         beam
     }
 
     /// Foot and arm of a ground point.
-    fn arm(&self, p: &Vector3<f64>) -> Arm {
-        let nodes = self.nodes(&self.slopes, 1.0);
+    fn arm_to(&self, p: &Vector3<f64>) -> Arm {
+        let nodes = self.axis_nodes(&self.slopes, 1.0);
         let target = Vector2::new(p.x, p.y);
         let mut foot_m = p.x - self.root.x;
         for _ in 0..6 {
-            let section = self.section(&nodes, &self.slopes, foot_m, 1.0);
-            foot_m += (target - section.axis).dot(&direction(section.slope));
+            let section = self.section_at(&nodes, &self.slopes, foot_m, 1.0);
+            foot_m += (target - section.axis).dot(&unit_tangent(section.slope));
         }
-        let section = self.section(&nodes, &self.slopes, foot_m, 1.0);
+        let section = self.section_at(&nodes, &self.slopes, foot_m, 1.0);
         let offset = target - section.axis;
-        let tangent = direction(section.slope);
+        let tangent = unit_tangent(section.slope);
         let arm_m = Vector3::new(offset.dot(&tangent), tangent.perp(&offset), p.z - self.chord_axis_m);
         Arm { foot_m, arm_m }
     }
 
     /// Markers in flight, wing frame, m. `scale`: thermal.
-    pub(super) fn place(&self, state: &State, scale: f64) -> Vec<Vector3<f64>> {
-        let slopes = self.bent(state);
-        let nodes = self.nodes(&slopes, scale);
+    pub(super) fn marker_positions(&self, state: &State, scale: f64) -> Vec<Vector3<f64>> {
+        let slopes = self.bent_slopes(state);
+        let nodes = self.axis_nodes(&slopes, scale);
         self.arms
             .iter()
             .zip(&self.ground_m)
@@ -104,10 +104,10 @@ impl Beam {
                 if arm.foot_m <= 0.0 {
                     return *ground;
                 }
-                let section = self.section(&nodes, &slopes, arm.foot_m, scale);
-                let (sin, cos) = self.twist(state, arm.foot_m).sin_cos();
+                let section = self.section_at(&nodes, &slopes, arm.foot_m, scale);
+                let (sin, cos) = self.twist_at(state, arm.foot_m).sin_cos();
                 let (n, z) = (arm.arm_m.y, arm.arm_m.z);
-                let tangent = direction(section.slope);
+                let tangent = unit_tangent(section.slope);
                 let normal = Vector2::new(-tangent.y, tangent.x);
                 let p = section.axis + (tangent * arm.arm_m.x + normal * (n * cos + z * sin)) * scale;
                 Vector3::new(p.x, p.y, self.chord_axis_m + (z * cos - n * sin) * scale)
@@ -117,23 +117,23 @@ impl Beam {
 
     /// Displacement of each marker when the wing bends as a cantilever under a load at its tip does, wing frame, m per m at
     /// the tip.
-    pub(super) fn by_bend(&self) -> Vec<Vector3<f64>> {
+    pub(super) fn bend_displacements(&self) -> Vec<Vector3<f64>> {
         const RISE_M: f64 = 1e-3;
         let mut state = State::zeros();
         state[0] = 3.0 * RISE_M / self.length_m.powi(2);
-        let (bent, still) = (self.place(&state, 1.0), self.place(&State::zeros(), 1.0));
+        let (bent, still) = (self.marker_positions(&state, 1.0), self.marker_positions(&State::zeros(), 1.0));
         bent.iter().zip(&still).map(|(bent, still)| (bent - still) / RISE_M).collect()
     }
 
     /// Normal and chordwise direction of the skin at a marker in flight, wing frame.
-    pub(super) fn attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub(super) fn skin_attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);
         if arm.foot_m == f64::NEG_INFINITY {
-            return facing(ground);
+            return facing_attitude(ground);
         }
         let normal = self.skin.normal(ground.x, ground.z);
         let s = arm.foot_m.clamp(0.0, self.length_m);
-        let (about_z, about_x) = (self.added_slope(state, s), -self.twist(state, s));
+        let (about_z, about_x) = (self.added_slope(state, s), -self.twist_at(state, s));
         let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), about_z)
             * nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), about_x);
         let chord = (Vector3::z() - normal * normal.z).normalize();
@@ -149,27 +149,27 @@ impl Beam {
     }
 
     /// Twist at arc length s, rad; raises the side of positive Z.
-    fn twist(&self, state: &State, s_m: f64) -> f64 {
+    fn twist_at(&self, state: &State, s_m: f64) -> f64 {
         let x = (s_m / self.length_m).clamp(0.0, 1.0);
         x * (state[3] + x * state[4])
     }
 
-    fn bent(&self, state: &State) -> [f64; INTERVALS + 1] {
+    fn bent_slopes(&self, state: &State) -> [f64; INTERVALS + 1] {
         let step = self.length_m / INTERVALS as f64;
         std::array::from_fn(|i| self.slopes[i] + self.added_slope(state, i as f64 * step))
     }
 
-    fn nodes(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
+    fn axis_nodes(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
         let step = scale * self.length_m / INTERVALS as f64;
         let mut nodes = [self.root; INTERVALS + 1];
         for i in 0..INTERVALS {
-            nodes[i + 1] = nodes[i] + direction(0.5 * (slopes[i] + slopes[i + 1])) * step;
+            nodes[i + 1] = nodes[i] + unit_tangent(0.5 * (slopes[i] + slopes[i + 1])) * step;
         }
         nodes
     }
 
     /// `s_m` counts on ground; the axis is straight beyond both ends.
-    fn section(
+    fn section_at(
         &self,
         nodes: &[Vector2<f64>; INTERVALS + 1],
         slopes: &[f64; INTERVALS + 1],
@@ -183,25 +183,25 @@ impl Beam {
         let step = scale * self.length_m / INTERVALS as f64;
         let slope = slopes[i] + (slopes[i + 1] - slopes[i]) * inside;
         let axis =
-            nodes[i] + (nodes[i + 1] - nodes[i]) * inside + direction(slope) * ((fraction - inside) * step);
+            nodes[i] + (nodes[i + 1] - nodes[i]) * inside + unit_tangent(slope) * ((fraction - inside) * step);
         Section { axis, slope }
     }
 }
 
 /// Normal and a direction across it of a mark that faces the camera, as fixed marks are put up.
-fn facing(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+fn facing_attitude(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let normal = -point_m.try_normalize(1e-6)?;
     let across = (Vector3::y() - normal * normal.y).try_normalize(1e-6).unwrap_or_else(Vector3::x);
     Some((normal, across))
 }
 
-fn direction(slope: f64) -> Vector2<f64> {
+fn unit_tangent(slope: f64) -> Vector2<f64> {
     let (sin, cos) = slope.sin_cos();
     Vector2::new(cos, sin)
 }
 
 /// Skin above the bending axis, m.
-fn skin_height(setup: &Setup, span_m: f64) -> f64 {
+fn skin_height_at(setup: &Setup, span_m: f64) -> f64 {
     setup.skin_height.map_or(0.0, |h| {
         let fraction = if h.tip_span_m > 0.0 { span_m / h.tip_span_m } else { 0.0 };
         h.root_m + (h.tip_m - h.root_m) * fraction

@@ -6,7 +6,7 @@ use super::Identities;
 use super::beam::State;
 use super::outline::Disc;
 use super::scene::Scene;
-use crate::detect::{Detection, Source};
+use crate::detect::{Detection, CovarianceSource};
 use crate::geometry::Lens;
 use crate::setup::Shape;
 
@@ -20,7 +20,7 @@ const WARP_SIGMA_PER_M: f64 = 0.002;
 /// Detections with their centres at the discs' centres. A quadrant target's saddle is where two
 /// straight edges through its centre meet: on a curved skin too they meet at the centre's image,
 /// so nothing is due.
-pub(super) fn centred(
+pub(super) fn correct_centres(
     scene: &Scene<'_>,
     state: &State,
     detections: &[Detection],
@@ -32,22 +32,22 @@ pub(super) fn centred(
         .zip(markers)
         .map(|(detection, marker)| {
             let circle = marker.filter(|_| detection.shape == Shape::Circle);
-            let disc = circle.and_then(|j| scene.disc(state, j));
-            disc.and_then(|d| corrected(&scene.setup.lens, detection, &d))
+            let disc = circle.and_then(|j| scene.marker_disc(state, j));
+            disc.and_then(|d| correct_centre(&scene.setup.lens, detection, &d))
                 .unwrap_or_else(|| detection.clone())
         })
         .collect()
 }
 
-fn corrected(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detection> {
-    let bias = disc.bias(lens)?;
+fn correct_centre(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detection> {
+    let bias = disc.centre_bias_px(lens)?;
     let outboard = disc.normal.cross(&disc.chord);
     let warped = Disc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
     let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&outboard, NORMAL_SIGMA), warped];
     let mut covariance_px2 = detection.covariance_px2.clone();
     for other in others {
-        let change: Vector2<f64> = other.bias(lens).map_or(bias, |b| b - bias);
-        covariance_px2.add(Source::Perspective, change * change.transpose());
+        let change: Vector2<f64> = other.centre_bias_px(lens).map_or(bias, |b| b - bias);
+        covariance_px2.add(CovarianceSource::Perspective, change * change.transpose());
     }
     Some(Detection { centre_px: detection.centre_px - bias, covariance_px2, ..detection.clone() })
 }

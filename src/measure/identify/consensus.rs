@@ -3,9 +3,9 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::IdentifyError;
-use super::attitude::{from_many, from_two};
+use super::attitude::{rotation_from_many, rotation_from_two};
 use super::fit::{Pair, SEEN_ODDS, clutter_per_px2};
-use super::scene::{looks_like, usable};
+use super::scene::{looks_like, is_usable};
 use crate::detect::Detection;
 use crate::setup::Setup;
 
@@ -19,7 +19,7 @@ const VOTE_GATE: f64 = 4.5;
 /// Perspective bias and a coarse outline, standard deviation, px.
 const EXTRA_PX: f64 = 1.0;
 /// Hypotheses kept, one per neighbourhood. An assumption: more than a symmetric layout has readings.
-const KEPT: usize = 24;
+const MAX_HYPOTHESES: usize = 24;
 /// Hypotheses nearer to each other than this are one neighbourhood, rad: less than a marker's size at 5 m.
 const NEIGHBOURHOOD_RAD: f64 = 3e-3;
 /// Refined solutions nearer than this are one, rad.
@@ -30,11 +30,11 @@ const MIN_VOTES: usize = 3;
 /// allowed as much more. An assumption.
 const TWO_DIRECTIONS_RAD: f64 = 0.1;
 /// The same in the rounds in which it is refined from all pairs, as a factor.
-const REFINING: [f64; 4] = [1.5, 1.0, 1.0, 1.0];
+const REFINEMENT_SLACK: [f64; 4] = [1.5, 1.0, 1.0, 1.0];
 /// ln of the odds that a reading must have over the next: 160,000 to 1.
-const CLEAR: f64 = 12.0;
+const MIN_LOG_ODDS_RIVAL: f64 = 12.0;
 /// ln of the odds that it must have over chance: 8,000 to 1.
-const CERTAIN: f64 = 9.0;
+const MIN_LOG_ODDS_CHANCE: f64 = 9.0;
 /// Least that a perfect hit counts, ln of odds: a coarse one in much clutter still tells something.
 const MIN_GAIN: f64 = 0.5;
 
@@ -61,17 +61,17 @@ pub(super) struct Consensus {
 }
 
 /// The rotation most detections agree on; refuses what could be told in two ways.
-pub(super) fn consensus(setup: &Setup, detections: &[Detection]) -> Result<Consensus, IdentifyError> {
-    let found = detections.iter().filter(|d| usable(d)).count();
-    if found < super::flight::NEEDED {
-        return Err(IdentifyError::TooFew { found, needed: super::flight::NEEDED });
+pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<Consensus, IdentifyError> {
+    let found = detections.iter().filter(|d| is_usable(d)).count();
+    if found < super::flight::MIN_IDENTIFIED {
+        return Err(IdentifyError::TooFew { found, needed: super::flight::MIN_IDENTIFIED });
     }
     let directions = Directions::new(setup, detections);
-    let (hypotheses, tried) = directions.hypotheses();
+    let (hypotheses, tried) = directions.find_hypotheses();
     let mut refined: Vec<Consensus> = Vec::new();
     for hypothesis in hypotheses {
         let next = directions.refine(hypothesis);
-        let known = |c: &&mut Consensus| same(c, &next);
+        let known = |c: &&mut Consensus| is_same_rotation(c, &next);
         match refined.iter_mut().find(known) {
             Some(old) if old.score < next.score => *old = next,
             Some(_) => {}
@@ -84,12 +84,12 @@ pub(super) fn consensus(setup: &Setup, detections: &[Detection]) -> Result<Conse
     };
     // Two pairs are used up by the rotation; every hypothesis is a chance for a false one.
     let per_pair = best.score / best.pairs.len().max(1) as f64;
-    if best.pairs.len() < super::flight::NEEDED
-        || best.score - 2.0 * per_pair - (tried as f64).max(1.0).ln() < CERTAIN
+    if best.pairs.len() < super::flight::MIN_IDENTIFIED
+        || best.score - 2.0 * per_pair - (tried as f64).max(1.0).ln() < MIN_LOG_ODDS_CHANCE
     {
         return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
     }
-    let alike = refined.iter().filter(|c| c.score > best.score - CLEAR).count();
+    let alike = refined.iter().filter(|c| c.score > best.score - MIN_LOG_ODDS_RIVAL).count();
     if alike > 1 {
         return Err(IdentifyError::Ambiguous { solutions: alike });
     }
@@ -97,19 +97,19 @@ pub(super) fn consensus(setup: &Setup, detections: &[Detection]) -> Result<Conse
 }
 
 /// Pairs of a frame under a rotation that another frame gave.
-pub(super) fn pairs_under(setup: &Setup, detections: &[Detection], rotation: &Rotation3<f64>) -> Vec<Pair> {
-    let mut pairs = Directions::new(setup, detections).vote(rotation, 1.0).pairs;
+pub(super) fn pairs_from_rotation(setup: &Setup, detections: &[Detection], rotation: &Rotation3<f64>) -> Vec<Pair> {
+    let mut pairs = Directions::new(setup, detections).match_pairs(rotation, 1.0).pairs;
     pairs.sort_by_key(|p| p.1);
     pairs
 }
 
 /// Whether two solutions are one: nearly the same rotation.
-fn same(a: &Consensus, b: &Consensus) -> bool {
-    apart(&a.camera_from_survey, &b.camera_from_survey) < SAME_RAD
+fn is_same_rotation(a: &Consensus, b: &Consensus) -> bool {
+    rotation_distance(&a.camera_from_survey, &b.camera_from_survey) < SAME_RAD
 }
 
 /// Angle between two rotations, rad; safe where they are equal.
-fn apart(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+fn rotation_distance(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     (a.matrix() - b.matrix()).norm() / std::f64::consts::SQRT_2
 }
 
@@ -118,7 +118,7 @@ impl<'a> Directions<'a> {
         let focal = setup.lens.focal_px();
         let rays = detections
             .iter()
-            .map(|d| if usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None })
+            .map(|d| if is_usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None })
             .collect();
         let rays_sigma = detections
             .iter()
@@ -146,7 +146,7 @@ impl<'a> Directions<'a> {
 
     /// Rotations from pairs of markers and pairs of detections under the same angle, the most
     /// voted first; and how many were tried.
-    fn hypotheses(&self) -> (Vec<Consensus>, usize) {
+    fn find_hypotheses(&self) -> (Vec<Consensus>, usize) {
         let mut best: Vec<Consensus> = Vec::new();
         let mut tried = 0;
         for a in 0..self.targets.len() {
@@ -164,11 +164,11 @@ impl<'a> Directions<'a> {
                         if i == k || (ri.angle(&rk) - angle).abs() > ANGLE_GATE * sigma2.sqrt() {
                             continue;
                         }
-                        let Some(rotation) = from_two([&da, &db], [&ri, &rk]) else { continue };
+                        let Some(rotation) = rotation_from_two([&da, &db], [&ri, &rk]) else { continue };
                         tried += 1;
                         // Errors of two near directions grow with the distance from them.
                         let slack = 1.0 + TWO_DIRECTIONS_RAD / angle;
-                        keep(&mut best, self.vote(&rotation, slack));
+                        keep_best(&mut best, self.match_pairs(&rotation, slack));
                     }
                 }
             }
@@ -177,7 +177,7 @@ impl<'a> Directions<'a> {
     }
 
     /// Pairs under a rotation, one-to-one, nearest first, with their score.
-    fn vote(&self, rotation: &Rotation3<f64>, slack: f64) -> Consensus {
+    fn match_pairs(&self, rotation: &Rotation3<f64>, slack: f64) -> Consensus {
         let mut all: Vec<(f64, Pair)> = Vec::new();
         for (j, (target, sigma)) in self.targets.iter().enumerate() {
             let predicted = rotation * target;
@@ -196,14 +196,14 @@ impl<'a> Directions<'a> {
         for (off2, (i, j)) in all {
             if pairs.iter().all(|p| p.0 != i && p.1 != j) {
                 pairs.push((i, j));
-                score += self.gain((i, j)) - 0.5 * off2;
+                score += self.log_odds_gain((i, j)) - 0.5 * off2;
             }
         }
         Consensus { camera_from_survey: *rotation, pairs, score }
     }
 
     /// ln of the odds of a perfect hit against clutter.
-    fn gain(&self, (i, j): Pair) -> f64 {
+    fn log_odds_gain(&self, (i, j): Pair) -> f64 {
         let lens = &self.setup.lens;
         let density = clutter_per_px2(self.detections.len(), lens);
         let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
@@ -212,30 +212,30 @@ impl<'a> Directions<'a> {
 
     /// Arun's rotation from all pairs and their vote, in turns.
     fn refine(&self, mut consensus: Consensus) -> Consensus {
-        for slack in REFINING {
+        for slack in REFINEMENT_SLACK {
             let directions = consensus.pairs.iter().filter_map(|&(i, j)| {
                 let (target, sigma) = self.targets[j];
                 let weight = 1.0 / (sigma * sigma + self.rays_sigma[i].powi(2));
                 Some((target, self.rays[i]?, weight))
             });
-            let Some(rotation) = from_many(directions) else { break };
-            consensus = self.vote(&rotation, slack);
+            let Some(rotation) = rotation_from_many(directions) else { break };
+            consensus = self.match_pairs(&rotation, slack);
         }
         consensus
     }
 }
 
 /// Keeps the best hypotheses, one per neighbourhood.
-fn keep(best: &mut Vec<Consensus>, next: Consensus) {
-    if next.pairs.len() < MIN_VOTES || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
+fn keep_best(best: &mut Vec<Consensus>, next: Consensus) {
+    if next.pairs.len() < MIN_VOTES || (best.len() == MAX_HYPOTHESES && best[MAX_HYPOTHESES - 1].score >= next.score) {
         return;
     }
-    match best.iter().position(|c| apart(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
+    match best.iter().position(|c| rotation_distance(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
     {
         Some(at) if best[at].score >= next.score => return,
         Some(at) => best[at] = next,
         None => best.push(next),
     }
     best.sort_by(|a, b| b.score.total_cmp(&a.score));
-    best.truncate(KEPT);
+    best.truncate(MAX_HYPOTHESES);
 }

@@ -4,10 +4,10 @@ use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 use super::Identities;
 use super::beam::State;
-use super::consensus::consensus;
-use super::flight::identify_in;
+use super::consensus::find_consensus;
+use super::flight::identify_frame;
 use super::scan::FAMILY;
-use super::scene::{Scene, usable};
+use super::scene::{Scene, is_usable};
 use super::wing_state::fit_state;
 use crate::detect::Detection;
 use crate::geometry::Lens;
@@ -58,72 +58,72 @@ const STEP_PX: f64 = 450.0;
 const MIN_BEND: f64 = 0.01;
 /// Deflections tried of a wing whose camera's attitude is unknown, over span: from taxiing with full tanks to the strongest
 /// gust of a slender wing.
-const DEFLECTIONS: (f64, f64) = (-0.04, 0.16);
+const DEFLECTION_RANGE: (f64, f64) = (-0.04, 0.16);
 /// Step between them, over span: half of it is within what a consensus allows a marker.
 const DEFLECTION_STEP: f64 = 0.02;
 
 /// Detections over markers from which on a frame is clutter: nothing is told from it, and looking takes seconds.
-const CLUTTER: usize = 3;
+const CLUTTER_RATIO: usize = 3;
 
 fn is_clutter(setup: &Setup, detections: &[Detection]) -> bool {
-    detections.len() > CLUTTER * setup.markers.len()
+    detections.len() > CLUTTER_RATIO * setup.markers.len()
 }
 
 /// Of a frame in flight that fits nothing under `orientation`.
-pub(super) fn in_flight(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
+pub(super) fn diagnose_flight_frame(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
     if is_clutter(setup, detections) {
         return None;
     }
-    turned(setup, orientation, detections)
+    diagnose_turn(setup, orientation, detections)
         .or_else(|| {
-            let turned = half_turned(&setup.lens, detections);
-            fits(setup, orientation, &turned).map(|_| Cause::UpsideDown)
+            let turned = rotate_half_turn(&setup.lens, detections);
+            identify_most(setup, orientation, &turned).map(|_| Cause::UpsideDown)
         })
         .or_else(|| {
-            let across = mirrored(&setup.lens, detections);
-            let along = half_turned(&setup.lens, &across);
-            let fit = fits(setup, orientation, &across).or_else(|| fits(setup, orientation, &along));
+            let across = mirror_detections(&setup.lens, detections);
+            let along = rotate_half_turn(&setup.lens, &across);
+            let fit = identify_most(setup, orientation, &across).or_else(|| identify_most(setup, orientation, &along));
             fit.map(|_| Cause::Mirrored)
         })
 }
 
 /// Of a frame on ground that fits nothing, the camera's attitude unknown.
-pub(super) fn on_ground(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
+pub(super) fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
     if is_clutter(setup, detections) {
         return None;
     }
-    let mirrored = mirrored(&setup.lens, detections);
-    let is_mirrored = consensus(setup, &mirrored)
-        .is_ok_and(|c| convincing(setup, detections, c.pairs.iter().map(|p| p.1).collect()));
-    if is_mirrored { Some(Cause::Mirrored) } else { bent(setup, detections) }
+    let mirrored = mirror_detections(&setup.lens, detections);
+    let is_mirrored = find_consensus(setup, &mirrored)
+        .is_ok_and(|c| is_convincing(setup, detections, c.pairs.iter().map(|p| p.1).collect()));
+    if is_mirrored { Some(Cause::Mirrored) } else { diagnose_bend(setup, detections) }
 }
 
 /// Of a ground frame that does not fit the others' orientation.
-pub(super) fn among_others(
+pub(super) fn diagnose_misfit(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
 ) -> Option<Cause> {
     let bent =
-        fits(setup, orientation, detections).filter(|i| i.tip_deflection_m.abs() > MIN_BEND * span_m(setup));
+        identify_most(setup, orientation, detections).filter(|i| i.tip_deflection_m.abs() > MIN_BEND * span_m(setup));
     bent.map(|i| Cause::Bent { deflection_m: i.tip_deflection_m })
-        .or_else(|| in_flight(setup, orientation, detections))
+        .or_else(|| diagnose_flight_frame(setup, orientation, detections))
 }
 
 /// Identities, where they are of most of the frame.
-fn fits(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Identities> {
-    let found = identify_in(&Scene::new(setup, orientation, true), detections).ok()?;
-    convincing(setup, detections, found.marker_of.iter().flatten().copied().collect()).then_some(found)
+fn identify_most(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Identities> {
+    let found = identify_frame(&Scene::new(setup, orientation, true), detections).ok()?;
+    is_convincing(setup, detections, found.marker_of.iter().flatten().copied().collect()).then_some(found)
 }
 
 /// Another reading is believed where it explains two thirds of the markers or of the detections.
-fn convincing(setup: &Setup, detections: &[Detection], named: Vec<usize>) -> bool {
-    let possible = detections.iter().filter(|d| usable(d)).count().min(setup.markers.len());
+fn is_convincing(setup: &Setup, detections: &[Detection], named: Vec<usize>) -> bool {
+    let possible = detections.iter().filter(|d| is_usable(d)).count().min(setup.markers.len());
     3 * named.len() >= 2 * possible
 }
 
 /// Under an orientation that is off by more than a mounting.
-fn turned(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
+fn diagnose_turn(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
     let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
     let focal_px = setup.lens.focal_px();
     let steps = [0.0, -STEP_PX, STEP_PX];
@@ -132,7 +132,7 @@ fn turned(setup: &Setup, orientation: &Orientation, detections: &[Detection]) ->
     starts.map(Rotation3::new).find_map(|start| {
         let camera_from_survey = start * orientation.camera_from_survey;
         let near = Orientation { camera_from_survey, ..orientation.clone() };
-        let identities = fits(&wide, &near, detections)?;
+        let identities = identify_most(&wide, &near, detections)?;
         let state = fit_state(&Scene::new(&wide, &near, true), detections, &identities)?;
         let turn = Rotation3::new(Vector3::new(state[5], state[6], state[7])) * start;
         let by = turn.scaled_axis();
@@ -145,13 +145,13 @@ fn turned(setup: &Setup, orientation: &Orientation, detections: &[Detection]) ->
 }
 
 /// A bent wing under any attitude: a rigid consensus on wings bent by steps, then the identification in flight.
-fn bent(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
+fn diagnose_bend(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
     let level =
         Orientation { camera_from_survey: Rotation3::identity(), covariance_rad2: None, ground: vec![] };
     let beam = &Scene::new(setup, &level, false).beam;
     let span_m = span_m(setup);
-    let steps = ((DEFLECTIONS.1 - DEFLECTIONS.0) / DEFLECTION_STEP).round() as usize;
-    let deflections = (0..=steps).map(|k| span_m * (DEFLECTIONS.0 + DEFLECTION_STEP * k as f64));
+    let steps = ((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) / DEFLECTION_STEP).round() as usize;
+    let deflections = (0..=steps).map(|k| span_m * (DEFLECTION_RANGE.0 + DEFLECTION_STEP * k as f64));
     deflections.filter(|deflection_m| deflection_m.abs() > MIN_BEND * span_m).find_map(|deflection_m| {
         FAMILY.iter().find_map(|(shape, unit)| {
             let mut state = State::zeros();
@@ -159,16 +159,16 @@ fn bent(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
                 state[k] = s * unit * deflection_m / (span_m * span_m);
             }
             let mut as_bent = setup.clone();
-            for (marker, place) in as_bent.markers.iter_mut().zip(beam.place(&state, 1.0)) {
+            for (marker, place) in as_bent.markers.iter_mut().zip(beam.marker_positions(&state, 1.0)) {
                 // Half a step at the tip, and by the square of the way there.
                 let half_step_m = 0.5 * DEFLECTION_STEP * span_m * (place.x / span_m).powi(2);
                 marker.position_m = beam.frame.survey_point(&place);
                 marker.sigma_m = marker.sigma_m.hypot(half_step_m);
             }
-            let rough = consensus(&as_bent, detections).ok()?;
+            let rough = find_consensus(&as_bent, detections).ok()?;
             let near = Orientation { camera_from_survey: rough.camera_from_survey, ..level.clone() };
             let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
-            let deflection_m = fits(&wide, &near, detections)?.tip_deflection_m;
+            let deflection_m = identify_most(&wide, &near, detections)?.tip_deflection_m;
             (deflection_m.abs() > MIN_BEND * span_m).then_some(Cause::Bent { deflection_m })
         })
     })
@@ -181,13 +181,13 @@ fn span_m(setup: &Setup) -> f64 {
 }
 
 /// As they would lie in the picture turned by 180 degrees.
-fn half_turned(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
+fn rotate_half_turn(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
     let corner = Vector2::new(f64::from(lens.width) - 1.0, f64::from(lens.height) - 1.0);
     detections.iter().map(|d| Detection { centre_px: corner - d.centre_px, ..d.clone() }).collect()
 }
 
 /// As they would lie in the picture mirrored left to right.
-fn mirrored(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
+fn mirror_detections(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
     let last = f64::from(lens.width) - 1.0;
     let mirror = |d: &Detection| {
         let mut next = d.clone();

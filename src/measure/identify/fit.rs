@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::beam::State;
-use super::scene::{Matrix8, Predicted, mahalanobis};
+use super::scene::{Matrix8, Predicted, mahalanobis_squared};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 
@@ -65,12 +65,12 @@ pub(super) struct Step {
     pub(super) evidence: f64,
 }
 
-fn covariance_of(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
+fn pair_covariance(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
     predicted.covariance + *detection.covariance_px2
 }
 
 /// Solves for the change of the state; `None` where a pair has no prediction.
-pub(super) fn solve(
+pub(super) fn solve_step(
     pairs: &[Pair],
     predicted: &[Option<Predicted>],
     detections: &[Detection],
@@ -85,7 +85,7 @@ pub(super) fn solve(
     for &(i, j) in pairs {
         let p = predicted.get(j)?.as_ref()?;
         let detection = detections.get(i)?;
-        let covariance = covariance_of(detection, p);
+        let covariance = pair_covariance(detection, p);
         let weight = covariance.try_inverse()?;
         let v = detection.centre_px - p.pixel;
         let weighted = p.jacobian.transpose() * weight;
@@ -105,7 +105,7 @@ pub(super) fn solve(
 
 /// Squared distance of a pair in units of what is known: `covariance` of the state, the pair's own
 /// noise. For a pair that took part in the fit, `took_part` gives the test of its residual.
-pub(super) fn distance2(
+pub(super) fn squared_distance(
     (i, j): Pair,
     predicted: &[Option<Predicted>],
     detections: &[Detection],
@@ -116,7 +116,7 @@ pub(super) fn distance2(
         return f64::INFINITY;
     };
     let state = p.jacobian * covariance * p.jacobian.transpose();
-    let noise = covariance_of(detection, p);
+    let noise = pair_covariance(detection, p);
     let v: Vector2<f64> = detection.centre_px - p.pixel;
-    if took_part { mahalanobis(&v, &(noise - state)) } else { mahalanobis(&v, &(noise + state)) }
+    if took_part { mahalanobis_squared(&v, &(noise - state)) } else { mahalanobis_squared(&v, &(noise + state)) }
 }

@@ -34,13 +34,13 @@ mod wing_state;
 
 use nalgebra::Vector2;
 
-use super::detect::{Detection, Expected, Prediction};
+use super::detect::{Detection, ExpectedMarker, MarkerPrediction};
 use super::estimation::quality::critical_w;
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
 pub use diagnose::Cause;
-pub use locate::SAME_PX;
+pub use locate::MIN_SEPARATION_PX;
 
 /// Which detection is which marker.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -91,7 +91,7 @@ pub enum IdentifyError {
 
 /// One frame of several that does not fit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("only {matched} of its {found} markers lie where the other frames put them; {}: leave it out", .cause.map_or_else(|| OTHER.to_owned(), |c| c.to_string()))]
+#[error("only {matched} of its {found} markers lie where the other frames put them; {}: leave it out", .cause.map_or_else(|| UNKNOWN_CAUSE.to_owned(), |c| c.to_string()))]
 pub struct Misfit {
     /// Which, from 0.
     pub frame: usize,
@@ -104,7 +104,7 @@ pub struct Misfit {
 }
 
 /// Of a frame that fits nothing.
-const OTHER: &str = "it is of another mounting, of a wing in flight or of another scene";
+const UNKNOWN_CAUSE: &str = "it is of another mounting, of a wing in flight or of another scene";
 
 /// An orientation from one or more ground frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,7 +135,7 @@ impl OrientationFit {
     }
 
     /// Every marker of the survey that no frame's image of was used, and why.
-    pub fn unused(&self, setup: &Setup) -> Vec<(usize, String)> {
+    pub fn unused_markers(&self, setup: &Setup) -> Vec<(usize, String)> {
         let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);
         let reason = |k: usize| {
             let told = self.identities.iter().flat_map(|i| &i.missing).find(|(marker, _)| *marker == k);
@@ -147,27 +147,27 @@ impl OrientationFit {
 
 /// Orientation from ground frames with no initial guess (docs/model.md). All frames show the
 /// wing as surveyed, from one mounting of the camera.
-pub fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
-    ground::orient(setup, frames)
+pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+    ground::orient_frames(setup, frames)
 }
 
 /// Identities in flight, from the orientation and the consensus over the tip deflection.
-pub fn identify(
+pub fn identify_markers(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
 ) -> Result<Identities, IdentifyError> {
-    flight::identify_in(&scene::Scene::new(setup, orientation, true), detections)
+    flight::identify_frame(&scene::Scene::new(setup, orientation, true), detections)
 }
 
 /// What a frame fits that [`identify`] refused, if anything tells.
-pub fn explain(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
-    diagnose::in_flight(setup, orientation, detections)
+pub fn diagnose_flight_frame(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
+    diagnose::diagnose_flight_frame(setup, orientation, detections)
 }
 
 /// What one of the frames fits that [`orient`] refused, with its index, if anything tells.
-pub fn explain_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, Cause)> {
-    frames.iter().enumerate().find_map(|(k, frame)| Some((k, diagnose::on_ground(setup, frame)?)))
+pub fn diagnose_ground_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, Cause)> {
+    frames.iter().enumerate().find_map(|(k, frame)| Some((k, diagnose::diagnose_ground_frame(setup, frame)?)))
 }
 
 /// Image of each identified marker's true centre: the ellipse's perspective bias removed with the
@@ -179,18 +179,18 @@ pub fn remove_perspective_bias(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Detection> {
-    wing_state::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
+    wing_state::remove_bias(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
 /// Where this frame should show the markers, and which of them were found: what [`crate::detect::look_closer`] looks
 /// for. Empty where the identities are too few.
-pub fn expect(
+pub fn predict_second_pass(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
     identities: &Identities,
-) -> Vec<Expected> {
-    wing_state::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
+) -> Vec<ExpectedMarker> {
+    wing_state::predict_second_pass(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
 /// Where a frame shows a marker, foretold by the others.
@@ -199,7 +199,7 @@ pub struct PredictedMarker {
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// Its outline.
-    pub prediction: Prediction,
+    pub prediction: MarkerPrediction,
     /// Image of its centre, px; the outline's own centre is beside it.
     pub point_px: Vector2<f64>,
 }
@@ -211,7 +211,7 @@ pub fn predict_markers(
     orientation: &Orientation,
     observations: &[Observation],
 ) -> Vec<PredictedMarker> {
-    wing_state::foretold(&scene::Scene::new(setup, orientation, true), observations)
+    wing_state::predict_markers(&scene::Scene::new(setup, orientation, true), observations)
 }
 
 /// The same for a ground frame.
@@ -220,52 +220,52 @@ pub fn predict_ground_markers(
     orientation: &Orientation,
     observations: &[Observation],
 ) -> Vec<PredictedMarker> {
-    wing_state::foretold(&scene::Scene::new(setup, orientation, false), observations)
+    wing_state::predict_markers(&scene::Scene::new(setup, orientation, false), observations)
 }
 
 /// A marker that was measured by its outline, with its centre at the image of the marker's centre: the state of the wing is
 /// that of the observations, its own among them.
-pub fn centre_of(
+pub fn correct_marker_centre(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
     marker: usize,
     found: &Detection,
 ) -> Detection {
-    wing_state::centre_of(&scene::Scene::new(setup, orientation, true), observations, marker, found)
+    wing_state::correct_marker_centre(&scene::Scene::new(setup, orientation, true), observations, marker, found)
 }
 
 /// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
 /// survey is blamed.
-pub fn expect_on_ground(
+pub fn predict_ground_second_pass(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
     identities: &Identities,
-) -> Vec<Expected> {
-    wing_state::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
+) -> Vec<ExpectedMarker> {
+    wing_state::predict_second_pass(&scene::Scene::new(setup, orientation, false), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:
 /// every marker that should be in the frame, found or not. Empty where the identities are too few.
-pub fn predict(
+pub fn predict_next_frame(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
     identities: &Identities,
-) -> Vec<Prediction> {
-    predict_within(setup, orientation, detections, identities, NEXT_DEFLECTION_M)
+) -> Vec<MarkerPrediction> {
+    predict_next_frame_within(setup, orientation, detections, identities, MAX_DEFLECTION_CHANGE_M)
 }
 
 /// The same where the deflection of the tip may change by `deflection_m`, m, until the next frame.
-pub fn predict_within(
+pub fn predict_next_frame_within(
     setup: &Setup,
     orientation: &Orientation,
     detections: &[Detection],
     identities: &Identities,
     deflection_m: f64,
-) -> Vec<Prediction> {
-    wing_state::predictions(
+) -> Vec<MarkerPrediction> {
+    wing_state::predict_next_frame(
         &scene::Scene::new(setup, orientation, true),
         detections,
         identities,
@@ -275,29 +275,29 @@ pub fn predict_within(
 
 /// Where a frame shows the markers: those nearest to the camera first, each round telling where the next ones are. `look` finds
 /// markers where they are predicted, as [`crate::detect::detect_guided`] does. `None` where that leads nowhere.
-pub fn locate(
+pub fn locate_markers(
     setup: &Setup,
     orientation: &Orientation,
-    look: impl FnMut(&[Prediction]) -> Vec<Detection>,
-) -> Option<Vec<Prediction>> {
-    locate::located(&scene::Scene::new(setup, orientation, true), look)
+    look: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
+) -> Option<Vec<MarkerPrediction>> {
+    locate::locate_markers(&scene::Scene::new(setup, orientation, true), look)
 }
 
 /// Where a frame shows all markers by those of it that are `found` already, near the camera, where they hardly move; those that
 /// an earlier frame showed, by its `identities`, are expected to be seen. `None` where those found do not fit the wing.
-pub fn onwards(
+pub fn predict_from_found(
     setup: &Setup,
     orientation: &Orientation,
     found: &[Detection],
     identities: &Identities,
-) -> Option<Vec<Prediction>> {
-    locate::onwards(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
+) -> Option<Vec<MarkerPrediction>> {
+    locate::predict_from_found(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
 }
 
 /// The markers that [`locate`] looks for first.
-pub fn nearest(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
-    locate::nearest(&scene::Scene::new(setup, orientation, true))
+pub fn predict_nearest(setup: &Setup, orientation: &Orientation) -> Vec<MarkerPrediction> {
+    locate::predict_nearest(&scene::Scene::new(setup, orientation, true))
 }
 
 /// How far the wing may move from one frame to the next: change of the tip's deflection, m.
-pub const NEXT_DEFLECTION_M: f64 = 0.2;
+pub const MAX_DEFLECTION_CHANGE_M: f64 = 0.2;

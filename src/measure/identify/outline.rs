@@ -37,21 +37,21 @@ pub(super) struct Outline {
 }
 
 /// An ellipse is exact from five points on; more average the lens distortion.
-const BOUNDARY: usize = 24;
+const BOUNDARY_POINTS: usize = 24;
 
 impl Disc {
     /// `None` where a part is behind the camera or the disc is seen edge-on.
     pub(super) fn outline(&self, lens: &Lens) -> Option<Outline> {
         let outboard = self.normal.cross(&self.chord);
-        let mut points = [Vector2::zeros(); BOUNDARY];
+        let mut points = [Vector2::zeros(); BOUNDARY_POINTS];
         for (i, point) in points.iter_mut().enumerate() {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / BOUNDARY as f64).sin_cos();
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / BOUNDARY_POINTS as f64).sin_cos();
             let (along, across) = (self.radius_m * cos, self.radius_m * sin);
             let rise = self.normal * (self.warp_per_m * along * across);
             let p = self.centre_m + outboard * along + self.chord * across + rise;
             *point = lens.project(&p)?;
         }
-        let (ellipse_px, shape) = ellipse(&points)?;
+        let (ellipse_px, shape) = fit_ellipse(&points)?;
         let eigen = SymmetricEigen::new(shape);
         let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
         let axis = eigen.eigenvectors.column(large);
@@ -74,7 +74,7 @@ impl Disc {
     }
 
     /// Ellipse's centre less the centre's image, px.
-    pub(super) fn bias(&self, lens: &Lens) -> Option<Vector2<f64>> {
+    pub(super) fn centre_bias_px(&self, lens: &Lens) -> Option<Vector2<f64>> {
         self.outline(lens).map(|o| o.ellipse_px - o.point_px)
     }
 
@@ -86,7 +86,7 @@ impl Disc {
 }
 
 /// Conic through points, as centre and shape matrix: (p - c)' shape^-1 (p - c) = 1.
-fn ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+fn fit_ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;
     let scatter = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;

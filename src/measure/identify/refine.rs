@@ -3,10 +3,10 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, Vector2, Vector3};
 
-use super::scene::mahalanobis;
+use super::scene::mahalanobis_squared;
 use crate::environment::Plate;
 use crate::estimation::{Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve};
-use crate::geometry::{left_jacobian, skew};
+use crate::geometry::{left_jacobian, cross_matrix};
 use crate::observation::Estimate;
 use crate::setup::{GroundObservation, Orientation, Setup};
 
@@ -26,7 +26,7 @@ pub(super) struct GroundImage {
 }
 
 impl GroundImage {
-    fn on_ground(&self) -> GroundObservation {
+    fn to_observation(&self) -> GroundObservation {
         GroundObservation { marker: self.marker, pixel: self.pixel, covariance_px2: self.covariance_px2 }
     }
 }
@@ -57,22 +57,22 @@ struct OrientationAdjustment<'a> {
 }
 
 /// Adjusts, taking out the worst sight while its residual fails the test.
-pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, list: Vec<GroundImage>) -> Option<Adjusted> {
+pub(super) fn adjust_orientation(setup: &Setup, start: &Rotation3<f64>, list: Vec<GroundImage>) -> Option<Adjusted> {
     let mut sights = OrientationAdjustment { setup, start: *start, bend: &[], list };
-    let (fit, taken_out) = sights.settle()?;
-    Some(sights.conclude(&fit, taken_out))
+    let (fit, taken_out) = sights.solve_without_outliers()?;
+    Some(sights.into_adjusted(&fit, taken_out))
 }
 
 /// A bend of the wing since the survey, at the tip, with its standard deviation, m: one unknown more, of which nothing is
 /// known beforehand. `by_bend`: per marker, survey frame, m per m.
-pub(super) fn bend(
+pub(super) fn estimate_bend(
     setup: &Setup,
     start: &Rotation3<f64>,
     by_bend: &[Vector3<f64>],
     list: Vec<GroundImage>,
 ) -> Option<Estimate> {
     let mut sights = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
-    let (fit, _) = sights.settle()?;
+    let (fit, _) = sights.solve_without_outliers()?;
     let column = sights.bend_column();
     let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
     let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
@@ -80,10 +80,10 @@ pub(super) fn bend(
 }
 
 impl OrientationAdjustment<'_> {
-    fn settle(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
+    fn solve_without_outliers(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
         let mut taken_out = Vec::new();
         loop {
-            let fit = self.solve()?;
+            let fit = self.solve_images()?;
             let tests = (0..self.list.len()).map(|k| (self.residual_test(&fit, k), k));
             match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
                 Some((t, k)) if t > GATE && self.list.len() > 2 => taken_out.push(self.list.remove(k)),
@@ -97,7 +97,7 @@ impl OrientationAdjustment<'_> {
         MARKERS + 3 * self.setup.markers.len()
     }
 
-    fn solve(&self) -> Option<Fit> {
+    fn solve_images(&self) -> Option<Fit> {
         let Self { setup, list, .. } = self;
         let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
         let block = |sight: &GroundImage| Block {
@@ -125,7 +125,7 @@ impl OrientationAdjustment<'_> {
         solve(&problem, |at| self.linearise(at)).ok()
     }
 
-    fn rotation(&self, fit: &Fit) -> Rotation3<f64> {
+    fn camera_from_survey(&self, fit: &Fit) -> Rotation3<f64> {
         let mut rotation = Rotation3::new(fit.global.fixed_rows::<3>(0)) * self.start;
         rotation.renormalize();
         rotation
@@ -142,13 +142,13 @@ impl OrientationAdjustment<'_> {
         let by_bend = self.bend.get(marker);
         let bent_m = by_bend.map_or_else(Vector3::zeros, |by| by * at.global[self.bend_column()]);
         let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first) + bent_m;
-        let p = seen(setup, &rotation, &marker_m, &centre_m);
+        let p = apparent_point(setup, &rotation, &marker_m, &centre_m);
         let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
         let by_shift = by_point * rotation.matrix();
         let bend = by_bend.map(|_| self.bend_column());
         let columns = (0..MARKERS).chain(first..first + 3).chain(bend);
         let mut out = Linearised::empty(2, columns.collect(), 0, 2);
-        out.global.fixed_columns_mut::<3>(0).copy_from(&(by_point * -skew(&p) * left_jacobian(&turn)));
+        out.global.fixed_columns_mut::<3>(0).copy_from(&(by_point * -cross_matrix(&p) * left_jacobian(&turn)));
         out.global.fixed_columns_mut::<3>(CENTRE).copy_from(&-by_shift);
         out.global.fixed_columns_mut::<3>(MARKERS).copy_from(&by_shift);
         if let Some(by) = by_bend {
@@ -164,14 +164,14 @@ impl OrientationAdjustment<'_> {
     fn residual_test(&self, fit: &Fit, k: usize) -> f64 {
         let residual = &fit.groups[0].blocks[k].residuals;
         let adjusted = fit.adjusted_covariance(0, k).fixed_view::<2, 2>(0, 0).into_owned();
-        mahalanobis(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
+        mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
     }
 
-    fn conclude(self, fit: &Fit, taken_out: Vec<GroundImage>) -> Adjusted {
-        let (setup, rotation) = (self.setup, self.rotation(fit));
+    fn into_adjusted(self, fit: &Fit, taken_out: Vec<GroundImage>) -> Adjusted {
+        let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
         let residual = |s: &GroundImage| {
             let ground = setup.markers[s.marker].position_m;
-            let p = seen(setup, &rotation, &ground, &setup.projection_centre_m);
+            let p = apparent_point(setup, &rotation, &ground, &setup.projection_centre_m);
             setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| s.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
@@ -182,7 +182,7 @@ impl OrientationAdjustment<'_> {
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
                 ground: GroundObservation::means(
                     setup.markers.len(),
-                    self.list.iter().map(GroundImage::on_ground),
+                    self.list.iter().map(GroundImage::to_observation),
                 ),
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
@@ -194,12 +194,12 @@ impl OrientationAdjustment<'_> {
 }
 
 /// Where the camera sees a surveyed point on ground, through the window where that is stated; camera frame.
-fn seen(
+fn apparent_point(
     setup: &Setup,
     rotation: &Rotation3<f64>,
     survey_m: &Vector3<f64>,
     centre_m: &Vector3<f64>,
 ) -> Vector3<f64> {
     let p = rotation * (survey_m - centre_m);
-    Plate::seen(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent(&p))
+    Plate::from_window(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent_point(&p))
 }

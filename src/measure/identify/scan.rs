@@ -17,7 +17,7 @@ pub(super) const DEFLECTION_RANGE: (f64, f64) = (-0.11, 0.22);
 /// strong taper, 1, 1 - x, (1 - x)^2.
 pub(super) const FAMILY: [([f64; 3], f64); 4] =
     [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
-const KEPT: usize = 8;
+const MAX_GUESSES: usize = 8;
 
 /// A deflection and a shift with the pairs that agree on it.
 #[derive(Clone, Debug)]
@@ -33,10 +33,10 @@ fn window_px(mount_repeatability_px: f64) -> f64 {
 }
 
 /// The best guesses, best first.
-pub(super) fn scan(problem: &Problem<'_>) -> Vec<Guess> {
+pub(super) fn scan_deflections(problem: &Problem<'_>) -> Vec<Guess> {
     let beam = &problem.scene.beam;
     let setup = problem.scene.setup;
-    let tip = problem.scene.outermost();
+    let tip = problem.scene.outermost_marker();
     let span_m = beam.length_m;
     let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
     let step_m = STEP_PX * range_m / setup.lens.focal_px();
@@ -56,23 +56,23 @@ pub(super) fn scan(problem: &Problem<'_>) -> Vec<Guess> {
                 for (k, s) in shape.iter().enumerate() {
                     state[k] = s * amplitude;
                 }
-                vote(problem, &state, amplitude, window, step)
+                vote_shift(problem, &state, amplitude, window, step)
             })
             .max_by_key(|g| g.pairs.len());
         guesses.extend(best);
     }
-    best_apart(guesses)
+    select_apart(guesses)
 }
 
 /// The best guesses that are not each other's neighbours in deflection.
-fn best_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
+fn select_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
     guesses.sort_by_key(|g| (std::cmp::Reverse(g.pairs.len()), g.cell));
     let mut kept: Vec<Guess> = Vec::new();
     for guess in guesses {
         if kept.iter().all(|k| k.cell.abs_diff(guess.cell) > 1) {
             kept.push(guess);
         }
-        if kept.len() == KEPT {
+        if kept.len() == MAX_GUESSES {
             break;
         }
     }
@@ -80,8 +80,8 @@ fn best_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
 }
 
 /// The shift that most markers agree on.
-fn vote(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell: usize) -> Option<Guess> {
-    let pixels = problem.scene.pixels(state);
+fn vote_shift(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell: usize) -> Option<Guess> {
+    let pixels = problem.scene.project_markers(state);
     let cells = (2.0 * window / CELL_PX).ceil() as usize + 2;
     let cells = cells.min(MAX_CELLS);
     let mut votes = vec![(0u16, usize::MAX); cells * cells];
@@ -104,7 +104,7 @@ fn vote(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell:
     }
     let coordinate = |cell: usize| (cell as f64 - 0.5) * CELL_PX - window;
     let centre = Vector2::new(coordinate(best / cells), coordinate(best % cells));
-    Some(Guess { prior: prior(problem, state, amplitude), pairs: agreeing(problem, &pixels, &centre), cell })
+    Some(Guess { prior: guess_prior(problem, state, amplitude), pairs: agreeing_pairs(problem, &pixels, &centre), cell })
 }
 
 fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, usize)> {
@@ -117,7 +117,7 @@ fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, us
 }
 
 /// Per marker the detection nearest to the common shift, each detection once.
-fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vector2<f64>) -> Vec<Pair> {
+fn agreeing_pairs(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vector2<f64>) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (j, pixel) in pixels.iter().enumerate() {
         let Some(pixel) = pixel else { continue };
@@ -138,7 +138,7 @@ fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vect
     once
 }
 
-fn prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
+fn guess_prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
     let a = amplitude.abs();
     let [x, y, z] = problem.scene.turn_sigmas();
     let sigma = State::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, x, y, z]);

@@ -6,7 +6,7 @@ use super::beam::{Beam, State};
 use super::outline::{Disc, Outline};
 use crate::detect::Detection;
 use crate::environment::Plate;
-use crate::geometry::skew;
+use crate::geometry::cross_matrix;
 use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) type Matrix8 = SMatrix<f64, 8, 8>;
@@ -49,7 +49,7 @@ impl<'a> Scene<'a> {
         let beam = Beam::new(setup, &orientation.may_shape(setup.markers.len()));
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
-        let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
+        let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
         Self { setup, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
     }
 
@@ -60,9 +60,9 @@ impl<'a> Scene<'a> {
     }
 
     /// Where the camera sees a point of the wing frame, camera frame.
-    fn seen(&self, rotation: &Rotation3<f64>, point_m: &Vector3<f64>) -> Vector3<f64> {
+    fn apparent_point(&self, rotation: &Rotation3<f64>, point_m: &Vector3<f64>) -> Vector3<f64> {
         let p = rotation * point_m;
-        self.pane.map_or(p, |pane| pane.apparent(&p))
+        self.pane.map_or(p, |pane| pane.apparent_point(&p))
     }
 
     fn camera_from_wing(&self, state: &State) -> Rotation3<f64> {
@@ -70,33 +70,33 @@ impl<'a> Scene<'a> {
     }
 
     /// Pixels of all markers; `None` behind the camera.
-    pub(super) fn pixels(&self, state: &State) -> Vec<Option<Vector2<f64>>> {
+    pub(super) fn project_markers(&self, state: &State) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
-        self.beam.place(state, self.scale).iter().map(|p| lens.project(&self.seen(&rotation, p))).collect()
+        self.beam.marker_positions(state, self.scale).iter().map(|p| lens.project(&self.apparent_point(&rotation, p))).collect()
     }
 
     /// Pixels of all markers with Jacobians and covariances; `None` behind the camera.
     pub(super) fn linearise(&self, state: &State) -> Vec<Option<Predicted>> {
         let rotation = self.camera_from_wing(state);
-        let placed = self.beam.place(state, self.scale);
+        let placed = self.beam.marker_positions(state, self.scale);
         let stepped: [Vec<Vector3<f64>>; 5] = std::array::from_fn(|k| {
             let mut next = *state;
             next[k] += STEPS[k];
-            self.beam.place(&next, self.scale)
+            self.beam.marker_positions(&next, self.scale)
         });
         let centre = self.setup.projection_centre_sigma_m;
         let common = centre * centre + MODEL_SIGMA_M * MODEL_SIGMA_M;
         (0..placed.len())
             .map(|j| {
-                let p = self.seen(&rotation, &placed[j]);
+                let p = self.apparent_point(&rotation, &placed[j]);
                 let (pixel, by_point) = self.setup.lens.project_with_jacobian(&p)?;
                 let mut jacobian = Jacobian::zeros();
                 for k in 0..5 {
                     let motion = rotation * (stepped[k][j] - placed[j]) / STEPS[k];
                     jacobian.set_column(k, &(by_point * motion));
                 }
-                jacobian.fixed_columns_mut::<3>(5).copy_from(&(by_point * -skew(&p)));
+                jacobian.fixed_columns_mut::<3>(5).copy_from(&(by_point * -cross_matrix(&p)));
                 let sigma = self.setup.markers[j].sigma_m;
                 let covariance = by_point * by_point.transpose() * (sigma * sigma + common)
                     + Matrix2::identity() * (PIXEL_FLOOR_PX * PIXEL_FLOOR_PX);
@@ -106,10 +106,10 @@ impl<'a> Scene<'a> {
     }
 
     /// The disc of a marker, camera frame.
-    pub(super) fn disc(&self, state: &State, marker: usize) -> Option<Disc> {
+    pub(super) fn marker_disc(&self, state: &State, marker: usize) -> Option<Disc> {
         let rotation = self.camera_from_wing(state);
         let surveyed = self.setup.markers.get(marker)?;
-        let position = self.beam.place(state, self.scale).get(marker).copied()?;
+        let position = self.beam.marker_positions(state, self.scale).get(marker).copied()?;
         self.disc_at(state, marker, &rotation, &position, surveyed.diameter_m)
     }
 
@@ -121,9 +121,9 @@ impl<'a> Scene<'a> {
         position: &Vector3<f64>,
         diameter_m: f64,
     ) -> Option<Disc> {
-        let (normal, chord) = self.beam.attitude(state, marker)?;
+        let (normal, chord) = self.beam.skin_attitude(state, marker)?;
         Some(Disc {
-            centre_m: self.seen(rotation, position),
+            centre_m: self.apparent_point(rotation, position),
             normal: rotation * normal,
             chord: rotation * chord,
             radius_m: 0.5 * diameter_m * if self.is_fixed(marker) { 1.0 } else { self.scale },
@@ -136,9 +136,9 @@ impl<'a> Scene<'a> {
     }
 
     /// The discs' images for all markers.
-    pub(super) fn outlines(&self, state: &State) -> Vec<Option<Outline>> {
+    pub(super) fn marker_outlines(&self, state: &State) -> Vec<Option<Outline>> {
         let rotation = self.camera_from_wing(state);
-        let placed = self.beam.place(state, self.scale);
+        let placed = self.beam.marker_positions(state, self.scale);
         let markers = self.setup.markers.iter().zip(&placed).enumerate();
         markers
             .map(|(j, (marker, position))| {
@@ -149,7 +149,7 @@ impl<'a> Scene<'a> {
 
     /// Position in flight, survey frame, m.
     pub(super) fn deflection_m(&self, state: &State, marker: usize) -> f64 {
-        let placed = self.beam.place(state, self.scale);
+        let placed = self.beam.marker_positions(state, self.scale);
         match (placed.get(marker), self.beam.ground_m.get(marker)) {
             (Some(flight), Some(ground)) => flight.y - ground.y,
             _ => 0.0,
@@ -157,7 +157,7 @@ impl<'a> Scene<'a> {
     }
 
     /// The marker farthest out along the span.
-    pub(super) fn outermost(&self) -> usize {
+    pub(super) fn outermost_marker(&self) -> usize {
         let span = |j: usize| match self.beam.ground_m.get(j) {
             Some(p) if !self.is_fixed(j) => p.x,
             _ => f64::MIN,
@@ -173,10 +173,10 @@ pub(super) fn looks_like(detection: &Detection, shape: Shape, semi_major_px: f64
         Shape::Circle => 1.35,
         Shape::Quadrant => 1.5,
     };
-    detection.shape == shape && alike(detection.semi_major_px, semi_major_px, limit)
+    detection.shape == shape && is_within_factor(detection.semi_major_px, semi_major_px, limit)
 }
 
-fn alike(a: f64, b: f64, limit: f64) -> bool {
+fn is_within_factor(a: f64, b: f64, limit: f64) -> bool {
     a < b * limit && b < a * limit
 }
 
@@ -202,7 +202,7 @@ pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outlin
 const TIPS_PX: f64 = 2.4;
 
 /// A finite detection: what the input may not hold back.
-pub(super) fn usable(detection: &Detection) -> bool {
+pub(super) fn is_usable(detection: &Detection) -> bool {
     let c = &detection.covariance_px2;
     detection.centre_px.iter().all(|v| v.is_finite())
         && c.iter().all(|v| v.is_finite())
@@ -213,6 +213,6 @@ pub(super) fn usable(detection: &Detection) -> bool {
 }
 
 /// v' S^-1 v; infinite where S is singular.
-pub(super) fn mahalanobis(v: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
+pub(super) fn mahalanobis_squared(v: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
     covariance.try_inverse().map_or(f64::INFINITY, |inverse| v.dot(&(inverse * v)))
 }

@@ -32,11 +32,11 @@ impl Skin {
             let one = |(p, w): (&Vector3<f64>, &f64)| (p.y - skin.height(p.x, p.z)).abs() * w.sqrt();
             points.iter().zip(&weights).map(one).collect()
         };
-        robust::fit(&weights, |weights| Self::weighted(points, weights), off)
+        robust::fit_robustly(&weights, |weights| Self::fit_weighted(points, weights), off)
     }
 
     /// `weights`: of heights, 1/m^2.
-    fn weighted(points: &[Vector3<f64>], weights: &[f64]) -> Self {
+    fn fit_weighted(points: &[Vector3<f64>], weights: &[f64]) -> Self {
         let (low, high) =
             points.iter().fold((f64::MAX, f64::MIN), |(low, high), p| (low.min(p.x), high.max(p.x)));
         let (mid_m, half_m) = (0.5 * (low + high), (0.5 * (high - low)).max(1.0));
@@ -45,7 +45,7 @@ impl Skin {
         ));
         let mut right = Terms::zeros();
         for (p, &weight) in points.iter().zip(weights) {
-            let basis = terms((p.x - mid_m) / half_m, p.z);
+            let basis = basis_terms((p.x - mid_m) / half_m, p.z);
             normal += basis * basis.transpose() * weight;
             right += basis * (p.y * weight);
         }
@@ -55,7 +55,7 @@ impl Skin {
 
     /// Height at (X, Z), m.
     pub(super) fn height(&self, x_m: f64, z_m: f64) -> f64 {
-        terms((x_m - self.mid_m) / self.half_m, z_m).dot(&self.coefficients)
+        basis_terms((x_m - self.mid_m) / self.half_m, z_m).dot(&self.coefficients)
     }
 
     /// Slopes dY/dX and dY/dZ, with their standard deviations.
@@ -76,6 +76,6 @@ impl Skin {
     }
 }
 
-fn terms(x: f64, z: f64) -> Terms {
+fn basis_terms(x: f64, z: f64) -> Terms {
     Terms::from([1.0, x, x * x, x * x * x, z, z * x, z * z, z * z * x])
 }

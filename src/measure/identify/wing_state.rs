@@ -3,12 +3,12 @@
 use nalgebra::Vector2;
 
 use super::beam::State;
-use super::bias::centred;
-use super::fit::{Clutter, Pair, Prior, solve};
+use super::bias::correct_centres;
+use super::fit::{Clutter, Pair, Prior, solve_step};
 use super::outline::Outline;
-use super::scene::{Scene, usable};
+use super::scene::{Scene, is_usable};
 use super::{Identities, PredictedMarker};
-use crate::detect::{Detection, Expected, Prediction};
+use crate::detect::{Detection, ExpectedMarker, MarkerPrediction};
 use crate::observation::Observation;
 use crate::setup::Shape;
 
@@ -16,7 +16,7 @@ use crate::setup::Shape;
 /// rad. Wider than any wing bends.
 const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
 /// Linear steps at most; they settle in four or five.
-const STEPS: usize = 15;
+const MAX_STEPS: usize = 15;
 /// A step of the state that no longer matters, 1/m and rad: 0.001 px.
 const SETTLED: f64 = 1e-7;
 
@@ -29,11 +29,11 @@ pub(super) fn fit_state(
     detections: &[Detection],
     identities: &Identities,
 ) -> Option<State> {
-    state_from(scene, detections, identities, super::flight::NEEDED)
+    fit_state_from(scene, detections, identities, super::flight::MIN_IDENTIFIED)
 }
 
 /// The same from so many detections at least: names that nobody guessed need none to check them by.
-fn state_from(
+fn fit_state_from(
     scene: &Scene<'_>,
     detections: &[Detection],
     identities: &Identities,
@@ -44,7 +44,7 @@ fn state_from(
         .iter()
         .enumerate()
         .filter_map(|(i, j)| Some((i, (*j)?)))
-        .filter(|(i, _)| detections.get(*i).is_some_and(usable))
+        .filter(|(i, _)| detections.get(*i).is_some_and(is_usable))
         .collect();
     if pairs.len() < least {
         return None;
@@ -54,9 +54,9 @@ fn state_from(
     let sigma = State::from([a, b, c, d, e, x, y, z]);
     let prior = Prior { mean: State::zeros(), sigma };
     let mut state = prior.mean;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_STEPS {
         let predicted = scene.linearise(&state);
-        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &scene.setup.lens))?;
+        let step = solve_step(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &scene.setup.lens))?;
         state += step.delta;
         if step.delta.amax() < SETTLED {
             break;
@@ -66,31 +66,31 @@ fn state_from(
 }
 
 /// See [`super::remove_perspective_bias`].
-pub(super) fn unbiased(
+pub(super) fn remove_bias(
     scene: &Scene<'_>,
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Detection> {
     let Some(first) = fit_state(scene, detections, identities) else { return detections.to_vec() };
-    let once = centred(scene, &first, detections, identities);
+    let once = correct_centres(scene, &first, detections, identities);
     match fit_state(scene, &once, identities) {
-        Some(second) => centred(scene, &second, detections, identities),
+        Some(second) => correct_centres(scene, &second, detections, identities),
         None => once,
     }
 }
 
 /// See [`super::expect`].
-pub(super) fn expected(
+pub(super) fn predict_second_pass(
     scene: &Scene<'_>,
     detections: &[Detection],
     identities: &Identities,
-) -> Vec<Expected> {
+) -> Vec<ExpectedMarker> {
     let Some(state) = fit_state(scene, detections, identities) else { return Vec::new() };
-    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).enumerate();
+    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).enumerate();
     let expected = markers.filter_map(|(i, (marker, outline))| {
         let found = identities.marker_of.iter().position(|m| *m == Some(i));
-        Some(Expected {
-            prediction: prediction(scene, marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
+        Some(ExpectedMarker {
+            prediction: visible_prediction(scene, marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
             found,
             marker: i,
         })
@@ -99,36 +99,36 @@ pub(super) fn expected(
 }
 
 /// See [`super::foretell`].
-pub(super) fn foretold(scene: &Scene<'_>, observations: &[Observation]) -> Vec<PredictedMarker> {
-    let (seen, identities) = named(observations);
-    let state = state_from(scene, &seen, &identities, 1).unwrap_or_else(State::zeros);
-    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).enumerate();
+pub(super) fn predict_markers(scene: &Scene<'_>, observations: &[Observation]) -> Vec<PredictedMarker> {
+    let (seen, identities) = identified_detections(observations);
+    let state = fit_state_from(scene, &seen, &identities, 1).unwrap_or_else(State::zeros);
+    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).enumerate();
     let foretold = markers.filter_map(|(marker, (surveyed, outline))| {
         let outline = outline?;
         let seen = observations.iter().any(|o| o.marker == marker);
-        let prediction = prediction(scene, surveyed.shape, &outline, Vector2::zeros(), seen)?;
+        let prediction = visible_prediction(scene, surveyed.shape, &outline, Vector2::zeros(), seen)?;
         Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
     });
     foretold.collect()
 }
 
 /// See [`super::centre_of`].
-pub(super) fn centre_of(
+pub(super) fn correct_marker_centre(
     scene: &Scene<'_>,
     observations: &[Observation],
     marker: usize,
     found: &Detection,
 ) -> Detection {
     let others: Vec<Observation> = observations.iter().filter(|o| o.marker != marker).cloned().collect();
-    let (mut seen, mut identities) = named(&others);
+    let (mut seen, mut identities) = identified_detections(&others);
     seen.push(found.clone());
     identities.marker_of.push(Some(marker));
-    let Some(state) = state_from(scene, &seen, &identities, 1) else { return found.clone() };
-    centred(scene, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+    let Some(state) = fit_state_from(scene, &seen, &identities, 1) else { return found.clone() };
+    correct_centres(scene, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
 }
 
 /// Observations as detections with names. They are centres already: as crossings no bias is taken from them.
-fn named(observations: &[Observation]) -> (Vec<Detection>, Identities) {
+fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Identities) {
     let detection = |o: &Observation| Detection {
         shape: Shape::Quadrant,
         centre_px: o.pixel,
@@ -144,14 +144,14 @@ fn named(observations: &[Observation]) -> (Vec<Detection>, Identities) {
 }
 
 /// A marker's image, if it lies in the frame.
-pub(super) fn prediction(
+pub(super) fn visible_prediction(
     scene: &Scene<'_>,
     shape: Shape,
     outline: &Outline,
     search_px: Vector2<f64>,
     seen: bool,
-) -> Option<Prediction> {
-    scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
+) -> Option<MarkerPrediction> {
+    scene.setup.lens.contains(&outline.ellipse_px).then_some(MarkerPrediction {
         shape,
         centre_px: outline.ellipse_px,
         semi_major_px: outline.semi_major_px,
@@ -163,25 +163,25 @@ pub(super) fn prediction(
 }
 
 /// See [`super::predict_within`].
-pub(super) fn predictions(
+pub(super) fn predict_next_frame(
     scene: &Scene<'_>,
     detections: &[Detection],
     identities: &Identities,
     deflection_m: f64,
-) -> Vec<Prediction> {
+) -> Vec<MarkerPrediction> {
     let Some(state) = fit_state(scene, detections, identities) else { return Vec::new() };
     let mut deflected = state;
     // Curvature that falls to 0 at the tip: the usual change of a load.
     deflected[0] += 3.0 * deflection_m / scene.beam.length_m.powi(2);
-    let moved = scene.pixels(&deflected);
-    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).zip(moved);
+    let moved = scene.project_markers(&deflected);
+    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).zip(moved);
     markers
         .enumerate()
         .filter_map(|(i, ((marker, outline), moved))| {
             let outline = outline?;
             let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
             let seen = identities.marker_of.contains(&Some(i));
-            prediction(scene, marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
+            visible_prediction(scene, marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
         })
         .collect()
 }

@@ -15,7 +15,7 @@ const MAX_CODE_BITS: u32 = 32;
 const ZEROS: u8 = 0xf0;
 
 /// Adds coded bytes without what is stuffed between them.
-pub fn unstuff(coded: &[u8], into: &mut Vec<u8>) {
+pub fn remove_stuffing(coded: &[u8], into: &mut Vec<u8>) {
     let mut rest = coded;
     while let Some(at) = memchr::memchr(0xff, rest) {
         let (own, more) = rest.split_at(at + 1);
@@ -26,29 +26,29 @@ pub fn unstuff(coded: &[u8], into: &mut Vec<u8>) {
 }
 
 /// The codes of a component's coefficients, with what several of them come to.
-pub struct Table {
+pub struct CodeTable {
     one: HuffmanTable,
-    several: Vec<Several>,
+    several: Vec<CodeGroup>,
 }
 
 /// Whole codes at the head of some bits: how many bits they and their numbers have, how many coefficients they tell, and whether
 /// the block ends then. Without any bits where the first is not whole.
 #[derive(Clone, Copy, Default)]
-struct Several {
+struct CodeGroup {
     bits: u8,
     told: u8,
     ends: bool,
 }
 
-impl Table {
+impl CodeTable {
     /// For a scan.
     pub fn new(one: &HuffmanTable) -> Self {
-        Self { one: one.clone(), several: (0..1 << AHEAD).map(|bits| Several::of(one, bits)).collect() }
+        Self { one: one.clone(), several: (0..1 << AHEAD).map(|bits| CodeGroup::from_bits(one, bits)).collect() }
     }
 }
 
-impl Several {
-    fn of(table: &HuffmanTable, bits: u32) -> Self {
+impl CodeGroup {
+    fn from_bits(table: &HuffmanTable, bits: u32) -> Self {
         let mut out = Self::default();
         let known = AHEAD as u8;
         while !out.ends && out.bits < known {
@@ -68,7 +68,7 @@ impl Several {
 
 /// Coded data that are read; ones follow their end. No code is all ones (ITU-T T.81, C), so that data which end early are an
 /// error and not grey blocks.
-pub struct Codes<'a> {
+pub struct CodeReader<'a> {
     data: &'a [u8],
     /// Bytes that were taken, also beyond the end.
     at: usize,
@@ -78,22 +78,22 @@ pub struct Codes<'a> {
     left: u32,
 }
 
-impl<'a> Codes<'a> {
+impl<'a> CodeReader<'a> {
     /// From the start of an interval's data, without stuffed bytes.
     pub fn new(data: &'a [u8]) -> Self {
         Self { data, at: 0, ahead: 0, left: 0 }
     }
 
     /// From a bit on.
-    pub fn at(data: &'a [u8], bit: usize) -> Self {
+    pub fn from_bit(data: &'a [u8], bit: usize) -> Self {
         let mut out = Self { at: bit / 8, ..Self::new(data) };
         out.fill();
-        out.pass((bit % 8) as u32);
+        out.skip_bits((bit % 8) as u32);
         out
     }
 
     /// The bit that is read next.
-    pub fn bit(&self) -> usize {
+    pub fn bit_position(&self) -> usize {
         8 * self.at - self.left as usize
     }
 
@@ -108,7 +108,7 @@ impl<'a> Codes<'a> {
         if self.left < MAX_CODE_BITS {
             let next = match self.data.get(self.at..).and_then(|rest| rest.first_chunk()) {
                 Some(eight) => u64::from_be_bytes(*eight),
-                None => self.last(),
+                None => self.last_bytes(),
             };
             self.ahead |= next >> self.left;
             let bytes = (63 - self.left) / 8;
@@ -119,7 +119,7 @@ impl<'a> Codes<'a> {
 
     #[cold]
     #[inline(never)]
-    fn last(&self) -> u64 {
+    fn last_bytes(&self) -> u64 {
         let rest = self.data.get(self.at..).unwrap_or_default();
         let mut eight = [u8::MAX; 8];
         eight.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
@@ -127,54 +127,54 @@ impl<'a> Codes<'a> {
     }
 
     #[inline(always)]
-    fn pass(&mut self, bits: u32) {
+    fn skip_bits(&mut self, bits: u32) {
         self.ahead <<= bits;
         self.left -= bits;
     }
 
     /// The next symbol.
     #[inline(always)]
-    pub fn symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
+    pub fn read_symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
         self.fill();
         let (symbol, length) = table.lookup((self.ahead >> 48) as u16)?;
-        self.pass(u32::from(length));
+        self.skip_bits(u32::from(length));
         Ok(symbol)
     }
 
     /// The next `size` bits, at most 16.
     #[inline(always)]
-    pub fn bits(&mut self, size: u8) -> u16 {
+    pub fn read_bits(&mut self, size: u8) -> u16 {
         self.fill();
-        self.taken(size)
+        self.take_bits(size)
     }
 
     /// The same of bits that are there.
     #[inline(always)]
-    fn taken(&mut self, size: u8) -> u16 {
+    fn take_bits(&mut self, size: u8) -> u16 {
         let bits = (self.ahead >> 48 >> (16 - u32::from(size))) as u16;
-        self.pass(u32::from(size));
+        self.skip_bits(u32::from(size));
         bits
     }
 
     /// The number of `size` bits that follows its symbol.
     #[inline(always)]
-    fn number(&mut self, size: u8) -> i16 {
-        signed(self.taken(size), size)
+    fn take_number(&mut self, size: u8) -> i16 {
+        extend_sign(self.take_bits(size), size)
     }
 
     /// By how much the block's mean differs from the last one's.
     #[inline(always)]
-    pub fn mean(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
-        match self.symbol(table)? {
+    pub fn read_mean_change(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
+        match self.read_symbol(table)? {
             0 => Ok(0),
-            size @ 1..=15 => Ok(self.number(size)),
-            _ => Err(out_of_step()),
+            size @ 1..=15 => Ok(self.take_number(size)),
+            _ => Err(out_of_step_error()),
         }
     }
 
     /// The block's other coefficients.
     #[inline(always)]
-    pub fn coefficients(&mut self, table: &Table, block: &mut [i16; ALL]) -> Result<(), JpegError> {
+    pub fn read_coefficients(&mut self, table: &CodeTable, block: &mut [i16; ALL]) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
             self.fill();
@@ -182,57 +182,57 @@ impl<'a> Codes<'a> {
             let (whole, mut symbol, mut length) = table.one.lookup_combined(ahead);
             // Code and number at once: total bits, zeros, the number.
             let (zeros, number) = if whole != 0 {
-                self.pass((whole & 15) as u32);
+                self.skip_bits((whole & 15) as u32);
                 (usize::from((whole >> 4) as u16 & 15), whole >> 8)
             } else {
                 if length == 0 {
                     (symbol, length) = table.one.lookup(ahead)?;
                 }
-                self.pass(u32::from(length));
+                self.skip_bits(u32::from(length));
                 match symbol & 15 {
                     0 if symbol == ZEROS => {
                         k += 16;
                         continue;
                     }
                     0 => return Ok(()),
-                    size => (usize::from(symbol >> 4), self.number(size)),
+                    size => (usize::from(symbol >> 4), self.take_number(size)),
                 }
             };
             k += zeros;
-            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step)? = number;
+            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step_error)? = number;
             k += 1;
         }
-        if k == ALL { Ok(()) } else { Err(out_of_step()) }
+        if k == ALL { Ok(()) } else { Err(out_of_step_error()) }
     }
 
     /// The same, of which nothing is wanted.
     #[inline(always)]
-    pub fn pass_over(&mut self, table: &Table) -> Result<(), JpegError> {
+    pub fn skip_coefficients(&mut self, table: &CodeTable) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
             self.fill();
-            let Several { bits, told, ends } = table.several[(self.ahead >> (64 - AHEAD)) as usize];
+            let CodeGroup { bits, told, ends } = table.several[(self.ahead >> (64 - AHEAD)) as usize];
             let then = k + usize::from(told);
             // Whole codes of this block alone.
             if bits > 0 && then + usize::from(ends) <= ALL {
-                self.pass(u32::from(bits));
+                self.skip_bits(u32::from(bits));
                 k = if ends { ALL } else { then };
                 continue;
             }
-            let symbol = self.symbol(&table.one)?;
-            self.pass(u32::from(symbol & 15));
+            let symbol = self.read_symbol(&table.one)?;
+            self.skip_bits(u32::from(symbol & 15));
             k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
         }
-        if k == ALL { Ok(()) } else { Err(out_of_step()) }
+        if k == ALL { Ok(()) } else { Err(out_of_step_error()) }
     }
 }
 
 /// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
-pub fn signed(bits: u16, size: u8) -> i16 {
+pub fn extend_sign(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
     (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
 }
 
-pub fn out_of_step() -> JpegError {
+pub fn out_of_step_error() -> JpegError {
     JpegError::CorruptData("codes are out of step".into())
 }

@@ -5,14 +5,14 @@ use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
 
-use super::codes::{Codes, out_of_step, signed};
+use super::codes::{CodeReader, out_of_step_error, extend_sign};
 
 /// Coefficients in the order of their rows.
-pub type Block = [i16; 64];
+pub type CoefficientBlock = [i16; 64];
 
 /// Which coefficients a scan tells, in the order of coding, and from which bit on.
 #[derive(Clone, Copy)]
-pub struct Band {
+pub struct SpectralBand {
     pub first: u8,
     pub last: u8,
     pub low: u8,
@@ -22,7 +22,7 @@ pub struct Band {
 
 /// Blocks of a scan that end together, in one code.
 #[derive(Default)]
-pub struct Runs {
+pub struct BlockRuns {
     /// Blocks of this one to come.
     pub left: u16,
     /// Blocks of this one, and bits in them that refine.
@@ -40,14 +40,14 @@ pub struct Runs {
 const MAX_REFINED_BITS: usize = 937;
 const MAX_RUN: u16 = 0x7fff;
 
-impl Runs {
-    fn begin(&mut self, length: u16, at_start: bool) {
+impl BlockRuns {
+    fn begin_run(&mut self, length: u16, at_start: bool) {
         self.joined |= length > 1;
         self.parted |= at_start && self.open;
         (self.left, self.length, self.refined) = (length, length, 0);
     }
 
-    fn next(&mut self, refined: usize) {
+    fn end_block(&mut self, refined: usize) {
         self.refined += refined;
         self.left = self.left.saturating_sub(1);
         self.open = self.left == 0 && self.refined <= MAX_REFINED_BITS && self.length < MAX_RUN;
@@ -60,37 +60,37 @@ impl Runs {
 
     /// Of all scans: an encoder that joins blocks in runs never parts what it could join. Its codes are read out of step,
     /// as after a stretch that was lost; no other sign remains where refined bits fall into step again.
-    pub fn out_of_step(&self) -> bool {
+    pub fn is_out_of_step(&self) -> bool {
         self.joined && self.parted
     }
 }
 
 /// Takes up the band's part of a block.
-pub fn decode(
-    codes: &mut Codes,
+pub fn decode_band(
+    codes: &mut CodeReader,
     table: &HuffmanTable,
-    band: Band,
-    runs: &mut Runs,
-    block: &mut Block,
+    band: SpectralBand,
+    runs: &mut BlockRuns,
+    block: &mut CoefficientBlock,
 ) -> Result<(), JpegError> {
     let (start, end) = (usize::from(band.first), usize::from(band.last) + 1);
     let (mut k, mut zeros) = (start, false);
     while k < end && runs.left == 0 {
-        let symbol = codes.symbol(table)?;
+        let symbol = codes.read_symbol(table)?;
         let (run, size) = (symbol >> 4, symbol & 15);
         let value = match size {
             0 if run == 15 => None,
             // Sixteen zeros are only told of where more follows.
-            0 if zeros => return Err(out_of_step()),
+            0 if zeros => return Err(out_of_step_error()),
             0 => {
-                runs.begin((1 << run) + codes.bits(run), k == start);
+                runs.begin_run((1 << run) + codes.read_bits(run), k == start);
                 break;
             }
-            _ if band.refines && size != 1 => return Err(out_of_step()),
-            _ => Some(signed(codes.bits(size), size) << band.low),
+            _ if band.refines && size != 1 => return Err(out_of_step_error()),
+            _ => Some(extend_sign(codes.read_bits(size), size) << band.low),
         };
-        k = skip(codes, band, k..end, run, block).0;
-        let place = ZIGZAG_ORDER[..end].get(k).ok_or_else(out_of_step)?;
+        k = skip_zeros(codes, band, k..end, run, block).0;
+        let place = ZIGZAG_ORDER[..end].get(k).ok_or_else(out_of_step_error)?;
         zeros = value.is_none();
         if let Some(value) = value {
             block[*place] = value;
@@ -98,8 +98,8 @@ pub fn decode(
         k += 1;
     }
     if runs.left > 0 {
-        let (_, refined) = skip(codes, band, k..end, u8::MAX, block);
-        runs.next(refined);
+        let (_, refined) = skip_zeros(codes, band, k..end, u8::MAX, block);
+        runs.end_block(refined);
     } else {
         runs.open = false;
     }
@@ -107,12 +107,12 @@ pub fn decode(
 }
 
 /// The place after `run` zeros, the band's end where there are fewer; what is not zero on the way is refined, and counted.
-fn skip(
-    codes: &mut Codes,
-    band: Band,
+fn skip_zeros(
+    codes: &mut CodeReader,
+    band: SpectralBand,
     range: std::ops::Range<usize>,
     run: u8,
-    block: &mut Block,
+    block: &mut CoefficientBlock,
 ) -> (usize, usize) {
     if !band.refines {
         return (range.start + usize::from(run), 0);
@@ -122,7 +122,7 @@ fn skip(
         let value = &mut block[ZIGZAG_ORDER[k]];
         if *value != 0 {
             refined += 1;
-            if codes.bits(1) != 0 {
+            if codes.read_bits(1) != 0 {
                 *value = value.wrapping_add(value.signum() << band.low);
             }
         } else if left == 0 {

@@ -14,9 +14,9 @@ const SEGMENT: usize = 6;
 ///
 /// # Errors
 /// Where the marker's height is none, or another than the header's.
-pub fn resolved(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
-    let (height_at, scan) = frame_and_scan(bytes)?;
-    let at = first_marker(bytes, scan)?;
+pub fn resolve_height(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
+    let (height_at, scan) = find_height_and_scan(bytes)?;
+    let at = find_marker(bytes, scan)?;
     let &[0xff, LINES, 0, 4, high, low] = bytes.get(at..at + SEGMENT)? else { return None };
     let own = bytes.get(height_at..height_at + 2)?;
     if [high, low] == [0, 0] || (own != [0, 0] && own != [high, low]) {
@@ -31,7 +31,7 @@ pub fn resolved(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
 }
 
 /// Where the frame header's height stands, and where the first scan's data begin.
-fn frame_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
+fn find_height_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
     let (mut at, mut height) = (2, None);
     loop {
         // Fill bytes may stand before a marker.
@@ -50,7 +50,7 @@ fn frame_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
 }
 
 /// The first marker in a scan that is none of its own: no stuffed zero, no restart.
-fn first_marker(bytes: &[u8], scan: usize) -> Option<usize> {
+fn find_marker(bytes: &[u8], scan: usize) -> Option<usize> {
     let mut at = scan;
     loop {
         at += memchr::memchr(0xff, bytes.get(at..)?)?;

@@ -12,7 +12,7 @@ pub const END: u8 = 0xd9;
 const FIRST_RESTART: u8 = 0xd0;
 
 /// The intervals between restart markers of a scan.
-pub struct Intervals<'a> {
+pub struct RestartIntervals<'a> {
     rest: &'a [u8],
     /// Units of the scan, and of an interval.
     units: usize,
@@ -25,7 +25,7 @@ pub struct Intervals<'a> {
     coded: &'a [u8],
 }
 
-impl<'a> Intervals<'a> {
+impl<'a> RestartIntervals<'a> {
     /// `interval`: units between restart markers, 0 without any. The marker after the last interval is `end`; any but
     /// a restart marker where `None`.
     pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
@@ -37,19 +37,19 @@ impl<'a> Intervals<'a> {
     ///
     /// # Errors
     /// Where it does not end with the marker that must follow it.
-    pub fn next(&mut self) -> Result<Option<Range<usize>>, JpegFault> {
+    pub fn next_interval(&mut self) -> Result<Option<Range<usize>>, JpegFault> {
         if self.start >= self.units {
             return Ok(None);
         }
         let units = self.start..(self.start + self.length).min(self.units);
-        let (size, marker, next) = until_marker(self.rest).ok_or_else(|| damaged("its end is missing"))?;
+        let (size, marker, next) = split_at_marker(self.rest).ok_or_else(|| damaged_error("its end is missing"))?;
         let right = if units.end < self.units {
             marker == FIRST_RESTART + (self.number % 8) as u8
         } else {
             self.end.map_or(!(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker), |end| marker == end)
         };
         if !right {
-            return Err(damaged("data are missing or in the wrong place"));
+            return Err(damaged_error("data are missing or in the wrong place"));
         }
         self.coded = &self.rest[..size];
         (self.rest, self.start, self.number) = (next, units.end, self.number + 1);
@@ -63,7 +63,7 @@ impl<'a> Intervals<'a> {
 }
 
 /// Bytes until the next marker, its code, and what follows it.
-fn until_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
+fn split_at_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
     let mut at = 0;
     loop {
         at += memchr::memchr(0xff, &data[at..])?;
@@ -77,6 +77,6 @@ fn until_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
 }
 
 /// An error of damaged data, in words.
-pub(super) fn damaged(what: &str) -> JpegFault {
+pub(super) fn damaged_error(what: &str) -> JpegFault {
     JpegFault::Damaged(what.into())
 }

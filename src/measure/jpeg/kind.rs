@@ -10,7 +10,7 @@ use super::{JpegFault, MAX_SIDE};
 
 /// What the first component holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Colour {
+pub enum FirstComponent {
     /// Grey, or luma with two colour differences.
     Luma,
     /// Red, with green and blue.
@@ -21,21 +21,21 @@ pub enum Colour {
 const MAX_SCANS: usize = 200;
 
 /// The header of a picture of 8 bits, Huffman-coded by cosine transform, grey or in colour, and its colour.
-pub fn header(bytes: &[u8]) -> Result<(JpegMetadata, Colour), JpegFault> {
+pub fn read_header(bytes: &[u8]) -> Result<(JpegMetadata, FirstComponent), JpegFault> {
     let mut reader = MarkerReader::new(bytes);
     reader.set_scan_cap(MAX_SCANS);
     let mut header = reader.read_markers().map_err(|error| match error {
         JpegError::Unsupported(_) => JpegFault::Kind("hierarchical coding".into()),
         other => JpegFault::Damaged(other.to_string()),
     })?;
-    let colour = kind(&header).map_err(|kind| JpegFault::Kind(kind.into()))?;
-    sound(&header, bytes.len())?;
-    standard_tables(&mut header);
+    let colour = check_kind(&header).map_err(|kind| JpegFault::Kind(kind.into()))?;
+    check_plausible(&header, bytes.len())?;
+    add_standard_tables(&mut header);
     Ok((header, colour))
 }
 
 /// The colour of a picture that is read; else the name of its kind.
-fn kind(header: &JpegMetadata) -> Result<Colour, &'static str> {
+fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
     let frame = &header.frame;
     if frame.is_lossless {
         return Err("lossless coding");
@@ -48,16 +48,16 @@ fn kind(header: &JpegMetadata) -> Result<Colour, &'static str> {
     }
     let parts = &frame.components;
     let first = match &parts[..] {
-        [_] => return Ok(Colour::Luma),
+        [_] => return Ok(FirstComponent::Luma),
         [first, _, _] => first,
         [_, _, _, _] => return Err("CMYK colour"),
         _ => return Err("two components"),
     };
     let finest = (first.horizontal_sampling, first.vertical_sampling);
     let sampling = || parts.iter().map(|c| (c.horizontal_sampling, c.vertical_sampling));
-    match colour(header) {
-        Colour::Red if sampling().any(|s| s != finest) => Err("red, green and blue of several resolutions"),
-        Colour::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
+    match first_component(header) {
+        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of several resolutions"),
+        FirstComponent::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
             Err("colour finer than brightness")
         }
         colour => Ok(colour),
@@ -65,18 +65,18 @@ fn kind(header: &JpegMetadata) -> Result<Colour, &'static str> {
 }
 
 /// Of three components: JFIF is luma first, then Adobe's marker says it, then the components' names.
-fn colour(header: &JpegMetadata) -> Colour {
+fn first_component(header: &JpegMetadata) -> FirstComponent {
     let names: Vec<u8> = header.frame.components.iter().map(|c| c.id).collect();
     let red = match header.adobe_transform_at_first_sos {
         _ if header.saw_jfif_marker_at_first_sos => false,
         Some(transform) => transform == 0,
         None => names == *b"RGB",
     };
-    if red { Colour::Red } else { Colour::Luma }
+    if red { FirstComponent::Red } else { FirstComponent::Luma }
 }
 
 /// Headers that no picture has: the likeliest damage.
-fn sound(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
+fn check_plausible(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
     let damaged = |what: String| Err(JpegFault::Damaged(what));
     let frame = &header.frame;
     let (width, height) = (frame.width(), frame.height());
@@ -94,18 +94,18 @@ fn sound(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
     Ok(())
 }
 
-fn fill(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTable>, colour: &Arc<HuffmanTable>) {
+fn fill_tables(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTable>, colour: &Arc<HuffmanTable>) {
     slots[0].get_or_insert_with(|| luma.clone());
     slots[1].get_or_insert_with(|| colour.clone());
 }
 
 /// The tables of ITU-T T.81, K.3 where the file brings none: the frames of MJPEG leave them out.
-fn standard_tables(header: &mut JpegMetadata) {
+fn add_standard_tables(header: &mut JpegMetadata) {
     let [dc_luma, dc_colour, ac_luma, ac_colour] = std_huffman_tables();
-    fill(&mut header.dc_huffman_tables, dc_luma, dc_colour);
-    fill(&mut header.ac_huffman_tables, ac_luma, ac_colour);
+    fill_tables(&mut header.dc_huffman_tables, dc_luma, dc_colour);
+    fill_tables(&mut header.ac_huffman_tables, ac_luma, ac_colour);
     for scan in &mut header.scans {
-        fill(&mut scan.dc_huffman_tables, dc_luma, dc_colour);
-        fill(&mut scan.ac_huffman_tables, ac_luma, ac_colour);
+        fill_tables(&mut scan.dc_huffman_tables, dc_luma, dc_colour);
+        fill_tables(&mut scan.ac_huffman_tables, ac_luma, ac_colour);
     }
 }

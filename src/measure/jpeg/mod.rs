@@ -20,7 +20,7 @@ mod part;
 pub mod scans;
 mod sequential;
 
-pub use part::Part;
+pub use part::PartialImage;
 
 use crate::tiles::Tiles;
 
@@ -39,18 +39,18 @@ pub enum JpegFault {
 pub const MAX_SIDE: usize = 30_000;
 
 /// What is wanted of a picture of some width and height, px.
-pub type Wanted<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
+pub type TileSelection<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 
 /// The picture, of which what is `wanted` is decoded; all is read, and damage anywhere noticed.
 ///
 /// # Errors
 /// Where it is damaged, or of a kind that is not read.
-pub fn part(bytes: &[u8], wanted: &Wanted) -> Result<Part, JpegFault> {
-    let read = Part::of(bytes, wanted);
+pub fn decode_partial(bytes: &[u8], wanted: &TileSelection) -> Result<PartialImage, JpegFault> {
+    let read = PartialImage::from_jpeg(bytes, wanted);
     let damaged = matches!(read, Err(JpegFault::Damaged(_)));
     // Where it cannot be read as it is, perhaps its height stands behind its first scan.
-    match if damaged { dnl::resolved(bytes) } else { None } {
-        Some(whole) => Part::of(&whole?, wanted),
+    match if damaged { dnl::resolve_height(bytes) } else { None } {
+        Some(whole) => PartialImage::from_jpeg(&whole?, wanted),
         None => read,
     }
 }

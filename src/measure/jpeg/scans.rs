@@ -9,52 +9,52 @@ use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader, ScanInfo};
 use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
-use super::codes::{Codes, unstuff};
-use super::coefficients::{self, Band, Block, Runs};
-use super::intervals::{BLOCK, END, Intervals, damaged};
-use super::kind::Colour;
+use super::codes::{CodeReader, remove_stuffing};
+use super::coefficients::{self, SpectralBand, CoefficientBlock, BlockRuns};
+use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
+use super::kind::FirstComponent;
 use crate::raster::Raster;
 use crate::tiles;
 
 /// A component's coefficients, and how far they are known.
-struct Plane {
+struct ComponentPlane {
     /// Blocks of a unit (the blocks that are coded together), across and down.
     unit: [usize; 2],
     /// Blocks that hold picture, across and down: what a scan of this component alone codes.
     own: [usize; 2],
     /// Blocks of a row with those that fill up the last unit.
     across: usize,
-    blocks: Vec<Block>,
+    blocks: Vec<CoefficientBlock>,
     /// Of each coefficient, in the order of coding, the lowest bit that is known; `None` before its first scan.
     lowest_bit: [Option<u8>; BLOCK * BLOCK],
 }
 
 /// The picture of all scans.
-pub fn luma(bytes: &[u8], header: &JpegMetadata, colour: Colour) -> Result<Raster, JpegFault> {
-    let mut planes = planes(header);
-    let units = units(header);
-    let mut runs = Runs::default();
+pub fn decode_luma(bytes: &[u8], header: &JpegMetadata, colour: FirstComponent) -> Result<Raster, JpegFault> {
+    let mut planes = allocate_planes(header);
+    let units = unit_counts(header);
+    let mut runs = BlockRuns::default();
     for scan in &header.scans {
-        Scan::new(header, scan, &mut planes, &mut runs, units)?.decode(bytes)?;
+        CoefficientScan::new(header, scan, &mut planes, &mut runs, units)?.decode(bytes)?;
     }
-    if runs.out_of_step() {
-        return Err(damaged("codes are out of step: data are missing"));
+    if runs.is_out_of_step() {
+        return Err(damaged_error("codes are out of step: data are missing"));
     }
-    let complete = |p: &Plane| p.lowest_bit.iter().all(|bit| *bit == Some(0));
+    let complete = |p: &ComponentPlane| p.lowest_bit.iter().all(|bit| *bit == Some(0));
     if header.extraneous_bytes > 0 || !planes.iter().all(complete) {
-        return Err(damaged("a scan is missing"));
+        return Err(damaged_error("a scan is missing"));
     }
     let (width, height) = (header.frame.width(), header.frame.height());
-    let pixels = |k: usize| Ok(planes[k].pixels(&quantisation(bytes, header, k)?, width, height));
+    let pixels = |k: usize| Ok(planes[k].pixels(&quantisation_steps(bytes, header, k)?, width, height));
     let luma = match colour {
-        Colour::Luma => pixels(0)?,
-        Colour::Red => grey(&pixels(0)?, &pixels(1)?, &pixels(2)?),
+        FirstComponent::Luma => pixels(0)?,
+        FirstComponent::Red => luma_from_rgb(&pixels(0)?, &pixels(1)?, &pixels(2)?),
     };
-    Raster::new(width, height, luma).ok_or_else(|| damaged("it has no pixels"))
+    Raster::new(width, height, luma).ok_or_else(|| damaged_error("it has no pixels"))
 }
 
 /// Luma of ITU-R BT.601, rounded as libjpeg rounds it: factors times 2^16.
-fn grey(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
+fn luma_from_rgb(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
     let sum = |((r, g), b): ((&u8, &u8), &u8)| {
         19_595 * u32::from(*r) + 38_470 * u32::from(*g) + 7_471 * u32::from(*b) + 32_768
     };
@@ -62,43 +62,43 @@ fn grey(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
 }
 
 /// Finest sampling, across and down.
-fn finest(header: &JpegMetadata) -> [usize; 2] {
+fn finest_sampling(header: &JpegMetadata) -> [usize; 2] {
     let parts = &header.frame.components;
     let across = parts.iter().map(|c| usize::from(c.horizontal_sampling)).max();
     [across.unwrap_or(1), parts.iter().map(|c| usize::from(c.vertical_sampling)).max().unwrap_or(1)]
 }
 
 /// Units of the picture, across and down.
-fn units(header: &JpegMetadata) -> [usize; 2] {
-    let [across, down] = finest(header);
+fn unit_counts(header: &JpegMetadata) -> [usize; 2] {
+    let [across, down] = finest_sampling(header);
     [header.frame.width().div_ceil(BLOCK * across), header.frame.height().div_ceil(BLOCK * down)]
 }
 
-fn planes(header: &JpegMetadata) -> Vec<Plane> {
-    let (finest, units) = (finest(header), units(header));
+fn allocate_planes(header: &JpegMetadata) -> Vec<ComponentPlane> {
+    let (finest, units) = (finest_sampling(header), unit_counts(header));
     let size = [header.frame.width(), header.frame.height()];
     let plane = |c: &libjpeg_turbo_rs::ComponentInfo| {
         let unit = [usize::from(c.horizontal_sampling), usize::from(c.vertical_sampling)];
         let own = [0, 1].map(|k| (size[k] * unit[k]).div_ceil(finest[k]).div_ceil(BLOCK));
         let across = units[0] * unit[0];
         let blocks = vec![[0; BLOCK * BLOCK]; across * units[1] * unit[1]];
-        Plane { unit, own, across, blocks, lowest_bit: [None; BLOCK * BLOCK] }
+        ComponentPlane { unit, own, across, blocks, lowest_bit: [None; BLOCK * BLOCK] }
     };
     header.frame.components.iter().map(plane).collect()
 }
 
 /// The steps of component `k` as they were when its first scan began: a later scan may bring others.
-fn quantisation(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[u16; BLOCK * BLOCK], JpegFault> {
+fn quantisation_steps(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[u16; BLOCK * BLOCK], JpegFault> {
     let component = &header.frame.components[k];
     let of_it = |s: &&ScanInfo| s.header.components.iter().any(|c| c.component_id == component.id);
-    let first = header.scans.iter().find(of_it).ok_or_else(|| damaged("a component is missing"))?;
+    let first = header.scans.iter().find(of_it).ok_or_else(|| damaged_error("a component is missing"))?;
     let until = [&bytes[..first.data_offset], &[0xff, END]].concat();
     let then = MarkerReader::new(&until).read_markers().map_err(|e| JpegFault::Damaged(e.to_string()))?;
     let table = then.quant_tables.into_iter().nth(usize::from(component.quant_table_index)).flatten();
-    table.map(|t| t.values).ok_or_else(|| damaged("a quantisation table is missing"))
+    table.map(|t| t.values).ok_or_else(|| damaged_error("a quantisation table is missing"))
 }
 
-impl Plane {
+impl ComponentPlane {
     /// Grey values of the picture; the component is as fine as the picture.
     fn pixels(&self, steps: &[u16; BLOCK * BLOCK], width: usize, height: usize) -> Vec<u8> {
         let transform = simd::detect().idct_islow;
@@ -114,10 +114,10 @@ impl Plane {
     }
 
     /// Takes down what a scan tells of this component; an error where it cannot follow on what is known.
-    fn take_up(&mut self, band: Range<usize>, high: u8, low: u8) -> Result<(), JpegFault> {
+    fn record_scan(&mut self, band: Range<usize>, high: u8, low: u8) -> Result<(), JpegFault> {
         let before = if high == 0 { None } else { Some(high) };
         if (high != 0 && high != low + 1) || self.lowest_bit[band.clone()].iter().any(|bit| *bit != before) {
-            return Err(damaged("its scans do not follow on each other"));
+            return Err(damaged_error("its scans do not follow on each other"));
         }
         self.lowest_bit[band].fill(Some(low));
         Ok(())
@@ -125,8 +125,8 @@ impl Plane {
 }
 
 /// A component in a scan.
-struct Part<'a> {
-    plane: &'a mut Plane,
+struct ScanComponent<'a> {
+    plane: &'a mut ComponentPlane,
     dc: Option<&'a HuffmanTable>,
     ac: Option<&'a HuffmanTable>,
     /// The last DC coefficient.
@@ -134,23 +134,23 @@ struct Part<'a> {
 }
 
 /// A scan that is being decoded.
-struct Scan<'a> {
-    parts: Vec<Part<'a>>,
-    band: Band,
+struct CoefficientScan<'a> {
+    parts: Vec<ScanComponent<'a>>,
+    band: SpectralBand,
     progressive: bool,
-    runs: &'a mut Runs,
+    runs: &'a mut BlockRuns,
     /// Units across and down: blocks, where the scan holds one component.
     units: [usize; 2],
     interval: usize,
     offset: usize,
 }
 
-impl<'a> Scan<'a> {
+impl<'a> CoefficientScan<'a> {
     fn new(
         header: &JpegMetadata,
         scan: &'a ScanInfo,
-        planes: &'a mut [Plane],
-        runs: &'a mut Runs,
+        planes: &'a mut [ComponentPlane],
+        runs: &'a mut BlockRuns,
         units: [usize; 2],
     ) -> Result<Self, JpegFault> {
         let h = &scan.header;
@@ -158,27 +158,27 @@ impl<'a> Scan<'a> {
         let (first, last, low) =
             if progressive { (h.spec_start, h.spec_end, h.succ_low) } else { (0, 63, 0) };
         let refines = progressive && h.succ_high > 0;
-        let band = Band { first, last, low, refines };
+        let band = SpectralBand { first, last, low, refines };
         let one_part = h.components.len() == 1;
         let in_order = first <= last && last < 64 && low < 14;
         if progressive && (!in_order || if first == 0 { last != 0 } else { !one_part }) {
-            return Err(damaged("a scan's header is wrong"));
+            return Err(damaged_error("a scan's header is wrong"));
         }
         let high = if progressive { h.succ_high } else { 0 };
         let mut parts = Vec::with_capacity(h.components.len());
         for (component, plane) in header.frame.components.iter().zip(planes) {
             if let Some(chosen) = h.components.iter().find(|c| c.component_id == component.id) {
-                plane.take_up(usize::from(first)..usize::from(last) + 1, high, low)?;
+                plane.record_scan(usize::from(first)..usize::from(last) + 1, high, low)?;
                 let table = |tables: &'a [Option<std::sync::Arc<HuffmanTable>>; 4], k: u8| {
                     tables.get(usize::from(k)).and_then(Option::as_deref)
                 };
                 let dc = table(&scan.dc_huffman_tables, chosen.dc_table_index);
                 let ac = table(&scan.ac_huffman_tables, chosen.ac_table_index);
-                parts.push(Part { plane, dc, ac, last: 0 });
+                parts.push(ScanComponent { plane, dc, ac, last: 0 });
             }
         }
         if parts.is_empty() || parts.len() != h.components.len() {
-            return Err(damaged("a scan's header is wrong"));
+            return Err(damaged_error("a scan's header is wrong"));
         }
         let units = if one_part { parts[0].plane.own } else { units };
         let interval = usize::from(scan.restart_interval);
@@ -187,17 +187,17 @@ impl<'a> Scan<'a> {
 
     fn decode(&mut self, bytes: &[u8]) -> Result<(), JpegFault> {
         let (coded, mut data) = (bytes.get(self.offset..).unwrap_or_default(), Vec::new());
-        let mut intervals = Intervals::new(coded, self.units[0] * self.units[1], self.interval, None);
-        while let Some(units) = intervals.next()? {
+        let mut intervals = RestartIntervals::new(coded, self.units[0] * self.units[1], self.interval, None);
+        while let Some(units) = intervals.next_interval()? {
             self.runs.restart();
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
             let near = |what: String| JpegFault::Damaged(format!("{what} near block row {row}"));
             data.clear();
-            unstuff(intervals.coded(), &mut data);
-            let mut codes = Codes::new(&data);
+            remove_stuffing(intervals.coded(), &mut data);
+            let mut codes = CodeReader::new(&data);
             for unit in units {
-                self.unit(&mut codes, unit).map_err(|e| near(e.to_string()))?;
+                self.decode_unit(&mut codes, unit).map_err(|e| near(e.to_string()))?;
             }
             // Neither more nor less than the last byte's rest: nothing is missing between.
             if self.runs.left > 0 || !(0..8).contains(&codes.bits_left()) {
@@ -207,7 +207,7 @@ impl<'a> Scan<'a> {
         Ok(())
     }
 
-    fn unit(&mut self, codes: &mut Codes, unit: usize) -> Result<(), JpegError> {
+    fn decode_unit(&mut self, codes: &mut CodeReader, unit: usize) -> Result<(), JpegError> {
         let (column, row) = (unit % self.units[0], unit / self.units[0]);
         let alone = self.parts.len() == 1;
         for k in 0..self.parts.len() {
@@ -216,35 +216,35 @@ impl<'a> Scan<'a> {
             let across = plane.across;
             for b in 0..wide * high {
                 let at = (row * high + b / wide) * across + column * wide + b % wide;
-                self.block(codes, k, at)?;
+                self.decode_block(codes, k, at)?;
             }
         }
         Ok(())
     }
 
-    fn block(&mut self, codes: &mut Codes, k: usize, at: usize) -> Result<(), JpegError> {
-        let Part { plane, dc, ac, last } = &mut self.parts[k];
+    fn decode_block(&mut self, codes: &mut CodeReader, k: usize, at: usize) -> Result<(), JpegError> {
+        let ScanComponent { plane, dc, ac, last } = &mut self.parts[k];
         let missing = || JpegError::CorruptData("a Huffman table is missing".into());
         let block = &mut plane.blocks[at];
         let mut band = self.band;
         if band.first == 0 {
             if band.refines {
-                block[0] |= (codes.bits(1) << band.low) as i16;
+                block[0] |= (codes.read_bits(1) << band.low) as i16;
             } else {
-                *last = last.wrapping_add(codes.mean(dc.ok_or_else(missing)?)?);
+                *last = last.wrapping_add(codes.read_mean_change(dc.ok_or_else(missing)?)?);
                 block[0] = *last << band.low;
             }
             band.first = 1;
         }
         if band.last > 0 {
-            coefficients::decode(codes, ac.ok_or_else(missing)?, band, self.runs, block)?;
+            coefficients::decode_band(codes, ac.ok_or_else(missing)?, band, self.runs, block)?;
         }
         if !self.progressive {
             // Each block ends for itself.
             if self.runs.left > 0 {
                 return Err(JpegError::CorruptData("codes are out of step".into()));
             }
-            *self.runs = Runs::default();
+            *self.runs = BlockRuns::default();
         }
         Ok(())
     }

@@ -11,9 +11,9 @@ use libjpeg_turbo_rs::decode::marker::JpegMetadata;
 use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
-use super::codes::{Codes, Table, unstuff};
-use super::intervals::{BLOCK, END, Intervals, damaged};
-use super::kind::Colour;
+use super::codes::{CodeReader, CodeTable, remove_stuffing};
+use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
+use super::kind::FirstComponent;
 use crate::raster::Raster;
 use crate::tiles::{self, Tiles};
 
@@ -23,14 +23,14 @@ const PADDING_BITS: i64 = 64;
 const STRIDE: usize = 16;
 
 /// How a component's blocks are coded: how many there are in a unit, and the codes of their coefficients.
-struct Component {
+struct ComponentCodes {
     blocks: usize,
     means: HuffmanTable,
-    others: Table,
+    others: CodeTable,
 }
 
 /// How a picture's blocks lie and are coded.
-pub struct Scan {
+pub struct SequentialScan {
     width: usize,
     height: usize,
     /// Luma blocks of a unit (the blocks that are coded together), across and down.
@@ -41,33 +41,33 @@ pub struct Scan {
     rows: usize,
     /// Units between restart markers, 0 without any.
     interval: usize,
-    luma: Component,
-    colour: Vec<Component>,
+    luma: ComponentCodes,
+    colour: Vec<ComponentCodes>,
     /// Luma's quantisation, and the inverse transform.
     steps: [u16; BLOCK * BLOCK],
     transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
 }
 
 /// Where a unit begins: its first bit, and luma's mean before it.
-struct Place {
+struct ResumePoint {
     bit: usize,
     mean: i16,
 }
 
 /// A picture that was read, and of which more may be decoded.
-pub struct Passed {
-    scan: Scan,
+pub struct ResumableScan {
+    scan: SequentialScan,
     /// The coded bytes, without what is stuffed between them.
     data: Vec<u8>,
     /// Of every [`Scan::stride`]th unit.
-    places: Vec<Place>,
+    places: Vec<ResumePoint>,
 }
 
-impl Scan {
+impl SequentialScan {
     /// Of a sequential picture in one scan, grey or luma with colour; `None` where it is of another kind.
-    pub fn of(header: &JpegMetadata, colour: Colour) -> Option<Self> {
+    pub fn from_header(header: &JpegMetadata, colour: FirstComponent) -> Option<Self> {
         let frame = &header.frame;
-        if frame.is_progressive || header.scans.len() > 1 || colour != Colour::Luma {
+        if frame.is_progressive || header.scans.len() > 1 || colour != FirstComponent::Luma {
             return None;
         }
         let (across, down) = match &frame.components[..] {
@@ -81,10 +81,10 @@ impl Scan {
         if plan.len() != frame.components.len() || plan.first()?.comp_idx != 0 {
             return None;
         }
-        let component = |part: &McuComponentPlan| Component {
+        let component = |part: &McuComponentPlan| ComponentCodes {
             blocks: part.num_blocks,
             means: part.dc_table.clone(),
-            others: Table::new(part.ac_table),
+            others: CodeTable::new(part.ac_table),
         };
         let mut components = plan.iter().map(component);
         let quantisation = frame.components[0].quant_table_index;
@@ -117,28 +117,28 @@ impl Scan {
 
     /// The wanted grey values, from the scan's coded bytes and what follows them: every interval between restart markers (the
     /// whole scan where there are none).
-    pub fn decode(self, coded: &[u8], wanted: &Tiles) -> Result<(Raster, Passed), JpegFault> {
+    pub fn decode(self, coded: &[u8], wanted: &Tiles) -> Result<(Raster, ResumableScan), JpegFault> {
         let mut luma = vec![0; self.width * self.height];
         let units = self.columns * self.rows;
         let mut data = Vec::with_capacity(coded.len());
         let mut places = Vec::with_capacity(units.div_ceil(self.stride()));
-        let mut intervals = Intervals::new(coded, units, self.interval, Some(END));
-        while let Some(units) = intervals.next()? {
+        let mut intervals = RestartIntervals::new(coded, units, self.interval, Some(END));
+        while let Some(units) = intervals.next_interval()? {
             let start = data.len();
-            unstuff(intervals.coded(), &mut data);
-            let mut codes = Codes::at(&data, 8 * start);
-            self.interval(units, &mut codes, &mut places, wanted, &mut luma)?;
+            remove_stuffing(intervals.coded(), &mut data);
+            let mut codes = CodeReader::from_bit(&data, 8 * start);
+            self.decode_interval(units, &mut codes, &mut places, wanted, &mut luma)?;
         }
-        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))?;
-        Ok((raster, Passed { scan: self, data, places }))
+        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| damaged_error("it has no pixels"))?;
+        Ok((raster, ResumableScan { scan: self, data, places }))
     }
 
     /// The units of one interval.
-    fn interval(
+    fn decode_interval(
         &self,
         units: Range<usize>,
-        codes: &mut Codes,
-        places: &mut Vec<Place>,
+        codes: &mut CodeReader,
+        places: &mut Vec<ResumePoint>,
         wanted: &Tiles,
         luma: &mut [u8],
     ) -> Result<(), JpegFault> {
@@ -147,29 +147,29 @@ impl Scan {
         let mut until_place = 0;
         for _ in units {
             if until_place == 0 {
-                places.push(Place { bit: codes.bit(), mean });
+                places.push(ResumePoint { bit: codes.bit_position(), mean });
                 until_place = stride;
             }
             until_place -= 1;
             let near = |e: JpegError| JpegFault::Damaged(format!("{e} near row {}", row * self.down * BLOCK));
-            self.unit([column, row], codes, &mut mean, wanted, luma).map_err(near)?;
+            self.decode_unit([column, row], codes, &mut mean, wanted, luma).map_err(near)?;
             column += 1;
             if column == self.columns {
                 (column, row) = (0, row + 1);
             }
         }
         if codes.bits_left() > PADDING_BITS {
-            return Err(damaged("data are missing or in the wrong place"));
+            return Err(damaged_error("data are missing or in the wrong place"));
         }
         Ok(())
     }
 
     /// The blocks of a unit, of which luma's that are wanted come to their places.
     #[inline(always)]
-    fn unit(
+    fn decode_unit(
         &self,
         [column, row]: [usize; 2],
-        codes: &mut Codes,
+        codes: &mut CodeReader,
         mean: &mut i16,
         wanted: &Tiles,
         luma: &mut [u8],
@@ -177,29 +177,29 @@ impl Scan {
         for row in row * self.down..(row + 1) * self.down {
             let wanted = wanted.row(row);
             for column in column * self.across..(column + 1) * self.across {
-                *mean = mean.wrapping_add(codes.mean(&self.luma.means)?);
+                *mean = mean.wrapping_add(codes.read_mean_change(&self.luma.means)?);
                 if wanted.get(column).is_some_and(|wanted| *wanted) {
                     let (mut coefficients, mut pixels) = ([0; BLOCK * BLOCK], [0; BLOCK * BLOCK]);
                     coefficients[0] = *mean;
-                    codes.coefficients(&self.luma.others, &mut coefficients)?;
+                    codes.read_coefficients(&self.luma.others, &mut coefficients)?;
                     (self.transform)(&coefficients, &self.steps, &mut pixels);
                     tiles::put(&pixels, [column, row], luma, self.width);
                 } else {
-                    codes.pass_over(&self.luma.others)?;
+                    codes.skip_coefficients(&self.luma.others)?;
                 }
             }
         }
         for part in &self.colour {
             for _ in 0..part.blocks {
-                codes.mean(&part.means)?;
-                codes.pass_over(&part.others)?;
+                codes.read_mean_change(&part.means)?;
+                codes.skip_coefficients(&part.others)?;
             }
         }
         if codes.bits_left() < 0 { Err(JpegError::UnexpectedEof) } else { Ok(()) }
     }
 
     /// Of a row of units those that hold wanted blocks.
-    fn wanted_units(&self, row: usize, wanted: &Tiles) -> Vec<usize> {
+    fn selected_units(&self, row: usize, wanted: &Tiles) -> Vec<usize> {
         let mut units = Vec::new();
         for row in row * self.down..(row + 1) * self.down {
             let blocks = wanted.row(row).iter().enumerate().filter(|(_, wanted)| **wanted);
@@ -211,24 +211,24 @@ impl Scan {
     }
 }
 
-impl Passed {
+impl ResumableScan {
     /// Decodes what is wanted. That the codes are sound was seen when they were read.
     pub fn decode(&self, wanted: &Tiles, luma: &mut [u8]) {
         let (scan, stride) = (&self.scan, self.scan.stride());
         for row in 0..scan.rows {
             let mut next = usize::MAX;
-            let (mut codes, mut mean) = (Codes::new(&self.data), 0);
-            for column in scan.wanted_units(row, wanted) {
+            let (mut codes, mut mean) = (CodeReader::new(&self.data), 0);
+            for column in scan.selected_units(row, wanted) {
                 let unit = row * scan.columns + column;
                 let from = unit / stride;
                 // What came last may end at a restart marker, behind which the bits begin anew.
                 if next > unit || next <= from * stride {
                     let Some(place) = self.places.get(from) else { return };
-                    (codes, mean, next) = (Codes::at(&self.data, place.bit), place.mean, from * stride);
+                    (codes, mean, next) = (CodeReader::from_bit(&self.data, place.bit), place.mean, from * stride);
                 }
                 for unit in next..=unit {
                     let at = [unit % scan.columns, unit / scan.columns];
-                    if scan.unit(at, &mut codes, &mut mean, wanted, luma).is_err() {
+                    if scan.decode_unit(at, &mut codes, &mut mean, wanted, luma).is_err() {
                         return;
                     }
                 }

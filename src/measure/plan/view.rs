@@ -18,7 +18,7 @@ pub(super) fn seen(
     in_flight: bool,
 ) -> Vector3<f64> {
     let p = turn * point_m;
-    Plate::seen(setup.window.as_ref(), turn, in_flight).map_or(p, |pane| pane.apparent(&p))
+    Plate::from_window(setup.window.as_ref(), turn, in_flight).map_or(p, |pane| pane.apparent_point(&p))
 }
 
 /// Markers in flight, wing frame, m: one coefficient of curvature, found by the rule of proportion.

@@ -31,7 +31,7 @@ impl LoadShape {
 
 /// A cantilever with linear taper.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Beam {
+pub struct CantileverBeam {
     /// Length of the axis, m.
     pub length_m: f64,
     /// Chord at the tip over chord at the root.
@@ -42,7 +42,7 @@ pub struct Beam {
 
 /// A bent beam at equally spaced stations, root to tip.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bent {
+pub struct BentBeam {
     /// Between stations, m.
     pub step_m: f64,
     /// Change of slope against the unbent axis, rad.
@@ -53,7 +53,7 @@ pub struct Bent {
     pub curvature_per_m: Vec<f64>,
 }
 
-impl Beam {
+impl CantileverBeam {
     /// Stations along the beam.
     pub fn stations(&self) -> usize {
         INTERVALS + 1
@@ -64,7 +64,7 @@ impl Beam {
         self.length_m / INTERVALS as f64
     }
 
-    fn chord(&self, eta: f64) -> f64 {
+    fn relative_chord(&self, eta: f64) -> f64 {
         1.0 - (1.0 - self.taper) * eta
     }
 
@@ -78,8 +78,8 @@ impl Beam {
             let b = ROOT * i as f64 / INTERVALS as f64;
             b.cosh() + b.cos() - free * (b.sinh() + b.sin())
         };
-        let slope = integrated(self.step_m(), (0..=INTERVALS).map(unit));
-        let tip = integrated(self.step_m(), slope.into_iter()).last().copied().unwrap_or(1.0);
+        let slope = running_integral(self.step_m(), (0..=INTERVALS).map(unit));
+        let tip = running_integral(self.step_m(), slope.into_iter()).last().copied().unwrap_or(1.0);
         (0..=INTERVALS).map(|i| unit(i) / tip).collect()
     }
 
@@ -91,57 +91,57 @@ impl Beam {
         load: &LoadShape,
         tip_deflection_m: f64,
         second_m: f64,
-    ) -> Bent {
+    ) -> BentBeam {
         let step = self.step_m();
         let swing: Vec<f64> = match second_m {
             0.0 => vec![0.0; INTERVALS + 1],
             _ => self.second_mode().into_iter().map(|curvature| second_m * curvature).collect(),
         };
-        let shear = self.integrated_from_tip(|i| load.load(i as f64 / INTERVALS as f64));
+        let shear = self.integral_from_tip(|i| load.load(i as f64 / INTERVALS as f64));
         let mut slope = vec![0.0; INTERVALS + 1];
         let mut moment = slope.clone();
         let mut curvature = slope.clone();
         let mut amplitude = 0.0;
         for _ in 0..ITERATIONS {
-            moment = self.integrated_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
+            moment = self.integral_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
             let unit =
-                |i: usize| moment[i] / self.chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
+                |i: usize| moment[i] / self.relative_chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
             if amplitude == 0.0 {
                 // First guess by small slopes; the loop sets it right.
-                let mut unit_slope = integrated(step, (0..=INTERVALS).map(unit));
-                unit_slope = integrated(step, unit_slope.into_iter());
+                let mut unit_slope = running_integral(step, (0..=INTERVALS).map(unit));
+                unit_slope = running_integral(step, unit_slope.into_iter());
                 amplitude = tip_deflection_m / unit_slope[INTERVALS];
             }
             curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + swing[i]).collect();
-            slope = integrated(step, curvature.iter().copied());
+            slope = running_integral(step, curvature.iter().copied());
             let deflection = tip_deflection(step, ground_slope_rad, &slope) - second_m;
             if (deflection - tip_deflection_m).abs() < 1e-12 || deflection == 0.0 {
                 break;
             }
             amplitude *= tip_deflection_m / deflection;
         }
-        Bent { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
+        BentBeam { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
     }
 
     /// Twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to
     /// `tip_rad`.
     pub fn twist(&self, tip_rad: f64) -> Vec<f64> {
-        let torque = self.integrated_from_tip(|i| self.chord(i as f64 / INTERVALS as f64).powi(2));
-        let rate = |i: usize| torque[i] / self.chord(i as f64 / INTERVALS as f64).powi(3);
-        let twist = integrated(self.step_m(), (0..=INTERVALS).map(rate));
+        let torque = self.integral_from_tip(|i| self.relative_chord(i as f64 / INTERVALS as f64).powi(2));
+        let rate = |i: usize| torque[i] / self.relative_chord(i as f64 / INTERVALS as f64).powi(3);
+        let twist = running_integral(self.step_m(), (0..=INTERVALS).map(rate));
         let scale = tip_rad / twist[INTERVALS];
         twist.into_iter().map(|phi| phi * scale).collect()
     }
 
-    fn integrated_from_tip(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
-        let mut sums = integrated(self.step_m(), (0..=INTERVALS).rev().map(value));
+    fn integral_from_tip(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut sums = running_integral(self.step_m(), (0..=INTERVALS).rev().map(value));
         sums.reverse();
         sums
     }
 }
 
 /// Trapezoidal running integral, starting with 0.
-pub fn integrated(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
+pub fn running_integral(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut last = None;
     let mut sum = 0.0;
     values
@@ -155,7 +155,7 @@ pub fn integrated(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
 
 fn tip_deflection(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
     let rise = ground_slope.iter().zip(slope).map(|(&ground, &bent)| (ground + bent).sin() - ground.sin());
-    integrated(step, rise).last().copied().unwrap_or(0.0)
+    running_integral(step, rise).last().copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -163,11 +163,11 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn beam(taper: f64) -> Beam {
-        Beam { length_m: 33.0, taper, stiffness_power: 3.5 }
+    fn beam(taper: f64) -> CantileverBeam {
+        CantileverBeam { length_m: 33.0, taper, stiffness_power: 3.5 }
     }
 
-    fn flat(beam: &Beam) -> Vec<f64> {
+    fn flat(beam: &CantileverBeam) -> Vec<f64> {
         vec![0.0; beam.stations()]
     }
 
@@ -191,7 +191,7 @@ mod tests {
         let load = LoadShape { triangular: 0.3, relief: 0.2 };
         let rise = |second_m: f64| {
             let bent = beam.bend(&flat(&beam), &load, 2.0, second_m);
-            integrated(bent.step_m, bent.slope_rad.iter().map(|t| t.sin()))
+            running_integral(bent.step_m, bent.slope_rad.iter().map(|t| t.sin()))
         };
         let swing: Vec<f64> = rise(0.01).iter().zip(rise(0.0)).map(|(a, b)| a - b).collect();
         assert!((swing[INTERVALS] - 0.01).abs() < 1e-9, "{}", swing[INTERVALS]);
@@ -205,7 +205,7 @@ mod tests {
     fn a_uniform_beam_under_a_triangular_load_follows_the_text_book() {
         // EI w = q0 L^4 (10 x^2 - 10 x^3 + 5 x^4 - x^5) / 120 for q = q0 (1 - x): slope at the tip
         // over tip deflection times L is 5/4.
-        let beam = Beam { taper: 1.0, ..beam(1.0) };
+        let beam = CantileverBeam { taper: 1.0, ..beam(1.0) };
         let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 1.0, relief: 0.0 }, 0.01, 0.0);
         let ratio = bent.slope_rad.last().unwrap() * beam.length_m / 0.01;
         assert!((ratio - 1.25).abs() < 1e-4, "{ratio}");

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix2, Rotation3, Unit, Vector2, Vector3};
 
-use super::Random;
+use super::SeededRandom;
 use crate::environment::Plate;
 use crate::geometry::Lens;
 use crate::raster::Raster;
@@ -35,7 +35,7 @@ const EDGE: f64 = 1.7;
 
 /// A checkerboard in front of a camera.
 #[derive(Clone, Debug)]
-pub struct BoardPicture {
+pub struct RenderedBoard {
     /// The camera.
     pub lens: Lens,
     /// Inner corners along a row and a column.
@@ -56,29 +56,29 @@ pub struct BoardPicture {
     pub pane: Option<Plate>,
 }
 
-impl BoardPicture {
+impl RenderedBoard {
     /// The `k`-th picture of a calibration: tilted, about in its cell of the picture, wholly visible.
-    pub fn held(
+    pub fn calibration_image(
         lens: &Lens,
         corners: (usize, usize),
         square_m: f64,
         bow_m: [f64; 2],
         k: usize,
-        random: &mut Random,
+        random: &mut SeededRandom,
     ) -> Self {
         let side = |n: usize| (n as f64 - 1.0 + 2.0 * EDGE) * square_m;
         let across_m = side(corners.0) * lens.fx / f64::from(lens.width);
         let filling_m = across_m.max(side(corners.1) * lens.fy / f64::from(lens.height));
         loop {
-            let azimuth = random.between(0.0, std::f64::consts::TAU);
+            let azimuth = random.uniform(0.0, std::f64::consts::TAU);
             let axis = Unit::new_normalize(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0));
-            let tilt = random.between(TILT_DEG[0].to_radians(), TILT_DEG[1].to_radians());
+            let tilt = random.uniform(TILT_DEG[0].to_radians(), TILT_DEG[1].to_radians());
             let camera_from_board = Rotation3::from_axis_angle(&axis, tilt)
-                * Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-TURN, TURN));
+                * Rotation3::from_axis_angle(&Vector3::z_axis(), random.uniform(-TURN, TURN));
             let mut cell = |k: usize| (k as f64 + random.unit()) / CELLS as f64;
             let (u, v) = (cell(k % CELLS), cell(k / CELLS % CELLS));
             let at = Vector2::new(u * f64::from(lens.width), v * f64::from(lens.height));
-            let distance_m = filling_m * random.between(DISTANCE[0], DISTANCE[1]);
+            let distance_m = filling_m * random.uniform(DISTANCE[0], DISTANCE[1]);
             let half = Vector3::new(corners.0 as f64 - 1.0, corners.1 as f64 - 1.0, 0.0) * square_m / 2.0;
             let found = lens.ray(&at).ok().map(|ray| Self {
                 lens: *lens,
@@ -91,27 +91,27 @@ impl BoardPicture {
                 noise: 1.5,
                 pane: None,
             });
-            if let Some(found) = found.filter(Self::is_whole) {
+            if let Some(found) = found.filter(Self::is_fully_visible) {
                 return found;
             }
             // In a cell at the border a large board may not fit: after some fifty tries another cell.
             if random.unit() < 0.02 {
-                return Self::held(lens, corners, square_m, bow_m, k + CELLS + 1, random);
+                return Self::calibration_image(lens, corners, square_m, bow_m, k + CELLS + 1, random);
             }
         }
     }
 
-    fn is_whole(&self) -> bool {
+    fn is_fully_visible(&self) -> bool {
         let edge = |n: usize| [-EDGE * self.square_m, (n as f64 + EDGE - 1.0) * self.square_m];
         let (across, along) = (edge(self.corners.0), edge(self.corners.1));
         let seen = |x: f64, y: f64| {
-            self.lens.project(&self.point(&Vector2::new(x, y))).is_some_and(|p| self.lens.contains(&p))
+            self.lens.project(&self.camera_point(&Vector2::new(x, y))).is_some_and(|p| self.lens.contains(&p))
         };
         across.iter().all(|x| along.iter().all(|y| seen(*x, *y)))
     }
 
     /// The point in the camera frame of a place on the board, m.
-    pub fn point(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
+    pub fn camera_point(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
         let raised = Vector3::new(board_m.x, board_m.y, self.height_m(board_m));
         self.camera_from_board * raised + self.origin_m
     }
@@ -124,26 +124,26 @@ impl BoardPicture {
     }
 
     /// True images of the inner corners, row by row, px.
-    pub fn pixels(&self) -> Vec<Vector2<f64>> {
+    pub fn corner_pixels(&self) -> Vec<Vector2<f64>> {
         let (columns, rows) = self.corners;
         let cells = (0..rows).flat_map(|r| (0..columns).map(move |c| Vector2::new(c as f64, r as f64)));
-        let seen = |p: Vector3<f64>| self.pane.map_or(p, |pane| pane.apparent(&p));
-        cells.filter_map(|c| self.lens.project(&seen(self.point(&(c * self.square_m))))).collect()
+        let seen = |p: Vector3<f64>| self.pane.map_or(p, |pane| pane.apparent_point(&p));
+        cells.filter_map(|c| self.lens.project(&seen(self.camera_point(&(c * self.square_m))))).collect()
     }
 
     /// The picture; `None` where its size is 0.
-    pub fn render(&self, random: &mut Random) -> Option<Raster> {
+    pub fn render(&self, random: &mut SeededRandom) -> Option<Raster> {
         let (width, height) = (self.lens.width as usize, self.lens.height as usize);
         let mut luma = Vec::with_capacity(width * height);
-        let mut below = self.traced_row(0);
-        let samples = self.samples();
+        let mut below = self.trace_row(0);
+        let samples = self.sample_offsets();
         for y in 0..height {
-            let row = std::mem::replace(&mut below, self.traced_row(y + 1));
+            let row = std::mem::replace(&mut below, self.trace_row(y + 1));
             for x in 0..width {
                 let next = (x + 1).min(width - 1);
                 let grey = match (row[x], row[next], below[x]) {
                     (Some(here), Some(right), Some(down)) if next > x => {
-                        self.grey(&here, right - here, down - here, &samples)
+                        self.pixel_grey(&here, right - here, down - here, &samples)
                     }
                     _ => GREY[2],
                 };
@@ -155,10 +155,10 @@ impl BoardPicture {
     }
 
     /// Places on the board under a row's pixels; `None` away from the board.
-    fn traced_row(&self, y: usize) -> Vec<Option<Vector2<f64>>> {
+    fn trace_row(&self, y: usize) -> Vec<Option<Vector2<f64>>> {
         let width = self.lens.width as usize;
         let traced: Vec<Option<Vector2<f64>>> = (0..width / STRIDE + 4)
-            .map(|k| self.traced(&Vector2::new((k as f64 - 1.0) * STRIDE as f64, y as f64)))
+            .map(|k| self.trace_pixel(&Vector2::new((k as f64 - 1.0) * STRIDE as f64, y as f64)))
             .collect();
         let at = |x: usize| {
             let (k, t) = (x / STRIDE, (x % STRIDE) as f64 / STRIDE as f64);
@@ -175,10 +175,10 @@ impl BoardPicture {
     }
 
     /// The place on the bowed board that a pixel sees.
-    fn traced(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
+    fn trace_pixel(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let back = self.camera_from_board.inverse();
         let ray = self.lens.ray(pixel).ok()?;
-        let (from, ray) = self.pane.map_or((Vector3::zeros(), ray), |p| p.outside(&ray.normalize()));
+        let (from, ray) = self.pane.map_or((Vector3::zeros(), ray), |p| p.outside_ray(&ray.normalize()));
         let (ray, eye) = (back * ray, back * (from - self.origin_m));
         let mut place = Vector2::zeros();
         let mut height = 0.0;
@@ -194,7 +194,7 @@ impl BoardPicture {
     }
 
     /// Places about a pixel, px, and their weights.
-    fn samples(&self) -> Vec<(Vector2<f64>, f64)> {
+    fn sample_offsets(&self) -> Vec<(Vector2<f64>, f64)> {
         let middle = 0.5 * f64::from(SAMPLES - 1);
         let one = |k: i32| {
             let off = Vector2::new(f64::from(k % SAMPLES) - middle, f64::from(k / SAMPLES) - middle)
@@ -208,7 +208,7 @@ impl BoardPicture {
         2.0 * REACH * self.blur_px / f64::from(SAMPLES)
     }
 
-    fn grey(
+    fn pixel_grey(
         &self,
         here: &Vector2<f64>,
         right: Vector2<f64>,
@@ -236,14 +236,14 @@ impl BoardPicture {
     }
 
     fn inside_squares(&self, place: &Vector2<f64>) -> bool {
-        self.within(place, 0.0)
+        self.is_within_rim(place, 0.0)
     }
 
     fn on_board(&self, place: &Vector2<f64>) -> bool {
-        self.within(place, RIM)
+        self.is_within_rim(place, RIM)
     }
 
-    fn within(&self, place: &Vector2<f64>, rim: f64) -> bool {
+    fn is_within_rim(&self, place: &Vector2<f64>, rim: f64) -> bool {
         let cell = place / self.square_m;
         let side = |v: f64, n: usize| v > -1.0 - rim && v < n as f64 + rim;
         side(cell.x, self.corners.0) && side(cell.y, self.corners.1)

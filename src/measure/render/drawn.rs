@@ -7,21 +7,21 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::random::Random;
-use super::scene::{Scene, Shot};
-use super::wing::Moved;
+use super::random::SeededRandom;
+use super::scene::{Scene, SceneShot};
+use super::wing::SceneMotion;
 use crate::setup::{
     FlightEffectPriors, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty,
 };
 
 /// One aircraft of those that an installation allows, in one flight.
 #[derive(Clone, Debug)]
-pub struct Drawn {
+pub struct SampledAircraft {
     /// Bend of the wing in the ground frame, at the tip, m.
     ground_bend_m: f64,
     /// Length in flight over what the installation says.
     length: f64,
-    moved: Moved,
+    moved: SceneMotion,
     mount: Rotation3<f64>,
     /// Rotation between two frames, standard deviation about each axis, rad.
     drift_rad: f64,
@@ -30,13 +30,13 @@ pub struct Drawn {
     marks_m: Vec<Vector3<f64>>,
 }
 
-impl Drawn {
+impl SampledAircraft {
     /// Draws an aircraft of the scene's installation.
-    pub fn new(scene: &Scene, random: &mut Random) -> Self {
+    pub fn new(scene: &Scene, random: &mut SeededRandom) -> Self {
         let widths = &scene.setup.uncertainty;
         let flight = &widths.in_flight;
         let mut normal = |sigma: f64| sigma * random.normal();
-        let moved = Moved {
+        let moved = SceneMotion {
             camera_m: Vector3::from_fn(|_, _| normal(widths.mount_shift_m)),
             root_m: Vector3::from_fn(|_, _| normal(flight.root_translation_m)),
             root_pitch_rad: normal(flight.root_rotation_rad),
@@ -63,13 +63,13 @@ impl Drawn {
     }
 
     /// The ground frame's shot: the wing may stand otherwise than it was surveyed.
-    pub fn on_ground(&self, mut shot: Shot) -> Shot {
+    pub fn ground_shot(&self, mut shot: SceneShot) -> SceneShot {
         shot.state.tip_deflection_m += self.ground_bend_m;
         shot
     }
 
     /// A shot in flight.
-    pub fn in_flight(&self, mut shot: Shot, random: &mut Random) -> Shot {
+    pub fn flight_shot(&self, mut shot: SceneShot, random: &mut SeededRandom) -> SceneShot {
         let drift = Vector3::from_fn(|_, _| self.drift_rad * random.normal());
         shot.mount = Rotation3::new(drift) * self.mount * shot.mount;
         shot.state.thermal_scale *= self.length;
@@ -80,7 +80,7 @@ impl Drawn {
     }
 
     /// What a user states of the scene: off by what was drawn, with the widths of what is drawn alone.
-    pub fn stated(scene: &Scene, random: &mut Random) -> Setup {
+    pub fn perturbed_setup(scene: &Scene, random: &mut SeededRandom) -> Setup {
         let mut setup = scene.setup.clone();
         let widths = setup.uncertainty;
         let mut normal = |sigma: f64| sigma * random.normal();
@@ -101,12 +101,12 @@ impl Drawn {
         let skin = scene.wing.skin_m;
         let tip_span_m = scene.wing.beam.length_m;
         setup.skin_height = Some(SkinHeight { root_m: skin.root + off, tip_m: skin.tip + off, tip_span_m });
-        setup.uncertainty = Self::undrawn(widths);
+        setup.uncertainty = Self::without_unsampled(widths);
         setup
     }
 
     /// Widths without what is never drawn.
-    pub fn undrawn(widths: Uncertainty) -> Uncertainty {
+    pub fn without_unsampled(widths: Uncertainty) -> Uncertainty {
         let none = FlightEffectPriors::NONE.vibration;
         let in_flight = FlightEffectPriors {
             constant_bend_m: 0.0,

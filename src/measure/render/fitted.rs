@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix4, Rotation3, Vector3, Vector4};
 
-use super::beam::{Beam, LoadShape};
-use super::decals::Clutter;
-use super::layout::{Options, aim};
-use super::markers::Marker;
-use super::random::Random;
+use super::beam::{CantileverBeam, LoadShape};
+use super::decals::SkinClutter;
+use super::layout::{SceneOptions, aim_camera};
+use super::markers::SceneMarker;
+use super::random::SeededRandom;
 use super::scene::Scene;
-use super::wing::{Linear, Pose, Side, State, Wing};
+use super::wing::{LinearTaper, DeformedWing, SceneSide, SceneState, SceneWing};
 use crate::setup::Setup;
 
 /// Why no scene can be made.
@@ -35,60 +35,60 @@ const MAX_OFFSET_M: f64 = 0.15;
 impl Scene {
     /// The installation's wing, taken as surveyed without error. What a survey does not tell
     /// (load, twist, clutter) follows from the seed; so does the attitude where none is given.
-    pub fn fitted(
+    pub fn from_setup(
         setup: &Setup,
         camera_from_survey: Option<Rotation3<f64>>,
         seed: u64,
         tip_deflection_m: f64,
     ) -> Result<Self, FitFault> {
-        let mut random = Random::new(seed, 12);
+        let mut random = SeededRandom::new(seed, 12);
         let frame = setup.wing_frame();
         let (_, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
         if points.len() < 4 {
             return Err(FitFault::TooFew(points.len()));
         }
-        let wing = fit_skin(first_wing(setup, &points), &points);
-        let pose = wing.pose(&State::ground(LOAD));
-        let markers: Vec<Marker> = setup
+        let wing = fit_skin(initial_wing(setup, &points), &points);
+        let pose = wing.deform(&SceneState::ground(LOAD));
+        let markers: Vec<SceneMarker> = setup
             .markers
             .iter()
             .map(|surveyed| {
                 let point = frame.wing_point(&surveyed.position_m);
-                let marker = Marker {
+                let marker = SceneMarker {
                     id: surveyed.id.clone(),
                     shape: surveyed.shape,
                     diameter_m: surveyed.diameter_m,
                     s_m: 0.0,
                     z_m: 0.0,
-                    rotation_rad: random.between(0.0, std::f64::consts::FRAC_PI_2),
+                    rotation_rad: random.uniform(0.0, std::f64::consts::FRAC_PI_2),
                     height_m: 0.0,
                     fixed_m: surveyed.fixed.then_some(point),
                 };
-                if surveyed.fixed { marker } else { put(marker, &pose, &point) }
+                if surveyed.fixed { marker } else { place_marker(marker, &pose, &point) }
             })
             .collect();
-        let off = |marker: &&Marker| marker.height_m.abs() > MAX_OFFSET_M;
+        let off = |marker: &&SceneMarker| marker.height_m.abs() > MAX_OFFSET_M;
         if let Some(marker) = markers.iter().find(off) {
             return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
         }
-        let options = Options { lens: setup.lens, tip_deflection_m, ..Options::random(seed, wing.side) };
+        let options = SceneOptions { lens: setup.lens, tip_deflection_m, ..SceneOptions::random(seed, wing.side) };
         let attitude =
-            camera_from_survey.unwrap_or_else(|| aim(&mut random, &wing, &options) * frame.wing_from_survey);
+            camera_from_survey.unwrap_or_else(|| aim_camera(&mut random, &wing, &options) * frame.wing_from_survey);
         Ok(Self {
             setup: setup.clone(),
-            clutter: Clutter::random(&mut random, &wing, 1.0),
+            clutter: SkinClutter::random(&mut random, &wing, 1.0),
             wing,
             markers,
             frame,
             camera_from_survey: attitude,
-            load: LoadShape { triangular: random.between(0.15, 0.6), relief: random.between(0.05, 0.3) },
-            twist_rad_per_m: random.between(0.2, 1.0).to_radians(),
+            load: LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) },
+            twist_rad_per_m: random.uniform(0.2, 1.0).to_radians(),
         })
     }
 }
 
 /// Everything that the survey gives directly; root height, slopes and crown are guesses.
-fn first_wing(setup: &Setup, points: &[Vector3<f64>]) -> Wing {
+fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
     let n = points.len() as f64;
     let furthest = points.iter().map(|p| p.x).fold(0.0, f64::max);
     let length_m = setup.skin_height.map_or(0.0, |skin| skin.tip_span_m);
@@ -106,30 +106,30 @@ fn first_wing(setup: &Setup, points: &[Vector3<f64>]) -> Wing {
             |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
         z(pair.leading) < z(pair.trailing)
     };
-    let side = if setup.torsion.first().is_none_or(leading) { Side::Right } else { Side::Left };
-    let skin = setup.skin_height.map_or(Linear { root: 0.0, tip: 0.0 }, |skin| Linear {
+    let side = if setup.torsion.first().is_none_or(leading) { SceneSide::Right } else { SceneSide::Left };
+    let skin = setup.skin_height.map_or(LinearTaper { root: 0.0, tip: 0.0 }, |skin| LinearTaper {
         root: skin.root_m,
         tip: skin.root_m + (skin.tip_m - skin.root_m) * length_m / skin.tip_span_m,
     });
-    Wing {
+    SceneWing {
         side,
         root_x_m: setup.root_offset_m,
         root_y_m: points.iter().map(|p| p.y - 0.08 * p.x).sum::<f64>() / n - skin.root,
         axis_z_m,
-        slope_rad: Linear { root: 0.08, tip: 0.08 },
-        edge_low_m: Linear { root: -half, tip: -half * taper },
-        edge_high_m: Linear { root: half, tip: half * taper },
+        slope_rad: LinearTaper { root: 0.08, tip: 0.08 },
+        edge_low_m: LinearTaper { root: -half, tip: -half * taper },
+        edge_high_m: LinearTaper { root: half, tip: half * taper },
         skin_m: skin,
         crown: 0.04,
         wave_m: 0.0,
-        beam: Beam { length_m, taper, stiffness_power: 3.5 },
+        beam: CantileverBeam { length_m, taper, stiffness_power: 3.5 },
     }
 }
 
-fn with(wing: &Wing, change: &Vector4<f64>) -> Wing {
-    Wing {
+fn apply_change(wing: &SceneWing, change: &Vector4<f64>) -> SceneWing {
+    SceneWing {
         root_y_m: wing.root_y_m + change[0],
-        slope_rad: Linear { root: wing.slope_rad.root + change[1], tip: wing.slope_rad.tip + change[2] },
+        slope_rad: LinearTaper { root: wing.slope_rad.root + change[1], tip: wing.slope_rad.tip + change[2] },
         crown: wing.crown + change[3],
         ..*wing
     }
@@ -137,13 +137,13 @@ fn with(wing: &Wing, change: &Vector4<f64>) -> Wing {
 
 /// Root height, slopes and crown by least squares on the markers' heights, held softly near usual
 /// values where the markers do not tell.
-fn fit_skin(mut wing: Wing, points: &[Vector3<f64>]) -> Wing {
+fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
     const STEP: [f64; 4] = [1e-4, 1e-5, 1e-5, 1e-4];
     for _ in 0..6 {
-        let base = heights(&wing, points);
+        let base = skin_heights(&wing, points);
         let columns: Vec<Vec<f64>> = (0..4)
             .map(|k| {
-                let moved = heights(&with(&wing, &(Vector4::ith(k, STEP[k]))), points);
+                let moved = skin_heights(&apply_change(&wing, &(Vector4::ith(k, STEP[k]))), points);
                 moved.iter().zip(&base).map(|(m, b)| (m - b) / STEP[k]).collect()
             })
             .collect();
@@ -161,30 +161,30 @@ fn fit_skin(mut wing: Wing, points: &[Vector3<f64>]) -> Wing {
         normal += bow * bow.transpose() / 2.5e-3;
         right -= bow * (wing.slope_rad.root - wing.slope_rad.tip) / 2.5e-3;
         let Some(change) = normal.lu().solve(&right) else { break };
-        wing = with(&wing, &change);
+        wing = apply_change(&wing, &change);
     }
     wing
 }
 
 /// Height of the skin above each point, m.
-fn heights(wing: &Wing, points: &[Vector3<f64>]) -> Vec<f64> {
-    let pose = wing.pose(&State::ground(LOAD));
+fn skin_heights(wing: &SceneWing, points: &[Vector3<f64>]) -> Vec<f64> {
+    let pose = wing.deform(&SceneState::ground(LOAD));
     let height = |point: &Vector3<f64>| {
         let mut s = point.x - wing.root_x_m;
         for _ in 0..8 {
-            s += point.x - pose.point(s, point.z - wing.axis_z_m).x;
+            s += point.x - pose.skin_point(s, point.z - wing.axis_z_m).x;
         }
-        pose.point(s, point.z - wing.axis_z_m).y - point.y
+        pose.skin_point(s, point.z - wing.axis_z_m).y - point.y
     };
     points.iter().map(height).collect()
 }
 
 /// Moves a marker so that its centre on ground is the given point.
-fn put(mut marker: Marker, pose: &Pose, point: &Vector3<f64>) -> Marker {
+fn place_marker(mut marker: SceneMarker, pose: &DeformedWing, point: &Vector3<f64>) -> SceneMarker {
     marker.s_m = point.x - pose.wing.root_x_m;
     marker.z_m = point.z - pose.wing.axis_z_m;
     for _ in 0..25 {
-        let miss = point - marker.placed(pose).centre_m;
+        let miss = point - marker.disc_on_wing(pose).centre_m;
         marker.s_m += miss.x;
         marker.height_m += miss.y;
         marker.z_m += miss.z;

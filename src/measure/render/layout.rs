@@ -2,13 +2,13 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::beam::{Beam, LoadShape};
-use super::decals::Clutter;
+use super::beam::{CantileverBeam, LoadShape};
+use super::decals::SkinClutter;
 use super::light::Light;
-use super::markers::Marker;
-use super::random::Random;
+use super::markers::SceneMarker;
+use super::random::SeededRandom;
 use super::scene::Scene;
-use super::wing::{Linear, Side, Wing};
+use super::wing::{LinearTaper, SceneSide, SceneWing};
 use crate::geometry::{Lens, WingFrame};
 use crate::setup::{
     self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty, fixed_mark,
@@ -16,9 +16,9 @@ use crate::setup::{
 
 /// What of a random scene is wanted.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Options {
+pub struct SceneOptions {
     /// Left or right wing.
-    pub side: Side,
+    pub side: SceneSide,
     /// The camera.
     pub lens: Lens,
     /// Quadrants near the fuselage; the rest are circles.
@@ -41,38 +41,38 @@ pub struct Options {
     pub fixed_marks: usize,
 }
 
-impl Options {
+impl SceneOptions {
     /// A usual installation that differs with the seed.
-    pub fn random(seed: u64, side: Side) -> Self {
-        let mut random = Random::new(seed, 10);
+    pub fn random(seed: u64, side: SceneSide) -> Self {
+        let mut random = SeededRandom::new(seed, 10);
         let (width, height) = (4000, 3000);
-        let f = random.between(7200.0, 8600.0);
+        let f = random.uniform(7200.0, 8600.0);
         let lens = Lens {
-            fy: f * random.between(0.9990, 1.0010),
-            k1: random.between(-0.12, 0.08),
-            k2: random.between(-0.15, 0.15),
-            k3: random.between(-0.05, 0.05),
-            p1: random.between(-6e-4, 6e-4),
-            p2: random.between(-6e-4, 6e-4),
+            fy: f * random.uniform(0.9990, 1.0010),
+            k1: random.uniform(-0.12, 0.08),
+            k2: random.uniform(-0.15, 0.15),
+            k3: random.uniform(-0.05, 0.05),
+            p1: random.uniform(-6e-4, 6e-4),
+            p2: random.uniform(-6e-4, 6e-4),
             ..Lens::pinhole(
                 width,
                 height,
                 f,
-                2000.0 + random.between(-25.0, 25.0),
-                1500.0 + random.between(-25.0, 25.0),
+                2000.0 + random.uniform(-25.0, 25.0),
+                1500.0 + random.uniform(-25.0, 25.0),
             )
         };
-        let length_m: f64 = random.between(26.0, 37.0);
+        let length_m: f64 = random.uniform(26.0, 37.0);
         Self {
             side,
-            lens: rounded_lens(&lens),
+            lens: round_lens(&lens),
             quadrants: random.integer(8, 12),
             markers: random.integer(18, 27),
             length_m,
-            tip_deflection_m: length_m * random.between(0.08, 0.10),
+            tip_deflection_m: length_m * random.uniform(0.08, 0.10),
             survey_sigma_m: 0.002,
-            camera_height_m: random.between(1.6, 2.2),
-            diameter_m: random.between(0.28, 0.38),
+            camera_height_m: random.uniform(1.6, 2.2),
+            diameter_m: random.uniform(0.28, 0.38),
             clutter: 1.0,
             fixed_marks: 0,
         }
@@ -81,40 +81,40 @@ impl Options {
 
 impl Scene {
     /// A scene that follows from its seed.
-    pub fn random(seed: u64, options: &Options) -> Self {
-        let mut random = Random::new(seed, 11);
+    pub fn random(seed: u64, options: &SceneOptions) -> Self {
+        let mut random = SeededRandom::new(seed, 11);
         let wing = random_wing(&mut random, options);
-        let heading = random.between(0.0, std::f64::consts::TAU);
-        let span = rounded(Vector3::new(heading.cos(), heading.sin(), 0.0), 8).xy();
+        let heading = random.uniform(0.0, std::f64::consts::TAU);
+        let span = round_vector(Vector3::new(heading.cos(), heading.sin(), 0.0), 8).xy();
         let origin =
-            Vector3::new(random.between(-60.0, 60.0), random.between(-60.0, 60.0), random.between(2.0, 6.0));
+            Vector3::new(random.uniform(-60.0, 60.0), random.uniform(-60.0, 60.0), random.uniform(2.0, 6.0));
         let frame = WingFrame::new(origin, span);
-        let camera_from_wing = aim(&mut random, &wing, options);
-        let load = LoadShape { triangular: random.between(0.15, 0.6), relief: random.between(0.05, 0.3) };
+        let camera_from_wing = aim_camera(&mut random, &wing, options);
+        let load = LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) };
         let mut scene = Self {
             setup: bare_setup(&mut random, &wing, options, origin, span),
-            clutter: Clutter::random(&mut random, &wing, options.clutter),
+            clutter: SkinClutter::random(&mut random, &wing, options.clutter),
             wing,
             markers: Vec::new(),
             frame,
             camera_from_survey: camera_from_wing * frame.wing_from_survey,
             load,
-            twist_rad_per_m: (random.between(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 })
+            twist_rad_per_m: (random.uniform(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 })
                 .to_radians(),
         };
-        let fixed = scene.fixed_marks(options);
-        scene.lay_out(&mut random, options, &fixed);
+        let fixed = scene.fixed_targets(options);
+        scene.place_markers(&mut random, options, &fixed);
         scene.markers.extend(fixed);
-        scene.survey(&mut random, options);
+        scene.simulate_survey(&mut random, options);
         scene
     }
 
     /// Places markers one after another where ground frame and highest deflection show them whole.
-    fn lay_out(&mut self, random: &mut Random, options: &Options, fixed: &[Marker]) {
+    fn place_markers(&mut self, random: &mut SeededRandom, options: &SceneOptions, fixed: &[SceneMarker]) {
         let single = options.markers.saturating_sub(2);
         let length = self.wing.beam.length_m;
         let first = self.nearest_station(options);
-        let rotation = |random: &mut Random| random.between(0.0, std::f64::consts::FRAC_PI_2);
+        let rotation = |random: &mut SeededRandom| random.uniform(0.0, std::f64::consts::FRAC_PI_2);
         for i in 0..options.markers {
             for attempt in 0..80 {
                 let spread = 1.0 - attempt as f64 / 100.0;
@@ -122,24 +122,24 @@ impl Scene {
                     None => {
                         (first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64, i % 2 == 0)
                     }
-                    Some(k) => (0.93 * length + random.between(-0.5, 0.5), k == 0),
+                    Some(k) => (0.93 * length + random.uniform(-0.5, 0.5), k == 0),
                 };
                 let (low, high) = self.wing.edges(s);
                 let reach = (0.46 * options.lens.width as f64 / options.lens.fx) * s;
-                let edge = if outer == (options.side == Side::Left) { high } else { low };
-                let z = edge.clamp(-reach, reach) * spread * random.between(0.5, 0.8);
-                let marker = Marker {
+                let edge = if outer == (options.side == SceneSide::Left) { high } else { low };
+                let z = edge.clamp(-reach, reach) * spread * random.uniform(0.5, 0.8);
+                let marker = SceneMarker {
                     id: format!("M{:02}", i + 1),
                     shape: if i < options.quadrants { Shape::Quadrant } else { Shape::Circle },
                     diameter_m: (options.diameter_m * 100.0).round() / 100.0,
-                    s_m: s + random.between(-0.25, 0.25),
+                    s_m: s + random.uniform(-0.25, 0.25),
                     z_m: z,
                     rotation_rad: rotation(random),
                     height_m: 0.0,
                     fixed_m: None,
                 };
                 self.markers.push(marker);
-                if self.last_fits(options, fixed) {
+                if self.fits_last_marker(options, fixed) {
                     break;
                 }
                 self.markers.pop();
@@ -147,39 +147,39 @@ impl Scene {
         }
         let last = self.markers.len();
         if last >= 2 {
-            self.name_pair(last);
+            self.name_torsion_pair(last);
         }
     }
 
     /// The last two markers are the pair for torsion; which of them leads follows from the side.
-    fn name_pair(&mut self, count: usize) {
+    fn name_torsion_pair(&mut self, count: usize) {
         for (i, marker) in self.markers.iter_mut().enumerate() {
             marker.id = format!("M{:02}", i + 1);
         }
-        let aft = |i: usize| self.markers[i].z_m * self.wing.side.aft();
+        let aft = |i: usize| self.markers[i].z_m * self.wing.side.aft_sign();
         let (a, b) = (count - 2, count - 1);
         let (leading, trailing) = if aft(a) < aft(b) { (a, b) } else { (b, a) };
         self.setup.torsion = vec![TorsionPair { name: "tip".into(), leading, trailing }];
     }
 
     /// First station whose middle is well above the frame's lower edge.
-    fn nearest_station(&self, options: &Options) -> f64 {
-        let pose = self.wing.pose(&self.ground_shot(0).state);
+    fn nearest_station(&self, options: &SceneOptions) -> f64 {
+        let pose = self.wing.deform(&self.ground_shot(0).state);
         let camera_from_wing = self.camera_from_wing(&self.ground_shot(0));
         let inside = |s: &f64| {
-            let pixel = options.lens.project(&(camera_from_wing * pose.point(*s, 0.0)));
+            let pixel = options.lens.project(&(camera_from_wing * pose.skin_point(*s, 0.0)));
             pixel.is_some_and(|p| p.y < 0.86 * f64::from(options.lens.height))
         };
         (10..).map(|i| 0.2 * f64::from(i)).take(200).find(inside).unwrap_or(6.0)
     }
 
     /// Marks rigid to the cabin in the corners of the frame, the upper ones first: on brackets a few metres outboard.
-    fn fixed_marks(&self, options: &Options) -> Vec<Marker> {
+    fn fixed_targets(&self, options: &SceneOptions) -> Vec<SceneMarker> {
         let wing_from_camera = self.camera_from_wing(&self.ground_shot(0)).inverse();
         let (width, height) = (f64::from(options.lens.width), f64::from(options.lens.height));
         let mark = |(k, (u, v)): (usize, &(f64, f64))| {
             let ray = options.lens.ray(&Vector2::new(u * width, v * height)).ok()?;
-            Some(Marker {
+            Some(SceneMarker {
                 id: format!("F{}", k + 1),
                 shape: Shape::Quadrant,
                 diameter_m: fixed_mark::DIAMETER_M,
@@ -193,18 +193,18 @@ impl Scene {
         fixed_mark::PLACES.iter().take(options.fixed_marks).enumerate().filter_map(mark).collect()
     }
 
-    fn last_fits(&self, options: &Options, fixed: &[Marker]) -> bool {
+    fn fits_last_marker(&self, options: &SceneOptions, fixed: &[SceneMarker]) -> bool {
         let highest = self.flight_shot(options.tip_deflection_m, Light::Plain, 0);
         [self.ground_shot(0), highest].iter().all(|shot| {
-            let pose = self.wing.pose(&shot.state);
+            let pose = self.wing.deform(&shot.state);
             let seen: Vec<_> =
-                self.placed(&pose, &[]).iter().map(|placed| self.seen(shot, &pose, placed)).collect();
+                self.marker_discs(&pose, &[]).iter().map(|placed| self.marker_image(shot, &pose, placed)).collect();
             let Some((Some(pixel), size, visible)) = seen.last().copied() else { return false };
             let margin = 40.0;
             let framed = pixel.x > margin + 0.5 * size.x
                 && pixel.y > margin + 0.5 * size.y
                 && pixel.x < f64::from(options.lens.width) - margin - 0.5 * size.x;
-            let plates = fixed.iter().map(|m| self.seen(shot, &pose, &m.placed(&pose)));
+            let plates = fixed.iter().map(|m| self.marker_image(shot, &pose, &m.disc_on_wing(&pose)));
             let plates: Vec<_> = plates.map(|(pixel, size, _)| (pixel, 2.0 * size, true)).collect();
             let apart = seen[..seen.len() - 1].iter().chain(&plates).all(|(other, other_size, _)| {
                 other.is_none_or(|other| {
@@ -216,20 +216,20 @@ impl Scene {
         })
     }
 
-    fn survey(&mut self, random: &mut Random, options: &Options) {
+    fn simulate_survey(&mut self, random: &mut SeededRandom, options: &SceneOptions) {
         let sigma = options.survey_sigma_m;
-        let ground = self.wing.pose(&self.ground_shot(0).state);
+        let ground = self.wing.deform(&self.ground_shot(0).state);
         self.setup.markers = self
             .markers
             .iter()
             .map(|marker| {
                 let noise = Vector3::from_fn(|_, _| sigma * random.normal());
-                let position = self.frame.survey_point(&marker.placed(&ground).centre_m) + noise;
+                let position = self.frame.survey_point(&marker.disc_on_wing(&ground).centre_m) + noise;
                 SurveyMarker {
                     id: marker.id.clone(),
                     shape: marker.shape,
                     diameter_m: marker.diameter_m,
-                    position_m: rounded(position, 4),
+                    position_m: round_vector(position, 4),
                     sigma_m: sigma,
                     fixed: marker.fixed_m.is_some(),
                     flight_motion_m: 0.0,
@@ -240,33 +240,33 @@ impl Scene {
     }
 }
 
-fn random_wing(random: &mut Random, options: &Options) -> Wing {
-    let root_chord = options.length_m * random.between(0.20, 0.25);
-    let taper = random.between(0.25, 0.38);
-    let forward = random.between(0.45, 0.55);
-    let skin = Linear { root: random.between(0.35, 0.55), tip: random.between(0.08, 0.16) };
-    let slope = random.between(0.065, 0.095);
-    Wing {
+fn random_wing(random: &mut SeededRandom, options: &SceneOptions) -> SceneWing {
+    let root_chord = options.length_m * random.uniform(0.20, 0.25);
+    let taper = random.uniform(0.25, 0.38);
+    let forward = random.uniform(0.45, 0.55);
+    let skin = LinearTaper { root: random.uniform(0.35, 0.55), tip: random.uniform(0.08, 0.16) };
+    let slope = random.uniform(0.065, 0.095);
+    SceneWing {
         side: options.side,
-        root_x_m: random.between(0.4, 0.9),
+        root_x_m: random.uniform(0.4, 0.9),
         root_y_m: -(options.camera_height_m + skin.root),
-        axis_z_m: random.between(-0.25, 0.25),
-        slope_rad: Linear { root: slope, tip: slope + random.between(-0.005, 0.025) },
-        edge_low_m: Linear { root: -forward * root_chord, tip: -forward * root_chord * taper },
-        edge_high_m: Linear { root: (1.0 - forward) * root_chord, tip: (1.0 - forward) * root_chord * taper },
+        axis_z_m: random.uniform(-0.25, 0.25),
+        slope_rad: LinearTaper { root: slope, tip: slope + random.uniform(-0.005, 0.025) },
+        edge_low_m: LinearTaper { root: -forward * root_chord, tip: -forward * root_chord * taper },
+        edge_high_m: LinearTaper { root: (1.0 - forward) * root_chord, tip: (1.0 - forward) * root_chord * taper },
         skin_m: skin,
-        crown: random.between(0.03, 0.055),
-        wave_m: random.between(0.0, 0.001),
-        beam: Beam { length_m: options.length_m, taper, stiffness_power: random.between(3.0, 4.0) },
+        crown: random.uniform(0.03, 0.055),
+        wave_m: random.uniform(0.0, 0.001),
+        beam: CantileverBeam { length_m: options.length_m, taper, stiffness_power: random.uniform(3.0, 4.0) },
     }
 }
 
 /// Looks along the wing so that the highest tip is near the frame's upper edge.
-pub(super) fn aim(random: &mut Random, wing: &Wing, options: &Options) -> Rotation3<f64> {
+pub(super) fn aim_camera(random: &mut SeededRandom, wing: &SceneWing, options: &SceneOptions) -> Rotation3<f64> {
     let load = LoadShape { triangular: 0.3, relief: 0.1 };
     let state =
-        super::wing::State { tip_deflection_m: options.tip_deflection_m, ..super::wing::State::ground(load) };
-    let tip = wing.pose(&state).point(wing.beam.length_m, 0.0);
+        super::wing::SceneState { tip_deflection_m: options.tip_deflection_m, ..super::wing::SceneState::ground(load) };
+    let tip = wing.deform(&state).skin_point(wing.beam.length_m, 0.0);
     let half = (0.5 * f64::from(options.lens.height) / options.lens.fy).atan();
     let pitch = (tip.y / tip.x).atan() - 0.93 * half;
     let yaw = (tip.z / tip.x).atan() + 0.012 * random.normal();
@@ -280,31 +280,31 @@ pub(super) fn aim(random: &mut Random, wing: &Wing, options: &Options) -> Rotati
 }
 
 fn bare_setup(
-    random: &mut Random,
-    wing: &Wing,
-    options: &Options,
+    random: &mut SeededRandom,
+    wing: &SceneWing,
+    options: &SceneOptions,
     origin: Vector3<f64>,
     span: Vector2<f64>,
 ) -> Setup {
     let noise = Vector3::from_fn(|_, _| options.survey_sigma_m * random.normal());
-    let side = if wing.side == Side::Left { "left" } else { "right" };
+    let side = if wing.side == SceneSide::Left { "left" } else { "right" };
     Setup {
         name: format!("simulated {side} wing"),
         lens: options.lens,
-        projection_centre_m: rounded(origin + noise, 4),
+        projection_centre_m: round_vector(origin + noise, 4),
         projection_centre_sigma_m: options.survey_sigma_m,
         mount_repeatability_px: 10.0,
         span_direction: span,
         stated_side: Some(match wing.side {
-            Side::Left => setup::Side::Left,
-            Side::Right => setup::Side::Right,
+            SceneSide::Left => setup::Side::Left,
+            SceneSide::Right => setup::Side::Right,
         }),
-        root_offset_m: rounded_to(wing.root_x_m, 4),
-        axis_chord_offset_m: Some(rounded_to(wing.axis_z_m, 4)),
+        root_offset_m: round_to(wing.root_x_m, 4),
+        axis_chord_offset_m: Some(round_to(wing.axis_z_m, 4)),
         skin_height: Some(SkinHeight {
-            root_m: rounded_to(wing.skin_m.root, 4),
-            tip_m: rounded_to(wing.skin_m.tip, 4),
-            tip_span_m: rounded_to(wing.beam.length_m, 4),
+            root_m: round_to(wing.skin_m.root, 4),
+            tip_m: round_to(wing.skin_m.tip, 4),
+            tip_span_m: round_to(wing.beam.length_m, 4),
         }),
         uncertainty: Uncertainty::of_drawings(),
         thermal: Some(Thermal {
@@ -322,27 +322,27 @@ fn bare_setup(
     }
 }
 
-fn rounded_to(value: f64, digits: i32) -> f64 {
+fn round_to(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     (value * scale).round() / scale
 }
 
-fn rounded(value: Vector3<f64>, digits: i32) -> Vector3<f64> {
-    value.map(|x| rounded_to(x, digits))
+fn round_vector(value: Vector3<f64>, digits: i32) -> Vector3<f64> {
+    value.map(|x| round_to(x, digits))
 }
 
 /// As a camera file holds it.
-fn rounded_lens(lens: &Lens) -> Lens {
+fn round_lens(lens: &Lens) -> Lens {
     Lens {
-        fx: rounded_to(lens.fx, 1),
-        fy: rounded_to(lens.fy, 1),
-        cx: rounded_to(lens.cx, 1),
-        cy: rounded_to(lens.cy, 1),
-        k1: rounded_to(lens.k1, 4),
-        k2: rounded_to(lens.k2, 4),
-        k3: rounded_to(lens.k3, 4),
-        p1: rounded_to(lens.p1, 6),
-        p2: rounded_to(lens.p2, 6),
+        fx: round_to(lens.fx, 1),
+        fy: round_to(lens.fy, 1),
+        cx: round_to(lens.cx, 1),
+        cy: round_to(lens.cy, 1),
+        k1: round_to(lens.k1, 4),
+        k2: round_to(lens.k2, 4),
+        k3: round_to(lens.k3, 4),
+        p1: round_to(lens.p1, 6),
+        p2: round_to(lens.p2, 6),
         ..*lens
     }
 }

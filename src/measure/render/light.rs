@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::random::{Random, value_noise};
+use super::random::{SeededRandom, value_noise};
 use super::trace::Hit;
-use super::wing::Pose;
+use super::wing::DeformedWing;
 
 /// Kinds of light that a flight meets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,14 +44,14 @@ impl Light {
     }
 
     /// The kind of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|light| light.name() == name)
     }
 }
 
 /// Soft bands of shadow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Bands {
+struct ShadowBands {
     depth: f64,
     softness: f64,
     along: f64,
@@ -76,7 +76,7 @@ pub struct Illumination {
     sun: Vector3<f64>,
     gradient_s: f64,
     gradient_z: f64,
-    bands: Option<Bands>,
+    bands: Option<ShadowBands>,
     specular: Option<Specular>,
     haze_per_m: f64,
     air_light: f64,
@@ -87,7 +87,7 @@ pub struct Illumination {
 
 /// What the light does at one point of the skin.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Lit {
+pub struct SkinLight {
     /// Radiance of a reflectance of 1.
     pub diffuse: f64,
     /// Radiance added by mirroring, air and stray light.
@@ -96,11 +96,11 @@ pub struct Lit {
 
 impl Illumination {
     /// Draws the details of a kind of light.
-    pub fn random(light: Light, random: &mut Random, pose: &Pose) -> Self {
+    pub fn random(light: Light, random: &mut SeededRandom, pose: &DeformedWing) -> Self {
         let side = if random.unit() < 0.5 { -1.0 } else { 1.0 };
-        let high = Vector3::new(random.between(-0.4, 0.4), 1.0, side * random.between(0.1, 0.5));
+        let high = Vector3::new(random.uniform(-0.4, 0.4), 1.0, side * random.uniform(0.1, 0.5));
         let mut lit = Self {
-            exposure: random.between(0.80, 1.05),
+            exposure: random.uniform(0.80, 1.05),
             ambient: 0.45,
             sun: high.normalize(),
             gradient_s: 0.0,
@@ -110,62 +110,62 @@ impl Illumination {
             haze_per_m: 0.0008,
             air_light: 0.5,
             stray: 0.0,
-            sky: random.between(0.40, 0.60),
+            sky: random.uniform(0.40, 0.60),
             cloud_seed: random.bits(),
         };
         match light {
             Light::Plain => {}
             Light::Gradient => {
-                lit.gradient_s = side * random.between(0.3, 0.55);
-                lit.gradient_z = random.between(-0.45, 0.45);
+                lit.gradient_s = side * random.uniform(0.3, 0.55);
+                lit.gradient_z = random.uniform(-0.45, 0.45);
             }
-            Light::Shadow => lit.bands = Some(Bands::random(random)),
+            Light::Shadow => lit.bands = Some(ShadowBands::random(random)),
             Light::Glare => lit.mirror_sun(random, pose),
             Light::Dusk => {
-                lit.exposure *= random.between(0.12, 0.22);
+                lit.exposure *= random.uniform(0.12, 0.22);
                 lit.sky *= 0.22;
                 lit.air_light *= 0.2;
                 lit.ambient = 0.9;
             }
             Light::Backlight => {
-                lit.exposure *= random.between(0.30, 0.42);
+                lit.exposure *= random.uniform(0.30, 0.42);
                 lit.ambient = 0.8;
-                lit.sky = random.between(0.9, 1.3);
-                lit.stray = random.between(0.04, 0.10);
+                lit.sky = random.uniform(0.9, 1.3);
+                lit.stray = random.uniform(0.04, 0.10);
                 lit.specular = Some(Specular {
-                    gain: random.between(0.08, 0.2),
+                    gain: random.uniform(0.08, 0.2),
                     spread_along: 0.5,
                     spread_across: 0.25,
                 });
                 lit.sun = Vector3::new(1.0, 0.35, side * 0.2).normalize();
             }
             Light::Haze => {
-                lit.haze_per_m = random.between(0.015, 0.03);
-                lit.air_light = random.between(0.45, 0.6);
+                lit.haze_per_m = random.uniform(0.015, 0.03);
+                lit.air_light = random.uniform(0.45, 0.6);
             }
         }
         lit
     }
 
     /// Puts the sun where it is mirrored towards the camera at some place of the wing.
-    fn mirror_sun(&mut self, random: &mut Random, pose: &Pose) {
-        let s = random.between(0.4, 0.8) * pose.wing.beam.length_m;
+    fn mirror_sun(&mut self, random: &mut SeededRandom, pose: &DeformedWing) {
+        let s = random.uniform(0.4, 0.8) * pose.wing.beam.length_m;
         let (low, high) = pose.wing.edges(s);
-        let z = random.between(0.5 * low, 0.5 * high);
-        let view = pose.point(s, z).normalize();
+        let z = random.uniform(0.5 * low, 0.5 * high);
+        let view = pose.skin_point(s, z).normalize();
         let (_, _, normal) = pose.tangents(s, z);
         self.sun = view - normal * (2.0 * view.dot(&normal));
         self.ambient = 0.8;
         self.specular = Some(Specular {
-            gain: random.between(1.0, 2.5),
-            spread_along: random.between(0.05, 0.3),
-            spread_across: random.between(0.010, 0.025),
+            gain: random.uniform(1.0, 2.5),
+            spread_along: random.uniform(0.05, 0.3),
+            spread_across: random.uniform(0.010, 0.025),
         });
     }
 
     /// The light at a point of the skin.
-    pub fn at(&self, pose: &Pose, hit: &Hit) -> Lit {
-        let point = pose.point(hit.s, hit.z);
+    pub fn light_at(&self, pose: &DeformedWing, hit: &Hit) -> SkinLight {
+        let point = pose.skin_point(hit.s, hit.z);
         let (along, across, normal) = pose.tangents(hit.s, hit.z);
         let distance = point.norm();
         let shadow = self.bands.map_or(1.0, |bands| bands.factor(hit));
@@ -179,7 +179,7 @@ impl Illumination {
             specular.radiance(half.dot(&along) / along.norm(), half.dot(&across) / across.norm())
         });
         let clear = (-self.haze_per_m * distance).exp();
-        Lit {
+        SkinLight {
             diffuse: diffuse * clear,
             added: mirrored * self.exposure * clear + self.air_light * (1.0 - clear) + self.stray,
         }
@@ -195,16 +195,16 @@ impl Illumination {
     }
 }
 
-impl Bands {
-    fn random(random: &mut Random) -> Self {
-        let length = random.between(3.0, 9.0);
-        let angle = random.between(0.3, 1.2);
+impl ShadowBands {
+    fn random(random: &mut SeededRandom) -> Self {
+        let length = random.uniform(3.0, 9.0);
+        let angle = random.uniform(0.3, 1.2);
         Self {
-            depth: random.between(0.45, 0.75),
-            softness: random.between(0.02, 0.15),
+            depth: random.uniform(0.45, 0.75),
+            softness: random.uniform(0.02, 0.15),
             along: std::f64::consts::TAU * angle.cos() / length,
             across: std::f64::consts::TAU * angle.sin() / length,
-            phase: random.between(0.0, std::f64::consts::TAU),
+            phase: random.uniform(0.0, std::f64::consts::TAU),
             seed: random.bits(),
         }
     }

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::wing::Pose;
+use super::wing::DeformedWing;
 use crate::setup::Shape;
 
 /// Reflectance of the black print.
@@ -19,7 +19,7 @@ const PLATE_OVER_RADIUS: f64 = 1.7;
 
 /// A marker on the wing at rest, material coordinates.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Marker {
+pub struct SceneMarker {
     /// As in the survey.
     pub id: String,
     /// Quadrant or circle.
@@ -38,36 +38,36 @@ pub struct Marker {
     pub fixed_m: Option<Vector3<f64>>,
 }
 
-impl Marker {
+impl SceneMarker {
     /// The marker on a deformed wing.
-    pub fn placed(&self, pose: &Pose) -> Placed {
+    pub fn disc_on_wing(&self, pose: &DeformedWing) -> MarkerDisc {
         if let Some(point) = self.fixed_m {
-            return self.on_plate(&(point + pose.cabin_m));
+            return self.disc_on_plate(&(point + pose.cabin_m));
         }
         let (along, _, normal) = pose.tangents(self.s_m, self.z_m);
         let along = (along - normal * along.dot(&normal)).normalize();
         let across = normal.cross(&along);
         let (sin, cos) = self.rotation_rad.sin_cos();
-        Placed {
+        MarkerDisc {
             s_m: self.s_m,
-            centre_m: pose.point(self.s_m, self.z_m) + normal * (self.height_m * pose.scale),
+            centre_m: pose.skin_point(self.s_m, self.z_m) + normal * (self.height_m * pose.scale),
             normal,
             first: along * cos + across * sin,
             second: across * cos - along * sin,
-            form: second_form(pose, self, &normal, cos, sin),
+            form: second_fundamental_form(pose, self, &normal, cos, sin),
             radius_m: 0.5 * self.diameter_m * pose.scale,
             shape: self.shape,
             plate_m: None,
         }
     }
 
-    fn on_plate(&self, point_m: &Vector3<f64>) -> Placed {
+    fn disc_on_plate(&self, point_m: &Vector3<f64>) -> MarkerDisc {
         let normal = -point_m.normalize();
         let along = (Vector3::y() - normal * normal.y).normalize();
         let across = normal.cross(&along);
         let (sin, cos) = self.rotation_rad.sin_cos();
         let radius_m = 0.5 * self.diameter_m;
-        Placed {
+        MarkerDisc {
             s_m: f64::NEG_INFINITY,
             centre_m: *point_m,
             normal,
@@ -83,7 +83,7 @@ impl Marker {
 
 /// A disc in space, wing frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Placed {
+pub struct MarkerDisc {
     /// Along the axis, m, material.
     pub s_m: f64,
     /// m.
@@ -101,7 +101,7 @@ pub struct Placed {
     pub plate_m: Option<f64>,
 }
 
-impl Placed {
+impl MarkerDisc {
     /// Whether skin at `s` can be under the disc; if not, it hides it or is hidden by it.
     pub fn covers(&self, s: f64) -> bool {
         (s - self.s_m).abs() < 1.5 * self.radius_m + 0.3
@@ -113,14 +113,14 @@ impl Placed {
         let mut at = Vector2::zeros();
         // The skin leaves its tangent plane by millimetres: this converges by a factor of 20 or more.
         for _ in 0..5 {
-            let arm = direction * ((distance + self.rise(&at)) / sink) - self.centre_m;
+            let arm = direction * ((distance + self.surface_rise(&at)) / sink) - self.centre_m;
             at = Vector2::new(arm.dot(&self.first), arm.dot(&self.second));
         }
         (at.x, at.y)
     }
 
     /// Of the skin over its tangent plane, m.
-    fn rise(&self, at: &Vector2<f64>) -> f64 {
+    fn surface_rise(&self, at: &Vector2<f64>) -> f64 {
         0.5 * at.dot(&(self.form * at))
     }
 
@@ -148,7 +148,7 @@ impl Placed {
 
     /// Corners of its plate, m; none on the wing.
     pub fn plate_corners(&self) -> Vec<Vector3<f64>> {
-        let corner = |(a, b): (f64, f64), half: f64| self.surface(&(Vector2::new(a, b) * half));
+        let corner = |(a, b): (f64, f64), half: f64| self.surface_point(&(Vector2::new(a, b) * half));
         let all = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         self.plate_m.map_or(vec![], |half| all.map(|c| corner(c, half)).to_vec())
     }
@@ -166,20 +166,20 @@ impl Placed {
     pub fn outline(&self, count: usize) -> impl Iterator<Item = Vector3<f64>> + '_ {
         (0..count).map(move |i| {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / count as f64).sin_cos();
-            self.surface(&(Vector2::new(cos, sin) * self.radius_m))
+            self.surface_point(&(Vector2::new(cos, sin) * self.radius_m))
         })
     }
 
     /// A point of the disc from its place along the pattern's axes, m.
-    pub fn surface(&self, at: &Vector2<f64>) -> Vector3<f64> {
-        self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.rise(at)
+    pub fn surface_point(&self, at: &Vector2<f64>) -> Vector3<f64> {
+        self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.surface_rise(at)
     }
 }
 
 /// Second fundamental form of the skin at a marker, along axes turned by the marker's rotation.
-fn second_form(pose: &Pose, marker: &Marker, normal: &Vector3<f64>, cos: f64, sin: f64) -> Matrix2<f64> {
+fn second_fundamental_form(pose: &DeformedWing, marker: &SceneMarker, normal: &Vector3<f64>, cos: f64, sin: f64) -> Matrix2<f64> {
     const H: f64 = 0.15;
-    let at = |i: f64, j: f64| pose.point(marker.s_m + i * H, marker.z_m + j * H);
+    let at = |i: f64, j: f64| pose.skin_point(marker.s_m + i * H, marker.z_m + j * H);
     let (centre, before, after) = (at(0.0, 0.0), at(-1.0, 0.0), at(1.0, 0.0));
     let (left, right) = (at(0.0, -1.0), at(0.0, 1.0));
     let along = (after - before) / (2.0 * H);

@@ -3,12 +3,12 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::decals::Clutter;
-use super::light::{Illumination, Lit};
-use super::markers::Placed;
-use super::tile::{Corner, Patch, TILE, Tile, bilinear, edge};
+use super::decals::SkinClutter;
+use super::light::{Illumination, SkinLight};
+use super::markers::MarkerDisc;
+use super::tile::{TileCorner, Patch, TILE, Tile, interpolate_bilinear, tile_edge};
 use super::trace::Hit;
-use super::wing::Pose;
+use super::wing::DeformedWing;
 use crate::geometry::Lens;
 
 /// Samples of a pixel with an edge of a marker: a lattice of Fibonacci numbers.
@@ -17,75 +17,75 @@ const FINE: (usize, usize) = (233, 144);
 const COARSE: (usize, usize) = (13, 8);
 
 /// Everything that one frame shows.
-pub struct View<'a> {
+pub struct RenderView<'a> {
     /// The deformed wing.
-    pub pose: &'a Pose,
+    pub pose: &'a DeformedWing,
     /// The camera.
     pub lens: &'a Lens,
     /// Its attitude.
     pub wing_from_camera: Rotation3<f64>,
     /// Markers that are there.
-    pub markers: &'a [Placed],
+    pub markers: &'a [MarkerDisc],
     /// Everything else on the skin.
-    pub clutter: &'a Clutter,
+    pub clutter: &'a SkinClutter,
     /// The light.
     pub light: &'a Illumination,
 }
 
 /// Markers with the box of their image, px.
-struct Boxed<'a> {
-    marker: &'a Placed,
+struct BoxedMarker<'a> {
+    marker: &'a MarkerDisc,
     low: Vector2<f64>,
     high: Vector2<f64>,
 }
 
-impl View<'_> {
+impl RenderView<'_> {
     /// Radiance row by row; 1 saturates.
     pub fn radiance(&self) -> Vec<f32> {
         let (width, height) = (self.lens.width as usize, self.lens.height as usize);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        let corners: Vec<Vec<Corner>> = (0..=rows)
+        let corners: Vec<Vec<TileCorner>> = (0..=rows)
             .into_par_iter()
-            .map(|j| (0..=columns).map(|i| self.corner(edge(i), edge(j))).collect())
+            .map(|j| (0..=columns).map(|i| self.tile_corner(tile_edge(i), tile_edge(j))).collect())
             .collect();
-        let boxes = self.boxes();
+        let boxes = self.marker_boxes();
         let mut radiance = vec![0.0f32; width * height];
         radiance.par_chunks_mut(TILE * width).enumerate().for_each(|(j, band)| {
             for i in 0..columns {
                 let (above, below) = (&corners[j], &corners[j + 1]);
                 let corners = [&above[i], &above[i + 1], &below[i], &below[i + 1]];
-                let tile = Tile::new(corners, touching(&boxes, edge(i), edge(j)));
-                self.fill(&tile, band, width, i);
+                let tile = Tile::new(corners, touching_markers(&boxes, tile_edge(i), tile_edge(j)));
+                self.fill_tile(&tile, band, width, i);
             }
         });
         radiance
     }
 
-    fn direction(&self, u: f64, v: f64) -> Vector3<f64> {
+    fn pixel_direction(&self, u: f64, v: f64) -> Vector3<f64> {
         let pixel = Vector2::new(u, v);
         let pinhole = || Vector2::new((u - self.lens.cx) / self.lens.fx, (v - self.lens.cy) / self.lens.fy);
         let n = self.lens.undistort(&pixel).unwrap_or_else(|_| pinhole());
         self.wing_from_camera * Vector3::new(n.x, n.y, 1.0)
     }
 
-    fn corner(&self, u: f64, v: f64) -> Corner {
-        let direction = self.direction(u, v);
+    fn tile_corner(&self, u: f64, v: f64) -> TileCorner {
+        let direction = self.pixel_direction(u, v);
         let hit = self.pose.first_hit(&direction);
-        let lit = hit.map_or(Lit::default(), |hit| self.light.at(self.pose, &hit));
-        let paint = hit.map_or(0.0, |hit| self.clutter.paint(hit.s, hit.z));
-        Corner { direction, hit, lit, paint, sky: self.light.sky(&direction) }
+        let lit = hit.map_or(SkinLight::default(), |hit| self.light.light_at(self.pose, &hit));
+        let paint = hit.map_or(0.0, |hit| self.clutter.paint_reflectance(hit.s, hit.z));
+        TileCorner { direction, hit, lit, paint, sky: self.light.sky(&direction) }
     }
 
-    fn boxes(&self) -> Vec<Boxed<'_>> {
+    fn marker_boxes(&self) -> Vec<BoxedMarker<'_>> {
         let camera_from_wing = self.wing_from_camera.inverse();
         let boxed = |marker| outline_box(marker, &camera_from_wing, self.lens);
         self.markers
             .iter()
-            .filter_map(|marker| boxed(marker).map(|(low, high)| Boxed { marker, low, high }))
+            .filter_map(|marker| boxed(marker).map(|(low, high)| BoxedMarker { marker, low, high }))
             .collect()
     }
 
-    fn fill(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
+    fn fill_tile(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         if tile.markers.iter().any(|m| m.plate_m.is_some()) {
             return self.fill_plates(tile, band, width, column);
         }
@@ -97,87 +97,87 @@ impl View<'_> {
         if tile.hits[0].is_some() && patch.is_none() {
             return self.fill_outline(tile, band, width, column);
         }
-        for_pixels(band, width, column, |x, y| match &patch {
-            None => bilinear(&tile.sky, x, y),
-            Some(patch) => self.skin(tile, patch, x, y),
+        fill_pixels(band, width, column, |x, y| match &patch {
+            None => interpolate_bilinear(&tile.sky, x, y),
+            Some(patch) => self.skin_radiance(tile, patch, x, y),
         });
     }
 
     /// A tile with the wing's outline or a crest: rays one by one, finely where they differ.
     fn fill_outline(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let sheets: Vec<Option<Hit>> = (0..(TILE + 1) * (TILE + 1))
-            .map(|i| self.pose.first_hit(&tile.direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64)))
+            .map(|i| self.pose.first_hit(&tile.ray_direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64)))
             .collect();
         let lit = tile.mean_lit();
-        for_pixels(band, width, column, |x, y| {
+        fill_pixels(band, width, column, |x, y| {
             let corner = y as usize * (TILE + 1) + x as usize;
             let around = [0, 1, TILE + 1, TILE + 2].map(|k| sheets[corner + k]);
-            let lattice = match (tile.markers.is_empty(), torn(&around)) {
+            let lattice = match (tile.markers.is_empty(), spans_sheets(&around)) {
                 (false, _) => FINE,
                 (true, true) => COARSE,
                 (true, false) => (1, 1),
             };
-            mean(lattice, |dx, dy| self.sample(tile, &lit, x + dx, y + dy))
+            lattice_mean(lattice, |dx, dy| self.ray_radiance(tile, &lit, x + dx, y + dy))
         });
     }
 
     /// A tile with plates that stand before everything else, in the light of the wing's root.
     fn fill_plates(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let lit = tile.mean_lit();
-        let on_plates = self.light.at(self.pose, &Hit { s: 0.0, z: 0.0 });
-        let plates: Vec<&Placed> = tile.markers.iter().filter(|m| m.plate_m.is_some()).copied().collect();
+        let on_plates = self.light.light_at(self.pose, &Hit { s: 0.0, z: 0.0 });
+        let plates: Vec<&MarkerDisc> = tile.markers.iter().filter(|m| m.plate_m.is_some()).copied().collect();
         let ray = |x: f64, y: f64| {
-            let direction = tile.direction(x, y);
+            let direction = tile.ray_direction(x, y);
             let plate = plates.iter().find_map(|m| m.plate_reflectance(m.pattern_point(&direction)));
-            plate.map_or_else(|| self.sample(tile, &lit, x, y), |r| r * on_plates.diffuse + on_plates.added)
+            plate.map_or_else(|| self.ray_radiance(tile, &lit, x, y), |r| r * on_plates.diffuse + on_plates.added)
         };
-        for_pixels(band, width, column, |x, y| {
-            let direction = tile.direction(x, y);
-            let pixel = |m: &&&Placed| m.centre_m.norm() / self.lens.fx;
-            let edge = |m: &&Placed| m.plate_edge_within(m.pattern_point(&direction), pixel(&m));
-            let inside = |m: &&Placed| m.plate_reflectance(m.pattern_point(&direction)).is_some();
+        fill_pixels(band, width, column, |x, y| {
+            let direction = tile.ray_direction(x, y);
+            let pixel = |m: &&&MarkerDisc| m.centre_m.norm() / self.lens.fx;
+            let edge = |m: &&MarkerDisc| m.plate_edge_within(m.pattern_point(&direction), pixel(&m));
+            let inside = |m: &&MarkerDisc| m.plate_reflectance(m.pattern_point(&direction)).is_some();
             if plates.iter().any(|m| inside(m) && !edge(m)) {
                 return ray(x, y);
             }
-            mean(if plates.iter().any(edge) { FINE } else { COARSE }, |dx, dy| ray(x + dx, y + dy))
+            lattice_mean(if plates.iter().any(edge) { FINE } else { COARSE }, |dx, dy| ray(x + dx, y + dy))
         });
     }
 
     /// One ray with all that it meets.
-    fn sample(&self, tile: &Tile, lit: &Lit, x: f64, y: f64) -> f64 {
-        let direction = tile.direction(x, y);
+    fn ray_radiance(&self, tile: &Tile, lit: &SkinLight, x: f64, y: f64) -> f64 {
+        let direction = tile.ray_direction(x, y);
         let Some(hit) = self.pose.first_hit(&direction) else {
-            return bilinear(&tile.sky, x, y);
+            return interpolate_bilinear(&tile.sky, x, y);
         };
         let printed = tile
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
             .find_map(|m| m.reflectance(m.pattern_point(&direction)));
-        let reflectance = printed.unwrap_or_else(|| self.clutter.paint(hit.s, hit.z));
+        let reflectance = printed.unwrap_or_else(|| self.clutter.paint_reflectance(hit.s, hit.z));
         reflectance * lit.diffuse + lit.added
     }
 
-    fn skin(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
-        let direction = tile.direction(x, y);
-        let guess = bilinear(&patch.s, x, y);
+    fn skin_radiance(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+        let direction = tile.ray_direction(x, y);
+        let guess = interpolate_bilinear(&patch.s, x, y);
         let Some(hit) = self.pose.near_hit(guess, &patch.rates, patch.reach_m, &direction) else {
             let lit = tile.mean_lit();
-            return mean(COARSE, |dx, dy| self.sample(tile, &lit, x + dx, y + dy));
+            return lattice_mean(COARSE, |dx, dy| self.ray_radiance(tile, &lit, x + dx, y + dy));
         };
-        let clutter = self.clutter.factor(&patch.near, &self.pose.wing, hit.s, hit.z, &patch.footprint);
-        let paint = bilinear(&tile.paint, x, y) * clutter;
+        let clutter = self.clutter.reflectance_factor(&patch.near, &self.pose.wing, hit.s, hit.z, &patch.footprint);
+        let paint = interpolate_bilinear(&tile.paint, x, y) * clutter;
         let reflectance = tile
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
-            .fold(paint, |below, m| printed(m, below, tile, patch, x, y));
-        reflectance * bilinear(&tile.diffuse, x, y) + bilinear(&tile.added, x, y)
+            .fold(paint, |below, m| print_reflectance(m, below, tile, patch, x, y));
+        reflectance * interpolate_bilinear(&tile.diffuse, x, y) + interpolate_bilinear(&tile.added, x, y)
     }
 }
 
 /// Whether rays meet different sheets of skin, or some meet none.
-fn torn(hits: &[Option<Hit>; 4]) -> bool {
+fn spans_sheets(hits: &[Option<Hit>; 4]) -> bool {
     match hits {
         [None, None, None, None] => false,
         [Some(a), Some(b), Some(c), Some(d)] => (b.s + c.s - a.s - d.s).abs() > 0.5,
@@ -186,24 +186,24 @@ fn torn(hits: &[Option<Hit>; 4]) -> bool {
 }
 
 /// Reflectance of a pixel of a marker over the paint `below`.
-fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
-    let at = |x: f64, y: f64| marker.pattern_point(&tile.direction(x, y));
+fn print_reflectance(marker: &MarkerDisc, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+    let at = |x: f64, y: f64| marker.pattern_point(&tile.ray_direction(x, y));
     let centre = at(x, y);
     if !marker.edge_within(centre, patch.half_pixel_m) {
         return marker.reflectance(centre).unwrap_or(below);
     }
-    mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
+    lattice_mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
 }
 
 /// Mean over a pixel by a rank-1 lattice, whose projections are even in every direction.
-fn mean((count, generator): (usize, usize), value: impl Fn(f64, f64) -> f64) -> f64 {
+fn lattice_mean((count, generator): (usize, usize), value: impl Fn(f64, f64) -> f64) -> f64 {
     let n = count as f64;
     let place = |i: usize| (i as f64 + 0.5) / n - 0.5;
     (0..count).map(|i| value(place(i), place(i * generator % count))).sum::<f64>() / n
 }
 
 /// Calls `value` with every pixel's centre, in px from the tile's corner.
-fn for_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64, f64) -> f64) {
+fn fill_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64, f64) -> f64) {
     let (start, end) = (column * TILE, (column * TILE + TILE).min(width));
     for (y, row) in band.chunks_mut(width).enumerate() {
         for (x, pixel) in row[start..end].iter_mut().enumerate() {
@@ -212,16 +212,16 @@ fn for_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64,
     }
 }
 
-fn touching<'a>(boxes: &[Boxed<'a>], u: f64, v: f64) -> Vec<&'a Placed> {
+fn touching_markers<'a>(boxes: &[BoxedMarker<'a>], u: f64, v: f64) -> Vec<&'a MarkerDisc> {
     let size = TILE as f64 + 2.0;
     let near =
-        |b: &&Boxed<'a>| b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size;
+        |b: &&BoxedMarker<'a>| b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size;
     boxes.iter().filter(near).map(|b| b.marker).collect()
 }
 
 /// Box of a marker's image, px; `None` where part of it is behind the camera.
 pub fn outline_box(
-    marker: &Placed,
+    marker: &MarkerDisc,
     camera_from_wing: &Rotation3<f64>,
     lens: &Lens,
 ) -> Option<(Vector2<f64>, Vector2<f64>)> {
@@ -238,27 +238,27 @@ pub fn outline_box(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::light::Light;
-    use super::super::random::Random;
-    use super::super::{Options, Scene, Shot, Side};
+    use super::super::random::SeededRandom;
+    use super::super::{SceneOptions, Scene, SceneShot, SceneSide};
     use super::*;
     use crate::setup::Shape;
 
     const PAINT: f64 = 0.5;
 
     fn scene() -> Scene {
-        let mut options = Options::random(5, Side::Left);
+        let mut options = SceneOptions::random(5, SceneSide::Left);
         options.lens = Lens { k1: -0.06, k2: 0.05, ..Lens::pinhole(1600, 1200, 3200.0, 803.0, 597.0) };
         let mut scene = Scene::random(5, &options);
-        scene.clutter = Clutter::bare(PAINT);
+        scene.clutter = SkinClutter::bare(PAINT);
         scene
     }
 
     /// Radiance with the given markers over radiance without any.
-    fn reflectance(scene: &Scene, shot: &Shot, markers: &[Placed]) -> Vec<f64> {
-        let pose = scene.wing.pose(&shot.state);
-        let light = Illumination::random(Light::Plain, &mut Random::new(1, 1), &pose);
+    fn reflectance(scene: &Scene, shot: &SceneShot, markers: &[MarkerDisc]) -> Vec<f64> {
+        let pose = scene.wing.deform(&shot.state);
+        let light = Illumination::random(Light::Plain, &mut SeededRandom::new(1, 1), &pose);
         let wing_from_camera = scene.camera_from_wing(shot).inverse();
-        let view = |markers| View {
+        let view = |markers| RenderView {
             pose: &pose,
             lens: &scene.setup.lens,
             wing_from_camera,
@@ -284,12 +284,12 @@ mod tests {
     }
 
     /// Projected sectors of the outline, each with the sign of its print.
-    fn expected(scene: &Scene, shot: &Shot, placed: &Placed, shape: Shape) -> [f64; 3] {
+    fn expected(scene: &Scene, shot: &SceneShot, placed: &MarkerDisc, shape: Shape) -> [f64; 3] {
         let camera_from_wing = scene.camera_from_wing(shot);
         let project = |p: Vector3<f64>| scene.setup.lens.project(&(camera_from_wing * p)).unwrap();
         // Edges are curved with the skin: polar coordinates of each sector's outline.
         let polar = |share: f64, angle: f64| {
-            project(placed.surface(&(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m))))
+            project(placed.surface_point(&(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m))))
         };
         let steps = || (0..500).map(|i| f64::from(i) / 500.0);
         let mut sums = [0.0; 3];
@@ -311,8 +311,8 @@ mod tests {
     fn every_marker_is_drawn_where_the_truth_says() {
         let scene = scene();
         for shot in [scene.ground_shot(1), scene.flight_shot(2.0, Light::Plain, 2)] {
-            let pose = scene.wing.pose(&shot.state);
-            for (marker, placed) in scene.markers.iter().zip(scene.placed(&pose, &[])).step_by(3) {
+            let pose = scene.wing.deform(&shot.state);
+            for (marker, placed) in scene.markers.iter().zip(scene.marker_discs(&pose, &[])).step_by(3) {
                 let image = reflectance(&scene, &shot, std::slice::from_ref(&placed));
                 let mut drawn = [0.0; 3];
                 for (i, value) in image.iter().enumerate() {
@@ -324,7 +324,7 @@ mod tests {
                 let pixel =
                     scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
                 let area = std::f64::consts::PI
-                    * scene.seen(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
+                    * scene.marker_image(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
                 let off = |k: usize| {
                     let about = |sums: &[f64; 3]| sums[k] - pixel[k - 1] * sums[0];
                     (about(&drawn) - about(&expected)) / area

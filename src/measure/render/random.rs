@@ -2,9 +2,9 @@
 
 /// SplitMix64 (Steele, Lea, Flood 2014).
 #[derive(Clone, Debug)]
-pub struct Random(u64);
+pub struct SeededRandom(u64);
 
-impl Random {
+impl SeededRandom {
     /// A stream of its own for every pair of seed and purpose.
     pub fn new(seed: u64, purpose: u64) -> Self {
         let mut start = Self(seed ^ purpose.wrapping_mul(0xD1B5_4A32_D192_ED03));
@@ -15,7 +15,7 @@ impl Random {
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        mix(self.0)
+        mix_bits(self.0)
     }
 
     /// Uniform in [0, 1).
@@ -24,7 +24,7 @@ impl Random {
     }
 
     /// Uniform between two bounds.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
@@ -48,7 +48,7 @@ impl Random {
     }
 }
 
-fn mix(mut x: u64) -> u64 {
+fn mix_bits(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     x ^ (x >> 31)
@@ -61,7 +61,7 @@ pub fn value_noise(x: f64, y: f64, seed: u64) -> f64 {
     let (a, b) = (ease(x - i), ease(y - j));
     let at = |di: i64, dj: i64| {
         let key = (i as i64 + di).wrapping_mul(0x8DA6_B343) ^ (j as i64 + dj).wrapping_mul(0xD816_3841);
-        (mix(seed ^ key as u64) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        (mix_bits(seed ^ key as u64) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     };
     let top = at(0, 0) + a * (at(1, 0) - at(0, 0));
     let bottom = at(0, 1) + a * (at(1, 1) - at(0, 1));
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn moments_are_those_of_the_distribution() {
-        let mut random = Random::new(7, 1);
+        let mut random = SeededRandom::new(7, 1);
         let n = 200_000;
         let (mut sum, mut square, mut quick) = (0.0, 0.0, 0.0);
         for _ in 0..n {
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn streams_repeat_and_differ_by_purpose() {
-        assert_eq!(Random::new(3, 4).bits(), Random::new(3, 4).bits());
-        assert_ne!(Random::new(3, 4).bits(), Random::new(3, 5).bits());
+        assert_eq!(SeededRandom::new(3, 4).bits(), SeededRandom::new(3, 4).bits());
+        assert_ne!(SeededRandom::new(3, 4).bits(), SeededRandom::new(3, 5).bits());
     }
 }

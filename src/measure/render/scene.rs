@@ -3,13 +3,13 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::beam::LoadShape;
-use super::decals::Clutter;
+use super::decals::SkinClutter;
 use super::light::{Illumination, Light};
-use super::markers::{Marker, Placed};
-use super::picture::View;
-use super::random::Random;
-use super::sensor::Sensor;
-use super::wing::{Moved, Pose, State, Wing};
+use super::markers::{SceneMarker, MarkerDisc};
+use super::picture::RenderView;
+use super::random::SeededRandom;
+use super::sensor::SensorModel;
+use super::wing::{SceneMotion, DeformedWing, SceneState, SceneWing};
 use crate::geometry::{Lens, WingFrame};
 use crate::raster::Raster;
 use crate::setup::Setup;
@@ -20,9 +20,9 @@ pub struct Scene {
     /// What the user would have prepared: with the survey's noise.
     pub setup: Setup,
     /// The wing at rest.
-    pub wing: Wing,
+    pub wing: SceneWing,
     /// True places of the markers, in the survey's order.
-    pub markers: Vec<Marker>,
+    pub markers: Vec<SceneMarker>,
     /// True wing frame: its origin is the true projection centre.
     pub frame: WingFrame,
     /// True attitude of the camera when the ground frame was taken.
@@ -31,20 +31,20 @@ pub struct Scene {
     pub load: LoadShape,
     /// Nose up, rad per metre of tip deflection.
     pub twist_rad_per_m: f64,
-    pub(super) clutter: Clutter,
+    pub(super) clutter: SkinClutter,
 }
 
 /// One frame to be rendered.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shot {
+pub struct SceneShot {
     /// Shape and temperature of the wing.
-    pub state: State,
+    pub state: SceneState,
     /// Kind of light; its details follow from `light_seed`.
     pub light: Light,
     /// Frames that are shot right after one another share it.
     pub light_seed: u64,
     /// Blur, noise, tone.
-    pub sensor: Sensor,
+    pub sensor: SensorModel,
     /// Shift of the mount: rotates the camera frame, `exp([mount]x) * camera_from_survey`.
     pub mount: Rotation3<f64>,
     /// Camera constant over that of the calibration, and shift of the principal point, px.
@@ -59,12 +59,12 @@ pub struct Shot {
 
 impl Scene {
     /// The wing at rest in even light.
-    pub fn ground_shot(&self, seed: u64) -> Shot {
-        Shot {
-            state: State::ground(self.load),
+    pub fn ground_shot(&self, seed: u64) -> SceneShot {
+        SceneShot {
+            state: SceneState::ground(self.load),
             light: Light::Plain,
             light_seed: seed,
-            sensor: Sensor::default(),
+            sensor: SensorModel::default(),
             mount: Rotation3::identity(),
             lens_change: (1.0, Vector2::zeros()),
             marks_m: Vec::new(),
@@ -74,20 +74,20 @@ impl Scene {
     }
 
     /// The wing in flight, its tip bent up by `tip_deflection_m`.
-    pub fn flight_shot(&self, tip_deflection_m: f64, light: Light, seed: u64) -> Shot {
-        let state = State {
+    pub fn flight_shot(&self, tip_deflection_m: f64, light: Light, seed: u64) -> SceneShot {
+        let state = SceneState {
             tip_deflection_m,
             second_mode_m: 0.0,
             load: self.load,
             tip_twist_rad: self.twist_rad_per_m * tip_deflection_m,
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
-            moved: Moved::default(),
+            moved: SceneMotion::default(),
         };
-        Shot { state, light, ..self.ground_shot(seed) }
+        SceneShot { state, light, ..self.ground_shot(seed) }
     }
 
     /// A remount: pitch and yaw by the mount's repeatability, a little roll.
-    pub fn remount(&self, random: &mut Random) -> Rotation3<f64> {
+    pub fn remount(&self, random: &mut SeededRandom) -> Rotation3<f64> {
         let angle = self.setup.mount_repeatability_px / self.setup.lens.focal_px();
         Rotation3::from_euler_angles(
             angle * random.normal(),
@@ -97,17 +97,17 @@ impl Scene {
     }
 
     /// Renders a shot; `None` for a lens without pixels.
-    pub fn render(&self, shot: &Shot) -> Option<Raster> {
-        let pose = self.wing.pose(&shot.state);
+    pub fn render(&self, shot: &SceneShot) -> Option<Raster> {
+        let pose = self.wing.deform(&shot.state);
         let light = self.illumination(shot, &pose);
-        let placed: Vec<Placed> = self
-            .placed(&pose, &shot.marks_m)
+        let placed: Vec<MarkerDisc> = self
+            .marker_discs(&pose, &shot.marks_m)
             .into_iter()
             .enumerate()
             .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
             .collect();
         let lens = &self.lens(shot);
-        let radiance = View {
+        let radiance = RenderView {
             pose: &pose,
             lens,
             wing_from_camera: self.camera_from_wing(shot).inverse(),
@@ -119,29 +119,29 @@ impl Scene {
         shot.sensor.develop(radiance, lens.width as usize, lens.height as usize, shot.seed)
     }
 
-    pub(super) fn illumination(&self, shot: &Shot, pose: &Pose) -> Illumination {
-        Illumination::random(shot.light, &mut Random::new(shot.light_seed, 1), pose)
+    pub(super) fn illumination(&self, shot: &SceneShot, pose: &DeformedWing) -> Illumination {
+        Illumination::random(shot.light, &mut SeededRandom::new(shot.light_seed, 1), pose)
     }
 
-    pub(super) fn placed(&self, pose: &Pose, marks_m: &[Vector3<f64>]) -> Vec<Placed> {
-        let mut all: Vec<Placed> = self.markers.iter().map(|marker| marker.placed(pose)).collect();
+    pub(super) fn marker_discs(&self, pose: &DeformedWing, marks_m: &[Vector3<f64>]) -> Vec<MarkerDisc> {
+        let mut all: Vec<MarkerDisc> = self.markers.iter().map(|marker| marker.disc_on_wing(pose)).collect();
         all.iter_mut().zip(marks_m).for_each(|(placed, by)| placed.centre_m += by);
         all
     }
 
     /// The lens in a shot.
-    pub(super) fn lens(&self, shot: &Shot) -> Lens {
+    pub(super) fn lens(&self, shot: &SceneShot) -> Lens {
         let (scale, off) = shot.lens_change;
         let lens = self.setup.lens;
         Lens { fx: scale * lens.fx, fy: scale * lens.fy, cx: lens.cx + off.x, cy: lens.cy + off.y, ..lens }
     }
 
     /// True attitude of the camera in a shot.
-    pub fn camera_from_survey(&self, shot: &Shot) -> Rotation3<f64> {
+    pub fn camera_from_survey(&self, shot: &SceneShot) -> Rotation3<f64> {
         shot.mount * self.camera_from_survey
     }
 
-    pub(super) fn camera_from_wing(&self, shot: &Shot) -> Rotation3<f64> {
+    pub(super) fn camera_from_wing(&self, shot: &SceneShot) -> Rotation3<f64> {
         self.camera_from_survey(shot) * self.frame.wing_from_survey.inverse()
     }
 }

@@ -3,12 +3,12 @@
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use super::random::Random;
+use super::random::SeededRandom;
 use crate::raster::Raster;
 
 /// How the camera makes grey values.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensor {
+pub struct SensorModel {
     /// Standard deviation of the point spread, px.
     pub blur_px: f64,
     /// Movement during the exposure, px.
@@ -21,7 +21,7 @@ pub struct Sensor {
     pub gamma: f64,
 }
 
-impl Default for Sensor {
+impl Default for SensorModel {
     fn default() -> Self {
         Self { blur_px: 0.8, motion_px: Vector2::zeros(), noise: 1.5, read_share: 0.3, gamma: 2.2 }
     }
@@ -29,32 +29,32 @@ impl Default for Sensor {
 
 const TONES: usize = 4096;
 
-impl Sensor {
+impl SensorModel {
     /// Develops `radiance` (row by row, 1 saturates).
     pub fn develop(&self, radiance: Vec<f32>, width: usize, height: usize, seed: u64) -> Option<Raster> {
-        let moved = moved(radiance, width, &self.motion_px);
-        let blurred = blurred(moved, width, self.blur_px);
+        let moved = smear_image(radiance, width, &self.motion_px);
+        let blurred = blur_image(moved, width, self.blur_px);
         let tones: Vec<f32> =
             (0..=TONES).map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32).collect();
         let mut luma = vec![0; width * height];
         luma.par_chunks_mut(width).zip(blurred.par_chunks(width)).enumerate().for_each(|(y, (out, row))| {
             // A stream per row: the same at any number of threads.
-            let mut random = Random::new(seed, 1000 + y as u64);
+            let mut random = SeededRandom::new(seed, 1000 + y as u64);
             for (grey, &value) in out.iter_mut().zip(row) {
-                *grey = self.grey(tone(&tones, value), &mut random);
+                *grey = self.sample_grey(apply_tone(&tones, value), &mut random);
             }
         });
         Raster::new(width, height, luma)
     }
 
-    fn grey(&self, level: f32, random: &mut Random) -> u8 {
+    fn sample_grey(&self, level: f32, random: &mut SeededRandom) -> u8 {
         let read = self.read_share as f32;
         let sigma = self.noise as f32 * (read + (1.0 - read) * level / 255.0).sqrt();
         (level + sigma * random.quick_normal() + 0.5).clamp(0.0, 255.0) as u8
     }
 }
 
-fn tone(tones: &[f32], value: f32) -> f32 {
+fn apply_tone(tones: &[f32], value: f32) -> f32 {
     let position = value.clamp(0.0, 1.0) * TONES as f32;
     let i = (position as usize).min(TONES - 1);
     let fraction = position - i as f32;
@@ -62,18 +62,18 @@ fn tone(tones: &[f32], value: f32) -> f32 {
 }
 
 /// Weights of a Gaussian over whole pixels, its integral over each; odd in number.
-fn gaussian(sigma: f64) -> Vec<f32> {
+fn gaussian_kernel(sigma: f64) -> Vec<f32> {
     let radius = (4.0 * sigma).ceil() as i64;
     let weight = |x: i64| (-0.5 * (x as f64 / sigma).powi(2)).exp();
     let sum: f64 = (-radius..=radius).map(weight).sum();
     (-radius..=radius).map(|x| (weight(x) / sum) as f32).collect()
 }
 
-fn blurred(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
+fn blur_image(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     if sigma <= 0.05 {
         return image;
     }
-    let kernel = gaussian(sigma);
+    let kernel = gaussian_kernel(sigma);
     let radius = kernel.len() / 2;
     let mut across = vec![0.0; image.len()];
     across.par_chunks_mut(width).zip(image.par_chunks(width)).for_each(|(out, row)| {
@@ -97,7 +97,7 @@ fn blurred(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
 }
 
 /// Smears along a straight line whose middle is the pixel, so that centres stay.
-fn moved(image: Vec<f32>, width: usize, motion: &Vector2<f64>) -> Vec<f32> {
+fn smear_image(image: Vec<f32>, width: usize, motion: &Vector2<f64>) -> Vec<f32> {
     if motion.norm() < 0.05 {
         return image;
     }
@@ -108,7 +108,7 @@ fn moved(image: Vec<f32>, width: usize, motion: &Vector2<f64>) -> Vec<f32> {
         for tap in 0..taps {
             let share = (tap as f64 + 0.5) / taps as f64 - 0.5;
             let (dx, dy) = (share * motion.x, share * motion.y);
-            for (weight, ox, oy) in bilinear(dx, dy) {
+            for (weight, ox, oy) in bilinear_weights(dx, dy) {
                 let weight = weight / taps as f32;
                 let line = (y as i64 + oy).clamp(0, height as i64 - 1) as usize * width;
                 for (x, value) in row.iter_mut().enumerate() {
@@ -121,7 +121,7 @@ fn moved(image: Vec<f32>, width: usize, motion: &Vector2<f64>) -> Vec<f32> {
     out
 }
 
-fn bilinear(dx: f64, dy: f64) -> [(f32, i64, i64); 4] {
+fn bilinear_weights(dx: f64, dy: f64) -> [(f32, i64, i64); 4] {
     let (x, y) = (dx.floor(), dy.floor());
     let (a, b) = ((dx - x) as f32, (dy - y) as f32);
     let (x, y) = (x as i64, y as i64);
@@ -158,21 +158,21 @@ mod tests {
 
     #[test]
     fn blur_keeps_the_centre_and_has_its_width() {
-        let (mx, my, vx, vy) = moments(&blurred(point(), 41, 1.5));
+        let (mx, my, vx, vy) = moments(&blur_image(point(), 41, 1.5));
         assert!((mx - 20.0).abs() < 1e-5 && (my - 20.0).abs() < 1e-5);
         assert!((vx.sqrt() - 1.5).abs() < 0.01 && (vy.sqrt() - 1.5).abs() < 0.01);
     }
 
     #[test]
     fn motion_keeps_the_centre() {
-        let (mx, my, vx, vy) = moments(&moved(point(), 41, &Vector2::new(3.0, -1.0)));
+        let (mx, my, vx, vy) = moments(&smear_image(point(), 41, &Vector2::new(3.0, -1.0)));
         assert!((mx - 20.0).abs() < 1e-5 && (my - 20.0).abs() < 1e-5);
         assert!(vx > vy && vx > 0.6);
     }
 
     #[test]
     fn noise_has_its_size_and_repeats() {
-        let sensor = Sensor { noise: 4.0, read_share: 1.0, ..Sensor::default() };
+        let sensor = SensorModel { noise: 4.0, read_share: 1.0, ..SensorModel::default() };
         let develop = || sensor.develop(vec![0.25; 200 * 200], 200, 200, 9).unwrap();
         let image = develop();
         assert_eq!(image, develop());

@@ -2,24 +2,24 @@
 
 use nalgebra::Vector3;
 
-use super::decals::{Clutter, Footprint, Near};
-use super::light::Lit;
-use super::markers::Placed;
-use super::trace::{Hit, Rates};
-use super::wing::Pose;
+use super::decals::{SkinClutter, PixelFootprint, NearbyClutter};
+use super::light::SkinLight;
+use super::markers::MarkerDisc;
+use super::trace::{Hit, HitRates};
+use super::wing::DeformedWing;
 
 /// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
 pub const TILE: usize = 8;
 
 /// What one ray sees.
 #[derive(Clone, Copy)]
-pub struct Corner {
+pub struct TileCorner {
     /// Of the ray, wing frame, not of unit length.
     pub direction: Vector3<f64>,
     /// Where it meets the skin.
     pub hit: Option<Hit>,
     /// The light there.
-    pub lit: Lit,
+    pub lit: SkinLight,
     /// The reflectance of the paint there.
     pub paint: f64,
     /// Radiance of the sky in this direction.
@@ -35,12 +35,12 @@ pub struct Tile<'a> {
     pub paint: [f64; 4],
     pub sky: [f64; 4],
     /// Those that may reach into it.
-    pub markers: Vec<&'a Placed>,
+    pub markers: Vec<&'a MarkerDisc>,
 }
 
 impl<'a> Tile<'a> {
     /// From its corners, row by row.
-    pub fn new(corners: [&Corner; 4], markers: Vec<&'a Placed>) -> Self {
+    pub fn new(corners: [&TileCorner; 4], markers: Vec<&'a MarkerDisc>) -> Self {
         Self {
             hits: corners.map(|corner| corner.hit),
             directions: corners.map(|corner| corner.direction),
@@ -53,19 +53,19 @@ impl<'a> Tile<'a> {
     }
 
     /// Mean light of the corners on the skin.
-    pub fn mean_lit(&self) -> Lit {
-        let mut sum = Lit::default();
+    pub fn mean_lit(&self) -> SkinLight {
+        let mut sum = SkinLight::default();
         let mut count = 0.0;
         for i in (0..4).filter(|&i| self.hits[i].is_some()) {
-            sum = Lit { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
+            sum = SkinLight { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
             count += 1.0;
         }
         let count = f64::max(count, 1.0);
-        Lit { diffuse: sum.diffuse / count, added: sum.added / count }
+        SkinLight { diffuse: sum.diffuse / count, added: sum.added / count }
     }
 
     /// Of the ray at (`x`, `y`) px from the first corner.
-    pub fn direction(&self, x: f64, y: f64) -> Vector3<f64> {
+    pub fn ray_direction(&self, x: f64, y: f64) -> Vector3<f64> {
         let [a, b, c, d] = &self.directions;
         let (p, q) = (x / TILE as f64, y / TILE as f64);
         let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
@@ -74,7 +74,7 @@ impl<'a> Tile<'a> {
 }
 
 /// Between the values of the corners; `x` and `y` in px from the first.
-pub fn bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
+pub fn interpolate_bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
     let (p, q) = (x / TILE as f64, y / TILE as f64);
     let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
     top + (bottom - top) * q
@@ -85,20 +85,20 @@ pub struct Patch {
     /// Arc length at the corners, m.
     pub s: [f64; 4],
     /// What a pixel covers on the skin.
-    pub footprint: Footprint,
+    pub footprint: PixelFootprint,
     /// Furthest a point of a pixel can be from its centre, with a margin.
     pub half_pixel_m: f64,
     /// How far a ray's hit may lie from the bilinear guess, along the wing.
     pub reach_m: f64,
     /// How the hit moves with the ray.
-    pub rates: Rates,
+    pub rates: HitRates,
     /// What lies on the skin about here.
-    pub near: Near,
+    pub near: NearbyClutter,
 }
 
 impl Patch {
     /// `None` where the corners are not on one sheet of the skin.
-    pub fn new(pose: &Pose, clutter: &Clutter, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
+    pub fn new(pose: &DeformedWing, clutter: &SkinClutter, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
         let [a, b, c, d] = hits;
         let n = 2.0 * TILE as f64;
         let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
@@ -113,19 +113,19 @@ impl Patch {
         if torn {
             return None;
         }
-        let footprint = Footprint { s: su + sv, z: zu + zv };
+        let footprint = PixelFootprint { s: su + sv, z: zu + zv };
         Some(Self {
             s: hits.map(|hit| hit.s),
             half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
             reach_m: 0.5 * (s.1 - s.0) + 0.01,
-            rates: pose.rates(a.s, &tile.directions[0])?,
-            near: clutter.near(&pose.wing, s, z, &footprint),
+            rates: pose.hit_rates(a.s, &tile.directions[0])?,
+            near: clutter.select_nearby(&pose.wing, s, z, &footprint),
             footprint,
         })
     }
 }
 
 /// Pixel coordinate of a tile's edge.
-pub fn edge(index: usize) -> f64 {
+pub fn tile_edge(index: usize) -> f64 {
     (index * TILE) as f64 - 0.5
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::wing::Pose;
+use super::wing::DeformedWing;
 
 /// A point of the skin, material coordinates, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,27 +17,27 @@ pub struct Hit {
 const SEARCH_STEP_M: f64 = 0.6;
 const BISECTIONS: usize = 40;
 
-impl Pose {
+impl DeformedWing {
     /// The first point of the skin on a ray from the origin, with hidden parts behind crests left
     /// out; `None` where it passes the wing.
     pub fn first_hit(&self, direction: &Vector3<f64>) -> Option<Hit> {
         let length = self.wing.beam.length_m;
         let steps = (length / SEARCH_STEP_M).ceil() as usize;
-        let (mut before, mut gap_before) = (0.0, self.gap(0.0, direction).0);
+        let (mut before, mut gap_before) = (0.0, self.skin_gap(0.0, direction).0);
         for i in 1..=steps {
             let s = length * i as f64 / steps as f64;
-            let gap = self.gap(s, direction).0;
+            let gap = self.skin_gap(s, direction).0;
             if gap <= 0.0 {
                 if gap_before > 0.0 {
-                    let below = |s: f64| self.gap(s, direction).0 <= 0.0;
+                    let below = |s: f64| self.skin_gap(s, direction).0 <= 0.0;
                     let hit = self.bisect(before, s, direction, below);
-                    if self.inside(hit.s, direction) {
+                    if self.is_inside(hit.s, direction) {
                         return Some(hit);
                     }
                 }
                 // From the side, through an edge.
-                if self.inside(s, direction) {
-                    return Some(self.bisect(before, s, direction, |s| self.inside(s, direction)));
+                if self.is_inside(s, direction) {
+                    return Some(self.bisect(before, s, direction, |s| self.is_inside(s, direction)));
                 }
             }
             (before, gap_before) = (s, gap);
@@ -46,8 +46,8 @@ impl Pose {
     }
 
     /// Whether the ray is below the skin and between the edges.
-    fn inside(&self, s: f64, direction: &Vector3<f64>) -> bool {
-        let (gap, z) = self.gap(s, direction);
+    fn is_inside(&self, s: f64, direction: &Vector3<f64>) -> bool {
+        let (gap, z) = self.skin_gap(s, direction);
         let (low, high) = self.wing.edges(s);
         gap <= 0.0 && z >= low && z <= high
     }
@@ -68,13 +68,13 @@ impl Pose {
                 outside = middle;
             }
         }
-        Hit { s: inside, z: self.gap(inside, direction).1 }
+        Hit { s: inside, z: self.skin_gap(inside, direction).1 }
     }
 
     /// How gap and z change along s near a hit; `None` where the ray does not sink towards the skin.
-    pub fn rates(&self, s: f64, direction: &Vector3<f64>) -> Option<Rates> {
-        let ((g0, z0), (g1, z1)) = (self.gap(s - 0.02, direction), self.gap(s + 0.02, direction));
-        let rates = Rates { gap: (g1 - g0) / 0.04, z: (z1 - z0) / 0.04 };
+    pub fn hit_rates(&self, s: f64, direction: &Vector3<f64>) -> Option<HitRates> {
+        let ((g0, z0), (g1, z1)) = (self.skin_gap(s - 0.02, direction), self.skin_gap(s + 0.02, direction));
+        let rates = HitRates { gap: (g1 - g0) / 0.04, z: (z1 - z0) / 0.04 };
         (rates.gap < 0.0).then_some(rates)
     }
 
@@ -83,12 +83,12 @@ impl Pose {
     pub fn near_hit(
         &self,
         guess_s: f64,
-        rates: &Rates,
+        rates: &HitRates,
         reach_m: f64,
         direction: &Vector3<f64>,
     ) -> Option<Hit> {
-        let s = guess_s - self.gap(guess_s, direction).0 / rates.gap;
-        let (rest, z) = self.gap(s, direction);
+        let s = guess_s - self.skin_gap(guess_s, direction).0 / rates.gap;
+        let (rest, z) = self.skin_gap(s, direction);
         let correction = -rest / rates.gap;
         let hit = Hit { s: s + correction, z: z + correction * rates.z };
         let (low, high) = self.wing.edges(hit.s);
@@ -99,7 +99,7 @@ impl Pose {
 
 /// Derivatives along s on one ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rates {
+pub struct HitRates {
     /// Of the height above the skin.
     pub gap: f64,
     /// Of z.
@@ -110,19 +110,19 @@ pub struct Rates {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::beam::LoadShape;
-    use super::super::wing::{Linear, State, tests::wing};
+    use super::super::wing::{LinearTaper, SceneState, tests::wing};
 
     const LOAD: LoadShape = LoadShape { triangular: 0.3, relief: 0.2 };
 
     #[test]
     fn rays_return_to_the_points_they_were_shot_at() {
-        let state = State { tip_deflection_m: 2.5, ..State::ground(LOAD) };
-        let pose = wing().pose(&state);
+        let state = SceneState { tip_deflection_m: 2.5, ..SceneState::ground(LOAD) };
+        let pose = wing().deform(&state);
         for (s, z) in [(6.0, 1.0), (15.0, -1.4), (24.0, 0.0), (32.0, 0.8)] {
-            let direction = pose.point(s, z).normalize();
+            let direction = pose.skin_point(s, z).normalize();
             let hit = pose.first_hit(&direction).unwrap();
             assert!((hit.s - s).abs() < 1e-6 && (hit.z - z).abs() < 1e-6, "{hit:?}");
-            let rates = pose.rates(s + 0.02, &direction).unwrap();
+            let rates = pose.hit_rates(s + 0.02, &direction).unwrap();
             let near = pose.near_hit(s + 0.02, &rates, 0.5, &direction).unwrap();
             assert!((near.s - s).abs() < 1e-5 && (near.z - z).abs() < 1e-6, "{near:?} {s} {z}");
         }
@@ -130,9 +130,9 @@ mod tests {
 
     #[test]
     fn what_lies_behind_the_crest_of_a_drooping_wing_is_hidden() {
-        let wing = super::super::wing::Wing { slope_rad: Linear { root: 0.1, tip: -0.25 }, ..wing() };
-        let pose = wing.pose(&State::ground(LOAD));
-        let hit = pose.first_hit(&pose.point(31.0, 0.0).normalize());
+        let wing = super::super::wing::SceneWing { slope_rad: LinearTaper { root: 0.1, tip: -0.25 }, ..wing() };
+        let pose = wing.deform(&SceneState::ground(LOAD));
+        let hit = pose.first_hit(&pose.skin_point(31.0, 0.0).normalize());
         assert!(hit.is_none_or(|hit| hit.s < 30.0), "{hit:?}");
     }
 }

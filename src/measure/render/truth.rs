@@ -2,12 +2,12 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::light::Lit;
-use super::markers::Placed;
+use super::light::SkinLight;
+use super::markers::MarkerDisc;
 use super::picture::outline_box;
-use super::scene::{Scene, Shot};
+use super::scene::{Scene, SceneShot};
 use super::trace::Hit;
-use super::wing::{Pose, State};
+use super::wing::{DeformedWing, SceneState};
 use crate::setup::Shape;
 
 /// Truth of one frame.
@@ -47,14 +47,14 @@ const SATURATED: f64 = 0.9;
 
 impl Scene {
     /// The truth of a shot.
-    pub fn truth(&self, shot: &Shot) -> FrameTruth {
-        let ground = self.positions(&self.wing.pose(&State::ground(shot.state.load)), &[]);
-        let pose = self.wing.pose(&shot.state);
-        let flight = self.positions(&pose, &shot.marks_m);
+    pub fn truth(&self, shot: &SceneShot) -> FrameTruth {
+        let ground = self.survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
+        let pose = self.wing.deform(&shot.state);
+        let flight = self.survey_positions(&pose, &shot.marks_m);
         let deflection: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
-        let placed = self.placed(&pose, &shot.marks_m);
-        let plates = self.plates(shot, &placed);
+        let placed = self.marker_discs(&pose, &shot.marks_m);
+        let plates = self.plate_boxes(shot, &placed);
         let markers = self.markers.iter().zip(&placed).enumerate();
         FrameTruth {
             tip_deflection_m: shot.state.tip_deflection_m,
@@ -65,20 +65,20 @@ impl Scene {
             }),
             markers: markers
                 .map(|(i, (marker, placed))| {
-                    let (pixel, size_px, in_view) = self.seen(shot, &pose, placed);
+                    let (pixel, size_px, in_view) = self.marker_image(shot, &pose, placed);
                     let behind = |(k, low, high): &(usize, Vector2<f64>, Vector2<f64>)| {
                         let reach = 0.5 * size_px;
                         let within = |p: Vector2<f64>| p > low - reach && p < high + reach;
                         *k != i && pixel.is_some_and(within)
                     };
                     let in_view = in_view && !plates.iter().any(behind);
-                    let lit = light.at(&pose, &Hit { s: marker.s_m, z: marker.z_m });
+                    let lit = light.light_at(&pose, &Hit { s: marker.s_m, z: marker.z_m });
                     MarkerTruth {
                         id: marker.id.clone(),
                         shape: marker.shape,
                         pixel,
                         size_px,
-                        visible: in_view && !saturated(&lit) && !shot.hidden.contains(&i),
+                        visible: in_view && !is_saturated(&lit) && !shot.hidden.contains(&i),
                         position_m: flight[i],
                         deflection_m: deflection[i],
                     }
@@ -88,27 +88,27 @@ impl Scene {
     }
 
     /// Boxes of the plates that fixed marks are on, px.
-    fn plates(&self, shot: &Shot, placed: &[Placed]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
+    fn plate_boxes(&self, shot: &SceneShot, placed: &[MarkerDisc]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
         let camera_from_wing = self.camera_from_wing(shot);
-        let of = |(k, p): (usize, &Placed)| {
+        let of = |(k, p): (usize, &MarkerDisc)| {
             let (low, high) = outline_box(p, &camera_from_wing, &self.lens(shot))?;
             p.plate_m.map(|_| (k, low, high))
         };
         placed.iter().enumerate().filter_map(of).collect()
     }
 
-    fn positions(&self, pose: &Pose, marks_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn survey_positions(&self, pose: &DeformedWing, marks_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         // Where the camera was at the ground frame is the origin.
-        let still = |placed: &Placed| placed.centre_m - pose.cabin_m;
-        self.placed(pose, marks_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
+        let still = |placed: &MarkerDisc| placed.centre_m - pose.cabin_m;
+        self.marker_discs(pose, marks_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
     }
 
     /// Image of the centre, box of the outline, and whether all of it can be seen.
-    pub(super) fn seen(
+    pub(super) fn marker_image(
         &self,
-        shot: &Shot,
-        pose: &Pose,
-        placed: &Placed,
+        shot: &SceneShot,
+        pose: &DeformedWing,
+        placed: &MarkerDisc,
     ) -> (Option<Vector2<f64>>, Vector2<f64>, bool) {
         let camera_from_wing = self.camera_from_wing(shot);
         let lens = &self.lens(shot);
@@ -127,6 +127,6 @@ impl Scene {
     }
 }
 
-fn saturated(lit: &Lit) -> bool {
+fn is_saturated(lit: &SkinLight) -> bool {
     lit.added > SATURATED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
 }

@@ -6,20 +6,20 @@
 
 use nalgebra::Vector3;
 
-use super::beam::{Beam, LoadShape, integrated};
+use super::beam::{CantileverBeam, LoadShape, running_integral};
 
 /// Which side the wing is on, seen by the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum SceneSide {
     /// Z points forward.
     Left,
     /// Z points aft.
     Right,
 }
 
-impl Side {
+impl SceneSide {
     /// +1 where Z points aft.
-    pub fn aft(self) -> f64 {
+    pub fn aft_sign(self) -> f64 {
         match self {
             Self::Left => -1.0,
             Self::Right => 1.0,
@@ -29,25 +29,25 @@ impl Side {
 
 /// A value that changes linearly from the root to the tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Linear {
+pub struct LinearTaper {
     /// At the root.
     pub root: f64,
     /// At the tip.
     pub tip: f64,
 }
 
-impl Linear {
+impl LinearTaper {
     /// At the relative span `eta`.
-    pub fn at(&self, eta: f64) -> f64 {
+    pub fn value_at(&self, eta: f64) -> f64 {
         self.root + (self.tip - self.root) * eta
     }
 }
 
 /// A wing at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wing {
+pub struct SceneWing {
     /// Left or right.
-    pub side: Side,
+    pub side: SceneSide,
     /// X of the bending root, m.
     pub root_x_m: f64,
     /// Y of the bending root, m.
@@ -55,22 +55,22 @@ pub struct Wing {
     /// Z of the bending axis, m.
     pub axis_z_m: f64,
     /// Slope of the axis (dihedral), rad.
-    pub slope_rad: Linear,
+    pub slope_rad: LinearTaper,
     /// Edge towards negative Z, from the axis, m.
-    pub edge_low_m: Linear,
+    pub edge_low_m: LinearTaper,
     /// Edge towards positive Z, from the axis, m.
-    pub edge_high_m: Linear,
+    pub edge_high_m: LinearTaper,
     /// Skin above the axis, m.
-    pub skin_m: Linear,
+    pub skin_m: LinearTaper,
     /// Drop of the skin from mid-chord to the edges, in chords.
     pub crown: f64,
     /// Waviness of the skin, m.
     pub wave_m: f64,
     /// Bending.
-    pub beam: Beam,
+    pub beam: CantileverBeam,
 }
 
-impl Wing {
+impl SceneWing {
     /// Relative span of a station.
     pub fn eta(&self, s: f64) -> f64 {
         s / self.beam.length_m
@@ -79,52 +79,52 @@ impl Wing {
     /// Both edges at a station, m from the axis.
     pub fn edges(&self, s: f64) -> (f64, f64) {
         let eta = self.eta(s);
-        (self.edge_low_m.at(eta), self.edge_high_m.at(eta))
+        (self.edge_low_m.value_at(eta), self.edge_high_m.value_at(eta))
     }
 
     /// Height of the skin above the axis, m.
-    pub fn skin(&self, s: f64, z: f64) -> f64 {
+    pub fn skin_height(&self, s: f64, z: f64) -> f64 {
         let (low, high) = self.edges(s);
         let chord = high - low;
         let q = z / chord;
         // The axis lies near mid-chord; the quartic term keeps the crown from being a parabola.
         let drop = self.crown * chord * 4.0 * q * q * (1.0 + 0.3 * q * q);
-        self.skin_m.at(self.eta(s)) - drop + self.wave_m * (1.1 * s + 0.7 * z).sin()
+        self.skin_m.value_at(self.eta(s)) - drop + self.wave_m * (1.1 * s + 0.7 * z).sin()
     }
 
     /// The wing in flight.
-    pub fn pose(&self, state: &State) -> Pose {
+    pub fn deform(&self, state: &SceneState) -> DeformedWing {
         let step = self.beam.step_m();
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
-        let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
+        let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.value_at(i as f64 / last)).collect();
         let bent = self.beam.bend(&ground, &state.load, state.tip_deflection_m, state.second_mode_m);
-        let Moved { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
+        let SceneMotion { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
         let twist = self.beam.twist(state.tip_twist_rad);
         let slope: Vec<f64> =
             ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b + root_slope_rad).collect();
         // Points are counted from the camera.
         let (cabin_m, wing_m) = (-camera_m, root_m - camera_m);
-        let x = integrated(step, slope.iter().map(|t| t.cos()));
-        let y = integrated(step, slope.iter().map(|t| t.sin()));
+        let x = running_integral(step, slope.iter().map(|t| t.cos()));
+        let y = running_integral(step, slope.iter().map(|t| t.sin()));
         let sections = (0..stations)
-            .map(|i| Section {
+            .map(|i| DeformedSection {
                 x: self.root_x_m + wing_m.x + state.thermal_scale * x[i],
                 y: self.root_y_m + wing_m.y + state.thermal_scale * y[i],
                 cos: slope[i].cos(),
                 sin: slope[i].sin(),
                 twist_cos: (twist[i] + root_pitch_rad).cos(),
-                twist_sin: self.side.aft() * (twist[i] + root_pitch_rad).sin(),
+                twist_sin: self.side.aft_sign() * (twist[i] + root_pitch_rad).sin(),
             })
             .collect();
-        let wing = Wing { axis_z_m: self.axis_z_m + wing_m.z, ..*self };
-        Pose { wing, cabin_m, scale: state.thermal_scale, step_m: step, sections }
+        let wing = SceneWing { axis_z_m: self.axis_z_m + wing_m.z, ..*self };
+        DeformedWing { wing, cabin_m, scale: state.thermal_scale, step_m: step, sections }
     }
 }
 
 /// What changes between ground and flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
+pub struct SceneState {
     /// Rise of the axis at its tip by bending, m.
     pub tip_deflection_m: f64,
     /// Swing in the second bending mode, at the tip, m; beside `tip_deflection_m`.
@@ -136,12 +136,12 @@ pub struct State {
     /// Length over length on ground.
     pub thermal_scale: f64,
     /// What moved since the ground frame.
-    pub moved: Moved,
+    pub moved: SceneMotion,
 }
 
 /// How wing and camera moved against the cabin since the ground frame; wing frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Moved {
+pub struct SceneMotion {
     /// The projection centre, m.
     pub camera_m: Vector3<f64>,
     /// The wing's root, m.
@@ -152,10 +152,10 @@ pub struct Moved {
     pub root_slope_rad: f64,
 }
 
-impl State {
+impl SceneState {
     /// At rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
-        let moved = Moved::default();
+        let moved = SceneMotion::default();
         Self {
             tip_deflection_m: 0.0,
             second_mode_m: 0.0,
@@ -169,7 +169,7 @@ impl State {
 
 /// A section of the deformed wing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Section {
+pub struct DeformedSection {
     /// Axis, m.
     pub x: f64,
     /// Axis, m.
@@ -186,27 +186,27 @@ pub struct Section {
 
 /// A deformed wing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pose {
+pub struct DeformedWing {
     /// The wing at rest, where its root is.
-    pub wing: Wing,
+    pub wing: SceneWing,
     /// By how much what is rigid to the cabin is seen moved, m.
     pub cabin_m: Vector3<f64>,
     /// Length over length on ground.
     pub scale: f64,
     step_m: f64,
-    sections: Vec<Section>,
+    sections: Vec<DeformedSection>,
 }
 
-impl Pose {
+impl DeformedWing {
     /// The section at `s`, linear between stations; held beyond the ends.
-    pub fn section(&self, s: f64) -> Section {
+    pub fn section_at(&self, s: f64) -> DeformedSection {
         let last = self.sections.len() - 2;
         let position = s / self.step_m;
         let i = (position.max(0.0) as usize).min(last);
         let f = position - i as f64;
         let (a, b) = (&self.sections[i], &self.sections[i + 1]);
         let mix = |p: f64, q: f64| p + f * (q - p);
-        Section {
+        DeformedSection {
             x: mix(a.x, b.x),
             y: mix(a.y, b.y),
             cos: mix(a.cos, b.cos),
@@ -217,9 +217,9 @@ impl Pose {
     }
 
     /// The skin at material coordinates, wing frame, m.
-    pub fn point(&self, s: f64, z: f64) -> Vector3<f64> {
-        let section = self.section(s);
-        let n = self.wing.skin(s, z);
+    pub fn skin_point(&self, s: f64, z: f64) -> Vector3<f64> {
+        let section = self.section_at(s);
+        let n = self.wing.skin_height(s, z);
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let up = self.scale * (n * cos - z * sin);
         let across = self.scale * (z * cos + n * sin);
@@ -230,15 +230,15 @@ impl Pose {
     pub fn tangents(&self, s: f64, z: f64) -> (Vector3<f64>, Vector3<f64>, Vector3<f64>) {
         // One station wide, so that the table's kinks do not show.
         let h = self.step_m;
-        let ds = (self.point(s + h, z) - self.point(s - h, z)) / (2.0 * h);
-        let dz = (self.point(s, z + 1e-4) - self.point(s, z - 1e-4)) / 2e-4;
+        let ds = (self.skin_point(s + h, z) - self.skin_point(s - h, z)) / (2.0 * h);
+        let dz = (self.skin_point(s, z + 1e-4) - self.skin_point(s, z - 1e-4)) / 2e-4;
         (ds, dz, dz.cross(&ds).normalize())
     }
 
     /// Height above the skin (m, ground scale) and z where the ray `direction * t` from the
     /// origin crosses the section plane at `s`.
-    pub fn gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
-        let section = self.section(s);
+    pub fn skin_gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
+        let section = self.section_at(s);
         let towards = direction.x * section.cos + direction.y * section.sin;
         let t = (section.x * section.cos + section.y * section.sin) / towards;
         let (px, py) = (t * direction.x - section.x, t * direction.y - section.y);
@@ -246,7 +246,7 @@ impl Pose {
         let across = (t * direction.z - self.wing.axis_z_m) / self.scale;
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let z = across * cos - up * sin;
-        (up * cos + across * sin - self.wing.skin(s, z), z)
+        (up * cos + across * sin - self.wing.skin_height(s, z), z)
     }
 }
 
@@ -254,19 +254,19 @@ impl Pose {
 pub(super) mod tests {
     use super::*;
 
-    pub fn wing() -> Wing {
-        Wing {
-            side: Side::Right,
+    pub fn wing() -> SceneWing {
+        SceneWing {
+            side: SceneSide::Right,
             root_x_m: 0.5,
             root_y_m: -2.2,
             axis_z_m: 0.1,
-            slope_rad: Linear { root: 0.08, tip: 0.09 },
-            edge_low_m: Linear { root: -3.6, tip: -1.2 },
-            edge_high_m: Linear { root: 3.6, tip: 1.2 },
-            skin_m: Linear { root: 0.5, tip: 0.14 },
+            slope_rad: LinearTaper { root: 0.08, tip: 0.09 },
+            edge_low_m: LinearTaper { root: -3.6, tip: -1.2 },
+            edge_high_m: LinearTaper { root: 3.6, tip: 1.2 },
+            skin_m: LinearTaper { root: 0.5, tip: 0.14 },
             crown: 0.05,
             wave_m: 0.0005,
-            beam: Beam { length_m: 33.0, taper: 0.3, stiffness_power: 3.5 },
+            beam: CantileverBeam { length_m: 33.0, taper: 0.3, stiffness_power: 3.5 },
         }
     }
 
@@ -274,36 +274,36 @@ pub(super) mod tests {
 
     #[test]
     fn the_axis_keeps_its_length_but_for_temperature() {
-        let state = State { tip_deflection_m: 3.0, thermal_scale: 0.9984, ..State::ground(LOAD) };
-        let pose = wing().pose(&state);
+        let state = SceneState { tip_deflection_m: 3.0, thermal_scale: 0.9984, ..SceneState::ground(LOAD) };
+        let pose = wing().deform(&state);
         let length: f64 = pose.sections.windows(2).map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y)).sum();
         assert!((length - 33.0 * 0.9984).abs() < 1e-6, "{length}");
     }
 
     #[test]
     fn twist_raises_the_leading_edge_on_both_sides() {
-        for side in [Side::Left, Side::Right] {
-            let wing = Wing { side, ..wing() };
-            let state = State { tip_twist_rad: 0.05, ..State::ground(LOAD) };
-            let (ground, flight) = (wing.pose(&State::ground(LOAD)), wing.pose(&state));
-            let leading = -side.aft();
-            let deflection = flight.point(32.0, leading).y - ground.point(32.0, leading).y;
+        for side in [SceneSide::Left, SceneSide::Right] {
+            let wing = SceneWing { side, ..wing() };
+            let state = SceneState { tip_twist_rad: 0.05, ..SceneState::ground(LOAD) };
+            let (ground, flight) = (wing.deform(&SceneState::ground(LOAD)), wing.deform(&state));
+            let leading = -side.aft_sign();
+            let deflection = flight.skin_point(32.0, leading).y - ground.skin_point(32.0, leading).y;
             assert!(deflection > 0.03, "{side:?} {deflection}");
         }
     }
 
     #[test]
     fn the_gap_is_nothing_on_the_skin() {
-        let state = State {
+        let state = SceneState {
             tip_deflection_m: 2.0,
             tip_twist_rad: 0.03,
             thermal_scale: 0.9984,
-            ..State::ground(LOAD)
+            ..SceneState::ground(LOAD)
         };
-        let pose = wing().pose(&state);
+        let pose = wing().deform(&state);
         for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
-            let point = pose.point(s, z);
-            let (gap, across) = pose.gap(s, &point.normalize());
+            let point = pose.skin_point(s, z);
+            let (gap, across) = pose.skin_gap(s, &point.normalize());
             assert!(gap.abs() < 1e-7 && (across - z).abs() < 1e-7, "{gap} {across}");
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, gray_of, word};
+use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, gray_code, code_word};
 
 /// Most bits of a count that one exposure may mix: each doubles what is tried.
 const MAX_MIXED_FRACTION: u32 = 5;
@@ -15,14 +15,14 @@ const TORN: u32 = 2;
 
 /// What a picture shows: bits that are one, bits that are mixed, the others zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Pattern {
+pub(super) struct CellPattern {
     pub one: u32,
     pub mixed: u32,
 }
 
 /// The time that a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
+pub struct DisplayedTime {
     /// Middle of the ticks that the exposure saw, ms of UTC, whole turns of the code left out.
     pub middle_ms: f64,
     /// The middle may lie anywhere in this width, ms: a tick, and what mixed bits leave open.
@@ -33,30 +33,30 @@ pub struct Shown {
 
 /// The shortest runs of ticks that show bits that are one, bits that are mixed, and the others zero; `None` where there are
 /// none, or several that are no neighbours.
-pub fn decode(one: u32, mixed: u32) -> Option<Shown> {
-    let pattern = Pattern { one, mixed };
+pub fn decode_time(one: u32, mixed: u32) -> Option<DisplayedTime> {
+    let pattern = CellPattern { one, mixed };
     if !has_parity(&pattern) {
         return None;
     }
-    let seen = candidates(&pattern)?;
+    let seen = candidate_counts(&pattern)?;
     (1..=MAX_TICKS).find_map(|ticks| {
         let starts =
             seen.iter().flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
-        let starts: BTreeSet<u32> = starts.filter(|&start| explains(start, ticks, &pattern)).collect();
-        (!starts.is_empty()).then(|| of_runs(&starts, ticks))
+        let starts: BTreeSet<u32> = starts.filter(|&start| explains_pattern(start, ticks, &pattern)).collect();
+        (!starts.is_empty()).then(|| time_from_runs(&starts, ticks))
     })?
 }
 
 /// Whether the bits of the count have the parity that is shown, where none of them is mixed: a run of two ticks would explain
 /// any one that is turned. A picture that is torn between the two is turned down too.
-fn has_parity(pattern: &Pattern) -> bool {
+fn has_parity(pattern: &CellPattern) -> bool {
     let shown = COUNT_MASK | PARITY;
     pattern.mixed & shown != 0 || (pattern.one & shown).count_ones().is_multiple_of(2)
 }
 
 /// Counts that agree with all bits that are not mixed.
-fn candidates(pattern: &Pattern) -> Option<Vec<u32>> {
-    let (one, mixed) = (gray_of(pattern.one), gray_of(pattern.mixed));
+fn candidate_counts(pattern: &CellPattern) -> Option<Vec<u32>> {
+    let (one, mixed) = (gray_code(pattern.one), gray_code(pattern.mixed));
     if mixed.count_ones() > MAX_MIXED_FRACTION {
         return None;
     }
@@ -66,17 +66,17 @@ fn candidates(pattern: &Pattern) -> Option<Vec<u32>> {
         let with: Vec<u32> = all.iter().map(|gray| gray | 1 << bit).collect();
         all.extend(with);
     }
-    Some(all.into_iter().map(count_of).collect())
+    Some(all.into_iter().map(count_from_gray).collect())
 }
 
-fn count_of(gray: u32) -> u32 {
+fn count_from_gray(gray: u32) -> u32 {
     (0..COUNT_BITS).fold(0, |count, shift| count ^ gray >> shift)
 }
 
 /// Whether a run shows the pattern: a mixed bit changes in it, another one has its value in it. In longer runs than those of
 /// a torn picture no other bit of the count changes.
-fn explains(start: u32, ticks: u32, pattern: &Pattern) -> bool {
-    let words = (0..ticks).map(|k| word(start.wrapping_add(k)));
+fn explains_pattern(start: u32, ticks: u32, pattern: &CellPattern) -> bool {
+    let words = (0..ticks).map(|k| code_word(start.wrapping_add(k)));
     let (all, any) = words.fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
     let shown = (1 << BITS) - 1;
     let zero = shown & !pattern.one & !pattern.mixed;
@@ -85,7 +85,7 @@ fn explains(start: u32, ticks: u32, pattern: &Pattern) -> bool {
     there && (ticks <= TORN || changes & COUNT_MASK & !pattern.mixed == 0)
 }
 
-fn of_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<Shown> {
+fn time_from_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<DisplayedTime> {
     // Neighbours, also about the end of the code.
     let first = *starts.iter().find(|start| !starts.contains(&(start.wrapping_sub(1) % COUNTS)))?;
     let more = starts.len() as u32 - 1;
@@ -93,7 +93,7 @@ fn of_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<Shown> {
         return None;
     }
     let tick = f64::from(TICK_MS);
-    Some(Shown {
+    Some(DisplayedTime {
         middle_ms: (f64::from(first) + 0.5 * f64::from(more + ticks)) * tick,
         width_ms: f64::from(1 + more) * tick,
         ticks,
@@ -101,7 +101,7 @@ fn of_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<Shown> {
 }
 
 /// The moment nearest to `about_ms` (ms of UTC) at which the code shows this.
-pub fn near(shown: &Shown, about_ms: f64) -> f64 {
+pub fn nearest_time(shown: &DisplayedTime, about_ms: f64) -> f64 {
     let turn = f64::from(COUNTS) * f64::from(TICK_MS);
     let apart = (shown.middle_ms - about_ms).rem_euclid(turn);
     about_ms + if apart > 0.5 * turn { apart - turn } else { apart }
@@ -112,9 +112,9 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn shown_by(counts: std::ops::Range<u32>) -> Option<Shown> {
-        let (all, any) = counts.map(word).fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
-        decode(all & ((1 << BITS) - 1), any & !all)
+    fn shown_by(counts: std::ops::Range<u32>) -> Option<DisplayedTime> {
+        let (all, any) = counts.map(code_word).fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
+        decode_time(all & ((1 << BITS) - 1), any & !all)
     }
 
     #[test]
@@ -142,34 +142,34 @@ mod tests {
     fn a_torn_picture_is_read_and_what_is_no_word_is_not() {
         // One bit of the check is the next tick's already.
         let before = (1 << 12) - 1;
-        let turned = (word(before) ^ word(before + 1)) & 0b11110;
+        let turned = (code_word(before) ^ code_word(before + 1)) & 0b11110;
         let lowest = 1 << turned.trailing_zeros();
         assert!(lowest < 0b100000);
-        let torn = decode(word(before) ^ lowest, 0).unwrap();
+        let torn = decode_time(code_word(before) ^ lowest, 0).unwrap();
         assert_eq!((torn.ticks, torn.middle_ms), (2, f64::from(before + 1) * 19.0));
         // A slow bit alone.
-        assert_eq!(decode(word(5000) ^ 1 << 20, 0), None);
-        assert_eq!(decode(word(5000) & !(1 << 20), 1 << 20), None);
+        assert_eq!(decode_time(code_word(5000) ^ 1 << 20, 0), None);
+        assert_eq!(decode_time(code_word(5000) & !(1 << 20), 1 << 20), None);
         // Upside down: the opposites in the opposite order.
         let upside = |word: u32| (0..BITS).map(|bit| (!word >> (BITS - 1 - bit) & 1) << bit).sum::<u32>();
-        assert!((0..COUNTS).all(|count| decode(upside(word(count)), 0).is_none()));
+        assert!((0..COUNTS).all(|count| decode_time(upside(code_word(count)), 0).is_none()));
     }
 
     #[test]
     fn one_turned_bit_of_the_count_or_its_parity_is_turned_down() {
         for count in (0..COUNTS).step_by(61) {
             for bit in (0..BITS).filter(|bit| (COUNT_MASK | PARITY) >> bit & 1 == 1) {
-                assert_eq!(decode(word(count) ^ 1 << bit, 0), None, "{count} {bit}");
+                assert_eq!(decode_time(code_word(count) ^ 1 << bit, 0), None, "{count} {bit}");
             }
         }
     }
 
     #[test]
     fn the_moment_is_the_nearest_one() {
-        let shown = Shown { middle_ms: 1000.0, width_ms: 19.0, ticks: 1 };
+        let shown = DisplayedTime { middle_ms: 1000.0, width_ms: 19.0, ticks: 1 };
         let turn = f64::from(COUNTS) * 19.0;
         for about in [-3e5, 0.0, 9e5, 7.0 * turn - 5e5] {
-            let moment = near(&shown, about);
+            let moment = nearest_time(&shown, about);
             assert!((moment - about).abs() <= 0.5 * turn && (moment - 1000.0).rem_euclid(turn) < 1e-3);
         }
     }

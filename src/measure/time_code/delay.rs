@@ -13,7 +13,7 @@ pub struct Screen {
 
 impl Screen {
     /// From the tick's time shown to the light's: a frame stands for a whole refresh.
-    pub fn late_s(&self) -> f64 {
+    pub fn display_delay_s(&self) -> f64 {
         self.latency_s + 0.5 * self.refresh_s
     }
 
@@ -36,7 +36,7 @@ impl Screen {
 
 /// A delay from several pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Delay {
+pub struct DelayEstimate {
     /// Pictures.
     pub pictures: usize,
     /// Mean, s.
@@ -53,7 +53,7 @@ pub struct Delay {
 }
 
 /// From each picture's delay and the standard deviation of its reading, s; `None` without pictures.
-pub fn delay(pictures: &[(f64, f64)], systematic_s: f64) -> Option<Delay> {
+pub fn estimate_delay(pictures: &[(f64, f64)], systematic_s: f64) -> Option<DelayEstimate> {
     let n = pictures.len() as f64;
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pictures.iter().map(of).sum::<f64>() / n;
     let (mean_s, read2) = (mean(&|p| p.0), mean(&|p| p.1 * p.1));
@@ -62,7 +62,7 @@ pub fn delay(pictures: &[(f64, f64)], systematic_s: f64) -> Option<Delay> {
     let mean_sigma_s = (scatter2.unwrap_or(read2).max(read2) / n).sqrt().hypot(systematic_s);
     // A variance from n pictures has the standard deviation sqrt(2 / (n - 1)) of itself.
     let own2 = |scatter2: f64| (scatter2 - read2 + (2.0 / freedom).sqrt() * read2).max(0.0);
-    (n > 0.0).then(|| Delay {
+    (n > 0.0).then(|| DelayEstimate {
         pictures: pictures.len(),
         mean_s,
         mean_sigma_s,
@@ -84,13 +84,13 @@ mod tests {
                 .map(|k| (0.05 + if k.is_multiple_of(2) { far } else { -far }, 0.005))
                 .collect::<Vec<_>>()
         };
-        let found = delay(&jumps(0.02), 0.0).unwrap();
+        let found = estimate_delay(&jumps(0.02), 0.0).unwrap();
         assert!((found.mean_s - 0.05).abs() < 1e-12);
         assert!((found.sigma_s.unwrap() - (0.02f64.powi(2) - 0.005f64.powi(2)).sqrt()).abs() < 3e-4);
-        let still = delay(&jumps(0.005), 0.01).unwrap();
+        let still = estimate_delay(&jumps(0.005), 0.01).unwrap();
         assert!((still.mean_sigma_s - 0.01).abs() < 1e-4 && still.sigma_s.unwrap() < 0.011);
-        assert_eq!(delay(&[], 0.0), None);
-        let one = delay(&[(0.05, 0.005)], 0.0).unwrap();
+        assert_eq!(estimate_delay(&[], 0.0), None);
+        let one = estimate_delay(&[(0.05, 0.005)], 0.0).unwrap();
         assert_eq!((one.sigma_s, one.scatter_s, one.mean_sigma_s), (None, None, 0.005));
     }
 }

@@ -15,9 +15,9 @@ mod decode;
 mod delay;
 mod picture;
 
-pub use decode::{Shown, decode, near};
-pub use delay::{Delay, Screen, delay};
-pub use picture::{Unread, read};
+pub use decode::{DisplayedTime, decode_time, nearest_time};
+pub use delay::{DelayEstimate, Screen, estimate_delay};
+pub use picture::{TimeCodeError, read_time};
 
 /// A tick, ms. Longer than a frame of a screen at 60 Hz, so that no count is left out; a prime number, so that pictures at a round
 /// rate meet it in every phase.
@@ -46,7 +46,7 @@ const FIELD: [f64; 4] = [2.2, 0.6, 13.8, 8.4];
 const FILLED: f64 = 0.8;
 
 /// The place of a bit's cell, or of its opposite: left, top, width, height.
-pub fn cell(bit: usize, opposite: bool) -> [f64; 4] {
+pub fn cell_rectangle(bit: usize, opposite: bool) -> [f64; 4] {
     let pairs = CELLS[0] / 2;
     let (column, row) = (2 * (bit % pairs) + usize::from(opposite), bit / pairs);
     let [width, height] = [(FIELD[2] - FIELD[0]) / CELLS[0] as f64, (FIELD[3] - FIELD[1]) / CELLS[1] as f64];
@@ -60,7 +60,7 @@ pub fn cell(bit: usize, opposite: bool) -> [f64; 4] {
 }
 
 /// The bits of a count of ticks, the first one lowest; white cells are one.
-pub fn word(count: u32) -> u32 {
+pub fn code_word(count: u32) -> u32 {
     let count = count % (1 << COUNT_BITS);
     let gray = count ^ (count >> 1);
     let slow = gray >> FAST_BITS;
@@ -84,7 +84,7 @@ const COUNT_MASK: u32 = LOW << FASTEST | ((1 << (COUNT_BITS - LOW_BITS)) - 1) <<
 const PARITY: u32 = 1 << 8;
 
 /// Gray's code in the bits of a word.
-fn gray_of(word: u32) -> u32 {
+fn gray_code(word: u32) -> u32 {
     word >> FASTEST & LOW | (word & COUNT_MASK & 0xff) >> 5 << LOW_BITS
 }
 
@@ -95,20 +95,20 @@ mod tests {
     #[test]
     fn neighbours_differ_in_one_bit_of_the_count_and_in_parity() {
         for count in 0..1u32 << COUNT_BITS {
-            let turned = word(count) ^ word(count + 1);
+            let turned = code_word(count) ^ code_word(count + 1);
             assert_eq!((turned & COUNT_MASK).count_ones(), 1, "{count}");
             assert_eq!(turned >> 8 & 1, 1, "{count}");
-            assert_eq!(gray_of(word(count)), count ^ count >> 1);
+            assert_eq!(gray_code(code_word(count)), count ^ count >> 1);
         }
     }
 
     #[test]
     fn one_turned_bit_is_no_word_nor_are_two_slow_ones() {
-        let words: std::collections::BTreeSet<u32> = (0..1 << COUNT_BITS).map(word).collect();
+        let words: std::collections::BTreeSet<u32> = (0..1 << COUNT_BITS).map(code_word).collect();
         assert_eq!(words.len(), 1 << COUNT_BITS);
         let slow: Vec<usize> = (5..8).chain(FASTEST + FAST_BITS..BITS - 1).collect();
         for count in (0..1 << COUNT_BITS).step_by(97) {
-            let word = word(count);
+            let word = code_word(count);
             assert!((0..BITS).all(|bit| !words.contains(&(word ^ 1 << bit))), "{count}");
             for a in &slow {
                 assert!(slow.iter().all(|b| a == b || !words.contains(&(word ^ 1 << a ^ 1 << b))), "{count}");
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn the_cells_lie_between_the_discs() {
         for (bit, opposite) in (0..BITS).flat_map(|bit| [(bit, false), (bit, true)]) {
-            let [x, y, width, height] = cell(bit, opposite);
+            let [x, y, width, height] = cell_rectangle(bit, opposite);
             assert!(x > DISCS[0][0] + DISC_RADIUS && x + width < DISCS[1][0] - DISC_RADIUS);
             assert!(y > 0.0 && y + height < SIZE[1]);
             assert!(width.max(height) < 2.0 * DISC_RADIUS);

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::decode::{Shown, decode};
-use super::{BITS, DISCS, cell};
+use super::decode::{DisplayedTime, decode_time};
+use super::{BITS, DISCS, cell_rectangle};
 use crate::detect::Detections;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
@@ -25,7 +25,7 @@ const SAMPLES: usize = 7;
 
 /// Why a picture tells no time; a clause for a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unread {
+pub enum TimeCodeError {
     /// Fewer than four discs.
     #[error("{0} of the clock's four discs are found; show the whole page, in focus and not over-exposed")]
     NoDiscs(usize),
@@ -46,19 +46,19 @@ pub enum Unread {
 ///
 /// # Errors
 /// Where it shows none that can be told for sure.
-pub fn read(image: &Raster, found: &Detections) -> Result<Shown, Unread> {
+pub fn read_time(image: &Raster, found: &Detections) -> Result<DisplayedTime, TimeCodeError> {
     let mut discs: Vec<_> = found.markers.iter().filter(|m| m.shape == Shape::Circle).collect();
     discs.sort_by(|a, b| (b.semi_major_px * b.semi_minor_px).total_cmp(&(a.semi_major_px * a.semi_minor_px)));
     discs.truncate(TRIED);
     let centres: Vec<Vector2<f64>> = discs.iter().map(|d| d.centre_px).collect();
-    let mut why = if centres.len() < 4 { Unread::NoDiscs(centres.len()) } else { Unread::NoCode };
-    for corners in fours(&centres) {
+    let mut why = if centres.len() < 4 { TimeCodeError::NoDiscs(centres.len()) } else { TimeCodeError::NoCode };
+    for corners in convex_quadrangles(&centres) {
         for turn in 0..4 {
             let mut turned = corners;
             turned.rotate_left(turn);
-            match pixel_from_page(&turned).map_or(Err(Unread::NoCode), |h| between(image, &h)) {
+            match pixel_from_page(&turned).map_or(Err(TimeCodeError::NoCode), |h| read_cells(image, &h)) {
                 Ok(shown) => return Ok(shown),
-                Err(Unread::NoCode) => {}
+                Err(TimeCodeError::NoCode) => {}
                 Err(other) => why = other,
             }
         }
@@ -67,7 +67,7 @@ pub fn read(image: &Raster, found: &Detections) -> Result<Shown, Unread> {
 }
 
 /// Every four of the points that are corners of a convex quadrangle, clockwise in the picture.
-fn fours(points: &[Vector2<f64>]) -> Vec<[Vector2<f64>; 4]> {
+fn convex_quadrangles(points: &[Vector2<f64>]) -> Vec<[Vector2<f64>; 4]> {
     let n = points.len();
     let choices = (0u32..1 << n).filter(|set| set.count_ones() == 4);
     let corners = |set: u32| {
@@ -102,16 +102,16 @@ fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
 }
 
 /// The time in the cells between four discs.
-fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unread> {
+fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<DisplayedTime, TimeCodeError> {
     let pairs: Vec<[f64; 2]> = (0..BITS)
-        .map(|bit| [false, true].map(|opposite| level(image, pixel_from_page, cell(bit, opposite))))
+        .map(|bit| [false, true].map(|opposite| cell_level(image, pixel_from_page, cell_rectangle(bit, opposite))))
         .collect();
-    let usual = |values: Vec<f64>| median(values).ok_or(Unread::NoCode);
+    let usual = |values: Vec<f64>| median(values).ok_or(TimeCodeError::NoCode);
     let white = usual(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
     let black = usual(pairs.iter().map(|[a, b]| a.min(*b)).collect())?;
     let contrast = white - black;
     if contrast < MIN_CONTRAST {
-        return Err(Unread::NoCode);
+        return Err(TimeCodeError::NoCode);
     }
     let (mut one, mut mixed, mut hidden) = (0, 0, false);
     for (bit, pair) in pairs.iter().enumerate() {
@@ -127,44 +127,44 @@ fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unre
     // The ends tell that this is the code at all.
     let ends = 1 | 1 << (BITS - 1);
     if one & ends != ends {
-        return Err(Unread::NoCode);
+        return Err(TimeCodeError::NoCode);
     }
-    let shown = decode(one, mixed).ok_or(Unread::NoCode)?;
+    let shown = decode_time(one, mixed).ok_or(TimeCodeError::NoCode)?;
     if hidden {
-        return Err(Unread::Hidden);
+        return Err(TimeCodeError::Hidden);
     }
-    if least_side(pixel_from_page) < MIN_SIDE_PX {
-        return Err(Unread::TooSmall);
+    if min_cell_side(pixel_from_page) < MIN_SIDE_PX {
+        return Err(TimeCodeError::TooSmall);
     }
     Ok(shown)
 }
 
 /// Mean grey level of the middle half of a cell.
-fn level(image: &Raster, pixel_from_page: &Matrix3<f64>, [x, y, width, height]: [f64; 4]) -> f64 {
+fn cell_level(image: &Raster, pixel_from_page: &Matrix3<f64>, [x, y, width, height]: [f64; 4]) -> f64 {
     let step = |k: usize| 0.25 + 0.5 * (k as f64 + 0.5) / SAMPLES as f64;
     let places =
         (0..SAMPLES * SAMPLES).map(|k| (x + width * step(k % SAMPLES), y + height * step(k / SAMPLES)));
     let sum: f64 = places
         .map(|(x, y)| {
-            let p = placed(pixel_from_page, x, y);
+            let p = project_point(pixel_from_page, x, y);
             f64::from(image.nearest(p.x, p.y))
         })
         .sum();
     sum / (SAMPLES * SAMPLES) as f64
 }
 
-fn placed(pixel_from_page: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64> {
+fn project_point(pixel_from_page: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64> {
     let p = pixel_from_page * Vector3::new(x, y, 1.0);
     p.xy() / p.z
 }
 
 /// The shortest side of any cell, px.
-fn least_side(pixel_from_page: &Matrix3<f64>) -> f64 {
+fn min_cell_side(pixel_from_page: &Matrix3<f64>) -> f64 {
     let sides = (0..BITS).flat_map(|bit| {
-        let [x, y, width, height] = cell(bit, false);
-        let corner = placed(pixel_from_page, x, y);
-        let across = placed(pixel_from_page, x + width, y) - corner;
-        let down = placed(pixel_from_page, x, y + height) - corner;
+        let [x, y, width, height] = cell_rectangle(bit, false);
+        let corner = project_point(pixel_from_page, x, y);
+        let across = project_point(pixel_from_page, x + width, y) - corner;
+        let down = project_point(pixel_from_page, x, y + height) - corner;
         [across.norm(), down.norm()]
     });
     sides.fold(f64::INFINITY, f64::min)
@@ -181,11 +181,11 @@ mod tests {
             [(100.0, 80.0), (900.0, 120.0), (860.0, 600.0), (140.0, 500.0)].map(|(x, y)| Vector2::new(x, y));
         let h = pixel_from_page(&corners).unwrap();
         for (corner, [x, y]) in corners.iter().zip(DISCS) {
-            assert!((placed(&h, x, y) - corner).norm() < 1e-9);
+            assert!((project_point(&h, x, y) - corner).norm() < 1e-9);
         }
         let all = [corners.as_slice(), &[Vector2::new(500.0, 300.0)]].concat();
         // With the one inside there are four triangles, of which none is convex in all four corners.
-        assert_eq!(fours(&all).iter().filter(|four| corners.iter().all(|c| four.contains(c))).count(), 1);
-        assert!(fours(&[Vector2::zeros(); 4]).is_empty());
+        assert_eq!(convex_quadrangles(&all).iter().filter(|four| corners.iter().all(|c| four.contains(c))).count(), 1);
+        assert!(convex_quadrangles(&[Vector2::zeros(); 4]).is_empty());
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use super::super::html::plot::{Axis, Plot, drawing as figure, px};
 use super::super::number::{decimals_for, fixed};
-use crate::measure::calibrate::{Calibration, Projection};
+use crate::measure::calibrate::{Calibration, ProjectionUncertainty};
 
 /// Width of the image in a figure, px of the page.
 const WIDTH: f64 = 640.0;
@@ -147,7 +147,7 @@ pub(super) fn uncertainty(c: &Calibration) -> Markup {
     html! { @for p in projections { (map(c, p, most)) } }
 }
 
-fn map(c: &Calibration, projection: &Projection, most: f64) -> Markup {
+fn map(c: &Calibration, projection: &ProjectionUncertainty, most: f64) -> Markup {
     let sheet = Sheet::of(c);
     let rows = projection.cells_px.len().max(1);
     let columns = projection.cells_px.first().map_or(1, Vec::len).max(1);

@@ -125,14 +125,14 @@ fn board(c: &Calibration) -> Markup {
         let bow = &c.bow[k];
         let (height, sigma) = rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
         let side = fixed(Some(c.board_side_m[k]), 3);
-        grid.push(vec![(*name).to_owned(), side, height, sigma, verdict(bow.significant())]);
+        grid.push(vec![(*name).to_owned(), side, height, sigma, verdict(bow.is_significant())]);
     }
     html! {
         (scroll(&grid))
         @if let Some(s) = c.stretch {
             p {
                 (format!("Stretch across over along {:.4} ± {:.4} %", 1e2 * s.value, 1e2 * s.sigma)) ", "
-                (verdict(s.significant()))
+                (verdict(s.is_significant()))
                 @if s.stated.is_some() { ": allowed for in the camera" } @else { ": looked for only; the board is taken as described" }
                 (format!("; it is worth {:.3} px of the projection at 15 m.", s.worth_px))
             }

@@ -275,7 +275,7 @@ fn provenance(series: &SeriesData, rows: &[Row]) -> Vec<Column> {
     let parameters = |p: &Parameters| serde_json::to_string(p).ok();
     vec![
         words(rows, "program", |row| row.image?.provenance.program.clone()),
-        words(rows, "installation_sha256", |row| installations::named(&row.image?.provenance.files)),
+        words(rows, "installation_sha256", |row| installations::digest_from_provenance(&row.image?.provenance.files)),
         words(rows, "parameters", |row| row.image?.provenance.parameters.as_ref().and_then(parameters)),
         words(rows, "inputs", |row| row.image.and(series.inputs.clone())),
         schema_version(rows.len()),

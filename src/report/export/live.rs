@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use super::columns::{Column, Values, text};
 use super::live_facts::result_ids;
-use crate::store::columns::{Block, FLAG, Head, Kind, LiveTable, UTC, WORD};
-use crate::store::live::{ONCE, names};
+use crate::store::columns::{RowBlock, FLAG, LiveHead, ValueKind, LiveTable, UTC, WORD};
+use crate::store::live::{SCALAR_COLUMNS, names};
 
 /// Lists of a table by the names of its columns: `markers.deflection` is of `markers`.
 const STATIONS: &str = "stations";
@@ -48,7 +48,7 @@ enum Origin {
 impl LiveColumns {
     /// Of all tables; `recorder` is the store's id.
     pub fn of<'a>(tables: impl IntoIterator<Item = &'a LiveTable>, recorder: Option<String>) -> Self {
-        let once = ONCE.iter().map(|(name, unit, kind)| Place {
+        let once = SCALAR_COLUMNS.iter().map(|(name, unit, kind)| Place {
             name: format!("{name}{}", ending(unit)),
             what: What::of(unit, *kind),
             from: Origin::Constant(f64::NAN),
@@ -71,10 +71,10 @@ impl LiveColumns {
     }
 
     /// A block's rows; `None` where it cannot be unpacked.
-    pub fn rows(&self, head: &Head, block: &Block) -> Option<Vec<Column>> {
+    pub fn rows(&self, head: &LiveHead, block: &RowBlock) -> Option<Vec<Column>> {
         let rows = block.len();
         let unpacked: Vec<Vec<f64>> =
-            (0..head.table.columns.len()).map(|k| block.column(k)).collect::<Option<_>>()?;
+            (0..head.table.columns.len()).map(|k| block.column_values(k)).collect::<Option<_>>()?;
         let there = places(&head.table);
         let mut columns = vec![
             text("recorder_id", self.recorder.as_deref(), rows),
@@ -105,14 +105,14 @@ fn words(table: &LiveTable, name: &str) -> Vec<String> {
 }
 
 impl What {
-    fn of(unit: &str, kind: Kind) -> Self {
+    fn of(unit: &str, kind: ValueKind) -> Self {
         match (unit, kind) {
             (UTC, _) => Self::Time,
             (FLAG, _) => Self::Flag,
             (WORD, _) => Self::Word,
-            (_, Kind::F64) => Self::Double,
-            (_, Kind::F32) => Self::Single,
-            (_, Kind::U64 | Kind::U32 | Kind::U8) => Self::Whole,
+            (_, ValueKind::F64) => Self::Double,
+            (_, ValueKind::F32) => Self::Single,
+            (_, ValueKind::U64 | ValueKind::U32 | ValueKind::U8) => Self::Whole,
         }
     }
 }

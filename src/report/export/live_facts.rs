@@ -6,9 +6,9 @@ use serde_json::{Map, Value};
 use super::columns::{Column, Values, schema_version, text};
 use crate::aircraft::{Quantity, State, Track};
 use crate::clock::Stamp;
-use crate::clock::exposure::{Exposure, Source};
-use crate::clock::quality::Quality;
-use crate::store::columns::{Block, Head};
+use crate::clock::exposure::{Exposure, ExposureSource};
+use crate::clock::quality::ClockQuality;
+use crate::store::columns::{RowBlock, LiveHead};
 use crate::store::live::names;
 use crate::store::{Inputs, installations};
 
@@ -37,8 +37,8 @@ impl LiveFacts {
     }
 
     /// A block's rows.
-    pub fn rows(&self, head: &Head, block: &Block) -> Vec<Column> {
-        let column = |name: &str| block.column(head.table.find(name)?.0);
+    pub fn rows(&self, head: &LiveHead, block: &RowBlock) -> Vec<Column> {
+        let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
         let instants = Instants {
             utc: column(names::UTC),
             since_boot_s: column(names::SINCE_BOOT),
@@ -80,10 +80,10 @@ impl Instants {
             exposure_time: utc,
             exposure_since_boot_s: since_boot_s,
             exposure_sigma_s: of(&self.exposure_sigma_s).unwrap_or(0.0),
-            exposure_source: Source::AskedAndDelivered,
+            exposure_source: ExposureSource::AskedAndDelivered,
             exposure_delay_s: None,
             clock_sigma_s,
-            clock: Quality::default(),
+            clock: ClockQuality::default(),
             camera_clock_offset_s: None,
         };
         Some(track.at(&stamp, Some(&exposure)))
@@ -92,8 +92,8 @@ impl Instants {
 
 /// A key for each row that no start of the recorder gives again, as `series/shot` is of a frame: of the boot its first eight
 /// digits, and the microseconds from there to the exposure.
-pub(super) fn result_ids(head: &Head, block: &Block) -> Vec<Option<String>> {
-    let column = |name: &str| block.column(head.table.find(name)?.0);
+pub(super) fn result_ids(head: &LiveHead, block: &RowBlock) -> Vec<Option<String>> {
+    let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
     let instants = Instants {
         utc: column(names::UTC),
         since_boot_s: column(names::SINCE_BOOT),
@@ -121,8 +121,8 @@ struct Once {
 }
 
 impl Once {
-    fn of(head: &Head, block: &Block) -> Self {
-        let column = |name: &str| block.column(head.table.find(name)?.0);
+    fn of(head: &LiveHead, block: &RowBlock) -> Self {
+        let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
         let word = |name: &str| head.table.source.get(name).and_then(Value::as_str).map(str::to_owned);
         Self {
             rows: block.len(),
@@ -185,7 +185,7 @@ fn provenance(inputs: &Map<String, Value>, rows: usize) -> Vec<Column> {
     let key = (!inputs.is_empty()).then(|| Inputs::new(inputs.clone()).key(""));
     let columns = [
         ("program", of("program")),
-        ("installation_sha256", installations::named(inputs)),
+        ("installation_sha256", installations::digest_from_provenance(inputs)),
         ("parameters", of("parameters")),
         ("inputs", key),
     ];

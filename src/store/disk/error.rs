@@ -1,81 +1,73 @@
-//! Why the store could not do what was asked.
+//! Errors of the store, with a remedy each.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Cut by what the caller does about it.
+/// Error of a store operation; variants differ in the caller's reaction.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The file system did not do its part.
-    #[error("{}: could not {doing}: {source}; {}", path.display(), mend(source))]
+    /// A file system call failed.
+    #[error("{}: could not {doing}: {source}; {}", path.display(), io_remedy(source))]
     Io {
-        /// What it was about.
         path: PathBuf,
-        /// In words.
+        /// Operation that failed: a verb that completes "could not …".
         doing: &'static str,
-        /// The system's answer.
         source: io::Error,
     },
-    /// Less free space than the reserve: no new series until a person has made room.
+    /// The free space is below the reserve; no new series begins until a person has made room.
     #[error(
         "{}: {free_mb} MB free, less than the reserve of {reserve_mb} MB; export flights and move them away, or lower [store] reserve_mb",
         path.display()
     )]
     BelowReserve {
-        /// The store.
+        /// Root of the store.
         path: PathBuf,
-        /// MB.
         free_mb: u64,
-        /// MB.
         reserve_mb: u64,
     },
-    /// Written by another program version.
+    /// The store was written by another program version.
     #[error(
         "{}: store format {found}, this wingd reads and writes format {supported}; use the wingd that wrote it, or choose another directory",
         path.display()
     )]
     Version {
-        /// store.toml.
+        /// Path of store.toml.
         path: PathBuf,
-        /// As the file says.
+        /// Format number in the file.
         found: String,
-        /// Ours.
+        /// Newest format that this program supports.
         supported: u32,
     },
-    /// The directory holds something else.
+    /// The directory contains something else.
     #[error("{}: is not a store ({why}); choose an empty directory or an existing store", path.display())]
     NotAStore {
-        /// The directory.
         path: PathBuf,
-        /// What was seen.
+        /// Evidence that it is not a store.
         why: String,
     },
-    /// Another daemon writes to it.
+    /// A daemon already writes to the store.
     #[error("{}: another wingd is writing to this store; stop it first (systemctl stop wingd)", path.display())]
     Locked {
         /// The lock file.
         path: PathBuf,
     },
-    /// A file is not as this program writes it.
-    #[error("{}: {what}; {mend}", path.display())]
+    /// A file is damaged or not in the format of this program.
+    #[error("{}: {problem}; {remedy}", path.display())]
     Damaged {
-        /// The file.
         path: PathBuf,
-        /// What is wrong.
-        what: String,
-        /// What to do.
-        mend: &'static str,
+        problem: String,
+        remedy: &'static str,
     },
 }
 
 impl StoreError {
-    /// For `map_err`.
+    /// Returns a function for `map_err` that adds path and operation to an I/O error.
     pub(crate) fn io(path: &Path, doing: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, doing, source }
     }
 
-    /// Whether the disk is full.
+    /// Returns whether the disk is full or the free space is below the reserve.
     pub fn is_full(&self) -> bool {
         match self {
             Self::Io { source, .. } => source.kind() == io::ErrorKind::StorageFull,
@@ -85,7 +77,7 @@ impl StoreError {
     }
 }
 
-fn mend(source: &io::Error) -> &'static str {
+fn io_remedy(source: &io::Error) -> &'static str {
     match source.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             "export flights and move them away to make room"

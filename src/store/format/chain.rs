@@ -1,107 +1,104 @@
-//! `chain.jsonl` of a flight: one line for each thing that was made durable, each with the digest of
-//! the line before, so that a line that is changed, missing or put in shows.
+//! Digest chain of a flight, `chain.jsonl`: one line for each event that was made durable, with the digest of the
+//! line before,
+//! so that a changed, missing or inserted line is detected.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::{jsonl, sha256};
+use super::{jsonl, sha256_hex};
 
-/// `before` of the first line.
-pub const BEGINNING: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+/// Digest in the `before` field of the first line.
+pub const ZERO_DIGEST: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// A line.
+/// Line of a chain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Link {
-    /// SHA-256 of the line before without its newline, hex; zeros in the first.
+pub struct ChainLine {
+    /// SHA-256 of the line before without its newline, hex; zeros in the first line.
     pub before: String,
-    /// What was made durable.
     #[serde(flatten)]
-    pub event: Event,
+    pub event: ChainEvent,
 }
 
-/// What was made durable.
+/// Event that was made durable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Event {
+pub enum ChainEvent {
     /// The flight began; always the first line.
     Flight {
-        /// The store's id.
+        /// Id of the store.
         store: String,
-        /// The flight's name.
         flight: String,
-        /// Of `flight.json`.
+        /// SHA-256 of `flight.json`, hex.
         sha256: String,
     },
-    /// A series was closed; its manifest holds the digests of its frames.
+    /// A series was closed; its manifest has the digests of its frames.
     Series {
-        /// Its name.
         series: String,
-        /// Of `series.json`.
+        /// SHA-256 of `series.json`, hex.
         sha256: String,
     },
     /// Results were appended.
-    Results(Appended),
-    /// A file with lines of the aircraft's data was closed.
+    Results(AppendedResults),
+    /// A file with aircraft data was closed.
     Aircraft(ClosedFile),
     /// A file with live results was closed.
     Live(ClosedFile),
-    /// A file with markers marked by hand was closed.
+    /// A file with manual marks was closed.
     Marks(ClosedFile),
-    /// An installation that results from here on may come from lies in `installations/`.
+    /// An installation was stored in `installations/`; results from here on may come from it.
     Installation {
-        /// Its digest and folder's name.
+        /// Digest of the installation and name of its folder, hex.
         sha256: String,
     },
-    /// All the lines before this one were signed.
+    /// The lines before this one were signed.
     Signature {
-        /// The public key, Ed25519, hex.
+        /// Public key, Ed25519, hex.
         key: String,
-        /// Of `wingd chain ` and this line's `before`, hex.
+        /// Signature of `wingd chain ` and the `before` field of this line, hex.
         signature: String,
     },
 }
 
-/// What `results.jsonl` of a series is from here on.
+/// Length and digest of a series' `results.jsonl` after results were appended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Appended {
-    /// The series' name.
+pub struct AppendedResults {
     pub series: String,
-    /// Length.
+    /// Length, bytes.
     pub bytes: u64,
-    /// Of those bytes.
+    /// SHA-256 of that many bytes, hex.
     pub sha256: String,
 }
 
-/// A file of a flight that grows no more.
+/// Append-only file of a flight that was closed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClosedFile {
-    /// Its name.
+    /// Name of the file.
     pub file: String,
-    /// Its length.
+    /// Length, bytes.
     pub bytes: u64,
-    /// Of it.
+    /// SHA-256 of the file, hex.
     pub sha256: String,
 }
 
-/// A chain that was read.
+/// Parsed chain.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chain {
-    /// Each line's end, bytes from the beginning, and its event.
-    pub events: Vec<(usize, Event)>,
+    /// Events, each with the end of its line, bytes from the beginning.
+    pub events: Vec<(usize, ChainEvent)>,
     /// Broken links, one sentence each.
     pub faults: Vec<String>,
-    /// Where the whole lines end.
+    /// Length of the complete lines, bytes.
     pub good_length: usize,
 }
 
 impl Chain {
-    /// Reads a chain; never fails.
+    /// Parses a chain; never fails.
     pub fn parse(bytes: &[u8]) -> Self {
-        let lines = jsonl::parse::<Link>(bytes);
+        let lines = jsonl::parse_lines::<ChainLine>(bytes);
         let mut chain = Self { good_length: lines.good_length, ..Self::default() };
         chain.faults.extend(lines.damaged.iter().map(|n| format!("line {n} is damaged")));
-        let mut before = BEGINNING.to_owned();
+        let mut before = ZERO_DIGEST.to_owned();
         let mut good = lines.good.into_iter().peekable();
         let mut end = 0;
         for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
@@ -112,77 +109,77 @@ impl Chain {
                 }
                 chain.events.push((end, link.event));
             }
-            before = digest(line);
+            before = line_digest(line);
         }
-        if !matches!(chain.events.first(), Some((_, Event::Flight { .. }))) {
+        if !matches!(chain.events.first(), Some((_, ChainEvent::Flight { .. }))) {
             chain.faults.push("does not begin with its flight".to_owned());
         }
         chain
     }
 
-    /// What the lines that end at or before `end` say.
-    pub fn state(&self, end: usize) -> State {
-        let mut state = State::default();
+    /// Returns the state after the lines that end at or before byte `end`.
+    pub fn state_at(&self, end: usize) -> ChainState {
+        let mut state = ChainState::default();
         for (_, event) in self.events.iter().take_while(|(at, _)| *at <= end) {
-            state.add(event.clone());
+            state.apply_event(event.clone());
         }
         state
     }
 }
 
-/// A flight as its chain has it.
+/// State of a flight according to its chain.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct State {
-    /// Store, flight, digest of `flight.json`.
+pub struct ChainState {
+    /// Store id, flight, SHA-256 of `flight.json`.
     pub flight: Option<(String, String, String)>,
-    /// Digest of `series.json` by series.
+    /// SHA-256 of `series.json`, by series.
     pub series: BTreeMap<String, String>,
-    /// Lengths and digests of `results.jsonl` in the order written, by series.
+    /// Lengths and SHA-256 of `results.jsonl` in the order written, by series.
     pub results: BTreeMap<String, Vec<(u64, String)>>,
-    /// Length and digest of the closed files with the aircraft's data, live results and marks by hand.
+    /// Length and SHA-256 of the closed append-only files, by name.
     pub files: BTreeMap<String, (u64, String)>,
-    /// Digests of installations.
+    /// SHA-256 of installations.
     pub installations: BTreeSet<String>,
 }
 
-impl State {
-    fn add(&mut self, event: Event) {
+impl ChainState {
+    fn apply_event(&mut self, event: ChainEvent) {
         match event {
-            Event::Flight { store, flight, sha256 } => self.flight = Some((store, flight, sha256)),
-            Event::Series { series, sha256 } => drop(self.series.insert(series, sha256)),
-            Event::Results(Appended { series, bytes, sha256 }) => {
+            ChainEvent::Flight { store, flight, sha256 } => self.flight = Some((store, flight, sha256)),
+            ChainEvent::Series { series, sha256 } => drop(self.series.insert(series, sha256)),
+            ChainEvent::Results(AppendedResults { series, bytes, sha256 }) => {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
-            Event::Aircraft(closed) | Event::Live(closed) | Event::Marks(closed) => {
+            ChainEvent::Aircraft(closed) | ChainEvent::Live(closed) | ChainEvent::Marks(closed) => {
                 self.files.insert(closed.file, (closed.bytes, closed.sha256));
             }
-            Event::Installation { sha256 } => drop(self.installations.insert(sha256)),
-            Event::Signature { .. } => {}
+            ChainEvent::Installation { sha256 } => drop(self.installations.insert(sha256)),
+            ChainEvent::Signature { .. } => {}
         }
     }
 }
 
-/// What the next line names as the one before.
-pub(crate) fn digest(line: &[u8]) -> String {
-    sha256(line.strip_suffix(b"\n").unwrap_or(line))
+/// Computes the digest that the next line has in its `before` field.
+pub(crate) fn line_digest(line: &[u8]) -> String {
+    sha256_hex(line.strip_suffix(b"\n").unwrap_or(line))
 }
 
-/// The lines of a new chain.
-pub(crate) fn lines(events: impl IntoIterator<Item = Event>) -> std::io::Result<Vec<u8>> {
-    let (mut bytes, mut before) = (Vec::new(), BEGINNING.to_owned());
+/// Encodes events as the lines of a new chain.
+pub(crate) fn encode_chain(events: impl IntoIterator<Item = ChainEvent>) -> std::io::Result<Vec<u8>> {
+    let (mut bytes, mut before) = (Vec::new(), ZERO_DIGEST.to_owned());
     for event in events {
-        let line = jsonl::line(&Link { before, event })?;
-        before = digest(&line);
+        let line = jsonl::encode_line(&ChainLine { before, event })?;
+        before = line_digest(&line);
         bytes.extend(line);
     }
     Ok(bytes)
 }
 
-/// The bytes without a torn end: a torn line, or several where a block shows what was there before.
-pub(crate) fn whole(bytes: &[u8]) -> &[u8] {
+/// Returns the bytes without a torn end: one torn line, or several if a block shows stale data.
+pub(crate) fn trim_torn_tail(bytes: &[u8]) -> &[u8] {
     let mut good = bytes;
     while let Some(last) = last_line(good) {
-        if last.ends_with(b"\n") && serde_json::from_slice::<Link>(last).is_ok() {
+        if last.ends_with(b"\n") && serde_json::from_slice::<ChainLine>(last).is_ok() {
             break;
         }
         good = good.get(..good.len() - last.len()).unwrap_or_default();
@@ -190,18 +187,19 @@ pub(crate) fn whole(bytes: &[u8]) -> &[u8] {
     good
 }
 
-/// The last line, with its newline where it has one.
+/// Returns the last line, with its newline if there is one.
 pub(crate) fn last_line(bytes: &[u8]) -> Option<&[u8]> {
     bytes.split_inclusive(|byte| *byte == b'\n').next_back()
 }
 
-/// A series' results by the chain; `None` where it has none. Read from the end, because results are mostly added to the
-/// newest series.
-pub(crate) fn last_results(bytes: &[u8], wanted: &str) -> Option<Appended> {
+/// Returns the last entry for the results of a series; `None` if there is none. Reads from the end, because results
+/// are mostly
+/// added to the newest series.
+pub(crate) fn last_results(bytes: &[u8], wanted: &str) -> Option<AppendedResults> {
     for line in bytes.split_inclusive(|byte| *byte == b'\n').rev() {
-        match serde_json::from_slice::<Link>(line).ok().map(|link| link.event) {
-            Some(Event::Results(results)) if results.series == wanted => return Some(results),
-            Some(Event::Series { series, .. }) if series == wanted => return None,
+        match serde_json::from_slice::<ChainLine>(line).ok().map(|link| link.event) {
+            Some(ChainEvent::Results(results)) if results.series == wanted => return Some(results),
+            Some(ChainEvent::Series { series, .. }) if series == wanted => return None,
             _ => {}
         }
     }
@@ -214,9 +212,9 @@ mod tests {
     use super::*;
 
     fn three() -> Vec<u8> {
-        let series = |n: u32| Event::Series { series: format!("s{n:06}"), sha256: sha256(&[n as u8]) };
-        let flight = Event::Flight { store: "a".into(), flight: "f0001".into(), sha256: "b".into() };
-        lines([flight, series(1), series(2)]).unwrap()
+        let series = |n: u32| ChainEvent::Series { series: format!("s{n:06}"), sha256: sha256_hex(&[n as u8]) };
+        let flight = ChainEvent::Flight { store: "a".into(), flight: "f0001".into(), sha256: "b".into() };
+        encode_chain([flight, series(1), series(2)]).unwrap()
     }
 
     #[test]
@@ -226,7 +224,7 @@ mod tests {
         bytes.extend(b"{\"before\":\"00");
         let chain = Chain::parse(&bytes);
         assert_eq!((chain.faults, chain.events.len(), chain.good_length), (vec![], 3, length));
-        assert_eq!(whole(&bytes).len(), length);
+        assert_eq!(trim_torn_tail(&bytes).len(), length);
     }
 
     #[test]

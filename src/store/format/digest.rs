@@ -1,36 +1,36 @@
-//! Digests of bytes, and of what a result is computed from.
+//! Digests of bytes and of the inputs of a result.
 
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-/// SHA-256, hex.
-pub fn sha256(bytes: &[u8]) -> String {
+/// Computes the SHA-256 of bytes, hex.
+pub fn sha256_hex(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// What a result is computed from, the frame apart: digests of the installation, program version, parameters.
+/// Inputs of a result other than the frame: digests of the installation, program version, parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inputs {
-    /// As it goes into the result's line.
+    /// Provenance as written to the result's line.
     pub provenance: Map<String, Value>,
     canonical: String,
 }
 
 impl Inputs {
-    /// The order of the keys does not matter.
+    /// Creates the inputs; the order of the keys has no effect.
     pub fn new(provenance: Map<String, Value>) -> Self {
         let mut canonical = String::new();
         write_canonical(&Value::Object(provenance.clone()), &mut canonical);
         Self { provenance, canonical }
     }
 
-    /// The key under which a frame's result is written once.
+    /// Computes the key under which a frame's result is written once.
     pub fn key(&self, frame_sha256: &str) -> String {
-        sha256(format!("{frame_sha256}\n{}", self.canonical).as_bytes())
+        sha256_hex(format!("{frame_sha256}\n{}", self.canonical).as_bytes())
     }
 }
 
-/// JSON with sorted keys and no spaces.
+/// Writes JSON with sorted keys and no spaces.
 fn write_canonical(value: &Value, out: &mut String) {
     match value {
         Value::Object(map) => {

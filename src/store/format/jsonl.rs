@@ -1,21 +1,21 @@
-//! Files of JSON lines that grow at their end and may be torn there by a power cut.
+//! Append-only files of JSON lines, whose last line a power cut may tear.
 
 use serde::de::DeserializeOwned;
 
-/// What a file of lines holds.
+/// Parsed lines of a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lines<T> {
-    /// Lines that could be read, with their numbers from 1.
+pub struct ParsedLines<T> {
+    /// Intact lines, with their numbers from 1.
     pub good: Vec<(usize, T)>,
-    /// Numbers of damaged lines that have a good line after them.
+    /// Numbers of damaged lines that have an intact line after them.
     pub damaged: Vec<usize>,
-    /// Where the good part ends: all bytes from here on are a torn tail.
+    /// Length up to the end of the last intact line, bytes; the bytes after it are a torn tail.
     pub good_length: usize,
 }
 
-/// Reads lines; never fails. A line counts when it is ended by a newline and parses.
-pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Lines<T> {
-    let mut lines = Lines { good: Vec::new(), damaged: Vec::new(), good_length: 0 };
+/// Parses lines; never fails. A line is intact if it ends with a newline and parses.
+pub fn parse_lines<T: DeserializeOwned>(bytes: &[u8]) -> ParsedLines<T> {
+    let mut lines = ParsedLines { good: Vec::new(), damaged: Vec::new(), good_length: 0 };
     let mut pending = Vec::new();
     let mut end = 0;
     for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
@@ -33,8 +33,8 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Lines<T> {
     lines
 }
 
-/// One value as a line, with its newline.
-pub fn line<T: serde::Serialize>(value: &T) -> std::io::Result<Vec<u8>> {
+/// Encodes a value as a line, with its newline.
+pub fn encode_line<T: serde::Serialize>(value: &T) -> std::io::Result<Vec<u8>> {
     let mut bytes = serde_json::to_vec(value)?;
     bytes.push(b'\n');
     Ok(bytes)
@@ -47,11 +47,11 @@ mod tests {
 
     #[test]
     fn a_torn_tail_is_told_from_a_damaged_middle() {
-        let lines = parse::<u32>(b"1\n2\nx\n4\n5");
+        let lines = parse_lines::<u32>(b"1\n2\nx\n4\n5");
         assert_eq!(lines.good, [(1, 1), (2, 2), (4, 4)]);
         assert_eq!(lines.damaged, [3]);
         assert_eq!(lines.good_length, 8);
-        let torn = parse::<u32>(b"1\n\0\0\0\n");
+        let torn = parse_lines::<u32>(b"1\n\0\0\0\n");
         assert_eq!((torn.good_length, torn.damaged.len()), (2, 0));
     }
 }

@@ -1,102 +1,102 @@
-//! Names and places in a store.
+//! File and folder names of a store.
 
 use std::path::{Path, PathBuf};
 
-/// Of a new store. Format 1, without chains and sums, is read and written too (`wingd verify --upgrade`).
+/// Format of a new store. Format 1, without chains and sums, is also read and written (`wingd verify --upgrade`).
 pub const FORMAT: u32 = 2;
-/// Of a store without evidence.
+/// Format of a store without evidence (chains and sums).
 pub const FORMAT_WITHOUT_EVIDENCE: u32 = 1;
-/// Of `series.json`.
+/// Format of `series.json`.
 pub const SERIES_FORMAT: u32 = 1;
 
-/// The mark of a store, with its format.
+/// Format file: identifies a directory as a store and holds its format and id.
 pub const STORE_FILE: &str = "store.toml";
-/// The next ids.
+/// Next ids of flights and series.
 pub const COUNTER_FILE: &str = "counter.json";
-/// Held by the one writer.
+/// Lock file, held by the only writer.
 pub const LOCK_FILE: &str = "lock";
-/// One line per refused series.
+/// Log of refused series, one per line.
 pub const REFUSED_FILE: &str = "refused.jsonl";
-/// The frame being solved.
+/// Frame being solved.
 pub const SOLVING_FILE: &str = "solving.json";
-/// A series being taken.
+/// Folder of series being recorded.
 pub const INCOMING: &str = "incoming";
-/// What results were computed from, by digest.
+/// Folder of the installations that results were computed from, by digest.
 pub const INSTALLATIONS: &str = "installations";
-/// In a flight: one line per closed series and per result, each with the digest of the line before.
+/// Digest chain of a flight: one line per closed series and per result, each with the digest of the line before.
 pub const CHAIN_FILE: &str = "chain.jsonl";
-/// In a flight: every file's digest, for `sha256sum -c`.
+/// Digests of all files of a flight, for `sha256sum -c`.
 pub const SUMS_FILE: &str = "SHA256SUMS";
-/// The result that is about to be appended.
+/// Result about to be appended.
 pub const PENDING_FILE: &str = "pending.json";
-/// Lines of the aircraft's data that are being recorded.
+/// Aircraft data being recorded.
 pub const AIRCRAFT_FILE: &str = "aircraft.jsonl";
-/// Live results that are being recorded.
+/// Live results being recorded.
 pub const LIVE_FILE: &str = "live.rows";
-/// Markers that are being marked by hand.
+/// Manual marks being recorded.
 pub const MARKS_FILE: &str = "marks.jsonl";
-/// Flights being received, file by file.
+/// Folder of flights being received, file by file.
 pub const FETCHING: &str = "fetching";
-/// Flights being deleted.
+/// Folder of flights being deleted.
 pub const PRUNED: &str = "pruned";
-/// One line per deleted flight.
+/// Log of deleted flights, one per line.
 pub const PRUNED_FILE: &str = "pruned.jsonl";
-/// Finished series, by flight.
+/// Folder of the flights with their finished series.
 pub const FLIGHTS: &str = "flights";
-/// Half frames and torn lines; listed, never deleted.
+/// Folder of incomplete frames and torn lines; listed, never deleted.
 pub const PARTIAL: &str = "partial";
-/// In a flight: when and why it began.
+/// Manifest of a flight: time and reason of its beginning.
 pub const FLIGHT_FILE: &str = "flight.json";
-/// In a finished series: its manifest.
+/// Manifest of a finished series.
 pub const SERIES_FILE: &str = "series.json";
-/// In an incoming series: one line per shot.
+/// Journal of a series being recorded, one shot per line.
 pub const JOURNAL_FILE: &str = "journal.jsonl";
-/// In a finished series: one line per frame and inputs.
+/// Results of a finished series, one line per frame and inputs.
 pub const RESULTS_FILE: &str = "results.jsonl";
 /// Ending of a file that is being written.
 pub const PART_ENDING: &str = ".part";
 
-/// Name of a flight.
+/// Returns the name of a flight.
 pub fn flight_id(number: u64) -> String {
     format!("f{number:04}")
 }
 
-/// Name of a series; unique in the store.
+/// Returns the name of a series; unique in the store.
 pub fn series_id(number: u64) -> String {
     format!("s{number:06}")
 }
 
-/// The number in a flight's name.
+/// Parses the number in the name of a flight.
 pub fn flight_number(id: &str) -> Option<u64> {
-    numbered(id, "f", "", flight_id)
+    parse_number(id, "f", "", flight_id)
 }
 
-/// The number in a series' name.
+/// Parses the number in the name of a series.
 pub fn series_number(id: &str) -> Option<u64> {
-    numbered(id, "s", "", series_id)
+    parse_number(id, "s", "", series_id)
 }
 
-/// The number between beginning and end of a name that is written just so.
-fn numbered(name: &str, begin: &str, end: &str, write: fn(u64) -> String) -> Option<u64> {
+/// Parses the number between prefix and suffix; `None` if `write` does not reproduce the name.
+fn parse_number(name: &str, begin: &str, end: &str, write: fn(u64) -> String) -> Option<u64> {
     let number = name.strip_prefix(begin)?.strip_suffix(end)?.parse().ok();
     number.filter(|number| write(*number) == name)
 }
 
-/// File name of a shot's frame. The ending is cut to what is safe in a file name.
+/// Returns the file name of a shot's frame. Only characters that are safe in a file name are kept of the extension.
 pub fn frame_name(shot: u32, extension: &str) -> String {
     let clean: String = extension.chars().filter(char::is_ascii_alphanumeric).take(8).collect();
     let ending = if clean.is_empty() { "bin".to_owned() } else { clean.to_ascii_lowercase() };
     format!("{shot:04}.{ending}")
 }
 
-/// Whether a name is one that [`frame_name`] can give; keeps names read from files from leaving the folder.
+/// Returns whether [`frame_name`] can produce the name; prevents names read from files from escaping the folder.
 pub fn is_frame_name(name: &str) -> bool {
     name.split_once('.').is_some_and(|(number, ending)| {
         number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name)
     })
 }
 
-/// Whether a name belongs into a store's root (`lost+found` is the file system's).
+/// Returns whether a name belongs in the root of a store (`lost+found` belongs to the file system).
 pub fn is_root_name(name: &str) -> bool {
     let ours = [
         STORE_FILE,
@@ -119,7 +119,7 @@ pub fn is_root_name(name: &str) -> bool {
     name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
 }
 
-/// Whether a name is that of a file of a flight, or of one that is being written anew.
+/// Returns whether a name is that of a flight's file, or of its replacement while being written.
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
@@ -128,49 +128,49 @@ pub fn is_flight_file(name: &str) -> bool {
         || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
 }
 
-/// Name of a flight's file with lines of the aircraft's data.
+/// Returns the name of a closed file with aircraft data.
 pub fn aircraft_name(number: u64) -> String {
     format!("aircraft-{number:06}.jsonl")
 }
 
-/// The number in such a name.
+/// Parses the number in the name of a file with aircraft data.
 pub fn aircraft_number(name: &str) -> Option<u64> {
-    numbered(name, "aircraft-", ".jsonl", aircraft_name)
+    parse_number(name, "aircraft-", ".jsonl", aircraft_name)
 }
 
-/// Name of a flight's file with live results.
+/// Returns the name of a closed file with live results.
 pub fn live_name(number: u64) -> String {
     format!("live-{number:06}.rows")
 }
 
-/// The number in such a name.
+/// Parses the number in the name of a file with live results.
 pub fn live_number(name: &str) -> Option<u64> {
-    numbered(name, "live-", ".rows", live_name)
+    parse_number(name, "live-", ".rows", live_name)
 }
 
-/// Name of a flight's file with markers marked by hand.
+/// Returns the name of a closed file with manual marks.
 pub fn marks_name(number: u64) -> String {
     format!("marks-{number:06}.jsonl")
 }
 
-/// The number in such a name.
+/// Parses the number in the name of a file with manual marks.
 pub fn marks_number(name: &str) -> Option<u64> {
-    numbered(name, "marks-", ".jsonl", marks_name)
+    parse_number(name, "marks-", ".jsonl", marks_name)
 }
 
-/// `flights/<flight>`.
-pub fn flight(root: &Path, flight: &str) -> PathBuf {
+/// Returns the path `flights/<flight>`.
+pub fn flight_folder(root: &Path, flight: &str) -> PathBuf {
     root.join(FLIGHTS).join(flight)
 }
 
-/// `incoming/<series>`.
-pub fn incoming(root: &Path, series: &str) -> PathBuf {
+/// Returns the path `incoming/<series>`.
+pub fn incoming_folder(root: &Path, series: &str) -> PathBuf {
     root.join(INCOMING).join(series)
 }
 
-/// `flights/<flight>/<series>`.
-pub fn finished(root: &Path, flight: &str, series: &str) -> PathBuf {
-    self::flight(root, flight).join(series)
+/// Returns the path `flights/<flight>/<series>`.
+pub fn series_folder(root: &Path, flight: &str, series: &str) -> PathBuf {
+    self::flight_folder(root, flight).join(series)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The store's files as values.
+//! Content of the store's JSON files.
 
 use std::path::PathBuf;
 
@@ -9,84 +9,85 @@ use super::layout;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 
-/// How a series ended.
+/// State of a closed series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum State {
+pub enum SeriesState {
     /// Every planned shot was tried.
     Complete,
     /// Stopped, crashed or out of space before that.
     Interrupted,
 }
 
-/// Why a series was taken.
+/// Reason for recording a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Cause {
-    /// By the schedule.
+pub enum SeriesCause {
+    /// Schedule of the recorder.
     Scheduled,
-    /// By `wingd trigger`.
+    /// Command `wingd trigger`.
     Triggered,
     /// Frames that an interrupted series left on the camera's card.
     Recovered,
-    /// Frames of live mode, every n-th. Beside other series; so is the next.
+    /// Every n-th frame of live mode, recorded concurrently with other series.
     Live,
-    /// The frames around an event in live mode; the remarks say which. They may be from before the series began.
+    /// Frames around an event in live mode, described in the remarks; they may be older than the series. Also
+    /// concurrent.
     Event,
-    /// Pictures of a camera that no recorder asked, taken in by `wingd import`.
+    /// Images taken without the recorder, added by `wingd import`.
     Imported,
 }
 
-impl Cause {
-    /// Whether such a series is taken while another may be under way.
-    pub fn is_beside(self) -> bool {
+impl SeriesCause {
+    /// Returns whether such a series is recorded concurrently with others.
+    pub fn is_concurrent(self) -> bool {
         matches!(self, Self::Live | Self::Event)
     }
 }
 
-/// `series.json`.
+/// Manifest of a series: `series.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeriesManifest {
-    /// Of the store.
+    /// Format of the manifest.
     pub format: u32,
-    /// Its folder's name.
+    /// Name of the series' folder.
     pub series: String,
-    /// Its flight's folder name.
+    /// Name of the flight's folder.
     pub flight: String,
-    /// How it ended.
-    pub state: State,
-    /// Why it was taken.
-    pub cause: Cause,
-    /// When it began; `null` where the journal's head was lost.
+    pub state: SeriesState,
+    pub cause: SeriesCause,
+    /// Time of the beginning; `null` if the head of the journal was lost.
     pub started: Option<Stamp>,
-    /// When it was closed; `null` after a crash.
+    /// Time of closing; `null` after a crash.
     pub ended: Option<Stamp>,
-    /// Shots that were wanted; where that was open, those that were taken.
+    /// Number of requested shots; of an open-ended series the shots taken.
     pub planned_shots: u32,
-    /// The camera and its settings at the beginning.
+    /// Camera and settings at the beginning.
     pub camera: Map<String, Value>,
-    /// In order.
+    /// Shots in order.
     pub shots: Vec<Shot>,
-    /// What a person should read: why it was interrupted, what was found at recovery.
+    /// Notes for a person: reason of an interruption, findings of the recovery.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
 }
 
 impl SeriesManifest {
-    /// When it began; `None` where nothing says so, as of imported pictures without a time: their stamps only order them.
-    pub fn began(&self) -> Option<Stamp> {
+    /// Returns the beginning of the series; `None` if it is not known, as for imported images without a time, whose
+    /// stamps only
+    /// define the order.
+    pub fn start_time(&self) -> Option<Stamp> {
         let first = self.shots.first();
-        let dated = self.cause != Cause::Imported || first.is_some_and(|shot| shot.exposure.is_some());
+        let dated = self.cause != SeriesCause::Imported || first.is_some_and(|shot| shot.exposure.is_some());
         self.started.clone().or_else(|| first.map(|shot| shot.stamp.clone())).filter(|_| dated)
     }
 
-    /// Of a series that was begun and has no shot yet.
-    pub fn begun(id: &str, head: JournalHead) -> Self {
+    /// Creates the manifest of a series that has begun and has no shot yet.
+    pub fn from_journal_head(id: &str, head: JournalHead) -> Self {
         Self {
             format: layout::SERIES_FORMAT,
             series: id.to_owned(),
             flight: head.flight,
-            state: State::Interrupted,
+            state: SeriesState::Interrupted,
             cause: head.cause,
             started: Some(head.started),
             ended: None,
@@ -97,57 +98,56 @@ impl SeriesManifest {
         }
     }
 
-    /// The frames that its shots name.
+    /// Returns the frames of the shots.
     pub fn frames(&self) -> impl Iterator<Item = &FrameEntry> {
         self.shots.iter().filter_map(|shot| shot.frame.as_ref())
     }
 }
 
-/// One shot: a frame, or the reasons why there is none.
+/// Shot with its frame, or with the reasons for a missing frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shot {
-    /// From 1.
+    /// Number from 1.
     pub shot: u32,
-    /// When the camera was asked.
+    /// Time of the request to the camera.
     pub stamp: Stamp,
-    /// From asking to delivery, s.
+    /// Time from request to delivery, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
-    /// When the frame was exposed (docs/time.md).
+    /// Time of the exposure (docs/time.md).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
-    /// The frame, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<FrameEntry>,
-    /// Attempts that failed, before the frame or instead of it.
+    /// Failed attempts, before or instead of the frame.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub failures: Vec<Failure>,
+    pub failures: Vec<ShotFailure>,
 }
 
-/// A stored frame.
+/// Stored frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameEntry {
-    /// In the series' folder.
+    /// File name in the series' folder.
     pub file: String,
-    /// Hex.
+    /// SHA-256 of the file, hex.
     pub sha256: String,
-    /// Length.
+    /// Length, bytes.
     pub bytes: u64,
-    /// How to read the bytes, in the camera's words.
+    /// Pixel or file format, as reported by the camera.
     pub format: Value,
-    /// What the camera says of the shot.
+    /// Camera settings of the shot.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub settings: Map<String, Value>,
 }
 
-/// An attempt without a frame.
+/// Attempt without a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
-    /// `busy`, `gone`, `timeout`, `refused`, `bad_frame`, `stale`, `store`.
+pub struct ShotFailure {
+    /// Kind: `busy`, `gone`, `timeout`, `refused`, `bad_frame`, `stale`, `store`.
     pub kind: String,
-    /// One sentence.
+    /// Reason, one sentence.
     pub reason: String,
-    /// File below `partial/` that keeps the bytes of a bad frame.
+    /// File below `partial/` that holds the bytes of a bad frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kept_as: Option<String>,
 }
@@ -155,65 +155,64 @@ pub struct Failure {
 /// First line of a journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JournalHead {
-    /// The flight that the series belongs to.
+    /// Flight of the series.
     pub flight: String,
-    /// When it began.
+    /// Time of the beginning.
     pub started: Stamp,
-    /// Why.
-    pub cause: Cause,
-    /// Shots that are wanted.
+    pub cause: SeriesCause,
+    /// Number of requested shots.
     pub planned_shots: u32,
 }
 
-/// A line of a journal.
+/// Line of a journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JournalLine {
-    /// The first.
+    /// First line.
     Head(JournalHead),
-    /// The camera opened.
+    /// Description of the opened camera.
     Camera(Map<String, Value>),
-    /// What a person should read.
+    /// Note for a person.
     Remark(String),
-    /// Written **before** the frame's bytes: a frame is whole when its hash says so.
+    /// Written **before** the frame's bytes; the frame is complete if it has this hash.
     Shot(Box<Shot>),
 }
 
-/// `flight.json`.
+/// Manifest of a flight: `flight.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FlightManifest {
-    /// Its folder's name.
+    /// Name of the flight's folder.
     pub flight: String,
-    /// When its first series began.
+    /// Beginning of the first series.
     pub started: Stamp,
-    /// Why it was taken for a new flight.
+    /// Reason for beginning a new flight.
     pub because: String,
-    /// What the user calls it, where it was imported under a name.
+    /// User's name for an imported flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
 }
 
-/// `counter.json`: the next ids.
+/// Next ids: `counter.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counter {
-    /// Of a flight.
+    /// Number of the next flight.
     pub next_flight: u64,
-    /// Of a series.
+    /// Number of the next series.
     pub next_series: u64,
 }
 
 impl Counter {
-    /// Of an empty store.
+    /// Counter of an empty store.
     pub const FIRST: Self = Self { next_flight: 1, next_series: 1 };
 
-    /// Puts the next ids above those of a flight or series, by its name.
-    pub fn pass(&mut self, id: &str) {
+    /// Advances the next ids past a flight or series, given by its name.
+    pub fn advance_past(&mut self, id: &str) {
         let above = |next: u64, number: Option<u64>| number.map_or(next, |n| next.max(n.saturating_add(1)));
         self.next_flight = above(self.next_flight, layout::flight_number(id));
         self.next_series = above(self.next_series, layout::series_number(id));
     }
 
-    /// Above all that two counters know of.
+    /// Returns the larger of the next ids of two counters.
     pub fn max(self, other: Self) -> Self {
         let (next_flight, next_series) =
             (self.next_flight.max(other.next_flight), self.next_series.max(other.next_series));
@@ -221,48 +220,45 @@ impl Counter {
     }
 }
 
-/// `solving.json`: the frame under work, so that one that brings the program down is not tried for ever.
+/// Frame being solved, `solving.json`: prevents endless attempts at a frame that crashes the program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Solving {
-    /// Key of its result.
+pub struct SolvingAttempt {
+    /// Key of the frame's result.
     pub inputs: String,
-    /// Beginnings so far.
+    /// Number of attempts so far.
     pub attempts: u32,
 }
 
-/// A line of `refused.jsonl`.
+/// Line of `refused.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Refusal {
-    /// When.
+pub struct RefusedSeries {
     pub stamp: Stamp,
-    /// Why.
     pub reason: String,
 }
 
-/// A line of `pruned.jsonl`.
+/// Line of `pruned.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Pruned {
-    /// The flight as it was.
+pub struct PrunedFlight {
+    /// Manifest of the deleted flight.
     pub flight: FlightManifest,
-    /// SHA-256 of its `SHA256SUMS`, which name every file.
+    /// SHA-256 of the flight's `SHA256SUMS`, which lists every file.
     pub sums_sha256: String,
-    /// The copy that was verified.
+    /// Verified copy of the flight.
     pub copy: PathBuf,
-    /// Removed with it.
+    /// Bytes removed.
     pub bytes: u64,
 }
 
-/// A line of `results.jsonl`: written once, never changed.
+/// Line of `results.jsonl`: written once, never changed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResultLine {
-    /// File in the series' folder.
+    /// File name of the frame in the series' folder.
     pub frame: String,
-    /// The frame's hash, hex.
+    /// SHA-256 of the frame, hex.
     pub frame_sha256: String,
-    /// Hash over the frame's hash and `provenance`, hex: one result for each.
+    /// SHA-256 over the frame's digest and `provenance`, hex: one result for each.
     pub inputs: String,
-    /// What the result was computed from: digests of the installation, program version, parameters.
+    /// Inputs of the computation: digests of the installation, program version, parameters.
     pub provenance: Map<String, Value>,
-    /// The result itself.
     pub record: Value,
 }

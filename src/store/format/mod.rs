@@ -1,15 +1,15 @@
-//! The store's files as bytes and values: names, lines, blocks, digests. Nothing here touches a disk.
+//! Encoding and decoding of the store's files: names, lines, blocks, digests. No disk access.
 
 pub mod aircraft;
 pub mod chain;
 pub mod columns;
 mod digest;
 pub mod jsonl;
-pub(crate) mod kinds;
+pub(crate) mod append_file_kinds;
 pub mod layout;
 pub mod manifest;
-pub(crate) mod marks;
+pub(crate) mod manual_marks;
 pub mod result_summary;
 pub(crate) mod sums;
 
-pub use digest::{Inputs, sha256};
+pub use digest::{Inputs, sha256_hex};

@@ -1,5 +1,6 @@
-//! The beginnings of results: frame, inputs and a few fields of the record, without reading on through
-//! markers and correlations. A flight has thousands of results, a list of them needs a number of each.
+//! Summaries of results: frame, inputs and a few fields of the record, without parsing markers and correlations. A
+//! flight has
+//! thousands of results, and a list needs only a number of each.
 
 use std::fmt;
 
@@ -7,56 +8,57 @@ use serde::Deserializer as _;
 use serde::de::{DeserializeSeed, Error, IgnoredAny, MapAccess, Visitor};
 use serde_json::{Map, Value};
 
-/// What was asked for of one result.
+/// Selected fields of a result.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Head {
-    /// File in the series' folder.
+pub struct ResultSummary {
+    /// File name of the frame in the series' folder.
     pub frame: String,
-    /// What it was computed from.
+    /// Inputs of the computation.
     pub provenance: Map<String, Value>,
-    /// The fields asked for; those that the record does not have are missing here too.
+    /// Requested fields; fields missing in the record are missing here too.
     pub record: Map<String, Value>,
 }
 
-/// The heads of the whole lines, in the order written. A line that is none is left out: `verify` names it.
-pub fn parse(bytes: &[u8], fields: &[&str]) -> Vec<Head> {
+/// Parses the summaries of the complete lines, in the order written. Damaged lines are omitted; `verify` reports
+/// them.
+pub fn parse_summaries(bytes: &[u8], fields: &[&str]) -> Vec<ResultSummary> {
     let mut begin = 0;
     let lines = memchr::memchr_iter(b'\n', bytes).filter_map(|end| {
         let line = bytes.get(begin..end);
         begin = end + 1;
         line
     });
-    lines.filter_map(|line| head(line, fields)).collect()
+    lines.filter_map(|line| parse_summary(line, fields)).collect()
 }
 
-fn head(line: &[u8], fields: &[&str]) -> Option<Head> {
-    let mut found = Partial { frame: None, provenance: None, record: Map::new(), fields };
+fn parse_summary(line: &[u8], fields: &[&str]) -> Option<ResultSummary> {
+    let mut found = PartialSummary { frame: None, provenance: None, record: Map::new(), fields };
     // An error is the sign of having enough, or a damaged line; what was found tells which.
     let _ =
-        serde_json::Deserializer::from_slice(line).deserialize_map(Level { found: &mut found, inner: false });
-    Some(Head { frame: found.frame?, provenance: found.provenance?, record: found.record })
+        serde_json::Deserializer::from_slice(line).deserialize_map(SummaryVisitor { found: &mut found, in_record: false });
+    Some(ResultSummary { frame: found.frame?, provenance: found.provenance?, record: found.record })
 }
 
-struct Partial<'a> {
+struct PartialSummary<'a> {
     frame: Option<String>,
     provenance: Option<Map<String, Value>>,
     record: Map<String, Value>,
     fields: &'a [&'a str],
 }
 
-impl Partial<'_> {
+impl PartialSummary<'_> {
     fn is_complete(&self) -> bool {
         self.frame.is_some() && self.provenance.is_some() && self.record.len() == self.fields.len()
     }
 }
 
-/// The line's object, or the record in it.
-struct Level<'a, 'f> {
-    found: &'a mut Partial<'f>,
-    inner: bool,
+/// Visitor of the line's object, or of the record in it.
+struct SummaryVisitor<'a, 'f> {
+    found: &'a mut PartialSummary<'f>,
+    in_record: bool,
 }
 
-impl<'de> DeserializeSeed<'de> for Level<'_, '_> {
+impl<'de> DeserializeSeed<'de> for SummaryVisitor<'_, '_> {
     type Value = ();
 
     fn deserialize<D: serde::Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
@@ -64,7 +66,7 @@ impl<'de> DeserializeSeed<'de> for Level<'_, '_> {
     }
 }
 
-impl<'de> Visitor<'de> for Level<'_, '_> {
+impl<'de> Visitor<'de> for SummaryVisitor<'_, '_> {
     type Value = ();
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -72,7 +74,7 @@ impl<'de> Visitor<'de> for Level<'_, '_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        let Self { found, inner } = self;
+        let Self { found, in_record: inner } = self;
         while let Some(key) = map.next_key::<String>()? {
             match key.as_str() {
                 wanted if inner && found.fields.contains(&wanted) => {
@@ -81,7 +83,7 @@ impl<'de> Visitor<'de> for Level<'_, '_> {
                 "frame" if !inner => found.frame = Some(map.next_value()?),
                 "provenance" if !inner => found.provenance = Some(map.next_value()?),
                 "record" if !inner && !found.fields.is_empty() => {
-                    map.next_value_seed(Level { found: &mut *found, inner: true })?;
+                    map.next_value_seed(SummaryVisitor { found: &mut *found, in_record: true })?;
                 }
                 _ => drop(map.next_value::<IgnoredAny>()?),
             }
@@ -106,7 +108,7 @@ mod tests {
         let turned: Map<String, Value> = value.as_object().unwrap().clone().into_iter().rev().collect();
         let turned = serde_json::to_string(&turned).unwrap();
         let text = format!("{LINE}\n{turned}\n\nx\n{LINE}");
-        let heads = parse(text.as_bytes(), &["status", "tip"]);
+        let heads = parse_summaries(text.as_bytes(), &["status", "tip"]);
         assert_eq!(heads.len(), 2);
         for head in heads {
             assert_eq!((head.frame.as_str(), &head.provenance["program"]), ("0001.jpg", &"x".into()));
@@ -121,7 +123,7 @@ mod tests {
     fn it_stops_reading_where_it_has_enough() {
         // What comes after is not even JSON.
         let cut = LINE.split("\"markers\"").next().unwrap();
-        assert_eq!(parse(format!("{cut}!\n").as_bytes(), &["tip"]).len(), 1);
-        assert_eq!(parse(b"{\"frame\":\"0001.jpg\",\"prov\n", &[]).len(), 0);
+        assert_eq!(parse_summaries(format!("{cut}!\n").as_bytes(), &["tip"]).len(), 1);
+        assert_eq!(parse_summaries(b"{\"frame\":\"0001.jpg\",\"prov\n", &[]).len(), 0);
     }
 }

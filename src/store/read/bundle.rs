@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 use super::catalogue::{self, FlightRef, SeriesRef};
 use super::installations;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::kinds::KINDS;
+use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
 use crate::store::format::manifest::Counter;
-use crate::store::format::{jsonl, layout, sha256, sums};
+use crate::store::format::{jsonl, layout, sha256_hex, sums};
 
 /// A file of a bundle.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Item {
+pub struct BundleFile {
     /// From the store's root, with `/`.
     pub name: String,
     /// Bytes.
@@ -23,12 +23,12 @@ pub struct Item {
     /// Hex.
     pub sha256: String,
     /// Where the bytes are.
-    pub content: Content,
+    pub content: BundleContent,
 }
 
 /// Bytes of a file.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Content {
+pub enum BundleContent {
     /// The first `length` bytes of this file.
     File(PathBuf),
     /// These.
@@ -37,102 +37,102 @@ pub enum Content {
 
 /// The files, in the order in which they are written, and the digest of them all.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bundle {
+pub struct FlightBundle {
     /// Each name once.
-    pub items: Vec<Item>,
+    pub items: Vec<BundleFile>,
     /// SHA-256 over names, lengths and digests, hex.
     pub digest: String,
 }
 
 /// The bundle of a flight; an error where a file is missing, a link, or shorter than it was.
-pub fn flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Bundle, StoreError> {
-    let mut gather = Gather { disk, root, items: Vec::new(), counter: Counter::FIRST };
-    gather.whole(Path::new(layout::STORE_FILE))?;
+pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<FlightBundle, StoreError> {
+    let mut gather = BundleBuilder { disk, root, items: Vec::new(), counter: Counter::FIRST };
+    gather.add_small_file(Path::new(layout::STORE_FILE))?;
     match catalogue::store_id(disk, root) {
-        Some(_) => gather.chained(flight)?,
-        None => gather.unchained(flight)?,
+        Some(_) => gather.add_chained_flight(flight)?,
+        None => gather.add_unchained_flight(flight)?,
     }
-    gather.counter.pass(&flight.id);
+    gather.counter.advance_past(&flight.id);
     let path = Path::new(layout::COUNTER_FILE);
-    let counter = jsonl::line(&gather.counter).map_err(StoreError::io(path, "write"))?;
-    gather.bytes(path, counter);
-    let line = |item: &Item| format!("{} {} {}\n", item.sha256, item.length, item.name);
-    let digest = sha256(gather.items.iter().map(line).collect::<String>().as_bytes());
-    Ok(Bundle { items: gather.items, digest })
+    let counter = jsonl::encode_line(&gather.counter).map_err(StoreError::io(path, "write"))?;
+    gather.add_bytes(path, counter);
+    let line = |item: &BundleFile| format!("{} {} {}\n", item.sha256, item.length, item.name);
+    let digest = sha256_hex(gather.items.iter().map(line).collect::<String>().as_bytes());
+    Ok(FlightBundle { items: gather.items, digest })
 }
 
-struct Gather<'a> {
+struct BundleBuilder<'a> {
     disk: &'a dyn Disk,
     root: &'a Path,
-    items: Vec<Item>,
+    items: Vec<BundleFile>,
     /// Above what is in the bundle, as it would be had the store no more.
     counter: Counter,
 }
 
-impl Gather<'_> {
+impl BundleBuilder<'_> {
     /// As the sums have it; they are of the chain up to `end`.
-    fn chained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+    fn add_chained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         let sums_name = place.join(layout::SUMS_FILE);
-        let sums_bytes = self.read(&sums_name)?;
-        let (bytes, chain) = catalogue::chain(self.disk, &flight.folder)?;
-        let sums = sums::parse(&sums_bytes).unwrap_or_default();
-        let end = sums::covered(&sums, &bytes, &chain)
-            .ok_or_else(|| self.damaged(&sums_name, "is not of this flight's chain"))?;
-        let state = chain.state(end);
+        let sums_bytes = self.read_file(&sums_name)?;
+        let (bytes, chain) = catalogue::read_chain(self.disk, &flight.folder)?;
+        let sums = sums::parse_sums(&sums_bytes).unwrap_or_default();
+        let end = sums::covered_chain_length(&sums, &bytes, &chain)
+            .ok_or_else(|| self.damaged_error(&sums_name, "is not of this flight's chain"))?;
+        let state = chain.state_at(end);
         for digest in &state.installations {
-            self.installation(digest)?;
+            self.add_installation(digest)?;
         }
-        self.whole(&place.join(layout::FLIGHT_FILE))?;
+        self.add_small_file(&place.join(layout::FLIGHT_FILE))?;
         for id in state.series.keys() {
             let results = state.results.get(id).and_then(|entries| entries.last());
-            self.series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
+            self.add_series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
         }
         for (file, (length, digest)) in &state.files {
-            self.closed(&place.join(file), *length, digest)?;
+            self.add_closed_file(&place.join(file), *length, digest)?;
         }
         let chain = bytes.get(..end).unwrap_or_default().to_vec();
-        self.bytes(&place.join(layout::CHAIN_FILE), chain);
-        self.bytes(&sums_name, sums_bytes);
+        self.add_bytes(&place.join(layout::CHAIN_FILE), chain);
+        self.add_bytes(&sums_name, sums_bytes);
         Ok(())
     }
 
     /// As it lies there; results without a torn tail.
-    fn unchained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+    fn add_unchained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
-        self.whole(&place.join(layout::FLIGHT_FILE))?;
-        for kind in KINDS {
-            for file in catalogue::files(self.disk, flight, kind)? {
-                let bytes = self.disk.load(&flight.folder.join(&file))?;
-                self.closed(&place.join(file), bytes.len() as u64, &sha256(&bytes))?;
+        self.add_small_file(&place.join(layout::FLIGHT_FILE))?;
+        for kind in APPEND_FILE_KINDS {
+            for file in catalogue::closed_files(self.disk, flight, kind)? {
+                let bytes = self.disk.load_file(&flight.folder.join(&file))?;
+                self.add_closed_file(&place.join(file), bytes.len() as u64, &sha256_hex(&bytes))?;
             }
         }
-        for series in catalogue::series(self.disk, flight)? {
-            let results = self.disk.load_if_there(&series.folder.join(layout::RESULTS_FILE))?.map(|bytes| {
-                let good = jsonl::parse::<serde_json::Value>(&bytes).good_length;
-                (good as u64, sha256(bytes.get(..good).unwrap_or_default()))
+        for series in catalogue::list_series(self.disk, flight)? {
+            let results = self.disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.map(|bytes| {
+                let good = jsonl::parse_lines::<serde_json::Value>(&bytes).good_length;
+                (good as u64, sha256_hex(bytes.get(..good).unwrap_or_default()))
             });
-            self.series(flight, &series.id, results)?;
+            self.add_series(flight, &series.id, results)?;
         }
         Ok(())
     }
 
     /// A series' manifest and frames, and of its results so many bytes.
-    fn series(
+    fn add_series(
         &mut self,
         flight: &FlightRef,
         id: &str,
         results: Option<(u64, String)>,
     ) -> Result<(), StoreError> {
-        self.counter.pass(id);
+        self.counter.advance_past(id);
         let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
-        self.whole(&place.join(layout::SERIES_FILE))?;
+        self.add_small_file(&place.join(layout::SERIES_FILE))?;
         let series =
             SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder: self.root.join(&place) };
-        let list = self.disk.entries(&series.folder)?;
+        let list = self.disk.list_entries(&series.folder)?;
         let lengths: BTreeMap<&str, u64> =
             list.iter().filter(|e| !e.is_dir && !e.is_link).map(|e| (e.name.as_str(), e.length)).collect();
-        let shots = catalogue::manifest(self.disk, &series)?.shots;
+        let shots = catalogue::read_series_manifest(self.disk, &series)?.shots;
         let frames = shots.into_iter().filter_map(|shot| shot.frame);
         let frames = frames.filter(|frame| layout::is_frame_name(&frame.file));
         let files = frames.map(|frame| (frame.file, frame.bytes, frame.sha256));
@@ -142,63 +142,63 @@ impl Gather<'_> {
             let grows = file == layout::RESULTS_FILE;
             match lengths.get(file.as_str()) {
                 Some(there) if *there == length || (grows && *there > length) => {
-                    self.push(&name, length, sha256, Content::File(self.root.join(&name)));
+                    self.push(&name, length, sha256, BundleContent::File(self.root.join(&name)));
                 }
-                Some(_) => return Err(self.damaged(&name, "does not have its length")),
-                None => return Err(self.damaged(&name, "is missing, or a link")),
+                Some(_) => return Err(self.damaged_error(&name, "does not have its length")),
+                None => return Err(self.damaged_error(&name, "is missing, or a link")),
             }
         }
         Ok(())
     }
 
     /// A closed file, as long as the chain has it.
-    fn closed(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
+    fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
         let path = self.root.join(name);
-        if self.disk.length(&path)? != Some(length) {
-            return Err(self.damaged(name, "is missing, a link, or does not have its length"));
+        if self.disk.file_length(&path)? != Some(length) {
+            return Err(self.damaged_error(name, "is missing, a link, or does not have its length"));
         }
-        self.push(name, length, digest.to_owned(), Content::File(path));
+        self.push(name, length, digest.to_owned(), BundleContent::File(path));
         Ok(())
     }
 
-    fn installation(&mut self, digest: &str) -> Result<(), StoreError> {
-        if let Some((path, what)) = installations::fault(self.disk, self.root, digest) {
-            return Err(StoreError::Damaged { path, what, mend: MEND });
+    fn add_installation(&mut self, digest: &str) -> Result<(), StoreError> {
+        if let Some((path, what)) = installations::find_fault(self.disk, self.root, digest) {
+            return Err(StoreError::Damaged { path, problem: what, remedy: BUNDLE_REMEDY });
         }
-        let folder = installations::folder(self.root, digest);
-        for entry in self.disk.entries(&folder)? {
-            self.whole(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
+        let folder = installations::installation_folder(self.root, digest);
+        for entry in self.disk.list_entries(&folder)? {
+            self.add_small_file(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
         }
         Ok(())
     }
 
     /// A small file, read here.
-    fn whole(&mut self, name: &Path) -> Result<(), StoreError> {
-        let bytes = self.read(name)?;
-        self.bytes(name, bytes);
+    fn add_small_file(&mut self, name: &Path) -> Result<(), StoreError> {
+        let bytes = self.read_file(name)?;
+        self.add_bytes(name, bytes);
         Ok(())
     }
 
-    fn read(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
+    fn read_file(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
         let path = self.root.join(name);
-        match self.disk.length(&path)? {
-            Some(_) => self.disk.load(&path),
-            None => Err(self.damaged(name, "is missing, or a link")),
+        match self.disk.file_length(&path)? {
+            Some(_) => self.disk.load_file(&path),
+            None => Err(self.damaged_error(name, "is missing, or a link")),
         }
     }
 
-    fn bytes(&mut self, name: &Path, bytes: Vec<u8>) {
-        self.push(name, bytes.len() as u64, sha256(&bytes), Content::Bytes(bytes));
+    fn add_bytes(&mut self, name: &Path, bytes: Vec<u8>) {
+        self.push(name, bytes.len() as u64, sha256_hex(&bytes), BundleContent::Bytes(bytes));
     }
 
-    fn push(&mut self, name: &Path, length: u64, sha256: String, content: Content) {
+    fn push(&mut self, name: &Path, length: u64, sha256: String, content: BundleContent) {
         let name = name.to_string_lossy().into_owned();
-        self.items.push(Item { name, length, sha256, content });
+        self.items.push(BundleFile { name, length, sha256, content });
     }
 
-    fn damaged(&self, name: &Path, what: &str) -> StoreError {
-        StoreError::Damaged { path: self.root.join(name), what: what.to_owned(), mend: MEND }
+    fn damaged_error(&self, name: &Path, what: &str) -> StoreError {
+        StoreError::Damaged { path: self.root.join(name), problem: what.to_owned(), remedy: BUNDLE_REMEDY }
     }
 }
 
-const MEND: &str = "`wingd verify` says what else is damaged; files can be taken one by one";
+const BUNDLE_REMEDY: &str = "`wingd verify` says what else is damaged; files can be taken one by one";

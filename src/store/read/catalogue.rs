@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::{Disk, Entry, StoreError};
+use crate::store::disk::{Disk, DirectoryEntry, StoreError};
 use crate::store::format::chain::Chain;
-use crate::store::format::kinds::Kind;
+use crate::store::format::append_file_kinds::AppendFileKind;
 use crate::store::format::manifest::{FlightManifest, ResultLine, SeriesManifest};
 use crate::store::format::{jsonl, layout};
 
@@ -29,17 +29,17 @@ pub struct SeriesRef {
 }
 
 /// Formats that are read and written.
-const KNOWN: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
+const SUPPORTED_FORMATS: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
 
 /// What `store.toml` says; `None` where it cannot be read.
-fn mark(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
+fn read_format_file(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
     let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
     std::str::from_utf8(&bytes).ok()?.parse().ok()
 }
 
 /// The store's id; `None` in a store without evidence (format 1).
 pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
-    let mark = mark(disk, root)?;
+    let mark = read_format_file(disk, root)?;
     let id = mark.get("id").and_then(toml::Value::as_str).unwrap_or_default();
     (mark.get("format")?.as_integer()? == i64::from(layout::FORMAT)).then(|| id.to_owned())
 }
@@ -51,54 +51,54 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
         let why = format!("it has no {}", layout::STORE_FILE);
         return Err(StoreError::NotAStore { path: root.to_owned(), why });
     }
-    disk.load(&path)?;
-    let mark = mark(disk, root);
+    disk.load_file(&path)?;
+    let mark = read_format_file(disk, root);
     match mark.as_ref().and_then(|mark| mark.get("format")) {
-        Some(format) if KNOWN.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
+        Some(format) if SUPPORTED_FORMATS.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
         Some(format) => {
             Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT })
         }
         None => Err(StoreError::Damaged {
             path,
-            what: "holds no format number".to_owned(),
-            mend: "write `format = 1` into it if the store was made by wingd 0.x",
+            problem: "holds no format number".to_owned(),
+            remedy: "write `format = 1` into it if the store was made by wingd 0.x",
         }),
     }
 }
 
 /// The flights, in order.
-pub fn flights(disk: &dyn Disk, root: &Path) -> Result<Vec<FlightRef>, StoreError> {
+pub fn list_flights(disk: &dyn Disk, root: &Path) -> Result<Vec<FlightRef>, StoreError> {
     let folder = root.join(layout::FLIGHTS);
-    let ids = numbered(disk, &folder, layout::flight_number, |entry| entry.is_dir)?;
+    let ids = numbered_names(disk, &folder, layout::flight_number, |entry| entry.is_dir)?;
     Ok(ids.into_iter().map(|id| FlightRef { folder: folder.join(&id), id }).collect())
 }
 
 /// The finished series of a flight, in order.
-pub fn series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, StoreError> {
-    let ids = numbered(disk, &flight.folder, layout::series_number, |entry| entry.is_dir)?;
+pub fn list_series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, StoreError> {
+    let ids = numbered_names(disk, &flight.folder, layout::series_number, |entry| entry.is_dir)?;
     let series = |id: String| SeriesRef { flight: flight.id.clone(), folder: flight.folder.join(&id), id };
     Ok(ids.into_iter().map(series).collect())
 }
 
 /// The closed files of a kind in a flight, in order.
-pub(crate) fn files(disk: &dyn Disk, flight: &FlightRef, kind: &Kind) -> Result<Vec<String>, StoreError> {
-    numbered(disk, &flight.folder, kind.number, |entry| !entry.is_dir && !entry.is_link)
+pub(crate) fn closed_files(disk: &dyn Disk, flight: &FlightRef, kind: &AppendFileKind) -> Result<Vec<String>, StoreError> {
+    numbered_names(disk, &flight.folder, kind.closed_number, |entry| !entry.is_dir && !entry.is_link)
 }
 
 /// Gives the bytes of a flight's files of a kind, in the order written: the closed ones, then the one being written,
 /// which may be another flight's.
-pub(crate) fn each_file<E: From<StoreError>>(
+pub(crate) fn for_each_file<E: From<StoreError>>(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
-    kind: &Kind,
+    kind: &AppendFileKind,
     mut give: impl FnMut(&Path, &[u8]) -> Result<(), E>,
 ) -> Result<(), E> {
     // The open file first: a recorder that closes it meanwhile moves it to those that are listed after.
-    let path = root.join(kind.open);
-    let mut open = disk.load_if_there(&path)?;
-    for closed in files(disk, flight, kind)?.into_iter().map(|file| flight.folder.join(file)) {
-        let bytes = disk.load(&closed)?;
+    let path = root.join(kind.open_name);
+    let mut open = disk.load_if_exists(&path)?;
+    for closed in closed_files(disk, flight, kind)?.into_iter().map(|file| flight.folder.join(file)) {
+        let bytes = disk.load_file(&closed)?;
         open = open.filter(|open| !bytes.starts_with(open));
         give(&closed, &bytes)?;
     }
@@ -106,51 +106,51 @@ pub(crate) fn each_file<E: From<StoreError>>(
 }
 
 /// Names with a number in a folder, by their numbers.
-fn numbered(
+fn numbered_names(
     disk: &dyn Disk,
     folder: &Path,
     number: fn(&str) -> Option<u64>,
-    ours: fn(&Entry) -> bool,
+    ours: fn(&DirectoryEntry) -> bool,
 ) -> Result<Vec<String>, StoreError> {
-    let entries = disk.entries(folder)?.into_iter().filter(ours);
+    let entries = disk.list_entries(folder)?.into_iter().filter(ours);
     let mut found: Vec<_> = entries.filter_map(|e| Some((number(&e.name)?, e.name))).collect();
     found.sort();
     Ok(found.into_iter().map(|(_, name)| name).collect())
 }
 
 /// A flight's chain as bytes, none where there is no chain; and as it reads.
-pub(crate) fn chain(disk: &dyn Disk, flight: &Path) -> Result<(Vec<u8>, Chain), StoreError> {
-    let bytes = disk.load_if_there(&flight.join(layout::CHAIN_FILE))?.unwrap_or_default();
+pub(crate) fn read_chain(disk: &dyn Disk, flight: &Path) -> Result<(Vec<u8>, Chain), StoreError> {
+    let bytes = disk.load_if_exists(&flight.join(layout::CHAIN_FILE))?.unwrap_or_default();
     let chain = Chain::parse(&bytes);
     Ok((bytes, chain))
 }
 
 /// `flight.json`.
-pub fn flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightManifest, StoreError> {
+pub fn read_flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightManifest, StoreError> {
     read_json(disk, &flight.folder.join(layout::FLIGHT_FILE))
 }
 
 /// Whether a flight is the one that is meant: by its id, or by the name that it was imported under.
 pub fn is_called(disk: &dyn Disk, flight: &FlightRef, wanted: &str) -> bool {
-    let named = || flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
+    let named = || read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
     flight.id == wanted || layout::flight_number(wanted).is_none() && named().as_deref() == Some(wanted)
 }
 
 /// `series.json`.
-pub fn manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
+pub fn read_series_manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
     read_json(disk, &series.folder.join(layout::SERIES_FILE))
 }
 
 /// The whole lines of `results.jsonl`, in the order written; empty where there are none.
-pub fn results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
-    let bytes = disk.load_if_there(&series.folder.join(layout::RESULTS_FILE))?.unwrap_or_default();
-    Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, line)| line).collect())
+pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
+    let bytes = disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.unwrap_or_default();
+    Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, line)| line).collect())
 }
 
 fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> Result<T, StoreError> {
-    serde_json::from_slice(&disk.load(path)?).map_err(|error| StoreError::Damaged {
+    serde_json::from_slice(&disk.load_file(path)?).map_err(|error| StoreError::Damaged {
         path: path.to_owned(),
-        what: error.to_string(),
-        mend: "copy it from an export or a backup; `wingd verify` lists what else is damaged",
+        problem: error.to_string(),
+        remedy: "copy it from an export or a backup; `wingd verify` lists what else is damaged",
     })
 }

@@ -5,7 +5,7 @@ use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::manifest::{FrameEntry, SeriesManifest};
-use crate::store::format::{layout, sha256};
+use crate::store::format::{layout, sha256_hex};
 
 /// A stored frame that can be read and given a result.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +21,7 @@ pub struct FrameRef {
 }
 
 /// A series' frames, in order.
-pub fn frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
+pub fn series_frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
     let shots = manifest.shots.into_iter();
     shots
         .filter_map(|shot| {
@@ -34,10 +34,10 @@ pub fn frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
 /// A frame's bytes, as delivered; an error where they are not what the manifest says.
 pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
     let path = frame.series.folder.join(&frame.entry.file);
-    let bytes = disk.load(&path)?;
-    if sha256(&bytes) == frame.entry.sha256 {
+    let bytes = disk.load_file(&path)?;
+    if sha256_hex(&bytes) == frame.entry.sha256 {
         return Ok(bytes);
     }
     let what = "its bytes do not have the hash of series.json".to_owned();
-    Err(StoreError::Damaged { path, what, mend: "take this frame from a backup or an export" })
+    Err(StoreError::Damaged { path, problem: what, remedy: "take this frame from a backup or an export" })
 }

@@ -9,45 +9,45 @@ use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef};
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::Event;
-use crate::store::format::{layout, sha256, sums};
+use crate::store::format::chain::ChainEvent;
+use crate::store::format::{layout, sha256_hex, sums};
 
 /// A file of an installation: its name in the folder, its bytes.
-pub type File = (String, Vec<u8>);
+pub type InstallationFile = (String, Vec<u8>);
 
 /// `installations/<digest>`.
-pub fn folder(root: &Path, digest: &str) -> PathBuf {
+pub fn installation_folder(root: &Path, digest: &str) -> PathBuf {
     root.join(layout::INSTALLATIONS).join(digest)
 }
 
 /// The digest of the installation that a result names; `None` where it names none.
-pub fn named(provenance: &Map<String, Value>) -> Option<String> {
+pub fn digest_from_provenance(provenance: &Map<String, Value>) -> Option<String> {
     let entry = |(key, value): (&String, &Value)| {
         let name = key.strip_suffix(".sha256").filter(|name| *name != "frame")?;
         Some((name.to_owned(), value.as_str()?.to_owned()))
     };
     let files: BTreeMap<String, String> = provenance.iter().filter_map(entry).collect();
-    (!files.is_empty()).then(|| sha256(sums::text(&files).as_bytes()))
+    (!files.is_empty()).then(|| sha256_hex(sums::format_sums(&files).as_bytes()))
 }
 
 /// The installations that a flight's chain names, the last one last; none without evidence.
-pub fn of_flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
-    let (_, chain) = catalogue::chain(disk, &flight.folder)?;
+pub fn flight_installations(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+    let (_, chain) = catalogue::read_chain(disk, &flight.folder)?;
     let installation = |(_, event)| match event {
-        Event::Installation { sha256 } => Some(sha256),
+        ChainEvent::Installation { sha256 } => Some(sha256),
         _ => None,
     };
     Ok(chain.events.into_iter().filter_map(installation).collect())
 }
 
 /// What is wrong with a kept installation; `None` where it is whole.
-pub(crate) fn fault(disk: &dyn Disk, root: &Path, digest: &str) -> Option<(PathBuf, String)> {
-    let place = folder(root, digest);
+pub(crate) fn find_fault(disk: &dyn Disk, root: &Path, digest: &str) -> Option<(PathBuf, String)> {
+    let place = installation_folder(root, digest);
     if !disk.exists(&place) {
         return Some((place, "results were computed from this installation, and it is missing".to_owned()));
     }
     let differs = |path: &Path, wanted: &str, what: &str| match disk.read(path) {
-        Ok(bytes) if sha256(&bytes) == wanted => None,
+        Ok(bytes) if sha256_hex(&bytes) == wanted => None,
         Ok(_) => Some((path.to_owned(), format!("does not have the SHA-256 {what}"))),
         Err(error) => Some((path.to_owned(), format!("cannot be read: {error}"))),
     };
@@ -55,7 +55,7 @@ pub(crate) fn fault(disk: &dyn Disk, root: &Path, digest: &str) -> Option<(PathB
     if let Some(fault) = differs(&path, digest, "that is its folder's name") {
         return Some(fault);
     }
-    let files = sums::parse(&disk.read(&path).unwrap_or_default()).unwrap_or_default();
+    let files = sums::parse_sums(&disk.read(&path).unwrap_or_default()).unwrap_or_default();
     let fault = |(name, wanted): (&String, &String)| differs(&place.join(name), wanted, "of its SHA256SUMS");
     if let Some(fault) = files.iter().find_map(fault) {
         return Some(fault);

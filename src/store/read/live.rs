@@ -5,8 +5,8 @@ use std::path::Path;
 use super::catalogue::{self, FlightRef};
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::columns::{FLAG, File, Head, Kind, Row, UTC, WORD};
-use crate::store::format::kinds::LIVE;
+use crate::store::format::columns::{FLAG, LiveFile, LiveHead, ValueKind, LiveRow, UTC, WORD};
+use crate::store::format::append_file_kinds::LIVE_RESULTS;
 
 /// Columns that other commands look for, where a table has them.
 pub mod names {
@@ -45,54 +45,54 @@ pub mod names {
 }
 
 /// Name, unit and kind of what a row has once.
-pub type Once = (&'static str, &'static str, Kind);
+pub type ScalarColumn = (&'static str, &'static str, ValueKind);
 
 /// What a row of live mode has once, in order.
-pub const ONCE: [Once; 25] = [
-    (names::UTC, UTC, Kind::U64),
-    (names::SINCE_BOOT, "s", Kind::F64),
-    (names::EXPOSURE_SIGMA, "s", Kind::F32),
-    (names::CLOCK_SIGMA, "s", Kind::F32),
-    (names::NUMBER, "", Kind::U64),
-    ("skipped", "", Kind::U64),
-    (names::SOLVED, "", Kind::U8),
-    ("full_search", "", Kind::U8),
-    ("mounting", "", Kind::U32),
-    ("mount_disturbed", "", Kind::U8),
-    ("latency", "ms", Kind::F32),
-    ("variance_factor", "", Kind::F32),
-    (names::GLOBAL_TEST_PASSED, "", Kind::U8),
-    ("tip_deflection", "m", Kind::F32),
-    ("sigma_tip_deflection", "m", Kind::F32),
-    ("tip_deflection_ground", "m", Kind::F32),
-    ("sigma_tip_deflection_ground", "m", Kind::F32),
-    ("tip_deflection_root", "m", Kind::F32),
-    ("sigma_tip_deflection_root", "m", Kind::F32),
-    ("redundancy", "", Kind::U32),
-    (names::UTC_SYNCHRONISED, FLAG, Kind::U8),
-    (names::EXPOSURE_SOURCE, WORD, Kind::U8),
-    (names::REASON, WORD, Kind::U8),
-    (names::SIGMA_KIND, WORD, Kind::U8),
-    (names::TIP_REFERENCE, WORD, Kind::U8),
+pub const SCALAR_COLUMNS: [ScalarColumn; 25] = [
+    (names::UTC, UTC, ValueKind::U64),
+    (names::SINCE_BOOT, "s", ValueKind::F64),
+    (names::EXPOSURE_SIGMA, "s", ValueKind::F32),
+    (names::CLOCK_SIGMA, "s", ValueKind::F32),
+    (names::NUMBER, "", ValueKind::U64),
+    ("skipped", "", ValueKind::U64),
+    (names::SOLVED, "", ValueKind::U8),
+    ("full_search", "", ValueKind::U8),
+    ("mounting", "", ValueKind::U32),
+    ("mount_disturbed", "", ValueKind::U8),
+    ("latency", "ms", ValueKind::F32),
+    ("variance_factor", "", ValueKind::F32),
+    (names::GLOBAL_TEST_PASSED, "", ValueKind::U8),
+    ("tip_deflection", "m", ValueKind::F32),
+    ("sigma_tip_deflection", "m", ValueKind::F32),
+    ("tip_deflection_ground", "m", ValueKind::F32),
+    ("sigma_tip_deflection_ground", "m", ValueKind::F32),
+    ("tip_deflection_root", "m", ValueKind::F32),
+    ("sigma_tip_deflection_root", "m", ValueKind::F32),
+    ("redundancy", "", ValueKind::U32),
+    (names::UTC_SYNCHRONISED, FLAG, ValueKind::U8),
+    (names::EXPOSURE_SOURCE, WORD, ValueKind::U8),
+    (names::REASON, WORD, ValueKind::U8),
+    (names::SIGMA_KIND, WORD, ValueKind::U8),
+    (names::TIP_REFERENCE, WORD, ValueKind::U8),
 ];
 
 /// The closed files of a flight, in order.
-pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
-    catalogue::files(disk, flight, &LIVE)
+pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+    catalogue::closed_files(disk, flight, &LIVE_RESULTS)
 }
 
 /// Each file's first line and its rows.
-pub type Recorded = Vec<(Head, Vec<Row>)>;
+pub type LiveRecording = Vec<(LiveHead, Vec<LiveRow>)>;
 
 /// All live results of a flight, those of the file being written among them; and what could not be read.
-pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Recorded, Vec<String>), StoreError> {
-    let mut all = Recorded::new();
-    let notes = each_file(disk, root, flight, |mut file| {
+pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(LiveRecording, Vec<String>), StoreError> {
+    let mut all = LiveRecording::new();
+    let notes = for_each_live_file(disk, root, flight, |mut file| {
         let mut rows = Vec::new();
         while let Some(block) = file.next_block() {
             rows.extend(block.rows().unwrap_or_default());
         }
-        let rest = file.torn();
+        let rest = file.torn_length();
         all.push((file.head, rows));
         Result::<usize, StoreError>::Ok(rest)
     })?;
@@ -101,16 +101,16 @@ pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Recorde
 
 /// Gives a flight's files one after another, in the order written, the one being written last. What is done with a file
 /// returns how many of its bytes were not whole; notes say so.
-pub fn each_file<E: From<StoreError>>(
+pub fn for_each_live_file<E: From<StoreError>>(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
-    mut read: impl FnMut(File<'_>) -> Result<usize, E>,
+    mut read: impl FnMut(LiveFile<'_>) -> Result<usize, E>,
 ) -> Result<Vec<String>, E> {
     let mut notes = Vec::new();
-    catalogue::each_file(disk, root, flight, &LIVE, |path, bytes| {
+    catalogue::for_each_file(disk, root, flight, &LIVE_RESULTS, |path, bytes| {
         let place = path.display();
-        let Some(file) = File::parse(bytes) else {
+        let Some(file) = LiveFile::parse(bytes) else {
             notes.push(format!("{place}: its first line is damaged; run `wingd verify`"));
             return Ok(());
         };
@@ -124,8 +124,8 @@ pub fn each_file<E: From<StoreError>>(
 }
 
 /// When the last file of a flight was begun.
-pub(crate) fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
-    let last = files(disk, flight).ok()?.pop()?;
+pub(crate) fn last_file_start(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
+    let last = closed_files(disk, flight).ok()?.pop()?;
     let bytes = disk.read(&flight.folder.join(last)).ok()?;
-    File::parse(&bytes).map(|file| file.head.began)
+    LiveFile::parse(&bytes).map(|file| file.head.began)
 }

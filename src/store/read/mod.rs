@@ -6,5 +6,5 @@ pub mod catalogue;
 pub mod frames;
 pub mod installations;
 pub mod live;
-pub mod marks;
-pub mod sets;
+pub mod manual_marks;
+pub mod result_sets;

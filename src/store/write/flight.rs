@@ -14,27 +14,27 @@
 use std::time::Duration;
 
 use crate::clock::Stamp;
-use crate::store::config::AtBoot;
+use crate::store::config::BootPolicy;
 
 /// Says why a new flight begins at `now`, or `None` where the last one goes on.
-pub fn begins(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: AtBoot) -> Option<String> {
+pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: BootPolicy) -> Option<String> {
     let Some(last) = last else { return Some("first series of the store".to_owned()) };
     if last.boot_id == now.boot_id {
-        return paused(now.since_boot_s - last.since_boot_s, after);
+        return pause_reason(now.since_boot_s - last.since_boot_s, after);
     }
     match at_boot {
-        AtBoot::Always => return Some("the machine was switched on".to_owned()),
-        AtBoot::Never => return None,
-        AtBoot::ByClock => {}
+        BootPolicy::Always => return Some("the machine was switched on".to_owned()),
+        BootPolicy::Never => return None,
+        BootPolicy::ByClock => {}
     }
     let by_utc_s = now.utc.duration_since(last.utc).as_secs_f64();
     if by_utc_s < 0.0 {
         return Some("the machine was switched on and its clock went back: the pause is unknown".to_owned());
     }
-    paused(by_utc_s.max(now.since_boot_s), after)
+    pause_reason(by_utc_s.max(now.since_boot_s), after)
 }
 
-fn paused(pause_s: f64, after: Duration) -> Option<String> {
+fn pause_reason(pause_s: f64, after: Duration) -> Option<String> {
     (pause_s > after.as_secs_f64()).then(|| format!("no shot for {:.1} h", pause_s / 3600.0))
 }
 
@@ -54,9 +54,9 @@ mod tests {
         let last = stamp("2026-03-01T10:00:00Z", "a", 7200.0);
         let restarted = stamp("2026-03-01T10:50:00Z", "a", 10200.0);
         let rebooted = stamp("2026-03-01T10:20:00Z", "b", 25.0);
-        assert_eq!(begins(Some(&last), &restarted, AFTER, AtBoot::ByClock), None);
-        assert_eq!(begins(Some(&last), &rebooted, AFTER, AtBoot::ByClock), None);
-        assert!(begins(Some(&last), &rebooted, AFTER, AtBoot::Always).is_some());
+        assert_eq!(new_flight_reason(Some(&last), &restarted, AFTER, BootPolicy::ByClock), None);
+        assert_eq!(new_flight_reason(Some(&last), &rebooted, AFTER, BootPolicy::ByClock), None);
+        assert!(new_flight_reason(Some(&last), &rebooted, AFTER, BootPolicy::Always).is_some());
     }
 
     #[test]
@@ -65,24 +65,24 @@ mod tests {
         let next_day = stamp("2026-03-02T06:00:00Z", "b", 25.0);
         let left_on = stamp("2026-03-02T06:00:00Z", "a", 50400.0);
         for now in [&next_day, &left_on] {
-            assert!(begins(Some(&last), now, AFTER, AtBoot::ByClock).is_some());
+            assert!(new_flight_reason(Some(&last), now, AFTER, BootPolicy::ByClock).is_some());
         }
-        assert_eq!(begins(Some(&last), &next_day, AFTER, AtBoot::Never), None);
+        assert_eq!(new_flight_reason(Some(&last), &next_day, AFTER, BootPolicy::Never), None);
     }
 
     #[test]
     fn a_clock_without_battery_cannot_join_flights() {
         let last = stamp("2026-03-01T18:00:00Z", "a", 7200.0);
         let reset = stamp("1970-01-01T00:00:25Z", "b", 25.0);
-        assert!(begins(Some(&last), &reset, AFTER, AtBoot::ByClock).is_some());
+        assert!(new_flight_reason(Some(&last), &reset, AFTER, BootPolicy::ByClock).is_some());
         let stuck = stamp("1970-01-01T00:00:30Z", "c", 4.0 * 3600.0);
-        assert!(begins(Some(&reset), &stuck, AFTER, AtBoot::ByClock).is_some());
+        assert!(new_flight_reason(Some(&reset), &stuck, AFTER, BootPolicy::ByClock).is_some());
     }
 
     #[test]
     fn a_jump_of_utc_within_a_boot_means_nothing() {
         let last = stamp("1970-01-01T00:10:00Z", "a", 600.0);
         let synced = stamp("2026-03-01T18:00:00Z", "a", 4200.0);
-        assert_eq!(begins(Some(&last), &synced, AFTER, AtBoot::ByClock), None);
+        assert_eq!(new_flight_reason(Some(&last), &synced, AFTER, BootPolicy::ByClock), None);
     }
 }

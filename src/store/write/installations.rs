@@ -3,17 +3,17 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::root::Root;
+use super::root::StoreRoot;
 use crate::store::disk::StoreError;
-use crate::store::format::{layout, sha256, sums};
-use crate::store::read::installations::{File, folder};
+use crate::store::format::{layout, sha256_hex, sums};
+use crate::store::read::installations::{InstallationFile, installation_folder};
 
 /// Keeps an installation durably and returns its digest. One that is there already stays.
-pub(crate) fn keep(root: Root<'_>, files: &[File]) -> Result<String, StoreError> {
-    let digests: BTreeMap<_, _> = files.iter().map(|(name, bytes)| (name.clone(), sha256(bytes))).collect();
-    let text = sums::text(&digests);
-    let digest = sha256(text.as_bytes());
-    let place = folder(root.path, &digest);
+pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile]) -> Result<String, StoreError> {
+    let digests: BTreeMap<_, _> = files.iter().map(|(name, bytes)| (name.clone(), sha256_hex(bytes))).collect();
+    let text = sums::format_sums(&digests);
+    let digest = sha256_hex(text.as_bytes());
+    let place = installation_folder(root.path, &digest);
     if root.disk.exists(&place) {
         return Ok(digest);
     }
@@ -21,17 +21,17 @@ pub(crate) fn keep(root: Root<'_>, files: &[File]) -> Result<String, StoreError>
     if let Some(name) = parts.find(|name| !is_plain(name)) {
         let what = format!("the installation's file {name:?} lies outside of its folder and is not kept");
         let mend = "copy it into the folder and name it there";
-        return Err(StoreError::Damaged { path: PathBuf::from(name), what, mend });
+        return Err(StoreError::Damaged { path: PathBuf::from(name), problem: what, remedy: mend });
     }
-    let made = layout::incoming(root.path, &digest);
+    let made = layout::incoming_folder(root.path, &digest);
     if !root.disk.exists(&made) {
         root.disk.make_dir(&made)?;
     }
     let sums = (layout::SUMS_FILE.to_owned(), text.into_bytes());
     for (name, bytes) in files.iter().chain([&sums]) {
-        root.disk.save(&made.join(name), bytes)?;
+        root.disk.save_file(&made.join(name), bytes)?;
     }
-    root.disk.sync(&made)?;
+    root.disk.sync_directory(&made)?;
     root.ensure_dir(layout::INSTALLATIONS)?;
     root.disk.move_durably(&made, &place)?;
     Ok(digest)

@@ -2,48 +2,48 @@
 
 use std::path::Path;
 
-use super::index::Index;
+use super::index::StoreIndex;
 use super::recover::Recovery;
-use super::root::Root;
+use super::root::StoreRoot;
 use crate::clock::Stamp;
-use crate::store::disk::{Disk, Lock, StoreError, random};
+use crate::store::disk::{Disk, Lock, StoreError, fill_random};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::live;
 
 /// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
-pub(super) fn create(root: Root<'_>) -> Result<(), StoreError> {
+pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
     make_root(root.disk, root.path)?;
     refuse_foreign(root.disk, root.path)?;
     root.ensure_folders()?;
     save_counter(root, &Counter::FIRST)?;
-    write_mark(root, &random_id()?)
+    write_format_file(root, &random_id()?)
 }
 
 /// Takes the lock; held for as long as what it returns.
-pub(crate) fn lock(root: Root<'_>) -> Result<Lock, StoreError> {
+pub(crate) fn lock_store(root: StoreRoot<'_>) -> Result<Lock, StoreError> {
     let path = root.join(layout::LOCK_FILE);
     let lock = root.disk.lock(&path).map_err(StoreError::io(&path, "lock"))?;
     lock.ok_or(StoreError::Locked { path })
 }
 
 /// Writes `store.toml` with the place for pending results beside it.
-pub(crate) fn write_mark(root: Root<'_>, id: &str) -> Result<(), StoreError> {
-    root.disk.save(&root.join(layout::PENDING_FILE), b"")?;
-    root.disk.replace(&root.join(layout::STORE_FILE), mark(id).as_bytes())
+pub(crate) fn write_format_file(root: StoreRoot<'_>, id: &str) -> Result<(), StoreError> {
+    root.disk.save_file(&root.join(layout::PENDING_FILE), b"")?;
+    root.disk.replace_file(&root.join(layout::STORE_FILE), format_file_text(id).as_bytes())
 }
 
 /// The store's random name, made once: 128 bits, hex.
 pub(crate) fn random_id() -> Result<String, StoreError> {
     let mut bytes = [0; 16];
     let path = Path::new("/dev/urandom");
-    random(&mut bytes).map_err(StoreError::io(path, "read"))?;
+    fill_random(&mut bytes).map_err(StoreError::io(path, "read"))?;
     Ok(hex::encode(bytes))
 }
 
 /// The text of `store.toml`.
-fn mark(id: &str) -> String {
+fn format_file_text(id: &str) -> String {
     format!(
         "# A store of wingd; docs/store.md says what is where.\nformat = {}\nid = \"{id}\"\ncreated_by = \"wingd {}\"\n",
         layout::FORMAT,
@@ -57,25 +57,25 @@ pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
 }
 
 /// Why this user could not record at a path: what is there, or the nearest folder above it, refuses to be written.
-pub fn unwritable(disk: &dyn Disk, root: &Path) -> Option<String> {
+pub fn unwritable_reason(disk: &dyn Disk, root: &Path) -> Option<String> {
     let there = root.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
-    let refused = there.into_iter().find(|p| p.exists()).and_then(refuses);
-    refused.or_else(|| unwritable_inside(disk, root, FOLDERS_DEEP))
+    let refused = there.into_iter().find(|p| p.exists()).and_then(write_refusal);
+    refused.or_else(|| unwritable_inside(disk, root, MAX_DEPTH))
 }
 
 /// Store, flights, a flight: what lies in these is written again, a series' frames are not.
-const FOLDERS_DEEP: usize = 3;
+const MAX_DEPTH: usize = 3;
 
 fn unwritable_inside(disk: &dyn Disk, folder: &Path, deep: usize) -> Option<String> {
     let entries = disk.list(folder).unwrap_or_default();
     let ours = entries.iter().filter(|entry| entry.name != "lost+found" && !entry.is_link);
     ours.map(|entry| (folder.join(&entry.name), entry.is_dir)).find_map(|(path, is_dir)| {
         let inside = || if is_dir && deep > 1 { unwritable_inside(disk, &path, deep - 1) } else { None };
-        refuses(&path).or_else(inside)
+        write_refusal(&path).or_else(inside)
     })
 }
 
-fn refuses(path: &Path) -> Option<String> {
+fn write_refusal(path: &Path) -> Option<String> {
     let refused = rustix::fs::access(path, rustix::fs::Access::WRITE_OK).err()?;
     Some(format!("{} cannot be written to ({refused})", path.display()))
 }
@@ -93,12 +93,12 @@ pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> 
         make_root(disk, parent)?;
     }
     disk.make_dir(root)?;
-    disk.sync(place)
+    disk.sync_directory(place)
 }
 
 /// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
 pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
-    for entry in disk.entries(root)? {
+    for entry in disk.list_entries(root)? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
         let marks = [layout::STORE_FILE, layout::LOCK_FILE, layout::PENDING_FILE];
@@ -114,46 +114,46 @@ pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreEr
 }
 
 /// Writes the next ids.
-pub(crate) fn save_counter(root: Root<'_>, counter: &Counter) -> Result<(), StoreError> {
+pub(crate) fn save_counter(root: StoreRoot<'_>, counter: &Counter) -> Result<(), StoreError> {
     let path = root.join(layout::COUNTER_FILE);
-    root.disk.replace(&path, &jsonl::line(counter).map_err(StoreError::io(&path, "write"))?)
+    root.disk.replace_file(&path, &jsonl::encode_line(counter).map_err(StoreError::io(&path, "write"))?)
 }
 
 /// Reads the counter and the newest flight. Ids on disk win over a counter that was lost or set back.
-pub(super) fn scan(root: Root<'_>, recovery: &mut Recovery) -> Result<Index, StoreError> {
+pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result<StoreIndex, StoreError> {
     let disk = root.disk;
     let (mut on_disk, mut newest, mut last) = (Counter::FIRST, None, None);
-    for flight in catalogue::flights(disk, root.path)? {
-        on_disk.pass(&flight.id);
-        catalogue::series(disk, &flight)?.iter().for_each(|series| on_disk.pass(&series.id));
+    for flight in catalogue::list_flights(disk, root.path)? {
+        on_disk.advance_past(&flight.id);
+        catalogue::list_series(disk, &flight)?.iter().for_each(|series| on_disk.advance_past(&series.id));
         last = last_moment(disk, &flight).or(last);
         newest = Some(flight.id);
     }
     let incoming = disk.list(&root.join(layout::INCOMING)).unwrap_or_default();
     let series = incoming.iter().filter(|entry| layout::series_number(&entry.name).is_some());
-    series.for_each(|entry| on_disk.pass(&entry.name));
-    let saved = disk.json::<Counter>(&root.join(layout::COUNTER_FILE));
+    series.for_each(|entry| on_disk.advance_past(&entry.name));
+    let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE));
     let counter = saved.map_or(on_disk, |saved| saved.max(on_disk));
     if saved != Some(counter) {
         recovery.remarks.push("counter.json was damaged or behind; mended from the ids on disk".to_owned());
         save_counter(root, &counter)?;
     }
-    Ok(Index::new(counter, newest, last))
+    Ok(StoreIndex::new(counter, newest, last))
 }
 
 /// The last moment recorded in a flight.
 fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
-    let series = catalogue::series(disk, flight).ok()?;
-    let last = series.iter().rev().find_map(|series| catalogue::manifest(disk, series).ok());
+    let series = catalogue::list_series(disk, flight).ok()?;
+    let last = series.iter().rev().find_map(|series| catalogue::read_series_manifest(disk, series).ok());
     let of_series = last.and_then(|manifest| {
         let shot = manifest.shots.last().map(|shot| shot.stamp.clone());
         manifest.ended.or(shot).or(manifest.started)
     });
-    let of_flight = || catalogue::flight_manifest(disk, flight).ok().map(|manifest| manifest.started);
-    let later = |a: Stamp, b: Stamp| if later(&b, &a) { b } else { a };
-    of_series.or_else(of_flight).into_iter().chain(live::last_moment(disk, flight)).reduce(later)
+    let of_flight = || catalogue::read_flight_manifest(disk, flight).ok().map(|manifest| manifest.started);
+    let later = |a: Stamp, b: Stamp| if is_later(&b, &a) { b } else { a };
+    of_series.or_else(of_flight).into_iter().chain(live::last_file_start(disk, flight)).reduce(later)
 }
 
-fn later(one: &Stamp, other: &Stamp) -> bool {
+fn is_later(one: &Stamp, other: &Stamp) -> bool {
     if one.boot_id == other.boot_id { one.since_boot_s > other.since_boot_s } else { one.utc > other.utc }
 }

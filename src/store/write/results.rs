@@ -5,11 +5,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::chain;
-use super::root::Root;
+use super::root::StoreRoot;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::{Appended, Event, last_results};
+use crate::store::format::chain::{AppendedResults, ChainEvent, last_results};
 use crate::store::format::manifest::ResultLine;
-use crate::store::format::{jsonl, layout, sha256};
+use crate::store::format::{jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, SeriesRef};
 
 /// The identity of a result, without its numbers.
@@ -20,92 +20,92 @@ pub(crate) struct ResultKey {
 }
 
 /// The keys of a series' results; empty where there are none.
-pub(super) fn keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
-    let bytes = disk.load_if_there(&series.join(layout::RESULTS_FILE))?.unwrap_or_default();
-    Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, key)| key).collect())
+pub(super) fn result_keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
+    let bytes = disk.load_if_exists(&series.join(layout::RESULTS_FILE))?.unwrap_or_default();
+    Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, key)| key).collect())
 }
 
 /// `pending.json`: what `results.jsonl` of a series is about to become.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Pending {
+pub(crate) struct PendingResult {
     pub flight: String,
     #[serde(flatten)]
-    pub results: Appended,
+    pub results: AppendedResults,
 }
 
 /// What is pending; `None` where nothing is, or the file is torn and nothing was begun yet.
-pub(crate) fn pending(disk: &dyn Disk, root: &Path) -> Option<Pending> {
-    disk.json(&root.join(layout::PENDING_FILE))
+pub(crate) fn read_pending(disk: &dyn Disk, root: &Path) -> Option<PendingResult> {
+    disk.load_json(&root.join(layout::PENDING_FILE))
 }
 
 /// After a crash between a result and its line in the chain: a result that is whole gets its line, half
 /// of one is set aside. Before the next one is announced, or nothing would speak for the bytes.
-pub(super) fn settle(root: Root<'_>) -> Result<(), StoreError> {
-    let Some(Pending { flight, results }) = pending(root.disk, root.path) else { return Ok(()) };
+pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
+    let Some(PendingResult { flight, results }) = read_pending(root.disk, root.path) else { return Ok(()) };
     if layout::flight_number(&flight).and(layout::series_number(&results.series)).is_none() {
         return Ok(());
     }
-    let flight = root.flight(&flight);
+    let flight = root.flight_folder(&flight);
     let folder = flight.join(&results.series);
     let Ok(written) = root.disk.read(&folder.join(layout::RESULTS_FILE)) else { return Ok(()) };
-    let (chain, _) = catalogue::chain(root.disk, &flight)?;
+    let (chain, _) = catalogue::read_chain(root.disk, &flight)?;
     if last_results(&chain, &results.series).as_ref() == Some(&results) {
         return Ok(());
     }
-    if written.len() as u64 != results.bytes || sha256(&written) != results.sha256 {
-        return mend(root, &folder);
+    if written.len() as u64 != results.bytes || sha256_hex(&written) != results.sha256 {
+        return repair_tail(root, &folder);
     }
     // The file may be new, and its name not on the medium yet.
-    root.disk.sync(&folder)?;
-    chain::append(root, &flight, Event::Results(results))
+    root.disk.sync_directory(&folder)?;
+    chain::append_event(root, &flight, ChainEvent::Results(results))
 }
 
 /// Appends a result durably (`false` where there is one already): a torn last line is set aside, what
 /// will be there is written to `pending.json`, the line to the results, its digest to the chain.
-pub(super) fn append(root: Root<'_>, place: &SeriesRef, line: &ResultLine) -> Result<bool, StoreError> {
+pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &ResultLine) -> Result<bool, StoreError> {
     let chained = root.has_evidence();
     let path = place.folder.join(layout::RESULTS_FILE);
     if chained {
-        settle(root)?;
+        settle_pending(root)?;
     }
     if root.disk.exists(&path) {
-        mend(root, &place.folder)?;
+        repair_tail(root, &place.folder)?;
     }
-    let before = root.disk.load_if_there(&path)?.unwrap_or_default();
-    let keys = jsonl::parse::<ResultKey>(&before).good;
+    let before = root.disk.load_if_exists(&path)?.unwrap_or_default();
+    let keys = jsonl::parse_lines::<ResultKey>(&before).good;
     if keys.iter().any(|(_, key)| key.frame == line.frame && key.inputs == line.inputs) {
         return Ok(false);
     }
-    let line = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
-    let pending = if chained { Some(announce(root, place, &[&before[..], &line].concat())?) } else { None };
-    root.disk.extend(&path, before.len(), &line)?;
+    let line = jsonl::encode_line(line).map_err(StoreError::io(&path, "write"))?;
+    let pending = if chained { Some(write_pending(root, place, &[&before[..], &line].concat())?) } else { None };
+    root.disk.extend_file(&path, before.len(), &line)?;
     if before.is_empty() {
-        root.disk.sync(&place.folder)?;
+        root.disk.sync_directory(&place.folder)?;
     }
-    if let Some(Pending { flight, results }) = pending {
-        chain::append(root, &root.flight(&flight), Event::Results(results))?;
+    if let Some(PendingResult { flight, results }) = pending {
+        chain::append_event(root, &root.flight_folder(&flight), ChainEvent::Results(results))?;
     }
     Ok(true)
 }
 
 /// Writes `pending.json`: what the results will be.
-fn announce(root: Root<'_>, place: &SeriesRef, whole: &[u8]) -> Result<Pending, StoreError> {
-    let (bytes, sha256) = (whole.len() as u64, sha256(whole));
-    let pending = Pending {
+fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result<PendingResult, StoreError> {
+    let (bytes, sha256) = (whole.len() as u64, sha256_hex(whole));
+    let pending = PendingResult {
         flight: place.flight.clone(),
-        results: Appended { series: place.id.clone(), bytes, sha256 },
+        results: AppendedResults { series: place.id.clone(), bytes, sha256 },
     };
     let path = root.join(layout::PENDING_FILE);
-    let text = jsonl::line(&pending).map_err(StoreError::io(&path, "write"))?;
-    root.disk.save(&path, &text)?;
+    let text = jsonl::encode_line(&pending).map_err(StoreError::io(&path, "write"))?;
+    root.disk.save_file(&path, &text)?;
     Ok(pending)
 }
 
 /// Moves a torn tail to `partial/` and cuts the file to its whole lines.
-pub(crate) fn mend(root: Root<'_>, series: &Path) -> Result<(), StoreError> {
+pub(crate) fn repair_tail(root: StoreRoot<'_>, series: &Path) -> Result<(), StoreError> {
     let path = series.join(layout::RESULTS_FILE);
-    let bytes = root.disk.load(&path)?;
-    let good = jsonl::parse::<ResultKey>(&bytes).good_length;
+    let bytes = root.disk.load_file(&path)?;
+    let good = jsonl::parse_lines::<ResultKey>(&bytes).good_length;
     let name = series.file_name().unwrap_or_default().to_string_lossy();
     if root.set_tail_aside(&format!("{name}-results-{good}.torn"), &bytes, good)? {
         root.disk.truncate(&path, good as u64).map_err(StoreError::io(&path, "mend"))?;

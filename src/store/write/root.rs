@@ -8,20 +8,20 @@ use crate::store::read::catalogue;
 
 /// A store's directory, and the disk that it is on.
 #[derive(Clone, Copy)]
-pub(crate) struct Root<'a> {
+pub(crate) struct StoreRoot<'a> {
     pub disk: &'a dyn Disk,
     pub path: &'a Path,
 }
 
-impl Root<'_> {
+impl StoreRoot<'_> {
     /// Of a file or folder in it.
     pub fn join(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
     /// `flights/<flight>`.
-    pub fn flight(&self, flight: &str) -> PathBuf {
-        layout::flight(self.path, flight)
+    pub fn flight_folder(&self, flight: &str) -> PathBuf {
+        layout::flight_folder(self.path, flight)
     }
 
     /// Whether it has chains and sums (format 2).
@@ -35,7 +35,7 @@ impl Root<'_> {
         if !self.disk.exists(&path) {
             self.disk.make_dir(&path)?;
         }
-        self.disk.sync(self.path)
+        self.disk.sync_directory(self.path)
     }
 
     /// Makes the folders that every store has.
@@ -46,8 +46,8 @@ impl Root<'_> {
     /// Keeps bytes that are not whole under `partial/`, in place of an older copy of the same name.
     pub fn set_aside(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let partial = self.join(layout::PARTIAL);
-        self.disk.save(&partial.join(name), bytes)?;
-        self.disk.sync(&partial)
+        self.disk.save_file(&partial.join(name), bytes)?;
+        self.disk.sync_directory(&partial)
     }
 
     /// Keeps what of a file lies after its `good` bytes; says whether there was something.

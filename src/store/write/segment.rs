@@ -9,18 +9,18 @@ use sha2::{Digest, Sha256};
 
 use super::chain;
 use super::recover::Recovery;
-use super::root::Root;
+use super::root::StoreRoot;
 use crate::store::disk::StoreError;
 use crate::store::format::chain::ClosedFile;
-use crate::store::format::kinds::Kind;
-use crate::store::format::{layout, sha256};
+use crate::store::format::append_file_kinds::AppendFileKind;
+use crate::store::format::{layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef};
 
 /// A file that this process began. Whatever of its writing fails, it is given up, and closed before the next begins.
-pub(super) struct Segment {
+pub(super) struct OpenSegment {
     pub flight: String,
     /// What all of it is of.
-    pub of: Vec<u8>,
+    pub descriptor: Vec<u8>,
     pub length: usize,
     pub hasher: Sha256,
     /// What the next piece follows from.
@@ -28,26 +28,26 @@ pub(super) struct Segment {
 }
 
 /// The file of a kind that is being written, if there is one.
-pub(super) struct Growing {
-    pub kind: &'static Kind,
-    pub open: Mutex<Option<Segment>>,
+pub(super) struct AppendFile {
+    pub kind: &'static AppendFileKind,
+    pub open: Mutex<Option<OpenSegment>>,
 }
 
 /// Bytes to append.
-pub(super) struct Piece {
+pub(super) struct AppendPiece {
     pub bytes: Vec<u8>,
     /// What the next piece follows from.
     pub tag: [u8; 32],
 }
 
-impl Growing {
-    pub fn new(kind: &'static Kind) -> Self {
+impl AppendFile {
+    pub fn new(kind: &'static AppendFileKind) -> Self {
         Self { kind, open: Mutex::default() }
     }
 }
 
-impl Segment {
-    pub fn grow(&mut self, piece: &Piece) {
+impl OpenSegment {
+    pub fn add_piece(&mut self, piece: &AppendPiece) {
         self.length += piece.bytes.len();
         self.hasher.update(&piece.bytes);
         self.tag = piece.tag;
@@ -55,51 +55,51 @@ impl Segment {
 }
 
 /// What the last recorder left: closed into its flight, or set aside where that is not possible.
-pub(super) fn settle(root: Root<'_>, kinds: &[&Kind], recovery: &mut Recovery) {
-    for kind in kinds.iter().filter(|kind| root.disk.exists(&root.join(kind.open))) {
-        match close_found(root, kind) {
-            Ok(Some(flight)) => recovery.remarks.push(format!("{flight}: its {} were closed", kind.what)),
-            Ok(None) => recovery.set_aside.push(kind.open.to_owned()),
-            Err(error) => recovery.remarks.push(format!("the {} stay where they are: {error}", kind.what)),
+pub(super) fn settle_append_files(root: StoreRoot<'_>, kinds: &[&AppendFileKind], recovery: &mut Recovery) {
+    for kind in kinds.iter().filter(|kind| root.disk.exists(&root.join(kind.open_name))) {
+        match close_leftover(root, kind) {
+            Ok(Some(flight)) => recovery.remarks.push(format!("{flight}: its {} were closed", kind.label)),
+            Ok(None) => recovery.set_aside.push(kind.open_name.to_owned()),
+            Err(error) => recovery.remarks.push(format!("the {} stay where they are: {error}", kind.label)),
         }
     }
 }
 
 /// Closes a file in the root that this process does not know to be whole. `None` where nothing of it is, or its flight
 /// is gone: it is set aside.
-pub(super) fn close_found(root: Root<'_>, kind: &Kind) -> Result<Option<String>, StoreError> {
-    let path = root.join(kind.open);
-    let bytes = root.disk.load(&path)?;
-    let whole = (kind.whole)(&bytes).filter(|(_, flight)| layout::flight_number(flight).is_some());
-    let found = whole.filter(|(_, flight)| root.disk.exists(&root.flight(flight)));
+pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> Result<Option<String>, StoreError> {
+    let path = root.join(kind.open_name);
+    let bytes = root.disk.load_file(&path)?;
+    let whole = (kind.intact_prefix)(&bytes).filter(|(_, flight)| layout::flight_number(flight).is_some());
+    let found = whole.filter(|(_, flight)| root.disk.exists(&root.flight_folder(flight)));
     let Some((good, flight)) = found else {
-        root.set_aside(&format!("{}-{}.torn", kind.stem, &sha256(&bytes)[..8]), &bytes)?;
+        root.set_aside(&format!("{}-{}.torn", kind.stem, &sha256_hex(&bytes)[..8]), &bytes)?;
         root.disk.remove(&path)?;
-        root.disk.sync(root.path)?;
+        root.disk.sync_directory(root.path)?;
         return Ok(None);
     };
     root.set_tail_aside(&format!("{flight}-{}-{good}.torn", kind.stem), &bytes, good)?;
     let whole = bytes.get(..good).unwrap_or_default();
     // Written anew also where nothing is torn: after a failed fsync a file may show what is not on the disk.
-    root.disk.replace(&path, whole)?;
-    conclude(root, kind, &flight, whole.len() as u64, sha256(whole))?;
+    root.disk.replace_file(&path, whole)?;
+    commit_segment(root, kind, &flight, whole.len() as u64, sha256_hex(whole))?;
     Ok(Some(flight))
 }
 
 /// Notes a whole file in the flight's chain, once, and moves it there.
-pub(super) fn conclude(
-    root: Root<'_>,
-    kind: &Kind,
+pub(super) fn commit_segment(
+    root: StoreRoot<'_>,
+    kind: &AppendFileKind,
     flight: &str,
     bytes: u64,
     sha256: String,
 ) -> Result<(), StoreError> {
-    let flight = FlightRef { id: flight.to_owned(), folder: root.flight(flight) };
-    let files = catalogue::files(root.disk, &flight, kind)?;
-    let last = files.last().and_then(|name| (kind.number)(name)).unwrap_or(0);
-    let file = (kind.name)(last + 1);
+    let flight = FlightRef { id: flight.to_owned(), folder: root.flight_folder(flight) };
+    let files = catalogue::closed_files(root.disk, &flight, kind)?;
+    let last = files.last().and_then(|name| (kind.closed_number)(name)).unwrap_or(0);
+    let file = (kind.closed_name)(last + 1);
     if root.has_evidence() {
-        chain::note(root, &flight.folder, (kind.event)(ClosedFile { file: file.clone(), bytes, sha256 }))?;
+        chain::ensure_event(root, &flight.folder, (kind.event)(ClosedFile { file: file.clone(), bytes, sha256 }))?;
     }
-    root.disk.move_durably(&root.join(kind.open), &flight.folder.join(file))
+    root.disk.move_durably(&root.join(kind.open_name), &flight.folder.join(file))
 }

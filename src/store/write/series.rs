@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use serde_json::{Map, Value};
 
 use super::chain;
-use super::root::Root;
+use super::root::StoreRoot;
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::Event;
-use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, State};
-use crate::store::format::{jsonl, layout, sha256};
+use crate::store::format::chain::ChainEvent;
+use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, SeriesState};
+use crate::store::format::{jsonl, layout, sha256_hex};
 
 /// A frame to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,10 +28,10 @@ pub struct NewFrame<'a> {
 
 /// Series of this process in `incoming/`, which recovering leaves alone: each for as long as its name is held.
 #[derive(Default)]
-pub(super) struct UnderWay(Mutex<Vec<Weak<str>>>);
+pub(super) struct ActiveSeries(Mutex<Vec<Weak<str>>>);
 
-impl UnderWay {
-    pub fn enter(&self, id: &str) -> Arc<str> {
+impl ActiveSeries {
+    pub fn register(&self, id: &str) -> Arc<str> {
         let name: Arc<str> = id.into();
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|held| held.strong_count() > 0);
@@ -39,7 +39,7 @@ impl UnderWay {
         name
     }
 
-    pub fn has(&self, id: &str) -> bool {
+    pub fn contains(&self, id: &str) -> bool {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.iter().filter_map(Weak::upgrade).any(|name| *name == *id)
     }
@@ -64,14 +64,14 @@ impl OpenSeries {
         id: Arc<str>,
         head: JournalHead,
     ) -> Result<Self, StoreError> {
-        let folder = layout::incoming(root, &id);
+        let folder = layout::incoming_folder(root, &id);
         let incoming = root.join(layout::INCOMING);
         disk.make_dir(&folder)?;
-        let manifest = SeriesManifest::begun(&id, head.clone());
+        let manifest = SeriesManifest::from_journal_head(&id, head.clone());
         let series = Self { disk, root: root.to_owned(), folder, id, manifest };
-        series.journal(&JournalLine::Head(head))?;
-        series.disk.sync(&series.folder)?;
-        series.disk.sync(&incoming)?;
+        series.append_journal(&JournalLine::Head(head))?;
+        series.disk.sync_directory(&series.folder)?;
+        series.disk.sync_directory(&incoming)?;
         Ok(series)
     }
 
@@ -95,14 +95,14 @@ impl OpenSeries {
         if !self.manifest.camera.is_empty() || camera.is_empty() {
             return Ok(());
         }
-        self.journal(&JournalLine::Camera(camera.clone()))?;
+        self.append_journal(&JournalLine::Camera(camera.clone()))?;
         self.manifest.camera = camera;
         Ok(())
     }
 
     /// Notes durably what a person should read: why the series is taken.
-    pub fn remark(&mut self, remark: &str) -> Result<(), StoreError> {
-        self.journal(&JournalLine::Remark(remark.to_owned()))?;
+    pub fn add_remark(&mut self, remark: &str) -> Result<(), StoreError> {
+        self.append_journal(&JournalLine::Remark(remark.to_owned()))?;
         self.manifest.remarks.push(remark.to_owned());
         Ok(())
     }
@@ -113,13 +113,13 @@ impl OpenSeries {
         if let Some(frame) = &frame {
             shot.frame = Some(FrameEntry {
                 file: layout::frame_name(shot.shot, frame.extension),
-                sha256: sha256(frame.bytes),
+                sha256: sha256_hex(frame.bytes),
                 bytes: frame.bytes.len() as u64,
                 format: frame.format.clone(),
                 settings: frame.settings.clone(),
             });
         }
-        self.journal(&JournalLine::Shot(Box::new(shot.clone())))?;
+        self.append_journal(&JournalLine::Shot(Box::new(shot.clone())))?;
         if let (Some(frame), Some(entry)) = (frame, &shot.frame) {
             self.write_frame(&entry.file, frame.bytes)?;
         }
@@ -131,39 +131,39 @@ impl OpenSeries {
     /// Keeps the bytes of a bad frame under `partial/`; returns the name there.
     pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
         let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
-        self.at().set_aside(&name, bytes)?;
+        self.store_root().set_aside(&name, bytes)?;
         Ok(name)
     }
 
     /// Writes the manifest and moves the folder to its flight by one rename.
-    pub(crate) fn close(self, state: State, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
-        let root = Root { disk: self.disk.as_ref(), path: &self.root };
+    pub(crate) fn close(self, state: SeriesState, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
+        let root = StoreRoot { disk: self.disk.as_ref(), path: &self.root };
         let mut manifest = self.manifest;
-        if manifest.cause.is_beside() && manifest.planned_shots == 0 && state == State::Complete {
+        if manifest.cause.is_concurrent() && manifest.planned_shots == 0 && state == SeriesState::Complete {
             manifest.planned_shots = u32::try_from(manifest.shots.len()).unwrap_or(u32::MAX);
         }
         (manifest.state, manifest.ended) = (state, Some(ended.clone()));
         manifest.remarks.extend(remarks);
         write_manifest(root.disk, &self.folder, &manifest)?;
-        commit(root, &self.folder, &manifest)
+        commit_series(root, &self.folder, &manifest)
     }
 
-    fn at(&self) -> Root<'_> {
-        Root { disk: self.disk.as_ref(), path: &self.root }
+    fn store_root(&self) -> StoreRoot<'_> {
+        StoreRoot { disk: self.disk.as_ref(), path: &self.root }
     }
 
-    fn journal(&self, line: &JournalLine) -> Result<(), StoreError> {
+    fn append_journal(&self, line: &JournalLine) -> Result<(), StoreError> {
         let path = self.folder.join(layout::JOURNAL_FILE);
-        let bytes = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
+        let bytes = jsonl::encode_line(line).map_err(StoreError::io(&path, "write"))?;
         self.disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))
     }
 
     fn write_frame(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let path = self.folder.join(name);
         let part = self.folder.join(format!("{name}{}", layout::PART_ENDING));
-        self.disk.save(&part, bytes)?;
+        self.disk.save_file(&part, bytes)?;
         self.disk.rename(&part, &path).map_err(StoreError::io(&path, "name"))?;
-        self.disk.sync(&self.folder)
+        self.disk.sync_directory(&self.folder)
     }
 }
 
@@ -175,21 +175,21 @@ pub(super) fn write_manifest(
 ) -> Result<(), StoreError> {
     let path = folder.join(layout::SERIES_FILE);
     let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
-    disk.replace(&path, &text)
+    disk.replace_file(&path, &text)
 }
 
 /// Notes the series in its flight's chain, removes the journal and moves the folder to its flight, durably.
-pub(super) fn commit(root: Root<'_>, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
+pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
     let series = manifest.series.clone();
     if root.has_evidence() {
-        let sha256 = sha256(&root.disk.load(&folder.join(layout::SERIES_FILE))?);
-        chain::note(root, &root.flight(&manifest.flight), Event::Series { series, sha256 })?;
+        let sha256 = sha256_hex(&root.disk.load_file(&folder.join(layout::SERIES_FILE))?);
+        chain::ensure_event(root, &root.flight_folder(&manifest.flight), ChainEvent::Series { series, sha256 })?;
     }
     let journal = folder.join(layout::JOURNAL_FILE);
     if root.disk.exists(&journal) {
         root.disk.remove(&journal)?;
     }
     // Without a journal too: its removal may not be on the medium yet.
-    root.disk.sync(folder)?;
-    root.disk.move_durably(folder, &layout::finished(root.path, &manifest.flight, &manifest.series))
+    root.disk.sync_directory(folder)?;
+    root.disk.move_durably(folder, &layout::series_folder(root.path, &manifest.flight, &manifest.series))
 }

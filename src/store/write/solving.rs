@@ -2,61 +2,61 @@
 
 use serde_json::Value;
 
-use super::index::Index;
+use super::index::StoreIndex;
 use super::store::Store;
 use super::{chain, results};
 use crate::store::disk::StoreError;
-use crate::store::format::chain::Event;
-use crate::store::format::manifest::{FrameEntry, ResultLine, SeriesManifest, Solving};
-use crate::store::format::{Inputs, jsonl, layout, sha256};
+use crate::store::format::chain::ChainEvent;
+use crate::store::format::manifest::{FrameEntry, ResultLine, SeriesManifest, SolvingAttempt};
+use crate::store::format::{Inputs, jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef, SeriesRef};
-use crate::store::read::frames::{FrameRef, frames, read_frame};
+use crate::store::read::frames::{FrameRef, series_frames, read_frame};
 use crate::store::read::installations;
 
 impl Store {
     /// The frames to solve of one series, newest series first: in the newest flight those without a
     /// result for these inputs, in older flights those without any result, because the camera may
     /// have been mounted anew since. Empty where nothing is left to do.
-    pub fn unsolved(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+    pub fn unsolved_frames(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
         let newest = self.current_flight();
-        for flight in catalogue::flights(self.disk(), self.root())?.iter().rev() {
+        for flight in catalogue::list_flights(self.disk(), self.root())?.iter().rev() {
             let any_result_will_do = Some(&flight.id) != newest.as_ref();
-            for series in catalogue::series(self.disk(), flight)?.into_iter().rev() {
+            for series in catalogue::list_series(self.disk(), flight)?.into_iter().rev() {
                 let settled = (series.id.clone(), inputs.key(""));
-                if self.index().settled.contains(&settled) {
+                if self.lock_index().solved_series.contains(&settled) {
                     continue;
                 }
-                let frames = self.unsolved_in(&series, inputs, any_result_will_do).unwrap_or_default();
+                let frames = self.unsolved_in_series(&series, inputs, any_result_will_do).unwrap_or_default();
                 if !frames.is_empty() {
                     return Ok(frames);
                 }
-                self.index().settled.insert(settled);
+                self.lock_index().solved_series.insert(settled);
             }
         }
         Ok(Vec::new())
     }
 
     /// The frames of a flight without a result for these inputs, in order.
-    pub fn unsolved_of(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
-        let series = catalogue::series(self.disk(), flight)?;
-        let of = |series: &SeriesRef| self.unsolved_in(series, inputs, false);
+    pub fn unsolved_in_flight(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+        let series = catalogue::list_series(self.disk(), flight)?;
+        let of = |series: &SeriesRef| self.unsolved_in_series(series, inputs, false);
         Ok(series.iter().map(of).collect::<Result<Vec<_>, _>>()?.concat())
     }
 
     /// A series whose manifest cannot be read has nothing to solve; `verify` reports it.
-    fn unsolved_in(
+    fn unsolved_in_series(
         &self,
         series: &SeriesRef,
         inputs: &Inputs,
         any_result_will_do: bool,
     ) -> Result<Vec<FrameRef>, StoreError> {
-        let manifest = catalogue::manifest(self.disk(), series)?;
-        let keys = results::keys(self.disk(), &series.folder)?;
+        let manifest = catalogue::read_series_manifest(self.disk(), series)?;
+        let keys = results::result_keys(self.disk(), &series.folder)?;
         let solved = |frame: &FrameEntry| {
             let key = inputs.key(&frame.sha256);
             keys.iter().any(|k| k.frame == frame.file && (any_result_will_do || k.inputs == key))
         };
-        let mut frames = frames(series, manifest);
+        let mut frames = series_frames(series, manifest);
         frames.retain(|frame| !solved(&frame.entry));
         Ok(frames)
     }
@@ -71,29 +71,29 @@ impl Store {
     pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
         let path = self.root().join(layout::SOLVING_FILE);
         let key = inputs.key(&frame.entry.sha256);
-        let last = self.disk().json::<Solving>(&path);
+        let last = self.disk().load_json::<SolvingAttempt>(&path);
         let before = last.filter(|last| last.inputs == key).map_or(0, |last| last.attempts);
-        let now = Solving { inputs: key, attempts: before.saturating_add(1) };
-        let text = jsonl::line(&now).map_err(StoreError::io(&path, "write"))?;
-        self.disk().save(&path, &text)?;
+        let now = SolvingAttempt { inputs: key, attempts: before.saturating_add(1) };
+        let text = jsonl::encode_line(&now).map_err(StoreError::io(&path, "write"))?;
+        self.disk().save_file(&path, &text)?;
         Ok(now.attempts)
     }
 
     /// Takes a beginning back: the frame was given up in good order, and is solved another time.
-    pub fn forget_solving(&self) -> Result<(), StoreError> {
-        self.disk().save(&self.root().join(layout::SOLVING_FILE), b"")
+    pub fn cancel_solving(&self) -> Result<(), StoreError> {
+        self.disk().save_file(&self.root().join(layout::SOLVING_FILE), b"")
     }
 
     /// Whether the newest flight holds a frame with these bytes.
-    pub fn holds(&self, bytes: &[u8]) -> bool {
-        let hash = sha256(bytes);
+    pub fn contains_frame(&self, bytes: &[u8]) -> bool {
+        let hash = sha256_hex(bytes);
         let manifests = self.newest_manifests();
         manifests.iter().flat_map(SeriesManifest::frames).any(|frame| frame.sha256 == hash)
     }
 
     /// Writes a result durably, once: `false` where this frame has one for these inputs already.
     pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
-        let mut index = self.index();
+        let mut index = self.lock_index();
         self.chain_installation(&mut index, &frame.series, inputs)?;
         index.unsealed.insert(frame.series.flight.clone());
         let line = ResultLine {
@@ -103,26 +103,26 @@ impl Store {
             provenance: inputs.provenance.clone(),
             record,
         };
-        results::append(self.at(), &frame.series, &line)
+        results::append_result(self.store_root(), &frame.series, &line)
     }
 
     /// Names a kept installation in the flight's chain, once, before the first result that comes from it.
     fn chain_installation(
         &self,
-        index: &mut Index,
+        index: &mut StoreIndex,
         series: &SeriesRef,
         inputs: &Inputs,
     ) -> Result<(), StoreError> {
-        let Some(digest) = installations::named(&inputs.provenance) else { return Ok(()) };
+        let Some(digest) = installations::digest_from_provenance(&inputs.provenance) else { return Ok(()) };
         let key = (series.flight.clone(), digest.clone());
-        let kept = || self.disk().exists(&installations::folder(self.root(), &digest));
-        if index.installations.contains(&key) || !kept() || !self.at().has_evidence() {
+        let kept = || self.disk().exists(&installations::installation_folder(self.root(), &digest));
+        if index.installations.contains(&key) || !kept() || !self.store_root().has_evidence() {
             return Ok(());
         }
-        let flight = self.at().flight(&series.flight);
-        let (_, known) = catalogue::chain(self.disk(), &flight)?;
-        if !known.state(usize::MAX).installations.contains(&digest) {
-            chain::append(self.at(), &flight, Event::Installation { sha256: digest })?;
+        let flight = self.store_root().flight_folder(&series.flight);
+        let (_, known) = catalogue::read_chain(self.disk(), &flight)?;
+        if !known.state_at(usize::MAX).installations.contains(&digest) {
+            chain::append_event(self.store_root(), &flight, ChainEvent::Installation { sha256: digest })?;
         }
         index.installations.insert(key);
         Ok(())

@@ -4,26 +4,26 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::index::Index;
+use super::index::StoreIndex;
 use super::recover::{self, Recovery};
-use super::root::Root;
-use super::segment::{self, Growing};
-use super::series::{OpenSeries, UnderWay};
+use super::root::StoreRoot;
+use super::segment::{self, AppendFile};
+use super::series::{OpenSeries, ActiveSeries};
 use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, Lock, StoreError};
-use crate::store::format::kinds::{AIRCRAFT, KINDS, LIVE, MARKS};
-use crate::store::format::manifest::{Cause, FlightManifest, JournalHead, Refusal, SeriesManifest, State};
+use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, APPEND_FILE_KINDS, LIVE_RESULTS, MANUAL_MARKS};
+use crate::store::format::manifest::{SeriesCause, FlightManifest, JournalHead, RefusedSeries, SeriesManifest, SeriesState};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
-use crate::store::read::installations::File;
+use crate::store::read::installations::InstallationFile;
 
 /// What is asked for when a series begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
+pub struct SeriesPlan {
     /// Why.
-    pub cause: Cause,
+    pub cause: SeriesCause,
     /// Shots that are wanted; 0 for a series beside others whose number is open ([`Cause::is_beside`]).
     pub shots: u32,
 }
@@ -33,12 +33,12 @@ pub struct Store {
     disk: Arc<dyn Disk>,
     root: PathBuf,
     config: StoreConfig,
-    index: Mutex<Index>,
+    index: Mutex<StoreIndex>,
     signer: Option<signing::Signer>,
-    pub(super) aircraft: Growing,
-    pub(super) live: Growing,
-    pub(super) marks: Growing,
-    under_way: UnderWay,
+    pub(super) aircraft: AppendFile,
+    pub(super) live: AppendFile,
+    pub(super) marks: AppendFile,
+    under_way: ActiveSeries,
     _lock: Lock,
 }
 
@@ -46,18 +46,18 @@ impl Store {
     /// Opens a store, making it where the directory is empty or missing, and recovers what a crash left.
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
         let path = config.path.clone();
-        let root = Root { disk: disk.as_ref(), path: &path };
+        let root = StoreRoot { disk: disk.as_ref(), path: &path };
         if !disk.exists(&root.join(layout::STORE_FILE)) {
-            opening::create(root)?;
+            opening::create_store(root)?;
         }
         catalogue::check_format(disk.as_ref(), &path)?;
-        let lock = opening::lock(root)?;
+        let lock = opening::lock_store(root)?;
         root.ensure_folders()?;
-        let mut recovery = recover::recover(root, &UnderWay::default())?;
-        segment::settle(root, &KINDS, &mut recovery);
-        let index = opening::scan(root, &mut recovery)?;
+        let mut recovery = recover::recover_incoming(root, &ActiveSeries::default())?;
+        segment::settle_append_files(root, &APPEND_FILE_KINDS, &mut recovery);
+        let index = opening::scan_store(root, &mut recovery)?;
         // Recording matters more than its signature.
-        let signer = config.signing_key.as_deref().map(signing::Signer::load_or_make).transpose();
+        let signer = config.signing_key.as_deref().map(signing::Signer::load_or_create).transpose();
         recovery.remarks.extend(signer.as_ref().err().map(|error| format!("nothing is signed: {error}")));
         let store = Self {
             disk,
@@ -65,14 +65,14 @@ impl Store {
             config,
             index: Mutex::new(index),
             signer: signer.ok().flatten(),
-            aircraft: Growing::new(&AIRCRAFT),
-            live: Growing::new(&LIVE),
-            marks: Growing::new(&MARKS),
-            under_way: UnderWay::default(),
+            aircraft: AppendFile::new(&AIRCRAFT_DATA),
+            live: AppendFile::new(&LIVE_RESULTS),
+            marks: AppendFile::new(&MANUAL_MARKS),
+            under_way: ActiveSeries::default(),
             _lock: lock,
         };
-        if store.at().has_evidence() {
-            for flight in catalogue::flights(store.disk(), &store.root)? {
+        if store.store_root().has_evidence() {
+            for flight in catalogue::list_flights(store.disk(), &store.root)? {
                 let sealed = store.seal_flight(&flight.folder);
                 recovery.remarks.extend(sealed.err().map(|error| error.to_string()));
             }
@@ -86,8 +86,8 @@ impl Store {
     }
 
     /// The directory on its disk.
-    pub(crate) fn at(&self) -> Root<'_> {
-        Root { disk: self.disk(), path: &self.root }
+    pub(crate) fn store_root(&self) -> StoreRoot<'_> {
+        StoreRoot { disk: self.disk(), path: &self.root }
     }
 
     /// What signs its flights.
@@ -113,22 +113,22 @@ impl Store {
 
     /// The newest flight's name.
     pub fn current_flight(&self) -> Option<String> {
-        self.index().flight.clone()
+        self.lock_index().flight.clone()
     }
 
     /// The last moment recorded in the newest flight.
     pub fn last_moment(&self) -> Option<Stamp> {
-        self.index().last.clone()
+        self.lock_index().last_moment.clone()
     }
 
     /// Makes the next series begin a new flight.
-    pub fn want_new_flight(&self) {
-        self.index().new_flight_wanted = true;
+    pub fn request_new_flight(&self) {
+        self.lock_index().new_flight_requested = true;
     }
 
     /// When the scheduled series of the newest flight began in this boot, since boot, in order.
-    pub fn series_of_boot(&self, boot_id: &str) -> Vec<Duration> {
-        let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == Cause::Scheduled);
+    pub fn series_starts_in_boot(&self, boot_id: &str) -> Vec<Duration> {
+        let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == SeriesCause::Scheduled);
         let began = scheduled.filter_map(|m| m.started).filter(|stamp| stamp.boot_id == boot_id);
         began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
     }
@@ -136,46 +136,46 @@ impl Store {
     /// The readable manifests of the newest flight, in order.
     pub(crate) fn newest_manifests(&self) -> Vec<SeriesManifest> {
         let Some(id) = self.current_flight() else { return Vec::new() };
-        let flight = FlightRef { folder: self.at().flight(&id), id };
-        let series = catalogue::series(self.disk(), &flight).unwrap_or_default();
-        series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok()).collect()
+        let flight = FlightRef { folder: self.store_root().flight_folder(&id), id };
+        let series = catalogue::list_series(self.disk(), &flight).unwrap_or_default();
+        series.iter().filter_map(|series| catalogue::read_series_manifest(self.disk(), series).ok()).collect()
     }
 
     /// Begins a series; recovers first what an abandoned one left. Others may be under way: each has its own folder, and
     /// is whole with what it has whatever becomes of this one. A refusal is recorded.
-    pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
-        self.begin_in(None, plan, now)
+    pub fn begin_series(&self, plan: SeriesPlan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
+        self.open_series(None, plan, now)
     }
 
     /// The same in a flight that is named, whatever the pause: for pictures that were taken without a recorder.
-    pub fn begin_series_of(
+    pub fn begin_series_in(
         &self,
         flight: &str,
-        plan: Plan,
+        plan: SeriesPlan,
         now: &Stamp,
     ) -> Result<(OpenSeries, Recovery), StoreError> {
-        self.begin_in(Some(flight), plan, now)
+        self.open_series(Some(flight), plan, now)
     }
 
-    fn begin_in(
+    fn open_series(
         &self,
         flight: Option<&str>,
-        plan: Plan,
+        plan: SeriesPlan,
         now: &Stamp,
     ) -> Result<(OpenSeries, Recovery), StoreError> {
-        let mut index = self.index();
-        let recovery = recover::recover(self.at(), &self.under_way)?;
+        let mut index = self.lock_index();
+        let recovery = recover::recover_incoming(self.store_root(), &self.under_way)?;
         self.refuse_below_reserve().inspect_err(|error| self.note_refusal(error, now))?;
         let flight = match flight {
             Some(flight) => flight.to_owned(),
-            None => self.flight_for(&mut index, now)?,
+            None => self.current_or_new_flight(&mut index, now)?,
         };
         let id = layout::series_id(index.counter.next_series);
-        index.counter.pass(&id);
-        opening::save_counter(self.at(), &index.counter)?;
+        index.counter.advance_past(&id);
+        opening::save_counter(self.store_root(), &index.counter)?;
         let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
-        index.note(now);
-        let name = self.under_way.enter(&id);
+        index.note_moment(now);
+        let name = self.under_way.register(&id);
         let open = OpenSeries::begin(self.disk.clone(), &self.root, name, head)?;
         Ok((open, recovery))
     }
@@ -184,12 +184,12 @@ impl Store {
     pub fn close_series(
         &self,
         series: OpenSeries,
-        state: State,
+        state: SeriesState,
         now: &Stamp,
         remarks: Vec<String>,
     ) -> Result<(), StoreError> {
-        let mut index = self.index();
-        index.note(now);
+        let mut index = self.lock_index();
+        index.note_moment(now);
         index.unsealed.insert(series.flight().to_owned());
         series.close(state, now, remarks)?;
         self.seal_all(&mut index);
@@ -199,33 +199,33 @@ impl Store {
     /// Brings SHA256SUMS up to what was recorded and solved. Best effort: what fails is done again with
     /// the next call or at the next opening, and the chain has it all meanwhile.
     pub fn seal(&self) {
-        self.seal_all(&mut self.index());
+        self.seal_all(&mut self.lock_index());
     }
 
-    pub(crate) fn seal_all(&self, index: &mut Index) {
-        if self.at().has_evidence() {
-            index.unsealed.retain(|flight| self.seal_flight(&self.at().flight(flight)).is_err());
+    pub(crate) fn seal_all(&self, index: &mut StoreIndex) {
+        if self.store_root().has_evidence() {
+            index.unsealed.retain(|flight| self.seal_flight(&self.store_root().flight_folder(flight)).is_err());
         }
     }
 
     /// Signs the chain, where there is a key, and brings the sums up to it.
     fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
-        let signed = self.signer.as_ref().map_or(Ok(()), |signer| signer.sign(self.at(), flight));
-        signed.and(evidence::seal(self.disk(), flight))
+        let signed = self.signer.as_ref().map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
+        signed.and(evidence::update_sums(self.disk(), flight))
     }
 
     /// Keeps an installation by its digest, so that results that come from it can be computed again.
     /// A store without evidence keeps none.
-    pub fn keep_installation(&self, files: &[File]) -> Result<(), StoreError> {
-        let _one_writer = self.index();
-        if self.at().has_evidence() { installations::keep(self.at(), files).map(drop) } else { Ok(()) }
+    pub fn keep_installation(&self, files: &[InstallationFile]) -> Result<(), StoreError> {
+        let _one_writer = self.lock_index();
+        if self.store_root().has_evidence() { installations::keep_installation(self.store_root(), files).map(drop) } else { Ok(()) }
     }
 
     /// The flight that what is recorded now belongs to.
-    pub(crate) fn flight_at(&self, now: &Stamp) -> Result<String, StoreError> {
-        let mut index = self.index();
-        let flight = self.flight_for(&mut index, now)?;
-        index.note(now);
+    pub(crate) fn flight_for_recording(&self, now: &Stamp) -> Result<String, StoreError> {
+        let mut index = self.lock_index();
+        let flight = self.current_or_new_flight(&mut index, now)?;
+        index.note_moment(now);
         Ok(flight)
     }
 
@@ -245,19 +245,19 @@ impl Store {
         if !matches!(error, StoreError::BelowReserve { .. }) {
             return;
         }
-        let refusal = Refusal { stamp: now.clone(), reason: error.to_string() };
+        let refusal = RefusedSeries { stamp: now.clone(), reason: error.to_string() };
         let path = self.root.join(layout::REFUSED_FILE);
         let torn = self.disk.read(&path).is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
         let lead: &[u8] = if torn { b"\n" } else { b"" };
-        let line = jsonl::line(&refusal).map(|line| [lead, &line].concat());
+        let line = jsonl::encode_line(&refusal).map(|line| [lead, &line].concat());
         let written = line.and_then(|line| self.disk.append(&path, &line));
         let _ = written.and_then(|()| self.disk.sync_dir(&self.root));
     }
 
-    fn flight_for(&self, index: &mut Index, now: &Stamp) -> Result<String, StoreError> {
-        let by_command = index.new_flight_wanted.then(|| "by command".to_owned());
+    fn current_or_new_flight(&self, index: &mut StoreIndex, now: &Stamp) -> Result<String, StoreError> {
+        let by_command = index.new_flight_requested.then(|| "by command".to_owned());
         let rule = (self.config.new_flight_after, self.config.new_flight_at_boot);
-        let because = by_command.or_else(|| flight::begins(index.last.as_ref(), now, rule.0, rule.1));
+        let because = by_command.or_else(|| flight::new_flight_reason(index.last_moment.as_ref(), now, rule.0, rule.1));
         match (because, &index.flight) {
             (None, Some(flight)) => Ok(flight.clone()),
             (because, _) => {
@@ -274,30 +274,30 @@ impl Store {
         because: String,
         name: Option<String>,
     ) -> Result<String, StoreError> {
-        self.make_flight(&mut self.index(), now, (because, name))
+        self.make_flight(&mut self.lock_index(), now, (because, name))
     }
 
-    fn new_flight(&self, index: &mut Index, now: &Stamp, because: String) -> Result<String, StoreError> {
+    fn new_flight(&self, index: &mut StoreIndex, now: &Stamp, because: String) -> Result<String, StoreError> {
         self.make_flight(index, now, (because, None))
     }
 
     fn make_flight(
         &self,
-        index: &mut Index,
+        index: &mut StoreIndex,
         now: &Stamp,
         (because, name): (String, Option<String>),
     ) -> Result<String, StoreError> {
         let flight = layout::flight_id(index.counter.next_flight);
-        index.counter.pass(&flight);
-        opening::save_counter(self.at(), &index.counter)?;
+        index.counter.advance_past(&flight);
+        opening::save_counter(self.store_root(), &index.counter)?;
         let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because, name };
-        recover::make_flight(self.at(), &manifest)?;
+        recover::make_flight(self.store_root(), &manifest)?;
         index.flight = Some(flight.clone());
-        index.new_flight_wanted = false;
+        index.new_flight_requested = false;
         Ok(flight)
     }
 
-    pub(crate) fn index(&self) -> MutexGuard<'_, Index> {
+    pub(crate) fn lock_index(&self) -> MutexGuard<'_, StoreIndex> {
         self.index.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,4 +1,4 @@
-//! Links lead somewhere, tables are whole, and nothing is too long to read.
+//! Links lead to pages and headings, tables are complete, sections are short and begin with their subject.
 
 use std::path::{Path, PathBuf};
 
@@ -45,37 +45,64 @@ fn links_lead_somewhere_and_every_page_is_in_the_book() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Words a page may have, and a paragraph, which a reader takes in at once.
-const LONGEST_PAGE: usize = 3000;
-const LONGEST_PARAGRAPH: usize = 120;
+/// Words of prose that a section may have, and a paragraph, which a reader takes in at once.
+const MAX_SECTION_WORDS: usize = 600;
+const MAX_PARAGRAPH_WORDS: usize = 120;
+
+/// A line of a page that is neither prose nor in a list: a table, a heading, a block.
+fn is_aside(line: &str) -> bool {
+    line.is_empty() || ["|", "#", "```", "!["].iter().any(|mark| line.starts_with(mark))
+}
 
 #[test]
-fn no_page_and_no_paragraph_is_too_long_to_read() {
+fn no_section_and_no_paragraph_is_too_long_to_read() {
     let mut wrong = vec![];
     for (page, text) in pages() {
-        let words = text.split_whitespace().count();
-        if words > LONGEST_PAGE {
-            wrong.push(format!("{page}: {words} words"));
-        }
-        let mut inside = false;
-        let mut words = 0;
-        for (number, line) in text.lines().chain([""]).enumerate() {
+        let (mut inside, mut paragraph, mut section, mut heading) = (false, 0, 0, "its beginning");
+        for (number, line) in text.lines().chain(["", "# end"]).enumerate() {
             let line = line.trim_start();
             inside ^= line.starts_with("```");
             let item = |l: &str| l.trim_start_matches(|c: char| c.is_ascii_digit()).starts_with(". ");
-            let aside =
-                inside || line.is_empty() || ["|", "#", "```"].iter().any(|mark| line.starts_with(mark));
-            let begins = aside || line.starts_with("- ") || line.starts_with("* ") || item(line);
-            if begins {
-                if words > LONGEST_PARAGRAPH {
-                    wrong.push(format!("{page}:{number}: a paragraph of {words} words"));
+            let aside = inside || is_aside(line);
+            if aside || line.starts_with("- ") || line.starts_with("* ") || item(line) {
+                if paragraph > MAX_PARAGRAPH_WORDS {
+                    wrong.push(format!("{page}:{number}: a paragraph of {paragraph} words"));
                 }
-                words = 0;
+                paragraph = 0;
             }
-            words += if aside { 0 } else { line.split_whitespace().count() };
+            if !inside && line.starts_with('#') {
+                if section > MAX_SECTION_WORDS {
+                    wrong.push(format!("{page}: {section} words below {heading}"));
+                }
+                (section, heading) = (0, line);
+            }
+            let words = if aside { 0 } else { line.split_whitespace().count() };
+            (paragraph, section) = (paragraph + words, section + words);
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// First words with which a page's first sentence does not name its subject.
+const UNNAMED: [&str; 27] = [
+    "of", "in", "at", "on", "by", "with", "for", "from", "to", "what", "which", "where", "when", "how", "why",
+    "who", "that", "this", "these", "those", "it", "its", "they", "their", "here", "there", "as",
+];
+
+#[test]
+fn the_first_sentence_of_a_page_names_its_subject() {
+    let begins = |text: &str| {
+        let lines = text.lines().skip_while(|line| line.starts_with('#') || line.trim().is_empty());
+        let line = lines.map(str::trim).next().unwrap_or_default().to_owned();
+        let word = line.split(|c: char| !c.is_alphanumeric()).find(|word| !word.is_empty());
+        let unnamed = word.is_some_and(|word| UNNAMED.contains(&word.to_lowercase().as_str()));
+        (is_aside(&line) || line.starts_with("- ") || unnamed).then_some(line)
+    };
+    let manual = pages().into_iter().filter(|(page, _)| page != "docs/SUMMARY.md");
+    let wrong: Vec<String> =
+        manual.filter_map(|(page, text)| Some(format!("{page}: {}", begins(&text)?))).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(begins("# A\n\nOf it.\n").is_some() && begins("# A\n\nThe camera.\n").is_none());
 }
 
 /// Cells of a table's row; `\\|` and code may hold the mark itself.

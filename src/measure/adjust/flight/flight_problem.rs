@@ -16,7 +16,7 @@ use crate::adjust::scene::Scene;
 use crate::adjust::term::{Columns, ParameterScope, Placed};
 use crate::adjust::terms::{self, Shared};
 use crate::estimation::{
-    EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_from,
+    EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_with_options,
 };
 use crate::setup::Thermal;
 
@@ -276,6 +276,6 @@ impl FlightProblem {
 
     /// On a course.
     pub fn solve(&self, scene: &Scene, course: &SolveOptions) -> Result<Fit, EstimationError> {
-        solve_from(&self.problem, course, |at, blocks| self.linearise(scene, at, blocks))
+        solve_with_options(&self.problem, course, |at, blocks| self.linearise(scene, at, blocks))
     }
 }

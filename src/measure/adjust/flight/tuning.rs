@@ -133,7 +133,7 @@ impl Flight<'_> {
         let (mut omega, mut redundancy) = ((stated / before).powi(2), 1.0);
         for frame in 0..self.frames.len() {
             let Some((gradient, value)) = solved.own_rotation(frame) else { continue };
-            let covariance = solved.fit.covariance_of(frame, &gradient);
+            let covariance = solved.fit.function_covariance(frame, &gradient);
             let drift = self.assumed.drift_covariance(&self.input.scene.camera_from_wing);
             let Some(weight) = drift.try_inverse() else { continue };
             omega += value.dot(&(weight * value));

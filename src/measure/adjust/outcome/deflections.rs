@@ -17,7 +17,7 @@ impl Outcome<'_> {
         let up = Vector3::y();
         self.add(&mut all, block, &state, &[up; 3], &[-up; 3]);
         self.add_references(&mut all, &state, &(state.carried.position_m - ground), [0, 1, 2]);
-        Some(all.function(reference as usize))
+        Some(all.single_function(reference as usize))
     }
 
     /// Deflections against survey, ground frame and the root's tangent, m; `None` for a fixed mark.

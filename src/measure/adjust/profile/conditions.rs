@@ -47,7 +47,7 @@ impl<'a> Geometry<'a> {
         let frame = setup.wing_frame();
         let wing_from_camera = frame.wing_from_survey * orientation.camera_from_survey.inverse();
         let thermal_scale = setup.thermal.map_or(1.0, |t| t.scale());
-        let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, true);
+        let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, true);
         Self { setup, frame, wing_from_camera, pane, thermal_scale }
     }
 
@@ -66,7 +66,7 @@ impl<'a> Geometry<'a> {
     pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, EstimationError> {
         let (ray, jacobian) =
             self.setup.lens.ray_with_jacobian(pixel).map_err(|e| EstimationError::Input(e.to_string()))?;
-        let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside(&ray));
+        let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside_ray(&ray));
         let (from_m, ray) = (self.wing_from_camera * from_m, self.wing_from_camera * ray);
         if ray.x <= 0.0 {
             return Err(EstimationError::Input(format!(

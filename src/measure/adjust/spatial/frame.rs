@@ -14,7 +14,7 @@ use crate::adjust::scene::Scene;
 use crate::adjust::term::Columns;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_from,
+    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_with_options,
 };
 use crate::setup::Thermal;
 
@@ -91,7 +91,7 @@ impl<'a> Frame<'a> {
     }
 
     pub fn solve(&self, course: &SolveOptions) -> Result<Fit, EstimationError> {
-        solve_from(&self.problem, course, |at, blocks| self.linearise(at, blocks))
+        solve_with_options(&self.problem, course, |at, blocks| self.linearise(at, blocks))
     }
 }
 

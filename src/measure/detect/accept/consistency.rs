@@ -1,8 +1,8 @@
 //! Among a frame's detections each thing once, and nothing far smaller, softer or otherwise turned than the markers.
 
-use super::better::is_better;
-use super::found::Found;
-use super::verdict::Measured;
+use super::better::is_preferred;
+use super::found::FoundMarkers;
+use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::CONSISTENCY;
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::hypothesis::neighbours;
@@ -11,8 +11,8 @@ use crate::setup::Shape;
 
 /// Turns down a detection whose centre lies well within the outline of another one that is better:
 /// one thing was seen at two levels.
-pub fn distinct(found: &mut Found) {
-    without_rows_of_discs(found);
+pub fn reject_duplicates(found: &mut FoundMarkers) {
+    reject_disc_pairs(found);
     let within = |one: &Detection, other: &Detection| {
         let most = if one.shape == other.shape { CONSISTENCY.within } else { CONSISTENCY.within_other };
         other.ellipse().normalized_radius(one.centre_px) < most
@@ -22,11 +22,11 @@ pub fn distinct(found: &mut Found) {
         let beaten = found.measured.iter().enumerate().any(|(j, other)| {
             let other = &other.detection;
             let near = within(&one, other) || within(other, &one);
-            let beats = || is_better(other, &one) || j < i && !is_better(&one, other);
+            let beats = || is_preferred(other, &one) || j < i && !is_preferred(&one, other);
             j != i && near && beats()
         });
         if beaten {
-            found.turn_down(i, RejectReason::Duplicate);
+            found.reject(i, RejectReason::Duplicate);
         } else {
             i += 1;
         }
@@ -36,10 +36,10 @@ pub fn distinct(found: &mut Found) {
 /// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
 /// was seen badly, else the pair was known for discs before it was measured (`Ladder::are_discs`); but no
 /// worse than the quadrants, as their black parts are that pass for discs.
-fn without_rows_of_discs(found: &mut Found) {
+fn reject_disc_pairs(found: &mut FoundMarkers) {
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
     let discs: Vec<(Ellipse, f64)> = discs.map(|d| (d.ellipse(), d.fit_rms)).collect();
-    found.turn_down_all(RejectReason::Duplicate, |m| {
+    found.reject_matching(RejectReason::Duplicate, |m| {
         let whole = m.detection.ellipse();
         let apart = |one: &Ellipse, other: &Ellipse| {
             let between = other.centre - one.centre;
@@ -55,9 +55,9 @@ fn without_rows_of_discs(found: &mut Found) {
 
 /// One lens makes all the edges of a frame: one that is far softer than their median belongs to
 /// dirt or to a shadow, unless it shows itself that it does not.
-pub fn without_blur_outliers(found: &mut Found) {
-    if let Some(softest) = softest(found) {
-        found.turn_down_all(RejectReason::BlurOutlier, |m| {
+pub fn reject_blur_outliers(found: &mut FoundMarkers) {
+    if let Some(softest) = blur_limit(found) {
+        found.reject_matching(RejectReason::BlurOutlier, |m| {
             let Detection { shape, semi_minor_px, .. } = m.detection;
             m.blur > softest && !is_out_of_focus(shape, semi_minor_px, m.blur)
         });
@@ -73,7 +73,7 @@ pub fn is_out_of_focus(shape: Shape, semi_minor_px: f64, blur: f64) -> bool {
 
 /// The greatest blur of an edge that the frame's other ones allow, px, where there are some. Long edges count more: grain
 /// beside the wing has many short ones.
-pub fn softest(found: &Found) -> Option<f64> {
+pub fn blur_limit(found: &FoundMarkers) -> Option<f64> {
     if found.measured.len() < CONSISTENCY.blurs {
         return None;
     }
@@ -91,7 +91,7 @@ pub fn softest(found: &Found) -> Option<f64> {
 
 /// Flat markers on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
 /// what is flat and lies across it is a seam's, a shadow's, or the edge's of something beside the wing.
-pub fn without_orientation_outliers(found: &mut Found) {
+pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
     // Of each shape how flat it must be, and how far across it may lie, rad: quadrants near the camera up to 0.41.
     let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
     let flat: Vec<&Detection> =
@@ -106,7 +106,7 @@ pub fn without_orientation_outliers(found: &mut Found) {
         (sin + area * s, cos + area * c)
     });
     let along = 0.5 * f64::atan2(sin, cos);
-    found.turn_down_all(RejectReason::OrientationOutlier, |Measured { detection: d, .. }| {
+    found.reject_matching(RejectReason::OrientationOutlier, |MeasuredMarker { detection: d, .. }| {
         let (flat, most) =
             if d.shape == Shape::Circle { CONSISTENCY.disc_across } else { CONSISTENCY.quadrants_across };
         flatter(d, flat) && half_turn(d.angle_rad - along).abs() > most
@@ -116,16 +116,16 @@ pub fn without_orientation_outliers(found: &mut Found) {
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
 /// the next larger one, one would have to be more than twice as far away as all the others.
 /// What is as much smaller than larger things about it is none either.
-pub fn without_size_outliers(found: &mut Found) {
+pub fn reject_size_outliers(found: &mut FoundMarkers) {
     let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let gap = sizes.windows(2).skip(CONSISTENCY.sizes - 1).find(|w| w[0] > CONSISTENCY.gap * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
-    found.turn_down_all(RejectReason::SizeOutlier, |m| m.detection.semi_major_px < least);
+    found.reject_matching(RejectReason::SizeOutlier, |m| m.detection.semi_major_px < least);
     // Small things hide one another: those are looked at again beside what is left.
     loop {
         let all: Vec<Detection> = found.measured.iter().map(|m| m.detection.clone()).collect();
-        found.turn_down_all(RejectReason::SizeOutlier, |m| is_small_beside(&m.detection, &all));
+        found.reject_matching(RejectReason::SizeOutlier, |m| is_size_outlier(&m.detection, &all));
         if found.measured.len() == all.len() {
             return;
         }
@@ -134,7 +134,7 @@ pub fn without_size_outliers(found: &mut Found) {
 
 /// Whether a thing is far smaller than the larger ones about it predict, or where those lie on no plane, as among letters, than
 /// all but one of the nearest.
-fn is_small_beside(own: &Detection, all: &[Detection]) -> bool {
+fn is_size_outlier(own: &Detection, all: &[Detection]) -> bool {
     let far_larger = |major: f64| major > CONSISTENCY.gap * own.semi_major_px;
     // Other dots do not tell.
     let larger = || all.iter().filter(|d| d.semi_major_px > CONSISTENCY.longer * own.semi_major_px);
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix2, Vector2};
 
-    fn measured(shape: Shape, x: f64, semi_major_px: f64) -> Measured {
+    fn measured(shape: Shape, x: f64, semi_major_px: f64) -> MeasuredMarker {
         let detection = Detection {
             shape,
             centre_px: Vector2::new(x, 50.0),
@@ -164,7 +164,7 @@ mod tests {
             fit_rms: 1.0,
             contrast: 100.0,
         };
-        Measured::whole(detection)
+        MeasuredMarker::whole(detection)
     }
 
     #[test]
@@ -176,9 +176,9 @@ mod tests {
             let discs = [150.0 - half, 150.0 + half].map(|x| measured(Shape::Circle, x, 30.0));
             let mut quadrants = measured(Shape::Quadrant, 150.0, 66.0);
             quadrants.detection.fit_rms = rms;
-            let mut found = Found { measured: vec![quadrants], rejected: Vec::new() };
+            let mut found = FoundMarkers { measured: vec![quadrants], rejected: Vec::new() };
             found.measured.extend(discs);
-            distinct(&mut found);
+            reject_duplicates(&mut found);
             let shapes: Vec<Shape> = found.measured.iter().map(|m| m.detection.shape).collect();
             assert_eq!(shapes, kept, "{half}, {rms}");
             assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
@@ -186,13 +186,13 @@ mod tests {
     }
 
     /// Things seen at a place of their own each: shape, semi-axes, px, direction, rad, and blur, px.
-    fn seen(things: &[(Shape, [f64; 2], f64, f64)]) -> Found {
+    fn seen(things: &[(Shape, [f64; 2], f64, f64)]) -> FoundMarkers {
         let one = |(k, &(shape, [major, minor], angle, blur)): (usize, &(Shape, [f64; 2], f64, f64))| {
             let mut m = measured(shape, 500.0 * k as f64, major);
             (m.detection.semi_minor_px, m.detection.angle_rad, m.blur) = (minor, angle, blur);
             m
         };
-        Found { measured: things.iter().enumerate().map(one).collect(), rejected: Vec::new() }
+        FoundMarkers { measured: things.iter().enumerate().map(one).collect(), rejected: Vec::new() }
     }
 
     #[test]
@@ -203,7 +203,7 @@ mod tests {
         let round = [(Shape::Quadrant, [20.0, 12.0], 1.5, 1.0)];
         let grain = [(Shape::Quadrant, [9.0, 3.0], 1.4, 1.0); 40];
         let mut found = seen(&[&discs[..], &quadrants, &round, &grain].concat());
-        without_orientation_outliers(&mut found);
+        reject_orientation_outliers(&mut found);
         assert_eq!((found.measured.len(), found.rejected.len()), (9, 40));
         assert!(
             found
@@ -220,7 +220,7 @@ mod tests {
         // A shadow that looks like quadrants, and a dark spot.
         let soft = [(Shape::Quadrant, [40.0, 15.0], 0.0, 2.1), (Shape::Circle, [130.0, 120.0], 0.0, 2.1)];
         let mut found = seen(&[&markers[..], &near, &soft].concat());
-        without_blur_outliers(&mut found);
+        reject_blur_outliers(&mut found);
         assert_eq!((found.measured.len(), found.rejected.len()), (7, 2));
         assert!(found.measured.iter().any(|m| m.detection.semi_minor_px == 120.0));
     }
@@ -229,7 +229,7 @@ mod tests {
     fn long_edges_tell_the_usual_blur() {
         let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 1.2); 6];
         let grain = [(Shape::Circle, [6.0, 3.0], 0.0, 0.4); 30];
-        assert_eq!(softest(&seen(&[&markers[..], &grain].concat())), Some(2.4));
-        assert_eq!(softest(&seen(&grain[..4])), None);
+        assert_eq!(blur_limit(&seen(&[&markers[..], &grain].concat())), Some(2.4));
+        assert_eq!(blur_limit(&seen(&grain[..4])), None);
     }
 }

@@ -3,16 +3,16 @@
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
-use super::verdict::Measured;
+use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::DIRT;
-use crate::detect::detection::{Detection, covariance::Source};
+use crate::detect::detection::{Detection, covariance::CovarianceSource};
 use crate::detect::estimate::scale::robust_sigma;
 use crate::detect::image::ellipse::Ellipse;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
 /// A pixel of the skin.
-struct Spot {
+struct SkinPixel {
     /// What the light's terms are there: 1, along and across the disc in semi-axes, along squared.
     terms: Vector4<f64>,
     /// Grey levels.
@@ -25,18 +25,18 @@ struct Spot {
 
 /// Adds to the covariance of what was measured as a whole disc, without glare, what lies on the skin beside it makes doubtful;
 /// other markers are not looked at.
-pub fn inflate(image: &Raster, measured: &mut Measured, others: &[Ellipse]) {
-    let Measured { detection, blur, through_glare, is_whole, .. } = measured;
+pub fn inflate_for_dirt(image: &Raster, measured: &mut MeasuredMarker, others: &[Ellipse]) {
+    let MeasuredMarker { detection, blur, through_glare, is_whole, .. } = measured;
     if detection.shape == Shape::Circle && *is_whole && !*through_glare {
-        let variance = across(image, detection, *blur, others);
-        detection.covariance_px2.add_along(Source::Beside, detection.ellipse().across(), variance);
+        let variance = variance_across(image, detection, *blur, others);
+        detection.covariance_px2.add_along(CovarianceSource::Beside, detection.ellipse().across(), variance);
     }
 }
 
 /// By how much the place of a disc across its axis is doubted, px^2.
-fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
-    let spots = spots(image, &disc.ellipse(), blur, others);
-    let Some((light, scale)) = light_of(&spots) else { return 0.0 };
+fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
+    let spots = sample_skin(image, &disc.ellipse(), blur, others);
+    let Some((light, scale)) = fit_skin_light(&spots) else { return 0.0 };
     let most = DIRT.most * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
     for spot in spots.iter().filter(|spot| spot.is_near) {
@@ -56,7 +56,7 @@ fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f6
 }
 
 /// The skin on both sides of a disc.
-fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<Spot> {
+fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<SkinPixel> {
     let (along, across) = (ellipse.axis(), ellipse.across());
     let (major, minor) = (ellipse.major, ellipse.minor);
     let skirt = DIRT.skirt_blurs * blur;
@@ -81,7 +81,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
                     continue;
                 }
                 let (p, q) = (s / major, t / minor);
-                out.push(Spot {
+                out.push(SkinPixel {
                     terms: Vector4::new(1.0, p, q, p * p),
                     value: f64::from(image.nearest(at.x, at.y)),
                     faces: side * normal.y,
@@ -94,7 +94,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
 }
 
 /// The skin's light, as a plane with a square term along the disc, with the scale of what it leaves; `None` of too few pixels.
-fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
+fn fit_skin_light(spots: &[SkinPixel]) -> Option<(Vector4<f64>, f64)> {
     let mut found: Option<(Vector4<f64>, f64)> = None;
     let mut residuals = Vec::with_capacity(spots.len());
     for _ in 0..DIRT.rounds {

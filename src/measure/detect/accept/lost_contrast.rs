@@ -8,31 +8,31 @@
 
 use nalgebra::Matrix2;
 
-use super::verdict::Measured;
+use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::LOST;
-use crate::detect::detection::covariance::Source;
+use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::estimate::options::PRIOR;
 use crate::estimation::robust::median;
 use crate::setup::Shape;
 
 /// Adds that to the covariances; by how much any marker of the frame is doubted, px.
-pub fn inflate(measured: &mut [Measured]) -> f64 {
-    let lost = lost(measured);
+pub fn inflate_for_lost_contrast(measured: &mut [MeasuredMarker]) -> f64 {
+    let lost = lost_fractions(measured);
     let of_frame =
-        median(measured.iter().map(|m| m.blur).collect()).map_or(0.0, |blur| blur * together(&lost));
+        median(measured.iter().map(|m| m.blur).collect()).map_or(0.0, |blur| blur * frame_loss(&lost));
     for (marker, lost) in measured.iter_mut().zip(lost) {
-        doubt(marker, of_frame.max(lost.unwrap_or(0.0) * marker.blur));
+        add_lost_contrast(marker, of_frame.max(lost.unwrap_or(0.0) * marker.blur));
     }
     of_frame
 }
 
 /// Doubts a marker's place, px.
-pub fn doubt(marker: &mut Measured, by_px: f64) {
-    marker.detection.covariance_px2.add(Source::LostContrast, Matrix2::identity() * by_px * by_px);
+pub fn add_lost_contrast(marker: &mut MeasuredMarker, by_px: f64) {
+    marker.detection.covariance_px2.add(CovarianceSource::LostContrast, Matrix2::identity() * by_px * by_px);
 }
 
 /// What several quadrants lose, root mean square over all of them; 0 where it is one, on which something may lie.
-fn together(lost: &[Option<f64>]) -> f64 {
+fn frame_loss(lost: &[Option<f64>]) -> f64 {
     let shares: Vec<f64> = lost.iter().copied().flatten().collect();
     if shares.iter().filter(|share| **share > 0.0).count() < LOST.several {
         return 0.0;
@@ -42,8 +42,8 @@ fn together(lost: &[Option<f64>]) -> f64 {
 
 /// Of quadrants the share of contrast that they have lost against the frame's others: of the darkness of black as well as of what
 /// it takes from the light. A reflection adds light and leaves the latter, and shade leaves the former.
-fn lost(measured: &[Measured]) -> Vec<Option<f64>> {
-    let told: Vec<Option<[f64; 2]>> = measured.iter().map(contrasts).collect();
+fn lost_fractions(measured: &[MeasuredMarker]) -> Vec<Option<f64>> {
+    let told: Vec<Option<[f64; 2]>> = measured.iter().map(quadrant_contrasts).collect();
     let among = |k: usize| {
         let mut all: Vec<f64> = told.iter().flatten().map(|own| own[k]).collect();
         all.sort_by(|a, b| b.total_cmp(a));
@@ -59,7 +59,7 @@ fn lost(measured: &[Measured]) -> Vec<Option<f64>> {
 }
 
 /// Of quadrants the share of light that black takes away, and what that is of the lightest grey.
-fn contrasts(marker: &Measured) -> Option<[f64; 2]> {
+fn quadrant_contrasts(marker: &MeasuredMarker) -> Option<[f64; 2]> {
     let tells = marker.detection.shape == Shape::Quadrant && !marker.through_glare;
     let white = marker.detection.contrast / (marker.darkness * f64::from(u8::MAX));
     (tells && white > 0.0).then(|| [marker.dark, marker.dark * white.powf(1.0 / PRIOR.gamma.value)])
@@ -71,10 +71,10 @@ mod tests {
 
     use super::*;
     use crate::detect::detection::Detection;
-    use crate::detect::estimate::prior::darkness_leaving;
+    use crate::detect::estimate::prior::darkness_for_grey_ratio;
 
     /// Quadrants whose white and black have some grey values.
-    fn quadrants(greys: &[(f64, f64)]) -> Vec<Measured> {
+    fn quadrants(greys: &[(f64, f64)]) -> Vec<MeasuredMarker> {
         let one = |(k, (white, black)): (usize, &(f64, f64))| {
             let contrast = white - black;
             let detection = Detection {
@@ -87,18 +87,18 @@ mod tests {
                 fit_rms: 1.0,
                 contrast,
             };
-            let dark = darkness_leaving(black / white);
-            Measured { blur: 0.8, darkness: contrast / white, dark, ..Measured::whole(detection) }
+            let dark = darkness_for_grey_ratio(black / white);
+            MeasuredMarker { blur: 0.8, darkness: contrast / white, dark, ..MeasuredMarker::whole(detection) }
         };
         greys.iter().enumerate().map(one).collect()
     }
 
     fn doubts(greys: &[(f64, f64)]) -> (f64, Vec<f64>) {
         let mut all = quadrants(greys);
-        let frame = inflate(&mut all);
+        let frame = inflate_for_lost_contrast(&mut all);
         (
             frame,
-            all.iter().map(|m| m.detection.covariance_px2.of(Source::LostContrast)[(0, 0)].sqrt()).collect(),
+            all.iter().map(|m| m.detection.covariance_px2.of(CovarianceSource::LostContrast)[(0, 0)].sqrt()).collect(),
         )
     }
 

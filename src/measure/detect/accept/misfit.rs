@@ -5,28 +5,28 @@
 
 use std::f64::consts::TAU;
 
-use super::verdict::Measured;
+use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::{MISFIT, VERDICT};
-use crate::detect::detection::covariance::Source;
+use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::estimate::options::WEIGHT;
 use crate::detect::image::noise;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
 /// Adds that to the covariance, in a frame with some noise, grey levels: along and across the marker as its own fit tells the two.
-pub fn inflate(image: &Raster, marker: &mut Measured, noise: f64) {
+pub fn inflate_for_misfit(image: &Raster, marker: &mut MeasuredMarker, noise: f64) {
     let px = shift_px(image, marker, noise);
     let covariance = &mut marker.detection.covariance_px2;
-    let fit = covariance.of(Source::Fit);
+    let fit = covariance.of(CovarianceSource::Fit);
     let least = fit.symmetric_eigenvalues().min();
     if px > 0.0 && least > 0.0 {
-        covariance.add(Source::Misfit, fit * (px * px / least));
+        covariance.add(CovarianceSource::Misfit, fit * (px * px / least));
     }
 }
 
 /// Standard deviation of the centre where the fit tells it best, px; 0 where residuals are noise alone, of which JPEG leaves
 /// more at edges than elsewhere.
-fn shift_px(image: &Raster, marker: &Measured, noise: f64) -> f64 {
+fn shift_px(image: &Raster, marker: &MeasuredMarker, noise: f64) -> f64 {
     if !marker.is_systematic {
         return 0.0;
     }
@@ -67,10 +67,10 @@ mod tests {
             fit_rms,
             contrast: 100.0,
         };
-        let mut disc = Measured { blur: 0.8, is_systematic, ..Measured::whole(detection) };
+        let mut disc = MeasuredMarker { blur: 0.8, is_systematic, ..MeasuredMarker::whole(detection) };
         let even = Raster::new(600, 400, vec![160; 600 * 400]).expect("a value for each pixel");
-        inflate(&even, &mut disc, 1.0);
-        let doubt = disc.detection.covariance_px2.of(Source::Misfit);
+        inflate_for_misfit(&even, &mut disc, 1.0);
+        let doubt = disc.detection.covariance_px2.of(CovarianceSource::Misfit);
         [doubt[(0, 0)].sqrt(), doubt[(1, 1)].sqrt()]
     }
 

@@ -5,13 +5,13 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::Vector2;
 
 use crate::detect::accept::options::PATTERN;
-use crate::detect::appearance::parameters::{ANGLE, BLUR, LIGHT, Parameters, Pattern, TANGENT, contrast};
+use crate::detect::appearance::parameters::{ANGLE, BLUR, LIGHT, MarkerParameters, MarkerPattern, TANGENT, contrast};
 use crate::detect::image::ellipse::Ellipse;
 use crate::raster::Raster;
 
 /// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
-pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: f64, m: &Parameters) -> bool {
-    let turn = if pattern == Pattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
+pub fn ends_in_arcs(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, along: f64, m: &MarkerParameters) -> bool {
+    let turn = if pattern == MarkerPattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
     let radius = ellipse.radius(direction);
     let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
@@ -29,7 +29,7 @@ pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: 
 }
 
 /// Whether both black quadrants have a square's corner, seen where the outline is a circle.
-pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Parameters) -> bool {
+pub fn have_corners(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, m: &MarkerParameters) -> bool {
     if ellipse.minor < PATTERN.tells_corner_blurs * m[BLUR] {
         return false;
     }
@@ -42,7 +42,7 @@ pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Par
     let first = turned(m[ANGLE] - half);
     let opening = (turned(m[ANGLE] + half) - first).rem_euclid(PI);
     let (bisector, half) = match pattern {
-        Pattern::WhiteAlong => (first + 0.5 * (opening + PI), 0.5 * (PI - opening)),
+        MarkerPattern::WhiteAlong => (first + 0.5 * (opening + PI), 0.5 * (PI - opening)),
         _ => (first + 0.5 * opening, 0.5 * opening),
     };
     let edge = m[LIGHT] - PATTERN.ends * contrast(m);

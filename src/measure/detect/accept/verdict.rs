@@ -7,11 +7,11 @@ use nalgebra::{Matrix2, Vector2};
 use super::pattern::{ends_in_arcs, have_corners};
 use crate::detect::accept::options::VERDICT;
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, OVERSHOOT, Parameters, Pattern, SAG, TAPER, X, Y, contrast,
+    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, OVERSHOOT, MarkerParameters, MarkerPattern, SAG, TAPER, X, Y, contrast,
 };
-use crate::detect::detection::covariance::{Covariance, Source};
+use crate::detect::detection::covariance::{Covariance, CovarianceSource};
 use crate::detect::detection::{Detection, RejectReason};
-use crate::detect::estimate::{gauss_newton::Fit, options::PRIOR};
+use crate::detect::estimate::{gauss_newton::MarkerFit, options::PRIOR};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::{Ellipse, half_turn};
 use crate::detect::image::noise;
@@ -30,7 +30,7 @@ pub fn fits_poorly(
     let own = VERDICT.poor.1 * contrast * (1.0 + overshoot.max(0.0));
     let is_larger = |noise: f64| rms > VERDICT.poor.0 * noise + own;
     // Letters, which are their own noise, are taken for quadrants rather than for discs.
-    if hypothesis.pattern == Pattern::Disc {
+    if hypothesis.pattern == MarkerPattern::Disc {
         is_larger(noise.max(VERDICT.lost_noise)) && is_larger(noise::about(image, &hypothesis.ellipse))
     } else {
         is_larger(noise)
@@ -39,7 +39,7 @@ pub fn fits_poorly(
 
 /// A fitted marker with its blur.
 #[derive(Clone)]
-pub struct Measured {
+pub struct MeasuredMarker {
     /// The answer.
     pub detection: Detection,
     /// Blur of its edges, pixel included, px.
@@ -60,7 +60,7 @@ pub struct Measured {
     pub is_whole: bool,
 }
 
-impl Measured {
+impl MeasuredMarker {
     /// Whether its place is told so well that nothing can hide much of it.
     pub fn is_sure(&self) -> bool {
         self.detection.variance() < VERDICT.sure_px2
@@ -76,14 +76,14 @@ impl Measured {
 }
 
 /// A marker, or why there is none.
-pub type Answer = Result<Measured, RejectReason>;
+pub type MeasurementResult = Result<MeasuredMarker, RejectReason>;
 
 /// Accepts or turns down a fit.
-pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> Answer {
+pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise: f64) -> MeasurementResult {
     let m = &fit.parameters;
     let contrast = contrast(m);
-    let ellipse = ellipse_of(hypothesis, m);
-    judge_shape(image, hypothesis, m, &ellipse)?;
+    let ellipse = fitted_ellipse(hypothesis, m);
+    check_shape(image, hypothesis, m, &ellipse)?;
     if m[DARK] < VERDICT.least_dark || contrast < VERDICT.least_contrast.max(VERDICT.over_noise * noise) {
         return Err(RejectReason::LowContrast);
     }
@@ -96,13 +96,13 @@ pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> 
     if is_other_pattern(image, hypothesis, m, &ellipse) {
         return Err(RejectReason::Pattern);
     }
-    let covariance = covariance(hypothesis, fit, &ellipse);
+    let covariance = centre_covariance(hypothesis, fit, &ellipse);
     let sigma = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    if !(sigma > 0.0 && sigma < vaguest(hypothesis, &ellipse)) {
+    if !(sigma > 0.0 && sigma < max_centre_sigma(hypothesis, &ellipse)) {
         return Err(RejectReason::Uncertain);
     }
-    let is_disc = hypothesis.pattern == Pattern::Disc;
-    Ok(Measured {
+    let is_disc = hypothesis.pattern == MarkerPattern::Disc;
+    Ok(MeasuredMarker {
         detection: Detection {
             shape: if is_disc { Shape::Circle } else { Shape::Quadrant },
             centre_px: ellipse.centre,
@@ -125,9 +125,9 @@ pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> 
 }
 
 /// The ellipse of a fit; of quadrants the one that they had, about their saddle.
-fn ellipse_of(hypothesis: &Hypothesis, m: &Parameters) -> Ellipse {
+fn fitted_ellipse(hypothesis: &Hypothesis, m: &MarkerParameters) -> Ellipse {
     let centre = Vector2::new(m[X], m[Y]);
-    if hypothesis.pattern != Pattern::Disc {
+    if hypothesis.pattern != MarkerPattern::Disc {
         return Ellipse { centre, ..hypothesis.ellipse };
     }
     let (major, minor) = (m[MAJOR].max(m[MINOR]), m[MINOR].min(m[MAJOR]));
@@ -136,10 +136,10 @@ fn ellipse_of(hypothesis: &Hypothesis, m: &Parameters) -> Ellipse {
 }
 
 /// Whether a fitted ellipse may be a marker's, and enough of it shows.
-fn judge_shape(
+fn check_shape(
     image: &Raster,
     hypothesis: &Hypothesis,
-    m: &Parameters,
+    m: &MarkerParameters,
     ellipse: &Ellipse,
 ) -> Result<(), RejectReason> {
     let moved = (ellipse.centre - hypothesis.ellipse.centre).norm();
@@ -154,13 +154,13 @@ fn judge_shape(
     if ellipse.major < VERDICT.least_px[0] || ellipse.minor < VERDICT.least_px[1] {
         return Err(RejectReason::TooSmall);
     }
-    let is_disc = hypothesis.pattern == Pattern::Disc;
+    let is_disc = hypothesis.pattern == MarkerPattern::Disc;
     let lopsided = is_disc && m[TAPER].abs() > VERDICT.lopsided * PRIOR.taper;
     let flattest = if is_disc { VERDICT.flattest } else { VERDICT.flattest_quadrants };
     if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.holds(&at));
+    let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.contains(&at));
     // Edges that only point at their crossing tell it worse than they say.
     let crossing = !is_disc && is_lit(ellipse.centre);
     let hidden = || hypothesis.is_in_glare() && ellipse.share(|at| is_lit(*at)) > VERDICT.hidden_by_glare;
@@ -168,7 +168,7 @@ fn judge_shape(
 }
 
 /// Whether quadrants are none of a target's, where their outline is not known beforehand.
-fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &Parameters, ellipse: &Ellipse) -> bool {
+fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &MarkerParameters, ellipse: &Ellipse) -> bool {
     let known = hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some();
     hypothesis.edges.filter(|_| !known).is_some_and(|edges| {
         !ends_in_arcs(image, hypothesis.pattern, ellipse, edges.along_rad, m)
@@ -177,16 +177,16 @@ fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &Parameters, ell
 }
 
 /// The centre's covariance, px^2: the fit's, and of a disc what curved skin and glare add.
-fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Covariance {
+fn centre_covariance(hypothesis: &Hypothesis, fit: &MarkerFit, ellipse: &Ellipse) -> Covariance {
     let m = &fit.parameters;
     let mut out = Covariance::of_fit(fit.covariance.fixed_view::<2, 2>(X, X).into_owned(), fit.white);
-    out.add(Source::Beside, fit.beside);
+    out.add(CovarianceSource::Beside, fit.foreign_covariance);
     // A crossing lies where glare does not.
-    if hypothesis.pattern != Pattern::Disc {
+    if hypothesis.pattern != MarkerPattern::Disc {
         return out;
     }
     let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
-    out.add_along(Source::CurvedSkin, axis, (VERDICT.laid * m[SAG]).powi(2));
+    out.add_along(CovarianceSource::CurvedSkin, axis, (VERDICT.laid * m[SAG]).powi(2));
     if hypothesis.is_in_glare() {
         // Both edges of a thin disc lie in the same light.
         let by =
@@ -194,16 +194,16 @@ fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Covarian
         let (along, across) = (ellipse.axis(), by * (ellipse.minor / VERDICT.even_px).min(1.0));
         let along_too = by.powi(2) - across.powi(2);
         let doubt = Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
-        out.add(Source::GlareFringe, doubt);
+        out.add(CovarianceSource::GlareFringe, doubt);
     }
     out
 }
 
 /// The standard deviation of a centre beyond which a place is too uncertain, px. A part of an outline, or one in uneven light,
 /// tells the centre less well, and says so; so does what is hardly seen, of which all is known but the place.
-fn vaguest(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
+fn max_centre_sigma(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     let (vaguest, vaguer) = match (hypothesis.prior.size, hypothesis.pattern) {
-        (Some(_), Pattern::Disc) => (VERDICT.vaguest_predicted_px, VERDICT.predicted),
+        (Some(_), MarkerPattern::Disc) => (VERDICT.vaguest_predicted_px, VERDICT.predicted),
         // Edges that only point at their crossing.
         (Some(_), _) => (VERDICT.vaguest_crossing_px, 1.0),
         (None, _) => (VERDICT.vaguest_px, 1.0),

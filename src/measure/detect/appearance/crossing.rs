@@ -1,17 +1,17 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::parameters::{BEND, BLUR, Parameters, Share, TANGENT, UNEVEN_BLUR};
+use super::parameters::{BEND, BLUR, MarkerParameters, BlackFraction, TANGENT, UNEVEN_BLUR};
 use crate::detect::simd::functions::{GAUSS_8, PEAK, gauss, normals};
 use crate::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
-pub const NEAR: f64 = 3.6;
+pub const NEAR_SIGMAS: f64 = 3.6;
 /// Standard deviations of blur that a sum along s reaches to both sides: beyond, 0.003 % is left.
-const REACH: f32 = 4.2;
+const REACH_SIGMAS: f32 = 4.2;
 
 /// The edges' parameters in single precision.
 #[derive(Clone, Copy)]
-struct Edges {
+struct EdgeParameters {
     f: f32,
     k1: f32,
     k2: f32,
@@ -22,40 +22,40 @@ struct Edges {
 }
 
 /// Share and derivatives at one place: as [`Share`] has them.
-type One = [f32; 8];
+type FractionAtPoint = [f32; 8];
 
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis; motion blurs one of them
 /// more than the other.
 #[inline(always)]
-pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
+pub fn wedge_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFraction {
     let sigma = m[BLUR] as f32;
     let (uneven, by_sigma) = (m[UNEVEN_BLUR] as f32, 1.0 / sigma);
     let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
     let e =
-        Edges { f: m[TANGENT] as f32, k1: m[BEND] as f32, k2: m[BEND + 1] as f32, sigma, by_sigma, by_own };
-    let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
-    let mut apart = Share::default();
+        EdgeParameters { f: m[TANGENT] as f32, k1: m[BEND] as f32, k2: m[BEND + 1] as f32, sigma, by_sigma, by_own };
+    let far = each(|i| if s[i].abs() > NEAR_SIGMAS as f32 * e.sigma { 1.0 } else { 0.0 });
+    let mut apart = BlackFraction::default();
     for i in 0..LANES {
-        let one = side::<true>(s[i], t[i], e);
-        for (lanes, value) in apart.lanes().into_iter().zip(one) {
+        let one = edge_pair_fraction::<true>(s[i], t[i], e);
+        for (lanes, value) in apart.lanes_mut().into_iter().zip(one) {
             lanes[i] = value;
         }
     }
     if all(|i| far[i] > 0.0) {
         return apart;
     }
-    let mut share = Share::default();
-    crossing(s, t, e, &mut share);
-    for (lanes, apart) in share.lanes().into_iter().zip(apart.lanes()) {
+    let mut share = BlackFraction::default();
+    sum_near_crossing(s, t, e, &mut share);
+    for (lanes, apart) in share.lanes_mut().into_iter().zip(apart.lanes_mut()) {
         *lanes = each(|i| if far[i] > 0.0 { apart[i] } else { lanes[i] });
     }
     share
 }
 
-impl Share {
+impl BlackFraction {
     /// In the order of [`One`].
     #[inline(always)]
-    fn lanes(&mut self) -> [&mut Lanes; 8] {
+    fn lanes_mut(&mut self) -> [&mut Lanes; 8] {
         let Self { c, s, t, first, second, third, blur, taper } = self;
         [c, s, t, first, second, third, blur, taper]
     }
@@ -63,8 +63,8 @@ impl Share {
 
 /// Near the crossing: summed along s on both sides of it, in closed form across.
 #[inline(always)]
-fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
-    let reach = REACH * e.sigma;
+fn sum_near_crossing(s: &Lanes, t: &Lanes, e: EdgeParameters, share: &mut BlackFraction) {
+    let reach = REACH_SIGMAS * e.sigma;
     for before in [true, false] {
         for (node, weight) in GAUSS_8 {
             for i in 0..LANES {
@@ -74,7 +74,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
                 let at = if before { half * (node - 1.0) } else { half * (node + 1.0) };
                 let along = (s[i] - at) * e.by_sigma;
                 let w = half * weight * PEAK * gauss(along) * e.by_sigma;
-                let [c, _, across, first, second, third, blur, uneven] = side::<false>(at, t[i], e);
+                let [c, _, across, first, second, third, blur, uneven] = edge_pair_fraction::<false>(at, t[i], e);
                 share.c[i] += w * c;
                 share.s[i] -= w * c * along * e.by_sigma;
                 share.t[i] += w * across;
@@ -90,7 +90,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
 
 /// Between the edges at `s`, blurred along both directions (`TILTED`) or across only.
 #[inline(always)]
-fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, by_own, .. }: Edges) -> One {
+fn edge_pair_fraction<const TILTED: bool>(s: f32, t: f32, EdgeParameters { f, k1, k2, by_sigma, by_own, .. }: EdgeParameters) -> FractionAtPoint {
     let (slope1, slope2) = (f + 2.0 * k1 * s, -f + 2.0 * k2 * s);
     let (steep1, steep2) = (1.0 + slope1 * slope1, 1.0 + slope2 * slope2);
     // The blur across a tilted edge changes with its slope.

@@ -1,27 +1,27 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::parameters::{BLUR, MAJOR, MINOR, Parameters, SAG, Share, TAPER};
+use super::parameters::{BLUR, MAJOR, MINOR, MarkerParameters, SAG, BlackFraction, TAPER};
 use crate::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
 use crate::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
-pub const END: f64 = 4.2;
+pub const END_SIGMAS: f64 = 4.2;
 
 /// The same that the sum reaches to both sides: beyond, 0.001 % is left.
-const REACH: f32 = 4.4;
+const REACH_SIGMAS: f32 = 4.4;
 /// Where an outline is blunt: its least radius of curvature, blurs, and its greatest axis ratio.
 const BLUNT: (f64, f64) = (3.0, 3.0);
 /// Keeps divisors off zero: what single precision leaves of numbers near 1, and less than any place in semi-axes.
 const ROUNDING: f32 = 1e-6;
 const TINY: f32 = 1e-9;
 /// Longest step towards the nearest point of the outline, rad: farther, Newton's method may leave it.
-const TURN: f32 = 0.3;
+const MAX_TURN: f32 = 0.3;
 /// Least share of a chord's square at a flat ellipse's ends, where its edges are not straight.
-const CHORD: f32 = 1e-3;
+const MIN_CHORD_SQUARE: f32 = 1e-3;
 
 /// The ellipse's parameters in single precision.
 #[derive(Clone, Copy)]
-struct Disc {
+struct DiscParameters {
     a: f32,
     by_a: f32,
     b: f32,
@@ -32,7 +32,7 @@ struct Disc {
 
 /// 1 for places beyond the end of a flat ellipse, so far that they are white, else 0.
 #[inline(always)]
-pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> Lanes {
+pub fn mask_beyond_end(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> Lanes {
     let by_a = 1.0 / a;
     each(|i| {
         // The thickest that the ellipse is within reach along it.
@@ -47,8 +47,8 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
 /// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
 /// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
 #[inline(always)]
-pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
-    let d = Disc {
+pub fn disc_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFraction {
+    let d = DiscParameters {
         a: m[MAJOR] as f32,
         by_a: 1.0 / m[MAJOR] as f32,
         b: m[MINOR] as f32,
@@ -61,17 +61,17 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let thin = each(|i| 1.0 - d.taper * along[i]);
     let level = each(|i| t[i] - d.sag * along[i] * along[i]);
     let straight = each(|i| level[i] * thin[i]);
-    let mut share = Share::default();
-    let nothing = beyond(s, t, [d.a, d.b], d.sag, END as f32 * d.sigma);
+    let mut share = BlackFraction::default();
+    let nothing = mask_beyond_end(s, t, [d.a, d.b], d.sag, END_SIGMAS as f32 * d.sigma);
     if all(|i| nothing[i] > 0.0) {
         return share;
     }
     if m[MINOR] * m[MINOR] > BLUNT.0 * m[BLUR] * m[MAJOR] && m[MAJOR] < BLUNT.1 * m[MINOR] {
-        by_distance(s, &straight, d, &mut share);
-    } else if all(|i| s[i].abs() < d.a - END as f32 * d.sigma) {
-        by_chord(s, &straight, d, &mut share);
+        fraction_by_distance(s, &straight, d, &mut share);
+    } else if all(|i| s[i].abs() < d.a - END_SIGMAS as f32 * d.sigma) {
+        fraction_by_chord(s, &straight, d, &mut share);
     } else {
-        by_sum(s, &straight, d, &mut share);
+        fraction_by_sum(s, &straight, d, &mut share);
     }
     for i in 0..LANES {
         let (along, across) = (along[i], share.t[i]);
@@ -87,7 +87,7 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
 
 /// Distance from an ellipse, px, to within a factor of two at most; positive.
 #[inline(always)]
-pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
+pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
     let (by_a, by_b) = (1.0 / a, 1.0 / b);
     each(|i| {
         let (p, q) = (s[i] * by_a, t[i] * by_b);
@@ -106,7 +106,7 @@ pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
 /// Where the outline's radius of curvature is well above the blur everywhere: the distance to the
 /// outline decides, with the first-order effect of curvature (the blurred edge moves inwards).
 #[inline(always)]
-fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
+fn fraction_by_distance(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
     let unlike = b * b - a * a;
     let (by_b, by_sigma) = (1.0 / b, 1.0 / sigma);
     for i in 0..LANES {
@@ -120,8 +120,8 @@ fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share
             let value = unlike * sin * cos + s * a * sin - t * b * cos;
             let slope = if slope.abs() > ROUNDING { slope } else { ROUNDING };
             let turn = -value / slope;
-            let turn = if turn < TURN { turn } else { TURN };
-            let turn = if turn > -TURN { turn } else { -TURN };
+            let turn = if turn < MAX_TURN { turn } else { MAX_TURN };
+            let turn = if turn > -MAX_TURN { turn } else { -MAX_TURN };
             let (one, other) = (cos - turn * sin, sin + turn * cos);
             let norm = 1.0 / (1.0 + turn * turn).sqrt();
             (cos, sin) = (one * norm, other * norm);
@@ -144,13 +144,13 @@ fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share
 /// Away from the ends of a flat ellipse: both edges are straight within the blur, up to their
 /// curvature; exact also where they lie within one another's blur.
 #[inline(always)]
-fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut Share) {
+fn fraction_by_chord(s: &Lanes, t: &Lanes, DiscParameters { by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
     let by_sigma = 1.0 / sigma;
     let flat = b * by_a;
     for i in 0..LANES {
         let (along, t) = (s[i] * by_a, t[i]);
         let u = 1.0 - along * along;
-        let u = if u > CHORD { u } else { CHORD };
+        let u = if u > MIN_CHORD_SQUARE { u } else { MIN_CHORD_SQUARE };
         let rise = flat * along;
         // The edge's slope is -rise / root: one division for both.
         let (root, steep) = (u.sqrt(), (u + rise * rise).sqrt());
@@ -175,8 +175,8 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut
 /// Near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along
 /// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
 #[inline(always)]
-fn by_sum(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
-    let reach = REACH * sigma;
+fn fraction_by_sum(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
+    let reach = REACH_SIGMAS * sigma;
     let by_sigma = 1.0 / sigma;
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));

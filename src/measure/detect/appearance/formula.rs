@@ -5,10 +5,10 @@
 //! `g` is the tone curve's exponent, for blur acts on light and not on grey values. Both shapes
 //! give `c` in their own frame: `s` along the main direction, `t` across it.
 
-use super::crossing::wedge;
-use super::disc::disc;
+use super::crossing::wedge_fraction;
+use super::disc::disc_fraction;
 use super::parameters::{
-    ANGLE, BLUR, COMMON, DARK, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SHAPE, Share, TAPER, WHITEST, X, Y,
+    ANGLE, BLUR, COMMON, DARK, GAMMA, GreyBatch, LIGHT, N, MarkerParameters, MarkerPattern, SHAPE, BlackFraction, TAPER, WHITEST, X, Y,
 };
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::functions::{exp, ln};
@@ -18,9 +18,9 @@ use crate::detect::simd::lanes::{LANES, Lanes, each};
 const DARKEST: f32 = 1e-3;
 
 /// A marker's image at some parameters, for batches of one origin.
-pub struct Model {
-    pub pattern: Pattern,
-    m: Parameters,
+pub struct MarkerModel {
+    pub pattern: MarkerPattern,
+    m: MarkerParameters,
     /// The parameters in single precision.
     pub k: [f32; N],
     /// Centre from the batches' origin, px.
@@ -38,10 +38,10 @@ pub struct Tone {
     pub through: f32,
 }
 
-impl Model {
+impl MarkerModel {
     /// For batches that count from an origin, px.
     #[inline(always)]
-    pub fn new(pattern: Pattern, m: &Parameters, origin: [f64; 2]) -> Self {
+    pub fn new(pattern: MarkerPattern, m: &MarkerParameters, origin: [f64; 2]) -> Self {
         let (sin, cos) = m[ANGLE].sin_cos();
         Self {
             pattern,
@@ -63,12 +63,12 @@ impl Model {
 
     /// The blurred share of black of either shape.
     #[inline(always)]
-    pub fn share(&self, s: &Lanes, t: &Lanes) -> Share {
+    pub fn share(&self, s: &Lanes, t: &Lanes) -> BlackFraction {
         let mut share = match self.pattern {
-            Pattern::Disc => disc(s, t, &self.m),
-            _ => wedge(s, t, &self.m),
+            MarkerPattern::Disc => disc_fraction(s, t, &self.m),
+            _ => wedge_fraction(s, t, &self.m),
         };
-        if self.pattern == Pattern::WhiteAlong {
+        if self.pattern == MarkerPattern::WhiteAlong {
             share.complement();
         }
         share
@@ -106,10 +106,10 @@ impl Model {
 
 /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
 #[inline(always)]
-pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
+pub fn grey(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
     let (s, t) = model.along_and_across(batch);
     let share = model.share(&s, &t);
-    let mut slopes = Slopes::default();
+    let mut slopes = GreyDerivatives::default();
     for i in 0..LANES {
         let (at, c) = ([batch.p[i], batch.q[i]], share.c[i]);
         let dark = model.dark(at);
@@ -128,20 +128,20 @@ pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
 
 /// Derivatives of a batch's grey values by their share of black, their darkness, the light and the exponent.
 #[derive(Default)]
-pub struct Slopes {
+pub struct GreyDerivatives {
     pub share: Lanes,
     pub dark: Lanes,
     pub light: Lanes,
     pub gamma: Lanes,
 }
 
-impl Slopes {
+impl GreyDerivatives {
     /// The derivatives by the parameters: from those of the share, and the pixels' places along and across the marker, px.
     #[inline(always)]
     pub fn put(
         &self,
-        model: &Model,
-        share: &Share,
+        model: &MarkerModel,
+        share: &BlackFraction,
         [s, t]: [&Lanes; 2],
         batch: &Batch,
         gradient: &mut [Lanes; COMMON],
@@ -182,13 +182,13 @@ mod tests {
     type Place = [f64; 2];
 
     /// Shapes in one light.
-    fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<Parameters> {
+    fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<MarkerParameters> {
         let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
         let all = |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));
         shapes.map(all).to_vec()
     }
 
-    fn discs() -> Vec<Parameters> {
+    fn discs() -> Vec<MarkerParameters> {
         lit([
             [20.3, 19.8, 0.3, 30.0, 15.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8],
@@ -197,7 +197,7 @@ mod tests {
         ])
     }
 
-    fn quadrants() -> Vec<Parameters> {
+    fn quadrants() -> Vec<MarkerParameters> {
         lit([
             [20.3, 19.8, 0.3, 0.9, 0.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
@@ -206,18 +206,18 @@ mod tests {
     }
 
     /// Value and derivatives at one pixel.
-    fn one(pattern: Pattern, m: &Parameters, [x, y]: Place) -> (f64, Parameters) {
+    fn one(pattern: MarkerPattern, m: &MarkerParameters, [x, y]: Place) -> (f64, MarkerParameters) {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
         batch.fill();
-        let mut out = Grey::new();
-        grey(&Model::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
+        let mut out = GreyBatch::new();
+        grey(&MarkerModel::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 
     /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
-    fn sampled(pattern: Pattern, m: &Parameters, [x, y]: Place) -> f64 {
+    fn sampled(pattern: MarkerPattern, m: &MarkerParameters, [x, y]: Place) -> f64 {
         let (sin, cos) = m[ANGLE].sin_cos();
         let (mut sum, mut weights) = (0.0, 0.0);
         let n = 160;
@@ -228,14 +228,14 @@ mod tests {
                 let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
                 let inside = match pattern {
-                    Pattern::Disc => {
+                    MarkerPattern::Disc => {
                         let t = t - m[SAG] * (s / m[MAJOR]).powi(2);
                         (s / m[MAJOR]).powi(2) + (t / m[MINOR]).powi(2) < 1.0
                     }
                     _ => {
                         let one = t - m[TANGENT] * s - m[BEND] * s * s;
                         let other = t + m[TANGENT] * s - m[BEND + 1] * s * s;
-                        (one * other < 0.0) == (pattern == Pattern::BlackAlong)
+                        (one * other < 0.0) == (pattern == MarkerPattern::BlackAlong)
                     }
                 };
                 sum += if inside { w } else { 0.0 };
@@ -245,7 +245,7 @@ mod tests {
         sum / weights
     }
 
-    fn black(pattern: Pattern, m: &Parameters, at: Place) -> f64 {
+    fn black(pattern: MarkerPattern, m: &MarkerParameters, at: Place) -> f64 {
         let mut flat = *m;
         flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         (1.0 - one(pattern, &flat, at).0 / 100.0) / 0.9
@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn the_closed_forms_match_a_sampled_blur() {
         for (pattern, sets) in
-            [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants()), (Pattern::WhiteAlong, quadrants())]
+            [(MarkerPattern::Disc, discs()), (MarkerPattern::BlackAlong, quadrants()), (MarkerPattern::WhiteAlong, quadrants())]
         {
             for m in sets {
                 for i in 0..60 {
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn derivatives_match_differences() {
-        for (pattern, sets) in [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants())] {
+        for (pattern, sets) in [(MarkerPattern::Disc, discs()), (MarkerPattern::BlackAlong, quadrants())] {
             for m in sets {
                 for i in 0..60 {
                     let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];

@@ -12,51 +12,51 @@
 //! amplitude, of which the frame's markers tell what it usually is. Let in where the frame's residuals show it ([`super::super::estimate::overshoot`]). Held by
 //! `tests/detect/sharpened.rs`. The halo is one of three that are tried, and held.
 
-use super::formula::{self, Model};
-use super::parameters::{BLUR, Grey, HALO, OVERSHOOT, Parameters, WHITEST};
+use super::formula::{self, MarkerModel};
+use super::parameters::{BLUR, GreyBatch, HALO, OVERSHOOT, MarkerParameters, WHITEST};
 use super::quadrants;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes};
 
 /// A marker's image and that in the blurred copy.
-pub struct Sharpened {
-    own: Model,
-    copy: Model,
+pub struct SharpenedModel {
+    own: MarkerModel,
+    copy: MarkerModel,
     /// How the copy's blur changes with the marker's.
     by_blur: f32,
 }
 
 /// Whether a picture was sharpened.
-pub fn is_sharpened(m: &Parameters) -> bool {
+pub fn is_sharpened(m: &MarkerParameters) -> bool {
     m[HALO] > 0.0
 }
 
-impl Sharpened {
+impl SharpenedModel {
     /// At some parameters, for batches that count from an origin, px.
-    pub fn new(own: Model, m: &Parameters, origin: [f64; 2]) -> Self {
+    pub fn new(own: MarkerModel, m: &MarkerParameters, origin: [f64; 2]) -> Self {
         let blur = m[BLUR].hypot(m[HALO]);
         let mut blurred = *m;
         blurred[BLUR] = blur;
-        let copy = Model::new(own.pattern, &blurred, origin);
+        let copy = MarkerModel::new(own.pattern, &blurred, origin);
         Self { own, copy, by_blur: (m[BLUR] / blur) as f32 }
     }
 }
 
 wide! {
     /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 0 and 255.
-    pub fn grey(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) = grey_by
+    pub fn grey(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) = grey_by
 }
 
 #[inline(always)]
-fn grey_by(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) {
+fn grey_by(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
     formula::grey(&model.own, batch, out);
     formula::grey(&model.copy, batch, copy);
     sharpen(model, out, copy);
 }
 
 /// The same of narrow quadrants, by edges and outline together.
-pub fn outlined_grey(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) {
+pub fn outlined_grey(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
     quadrants::grey(&model.own, batch, out);
     quadrants::grey(&model.copy, batch, copy);
     sharpen(model, out, copy);
@@ -64,7 +64,7 @@ pub fn outlined_grey(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mu
 
 /// The image from that before sharpening and that in the copy.
 #[inline(always)]
-fn sharpen(model: &Sharpened, out: &mut Grey, copy: &Grey) {
+fn sharpen(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch) {
     let a = model.own.k[OVERSHOOT];
     let mut open = Lanes::of(1.0);
     let mut apart = Lanes::of(0.0);
@@ -94,9 +94,9 @@ fn sharpen(model: &Sharpened, out: &mut Grey, copy: &Grey) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::{COMMON, N, Pattern};
+    use crate::detect::appearance::parameters::{COMMON, N, MarkerPattern};
 
-    fn disc() -> Parameters {
+    fn disc() -> MarkerParameters {
         let known = [
             20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5, 0.02, 1.2,
             1.4,
@@ -104,7 +104,7 @@ mod tests {
         std::array::from_fn(|k| known.get(k).copied().unwrap_or(0.0))
     }
 
-    fn quadrants() -> Parameters {
+    fn quadrants() -> MarkerParameters {
         let mut m = disc();
         (m[3], m[4], m[5], m[15]) = (0.4, 1e-3, -1e-3, 0.03);
         let outline = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
@@ -112,13 +112,13 @@ mod tests {
         m
     }
 
-    fn one(pattern: Pattern, outlined: bool, m: &Parameters, [x, y]: [f64; 2]) -> (f64, Parameters) {
+    fn one(pattern: MarkerPattern, outlined: bool, m: &MarkerParameters, [x, y]: [f64; 2]) -> (f64, MarkerParameters) {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
         batch.fill();
-        let model = Sharpened::new(Model::new(pattern, m, [20.0; 2]), m, [20.0; 2]);
-        let (mut out, mut copy) = (Grey::new(), Grey::new());
+        let model = SharpenedModel::new(MarkerModel::new(pattern, m, [20.0; 2]), m, [20.0; 2]);
+        let (mut out, mut copy) = (GreyBatch::new(), GreyBatch::new());
         let grey = if outlined { outlined_grey } else { grey };
         grey(&model, &batch, &mut out, &mut copy);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
@@ -127,9 +127,9 @@ mod tests {
     #[test]
     fn derivatives_match_differences() {
         let all = [
-            (Pattern::Disc, false, disc()),
-            (Pattern::BlackAlong, false, quadrants()),
-            (Pattern::WhiteAlong, true, quadrants()),
+            (MarkerPattern::Disc, false, disc()),
+            (MarkerPattern::BlackAlong, false, quadrants()),
+            (MarkerPattern::WhiteAlong, true, quadrants()),
         ];
         for (pattern, outlined, m) in all {
             for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT] {
@@ -157,7 +157,7 @@ mod tests {
         // Across the middle of the disc, through skin, halo, black.
         let mut m = disc();
         (m[2], m[5], m[8], m[9], m[10], m[12], m[13], m[15]) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let at = |m: &Parameters, t: f64| one(Pattern::Disc, false, m, [m[0], m[1] + t]).0;
+        let at = |m: &MarkerParameters, t: f64| one(MarkerPattern::Disc, false, m, [m[0], m[1] + t]).0;
         let mut plain = m;
         plain[OVERSHOOT] = 0.0;
         let [skin, black] = [12.0, 0.0].map(|t| at(&plain, t));

@@ -46,19 +46,19 @@ pub const OUTLINE: usize = COMMON;
 pub const SKIN: usize = OUTLINE + 5;
 
 /// Parameters of a marker's image.
-pub type Parameters = [f64; N];
+pub type MarkerParameters = [f64; N];
 
 /// The lightest grey value.
 pub const WHITEST: f32 = u8::MAX as f32;
 
 /// The light `L` of a place, in semi-axes along and across the marker, grey levels.
-pub fn light_at(m: &Parameters, p: f64, q: f64) -> f64 {
+pub fn light_at(m: &MarkerParameters, p: f64, q: f64) -> f64 {
     m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p
 }
 
 /// Which pattern `c` describes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pattern {
+pub enum MarkerPattern {
     /// A black disc.
     Disc,
     /// Black between the edges along s, white along t.
@@ -69,7 +69,7 @@ pub enum Pattern {
 
 /// What the slots of a marker's shape hold, by its pattern.
 #[derive(Clone, Copy, Debug)]
-pub enum Geometry {
+pub enum ShapeParameters {
     /// A disc's semi-axes, px.
     Disc { major: f64, minor: f64 },
     /// Tangent of half the angle between the edges of quadrants, and by how much the first one's blur is more than the mean of
@@ -77,11 +77,11 @@ pub enum Geometry {
     Quadrants { tangent: f64, uneven_blur: f64 },
 }
 
-impl Geometry {
+impl ShapeParameters {
     /// Of a pattern's parameters.
-    pub fn of(pattern: Pattern, m: &Parameters) -> Self {
+    pub fn of(pattern: MarkerPattern, m: &MarkerParameters) -> Self {
         match pattern {
-            Pattern::Disc => Self::Disc { major: m[MAJOR], minor: m[MINOR] },
+            MarkerPattern::Disc => Self::Disc { major: m[MAJOR], minor: m[MINOR] },
             _ => Self::Quadrants { tangent: m[TANGENT], uneven_blur: m[UNEVEN_BLUR] },
         }
     }
@@ -89,7 +89,7 @@ impl Geometry {
 
 /// Share of black and its derivatives by s, t, the three slots of the shape, BLUR and TAPER or UNEVEN_BLUR.
 #[derive(Clone, Debug, Default)]
-pub struct Share {
+pub struct BlackFraction {
     pub c: Lanes,
     pub s: Lanes,
     pub t: Lanes,
@@ -102,7 +102,7 @@ pub struct Share {
 
 /// Grey values and their derivatives.
 #[derive(Clone, Debug)]
-pub struct Grey {
+pub struct GreyBatch {
     pub value: Lanes,
     /// By the common parameters.
     pub gradient: [Lanes; COMMON],
@@ -113,7 +113,7 @@ pub struct Grey {
 /// Derivatives by the parameters of narrow quadrants only.
 pub type OutlineGradient = [Lanes; N - COMMON];
 
-impl Grey {
+impl GreyBatch {
     /// Grey value 0 everywhere.
     #[inline(always)]
     pub fn new() -> Self {
@@ -132,7 +132,7 @@ impl Grey {
     }
 }
 
-impl Share {
+impl BlackFraction {
     #[inline(always)]
     /// Of white instead of black.
     pub fn complement(&mut self) {
@@ -155,6 +155,6 @@ pub const SHEAR: usize = OUTLINE + 2;
 pub const ASIDE: usize = OUTLINE + 3;
 
 /// Grey levels between white or skin and black.
-pub fn contrast(m: &Parameters) -> f64 {
+pub fn contrast(m: &MarkerParameters) -> f64 {
     m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]))
 }

@@ -9,9 +9,9 @@
 //! what lies at the outline. Unknowns: eight beside the formula's, five of the outline and three of the skin's light. Held by
 //! `tests/detect/sweep.rs` (narrow quadrants under strong blur, against the Cramer-Rao bound) and by the tests of this file.
 
-use super::formula::{Model, Slopes, Tone};
+use super::formula::{MarkerModel, GreyDerivatives, Tone};
 use super::parameters::{
-    ANGLE, ASIDE, BEND, BLUR, CHORD, COMMON, GAMMA, Grey, LENGTH, N, OutlineGradient, Pattern, SHEAR, SKIN,
+    ANGLE, ASIDE, BEND, BLUR, CHORD, COMMON, GAMMA, GreyBatch, LENGTH, N, OutlineGradient, MarkerPattern, SHEAR, SKIN,
     TANGENT, WHITEST, X, Y,
 };
 use crate::detect::simd::functions::{PEAK, asin, exp, normals};
@@ -25,7 +25,7 @@ const STEP: f32 = 0.65;
 
 /// A share of the blurred marker, and its derivatives.
 #[derive(Default)]
-struct Blurred {
+struct BlurredFraction {
     c: Lanes,
     s: Lanes,
     t: Lanes,
@@ -36,15 +36,15 @@ struct Blurred {
 
 /// What lies between the edges and what lies within the outline, at places along and across the edges' bisector.
 #[derive(Default)]
-struct Chords {
-    between: Blurred,
+struct ChordSums {
+    between: BlurredFraction,
     edges: [Lanes; 3],
-    own: Blurred,
+    own: BlurredFraction,
 }
 
 /// What a chord tells of a share: its derivatives by both ends of the outline are `low` and `high`.
 #[derive(Default)]
-struct Part {
+struct ChordSegment {
     c: Lanes,
     t: Lanes,
     blur: Lanes,
@@ -102,10 +102,10 @@ fn add(to: &mut Lanes, value: impl Fn(usize) -> f32) {
     *to = each(|i| to[i] + value(i));
 }
 
-impl Blurred {
+impl BlurredFraction {
     /// Takes up a chord's part.
     #[inline(always)]
-    fn add(&mut self, part: &Part, chord: &Chord, k: &[f32; N]) {
+    fn add(&mut self, part: &ChordSegment, chord: &Chord, k: &[f32; N]) {
         let (by_sigma, shear) = (1.0 / k[BLUR], k[SHEAR]);
         let Chord { weight: w, z, .. } = chord;
         let both = each(|i| w[i] * (part.low[i] + part.high[i]));
@@ -126,8 +126,8 @@ impl Blurred {
 
 /// What lies between two ends across, in blurs from the pixel, and its derivatives by both.
 #[inline(always)]
-fn part(low: &Lanes, high: &Lanes, by_sigma: f32) -> Part {
-    let mut out = Part::default();
+fn part(low: &Lanes, high: &Lanes, by_sigma: f32) -> ChordSegment {
+    let mut out = ChordSegment::default();
     for i in 0..LANES {
         let [(d_low, c_low), (d_high, c_high)] = normals([low[i], high[i]]);
         out.c[i] = c_low - c_high;
@@ -155,12 +155,12 @@ fn circle(x: f32) -> f32 {
 
 wide! {
     /// Sums over the chords about each place.
-    fn chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords = chords_by
+    fn chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums = chords_by
 }
 
 #[inline(always)]
-fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
-    let mut out = Chords::default();
+fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums {
+    let mut out = ChordSums::default();
     let by_sigma = 1.0 / k[BLUR];
     let step = STEP * k[BLUR];
     let by_step = 1.0 / step;
@@ -210,7 +210,7 @@ fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
 
 /// What lies between the edges turns at the crossing, half a step from a chord on each side (Euler and Maclaurin's term).
 #[inline(always)]
-fn turn_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut Chords) {
+fn turn_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut ChordSums) {
     let by_sigma = 1.0 / k[BLUR];
     let turn = each(|i| {
         let (p, q) = (s[i] * by_sigma, t[i] * by_sigma);
@@ -226,21 +226,21 @@ fn turn_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut Chords) {
 
 wide! {
     /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
-    pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) = grey_by
+    pub fn grey(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) = grey_by
 }
 
 #[inline(always)]
-fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
+fn grey_by(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
     let (s, t) = model.along_and_across(batch);
     let k = &model.k;
     let chords = chords(&s, &t, k);
-    let Chords { between, own, edges } = &chords;
+    let ChordSums { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
-    let white_along = model.pattern == Pattern::WhiteAlong;
-    let Grey { value: grey, gradient, outline_gradient } = out;
+    let white_along = model.pattern == MarkerPattern::WhiteAlong;
+    let GreyBatch { value: grey, gradient, outline_gradient } = out;
     let outline_gradient: &mut OutlineGradient =
         outline_gradient.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
-    let mut slopes = Slopes::default();
+    let mut slopes = GreyDerivatives::default();
     for i in 0..LANES {
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
@@ -278,9 +278,9 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::{DARK, HALO, LIGHT, OVERSHOOT, Parameters, UNEVEN_BLUR};
+    use crate::detect::appearance::parameters::{DARK, HALO, LIGHT, OVERSHOOT, MarkerParameters, UNEVEN_BLUR};
 
-    fn narrow() -> Parameters {
+    fn narrow() -> MarkerParameters {
         let mut m = [0.0; N];
         (m[X], m[Y], m[ANGLE], m[TANGENT], m[BLUR]) = (20.3, 19.8, -0.3, 0.3, 1.8);
         (m[BEND], m[BEND + 1]) = (2e-3, -1e-3);
@@ -291,18 +291,18 @@ mod tests {
     }
 
     /// Value and derivatives at a place.
-    fn one(m: &Parameters, x: f64, y: f64) -> (f64, Parameters) {
+    fn one(m: &MarkerParameters, x: f64, y: f64) -> (f64, MarkerParameters) {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
         batch.fill();
-        let mut out = Grey::new();
-        grey(&Model::new(Pattern::WhiteAlong, m, [20.0, 20.0]), &batch, &mut out);
+        let mut out = GreyBatch::new();
+        grey(&MarkerModel::new(MarkerPattern::WhiteAlong, m, [20.0, 20.0]), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 
     /// The light by brute force: the sharp pattern, sampled finely, blurred.
-    fn sampled(m: &Parameters, x: f64, y: f64) -> f64 {
+    fn sampled(m: &MarkerParameters, x: f64, y: f64) -> f64 {
         const STEPS: i32 = 600;
         let (sin, cos) = m[ANGLE].sin_cos();
         let (mut sums, mut weights) = ([0.0; 2], 0.0);

@@ -1,18 +1,18 @@
 //! Whether blobs are whole discs: the image model tells.
 
-use super::ladder::Ladder;
+use super::ladder::Measurer;
 use super::whole::looks_cut;
-use crate::detect::accept::verdict::Answer;
+use crate::detect::accept::verdict::MeasurementResult;
 use crate::detect::attempt::options::WHOLE;
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::moments;
 
-impl Ladder<'_> {
+impl Measurer<'_> {
     /// What a blob measures that looks like a whole disc; `None` for others.
-    fn measure_round(&self, index: usize) -> Option<Answer> {
-        let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| moments::disc(index, b));
+    fn measure_round(&self, index: usize) -> Option<MeasurementResult> {
+        let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| moments::disc_from_blob(index, b));
         round.map(|disc| self.measure_whole(index, &disc))
     }
 

@@ -4,22 +4,22 @@ use std::cell::{OnceCell, RefCell};
 
 use nalgebra::Vector2;
 
-use crate::detect::accept::verdict::{Answer, Measured};
-use crate::detect::appearance::parameters::Pattern;
-use crate::detect::attempt::measure::{Bounds, Notes, measure, turn_down_at_once};
+use crate::detect::accept::verdict::{MeasurementResult, MeasuredMarker};
+use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::attempt::measure::{Bounds, SharedCandidates, measure, turn_down_at_once};
 use crate::detect::attempt::whole;
 use crate::detect::detection::RejectReason;
-use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::ellipse::Ellipse;
-use crate::detect::occlusion::{decal, decal::ROWS, glare};
-use crate::detect::propose::blurred_quadrants::against_skin;
+use crate::detect::occlusion::{decal, decal::ROW_DIRECTION, glare};
+use crate::detect::propose::blurred_quadrants::resegment_against_skin;
 use crate::detect::propose::{glare_cut, partial_ellipse, quadrant_outline};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 
 /// When a rung is tried.
 #[derive(Clone, Copy)]
-enum When {
+enum StrategyCondition {
     /// No rung has answered.
     Unanswered,
     /// No rung has answered surely.
@@ -34,7 +34,7 @@ enum When {
 
 /// Whether the size that the discs about it predict may help to measure it better.
 #[derive(Clone, Copy)]
-enum Size {
+enum SizeNeed {
     /// It shows its size itself.
     Seen,
     /// Where it has answered with a twin's.
@@ -44,86 +44,86 @@ enum Size {
 }
 
 /// One thing that a hypothesis may be.
-struct Rung {
-    when: When,
+struct Strategy {
+    when: StrategyCondition,
     /// The hypothesis that is measured, if it may be that.
-    propose: fn(&Climb) -> Option<Hypothesis>,
+    propose: fn(&StrategyRun) -> Option<Hypothesis>,
     /// Whether its failure is the reason that is reported.
     tells_why: bool,
-    size: Size,
+    size: SizeNeed,
 }
 
-impl Rung {
+impl Strategy {
     /// One that shows its size, and whose failure is not reported.
-    const fn of(when: When, propose: fn(&Climb) -> Option<Hypothesis>) -> Self {
-        Self { when, propose, tells_why: false, size: Size::Seen }
+    const fn of(when: StrategyCondition, propose: fn(&StrategyRun) -> Option<Hypothesis>) -> Self {
+        Self { when, propose, tells_why: false, size: SizeNeed::Seen }
     }
 
     const fn telling_why(self) -> Self {
         Self { tells_why: true, ..self }
     }
 
-    const fn of_size(self, size: Size) -> Self {
+    const fn of_size(self, size: SizeNeed) -> Self {
         Self { size, ..self }
     }
 
     /// What was seen, as it is.
-    const fn as_seen(when: When) -> Self {
+    const fn as_seen(when: StrategyCondition) -> Self {
         Self::of(when, |climb| Some(climb.seen.clone())).telling_why()
     }
 }
 
 /// Of quadrants.
-const QUADRANTS: [Rung; 3] = [
+const QUADRANTS: [Strategy; 3] = [
     // Black parts that were seen at two levels, seen at one.
-    Rung::of(When::Unanswered, |climb| {
-        quadrant_outline::at_one_level(climb.ladder.image, climb.seen, climb.ladder.blobs)
+    Strategy::of(StrategyCondition::Unanswered, |climb| {
+        quadrant_outline::resegment_unequal(climb.ladder.image, climb.seen, climb.ladder.blobs)
     }),
-    Rung::as_seen(When::Unanswered),
+    Strategy::as_seen(StrategyCondition::Unanswered),
     // Blurred ones, by black and white against the skin.
-    Rung::of(When::Unanswered, |climb| {
-        against_skin(climb.ladder.image, climb.seen, climb.ladder.bounds.blur)
+    Strategy::of(StrategyCondition::Unanswered, |climb| {
+        resegment_against_skin(climb.ladder.image, climb.seen, climb.ladder.bounds.blur)
     }),
 ];
 
 /// Of a blob that may be a disc.
-const DISC: [Rung; 5] = [
-    Rung::as_seen(When::Whole),
+const DISC: [Strategy; 5] = [
+    Strategy::as_seen(StrategyCondition::Whole),
     // Glare hides an end of it, or crosses it: also where it looks whole and is measured badly.
-    Rung::of(When::Unsure, |climb| climb.in_glare().cloned()).telling_why().of_size(Size::Lacking),
+    Strategy::of(StrategyCondition::Unsure, |climb| climb.in_glare().cloned()).telling_why().of_size(SizeNeed::Lacking),
     // Under a neighbour's decal that lies along rows or columns.
-    Rung::of(When::Cut, |climb| climb.under_decal(|_| ROWS)).telling_why().of_size(Size::OfTwin),
+    Strategy::of(StrategyCondition::Cut, |climb| climb.under_decal(|_| ROW_DIRECTION)).telling_why().of_size(SizeNeed::OfTwin),
     // Under one that lies along the line in which the rim ends.
-    Rung::of(When::Cut, |climb| climb.under_slanted_decal()).of_size(Size::OfTwin),
+    Strategy::of(StrategyCondition::Cut, |climb| climb.under_slanted_decal()).of_size(SizeNeed::OfTwin),
     // Only its threshold cuts it, which followed a background that something beside it lowers, as a line at its tip does.
-    Rung::of(When::CutOutsideGlare, |climb| {
+    Strategy::of(StrategyCondition::CutOutsideGlare, |climb| {
         climb.blob.and_then(|(i, blob)| whole::at_one_level(climb.ladder.image, blob, i))
     }),
 ];
 
 /// What is measured, and in which picture.
-pub struct Ladder<'a> {
+pub struct Measurer<'a> {
     pub image: &'a Raster,
     pub blobs: &'a [Blob],
     pub bounds: Bounds,
     /// What tells of sharpening, while it is looked for.
-    pub notes: Notes,
+    pub notes: SharedCandidates,
     /// What blobs measured as whole discs, each once.
-    whole: RefCell<Vec<Option<Answer>>>,
+    whole: RefCell<Vec<Option<MeasurementResult>>>,
 }
 
 /// What came of a hypothesis.
-pub struct Outcome {
-    pub measured: Answer,
+pub struct AttemptOutcome {
+    pub measured: MeasurementResult,
     /// What it may be, where the size that the discs about it predict may help to measure it better.
     pub lacks_size: Option<Hypothesis>,
 }
 
-impl<'a> Ladder<'a> {
+impl<'a> Measurer<'a> {
     /// In a picture in which nothing has been measured.
     pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
         let whole = RefCell::new(vec![None; blobs.len()]);
-        Self { image, blobs, bounds, notes: Notes::default(), whole }
+        Self { image, blobs, bounds, notes: SharedCandidates::default(), whole }
     }
 
     /// The same with nothing remembered, for discs that are measured through the glare over them.
@@ -132,24 +132,24 @@ impl<'a> Ladder<'a> {
     }
 
     /// The answer for a hypothesis by the first rung that holds, or the reason why none does.
-    pub fn measure(&self, seen: &Hypothesis) -> Answer {
+    pub fn measure(&self, seen: &Hypothesis) -> MeasurementResult {
         self.climb(seen).measured
     }
 
     /// The same with what may be measured better later.
-    pub fn climb(&self, seen: &Hypothesis) -> Outcome {
-        let mut climb = Climb::of(self, seen);
+    pub fn climb(&self, seen: &Hypothesis) -> AttemptOutcome {
+        let mut climb = StrategyRun::of(self, seen);
         let (mut reason, mut lacks_size) = (RejectReason::NotAnEllipse, None);
         if climb.blob.is_some() && turn_down_at_once(self.blobs, seen) == Err(RejectReason::TooSmall) {
-            return Outcome { measured: Err(RejectReason::TooSmall), lacks_size };
+            return AttemptOutcome { measured: Err(RejectReason::TooSmall), lacks_size };
         }
         for rung in climb.rungs() {
             let due = climb.is_due(rung.when);
             let Some(proposed) = due.then(|| (rung.propose)(&climb)).flatten() else { continue };
             let measured = climb.measure(&proposed);
             lacks_size = match (rung.size, &measured) {
-                (Size::Lacking, _) => Some(proposed),
-                (Size::OfTwin, Ok(_)) => Some(proposed).filter(|hidden| hidden.prior.twin),
+                (SizeNeed::Lacking, _) => Some(proposed),
+                (SizeNeed::OfTwin, Ok(_)) => Some(proposed).filter(|hidden| hidden.prior.twin),
                 (_, Ok(_)) => None,
                 (_, Err(_)) => lacks_size,
             };
@@ -163,11 +163,11 @@ impl<'a> Ladder<'a> {
         if climb.blob.is_some() && climb.is_sure() && glare::ends_in_white(self.image, &seen.ellipse) {
             lacks_size = lacks_size.or_else(|| climb.in_glare().cloned());
         }
-        Outcome { measured: climb.answer.ok_or(reason), lacks_size }
+        AttemptOutcome { measured: climb.answer.ok_or(reason), lacks_size }
     }
 
     /// What the blob of a disc's hypothesis measures as a whole disc.
-    pub fn measure_whole(&self, index: usize, disc: &Hypothesis) -> Answer {
+    pub fn measure_whole(&self, index: usize, disc: &Hypothesis) -> MeasurementResult {
         if let Some(Some(known)) = self.whole.borrow().get(index) {
             return known.clone();
         }
@@ -180,22 +180,22 @@ impl<'a> Ladder<'a> {
 }
 
 /// A hypothesis on its way up.
-struct Climb<'a> {
-    ladder: &'a Ladder<'a>,
+struct StrategyRun<'a> {
+    ladder: &'a Measurer<'a>,
     seen: &'a Hypothesis,
     /// The blob of the frame that may be a disc of which nothing is known beforehand, with its index.
     blob: Option<(usize, &'a Blob)>,
     /// What it may be if glare hides a part of it.
     in_glare: OnceCell<Option<Hypothesis>>,
-    answer: Option<Measured>,
+    answer: Option<MeasuredMarker>,
 }
 
-impl<'a> Climb<'a> {
-    fn of(ladder: &'a Ladder, seen: &'a Hypothesis) -> Self {
+impl<'a> StrategyRun<'a> {
+    fn of(ladder: &'a Measurer, seen: &'a Hypothesis) -> Self {
         let blob = match seen.blobs[..] {
             [index]
-                if seen.pattern == Pattern::Disc
-                    && seen.prior == Prior::default()
+                if seen.pattern == MarkerPattern::Disc
+                    && seen.prior == MarkerPrior::default()
                     && seen.excluded.is_empty() =>
             {
                 ladder.blobs.get(index).map(|blob| (index, blob))
@@ -207,35 +207,35 @@ impl<'a> Climb<'a> {
     }
 
     /// The rungs that it may take.
-    fn rungs(&self) -> &'static [Rung] {
+    fn rungs(&self) -> &'static [Strategy] {
         match self.seen.pattern {
-            Pattern::Disc if self.blob.is_some() => &DISC,
-            Pattern::Disc => const { &[Rung::as_seen(When::Unanswered)] },
+            MarkerPattern::Disc if self.blob.is_some() => &DISC,
+            MarkerPattern::Disc => const { &[Strategy::as_seen(StrategyCondition::Unanswered)] },
             _ => &QUADRANTS,
         }
     }
 
-    fn is_due(&self, when: When) -> bool {
+    fn is_due(&self, when: StrategyCondition) -> bool {
         let is_cut = || self.blob.is_some_and(|(_, blob)| whole::looks_cut(blob));
         match when {
-            When::Unanswered => self.answer.is_none(),
-            When::Unsure => !self.is_sure(),
-            When::Whole => !is_cut(),
-            When::Cut => self.answer.is_none() && is_cut(),
-            When::CutOutsideGlare => self.is_due(When::Cut) && self.in_glare().is_none(),
+            StrategyCondition::Unanswered => self.answer.is_none(),
+            StrategyCondition::Unsure => !self.is_sure(),
+            StrategyCondition::Whole => !is_cut(),
+            StrategyCondition::Cut => self.answer.is_none() && is_cut(),
+            StrategyCondition::CutOutsideGlare => self.is_due(StrategyCondition::Cut) && self.in_glare().is_none(),
         }
     }
 
     fn is_sure(&self) -> bool {
-        self.answer.as_ref().is_some_and(Measured::is_sure)
+        self.answer.as_ref().is_some_and(MeasuredMarker::is_sure)
     }
 
     /// What a rung proposes measures.
-    fn measure(&self, proposed: &Hypothesis) -> Answer {
+    fn measure(&self, proposed: &Hypothesis) -> MeasurementResult {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.ladder.measure_whole(index, proposed),
             _ => {
-                let Ladder { image, blobs, bounds, notes, .. } = self.ladder;
+                let Measurer { image, blobs, bounds, notes, .. } = self.ladder;
                 measure(image, blobs, proposed, *bounds, notes)
             }
         }
@@ -243,22 +243,22 @@ impl<'a> Climb<'a> {
 
     fn in_glare(&self) -> Option<&Hypothesis> {
         let completed =
-            |(index, _)| glare_cut::completed(self.ladder.image, self.seen, index, self.ladder.blobs);
+            |(index, _)| glare_cut::complete_disc(self.ladder.image, self.seen, index, self.ladder.blobs);
         self.in_glare.get_or_init(|| self.blob.and_then(completed)).as_ref()
     }
 
     /// The disc that neighbours' decals cut, each of which lies in a direction.
     fn under_decal(&self, direction: impl Fn(&Blob) -> Vector2<f64>) -> Option<Hypothesis> {
-        partial_ellipse::completed(self.seen, self.blob?.1, self.ladder.blobs, direction)
+        partial_ellipse::complete_disc(self.seen, self.blob?.1, self.ladder.blobs, direction)
     }
 
     fn under_slanted_decal(&self) -> Option<Hypothesis> {
         let blob = self.blob?.1;
         let cut = |other: &Blob| {
-            if partial_ellipse::is_ellipse(other) { decal::cut(blob, &Ellipse::of(other)) } else { None }
+            if partial_ellipse::is_ellipse(other) { decal::find_cut_direction(blob, &Ellipse::from_blob(other)) } else { None }
         };
-        let hidden = self.under_decal(|other| cut(other).unwrap_or(ROWS))?;
-        let is_slanted = hidden.decals().any(|decal| decal.axis != ROWS);
+        let hidden = self.under_decal(|other| cut(other).unwrap_or(ROW_DIRECTION))?;
+        let is_slanted = hidden.decals().any(|decal| decal.axis != ROW_DIRECTION);
         (hidden.prior.twin && is_slanted).then_some(hidden)
     }
 }

@@ -4,29 +4,29 @@ use std::cell::RefCell;
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::detect::accept::verdict::{Answer, Measured, fits_poorly, judge};
-use crate::detect::accept::{better::is_better, consistency::is_out_of_focus, options::VERDICT};
+use crate::detect::accept::verdict::{MeasurementResult, MeasuredMarker, fits_poorly, judge_fit};
+use crate::detect::accept::{better::is_preferred, consistency::is_out_of_focus, options::VERDICT};
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OVERSHOOT, Parameters, Pattern, SAG, TANGENT, X, Y,
+    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OVERSHOOT, MarkerParameters, MarkerPattern, SAG, TANGENT, X, Y,
     contrast,
 };
 use crate::detect::attempt::options::MEASURE;
-use crate::detect::attempt::suspects::{Suspect, Suspects};
-use crate::detect::detection::{Overshoot, RejectReason, covariance::Source};
-use crate::detect::estimate::gauss_newton::{Fit, fit, rough};
+use crate::detect::attempt::suspects::{SharpeningCandidate, SharpeningCandidates};
+use crate::detect::detection::{Overshoot, RejectReason, covariance::CovarianceSource};
+use crate::detect::estimate::gauss_newton::{MarkerFit, fit_final, fit_coarse};
 use crate::detect::estimate::options::{PRIOR, WEIGHT};
 use crate::detect::estimate::overshoot;
-use crate::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
+use crate::detect::estimate::prior::{darkness_for_grey_ratio, coarse_unknowns, select_unknowns, fix_fine_light};
 use crate::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
-use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::Prior};
+use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::MarkerPrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::detect::occlusion::region::{Band, Region};
+use crate::detect::occlusion::region::{OcclusionBand, Region};
 use crate::detect::occlusion::{glare, paint, seam};
-use crate::detect::propose::quadrant_outline::{outlined, with_outline};
-use crate::detect::propose::reduced::Reduced;
+use crate::detect::propose::quadrant_outline::{refine_outline, fit_outline_and_edges};
+use crate::detect::propose::reduced::ReducedImage;
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::sample::select::{COARSE, EdgeAppearance, FINAL, Masked, PixelBudget, UNLIMITED, pixels};
+use crate::detect::sample::select::{COARSE, EdgeAppearance, FINAL, PixelExclusion, PixelBudget, UNLIMITED, select_pixels};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 use crate::setup::Shape;
@@ -54,7 +54,7 @@ impl Bounds {
 }
 
 /// What tells of sharpening, while it is looked for.
-pub type Notes = RefCell<Suspects>;
+pub type SharedCandidates = RefCell<SharpeningCandidates>;
 
 /// Fits the model to a hypothesis, and judges the answer; notes what it shows of sharpening where that is not known.
 pub fn measure(
@@ -62,10 +62,10 @@ pub fn measure(
     blobs: &[Blob],
     hypothesis: &Hypothesis,
     bounds: Bounds,
-    notes: &Notes,
-) -> Answer {
+    notes: &SharedCandidates,
+) -> MeasurementResult {
     turn_down_at_once(blobs, hypothesis)?;
-    let attempt = Attempt { image, blobs, hypothesis, bounds, notes, floor: least_scale(bounds.noise) };
+    let attempt = FitAttempt { image, blobs, hypothesis, bounds, notes, floor: least_scale(bounds.noise) };
     let (near, scale) = attempt.first_fit()?;
     // A rough fit leaves at most twice what the last one may.
     if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, (contrast(&near), near[OVERSHOOT])) {
@@ -75,8 +75,8 @@ pub fn measure(
     if near[BLUR] > bounds.blur && !may_be_out_of_focus(hypothesis, near[BLUR]) {
         return Err(RejectReason::BlurOutlier);
     }
-    let mut place = outlined(image, place(hypothesis, &near), &near);
-    if let Some((found, m)) = with_outline(image, &place, &near) {
+    let mut place = refine_outline(image, place(hypothesis, &near), &near);
+    if let Some((found, m)) = fit_outline_and_edges(image, &place, &near) {
         let answer = attempt.with_outline(&found, &m, scale);
         if matches!(answer, Ok(_) | Err(RejectReason::Pattern)) {
             return answer;
@@ -84,13 +84,13 @@ pub fn measure(
         place = found;
     }
     if bounds.rough {
-        return judge(image, &place, &Fit::coarse(near, scale, MEASURE.rough_px), bounds.noise);
+        return judge_fit(image, &place, &MarkerFit::from_coarse(near, scale, MEASURE.rough_px), bounds.noise);
     }
     let tells = !place.is_in_glare() || place.prior.tells_all_of_size();
-    if place.pattern == Pattern::Disc && !place.is_under_decal() && tells {
+    if place.pattern == MarkerPattern::Disc && !place.is_under_decal() && tells {
         let least = scale.max(attempt.floor);
-        let seams = seam::find(image, &place.ellipse, &near, least).into_iter().map(Region::Seam);
-        let paint = paint::at_end(image, &place.ellipse, &near, least).map(Region::Paint);
+        let seams = seam::find_seams(image, &place.ellipse, &near, least).into_iter().map(Region::Seam);
+        let paint = paint::find_painted_end(image, &place.ellipse, &near, least).map(Region::Paint);
         let mut without = place.clone();
         without.excluded.extend(seams.chain(paint));
         if without.excluded.len() > place.excluded.len() {
@@ -106,7 +106,7 @@ pub fn measure(
 
 /// Whether a blur may be that of a marker out of focus, whatever the frame's others have.
 fn may_be_out_of_focus(hypothesis: &Hypothesis, blur: f64) -> bool {
-    let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+    let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
     is_out_of_focus(shape, hypothesis.ellipse.minor, blur) && blur < VERDICT.softest_px
 }
 
@@ -126,25 +126,25 @@ pub fn turn_down_at_once(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), 
 }
 
 /// A hypothesis on its way to an answer.
-struct Attempt<'a> {
+struct FitAttempt<'a> {
     image: &'a Raster,
     blobs: &'a [Blob],
     hypothesis: &'a Hypothesis,
     bounds: Bounds,
-    notes: &'a Notes,
+    notes: &'a SharedCandidates,
     /// Least scale of residuals, grey levels.
     floor: f64,
 }
 
-impl Attempt<'_> {
+impl FitAttempt<'_> {
     /// The first geometry, with its residuals' scale.
-    fn first_fit(&self) -> Result<(Parameters, f64), RejectReason> {
+    fn first_fit(&self) -> Result<(MarkerParameters, f64), RejectReason> {
         let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
         let few = if hypothesis.is_under_decal() { UNLIMITED } else { COARSE };
         let known = hypothesis.prior.edge.map(|edge| edge.blur.value).or(hypothesis.prior.blur);
         let blur = known.unwrap_or(MEASURE.blur_px);
         let first = |look: EdgeAppearance| {
-            roughly(image, Masked::Blobs(blobs), hypothesis, (look, bounds.overshoot), few, floor)
+            roughly(image, PixelExclusion::Blobs(blobs), hypothesis, (look, bounds.overshoot), few, floor)
         };
         let look = EdgeAppearance { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
         first(look).or_else(|reason| {
@@ -155,23 +155,23 @@ impl Attempt<'_> {
     }
 
     /// The answer at a place that the first geometry told, whose residuals had some scale.
-    fn last_fit(&self, place: &Hypothesis, near: &Parameters, scale: f64) -> Answer {
+    fn last_fit(&self, place: &Hypothesis, near: &MarkerParameters, scale: f64) -> MeasurementResult {
         let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
         // What is known of a disc from a twin beside it is known beforehand.
-        let (mut unknowns, bends) = unknowns(if hypothesis.prior.twin { hypothesis } else { place });
+        let (mut unknowns, bends) = select_unknowns(if hypothesis.prior.twin { hypothesis } else { place });
         unknowns.free[GAMMA] &= contrast(near) > MEASURE.tells_gamma * near[LIGHT];
-        bounds.overshoot.iter().for_each(|known| overshoot::know(known, &mut unknowns));
+        bounds.overshoot.iter().for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
         let (masked, all) =
-            if whole { (darker_than(near, floor), FINAL) } else { (Masked::Blobs(blobs), UNLIMITED) };
+            if whole { (darker_than(near, floor), FINAL) } else { (PixelExclusion::Blobs(blobs), UNLIMITED) };
         let sag = if place.edges.is_none() { near[SAG] } else { 0.0 };
         let look = EdgeAppearance { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
-        let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
-        let mut bent = fit(&pixels, near, scale, &unknowns, floor);
-        if bent.is_none() && place.pattern == Pattern::Disc {
+        let pixels = select_pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
+        let mut bent = fit_final(&pixels, near, scale, &unknowns, floor);
+        if bent.is_none() && place.pattern == MarkerPattern::Disc {
             // Between neighbours too little of the skin is seen to tell how the light changes.
-            without_fine_light(&mut unknowns);
-            bent = fit(&pixels, near, scale, &unknowns, floor);
+            fix_fine_light(&mut unknowns);
+            bent = fit_final(&pixels, near, scale, &unknowns, floor);
         }
         let bent = bent.ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
@@ -181,18 +181,18 @@ impl Attempt<'_> {
             bent
         } else {
             bends.iter().for_each(|&k| unknowns.free[k] = false);
-            bent.without(bends)
+            bent.with_zero(bends)
         };
         let (plain, rms) = (result.parameters, result.rms);
         let floor = floor.max(WEIGHT.floor * contrast(near));
         // A field of light knows no overshoot.
         let bears_field = whole && bounds.overshoot.is_none();
-        let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, bears_field);
-        let answer = judge(image, place, &result, bounds.noise);
+        let result = lack_of_fit::improve_fit(&pixels, result, &unknowns, floor, bears_field);
+        let answer = judge_fit(image, place, &result, bounds.noise);
         if matches!(answer, Ok(_) | Err(RejectReason::PoorFit)) {
             self.note(place, &plain, rms, answer.is_ok());
         }
-        if bounds.through_glare && place.pattern == Pattern::Disc && place.is_in_glare() {
+        if bounds.through_glare && place.pattern == MarkerPattern::Disc && place.is_in_glare() {
             self.in_glare(place, &result, answer, floor)
         } else {
             answer
@@ -200,37 +200,37 @@ impl Attempt<'_> {
     }
 
     /// Notes what may tell how the frame was sharpened, while that is not known: parameters that leave residuals of some scale.
-    fn note(&self, place: &Hypothesis, plain: &Parameters, scale: f64, is_marker: bool) {
-        if self.bounds.overshoot.is_none() && self.hypothesis.prior == Prior::default() {
-            let suspect = Suspect { place: place.clone(), plain: *plain, scale, is_marker };
+    fn note(&self, place: &Hypothesis, plain: &MarkerParameters, scale: f64, is_marker: bool) {
+        if self.bounds.overshoot.is_none() && self.hypothesis.prior == MarkerPrior::default() {
+            let suspect = SharpeningCandidate { place: place.clone(), plain: *plain, scale, is_marker };
             self.notes.borrow_mut().note(suspect, self.bounds.noise);
         }
     }
 
     /// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
     /// where both its ends show; else, if all of its size is predicted, through the glare's fringe.
-    fn in_glare(&self, place: &Hypothesis, fit: &Fit, plain: Answer, floor: f64) -> Answer {
+    fn in_glare(&self, place: &Hypothesis, fit: &MarkerFit, plain: MeasurementResult, floor: f64) -> MeasurementResult {
         if !matches!(plain, Ok(_) | Err(RejectReason::Uncertain | RejectReason::GlareOccluded)) {
             return plain;
         }
-        let through = |bands: Vec<Band>| self.through_glare(place, fit, bands, floor);
+        let through = |bands: Vec<OcclusionBand>| self.through_glare(place, fit, bands, floor);
         let all = through(Vec::new());
         if let Some((all, true)) = all {
             return Ok(all);
         }
         // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
         let known = place.prior.tells_all_of_size();
-        let fringe = || through(glare::lit(self.image, &place.ellipse, MEASURE.fringe, 0.0));
+        let fringe = || through(glare::find_glare_bands(self.image, &place.ellipse, MEASURE.fringe, 0.0));
         let fringe = if known { fringe().map(|(fringe, _)| fringe) } else { None };
         match (plain, fringe) {
-            (Ok(plain), Some(fringe)) if !is_better(&fringe.detection, &plain.detection) => Ok(plain),
+            (Ok(plain), Some(fringe)) if !is_preferred(&fringe.detection, &plain.detection) => Ok(plain),
             (_, Some(fringe)) => Ok(fringe),
             (Err(reason), None) => {
                 let (mut all, _) = all.ok_or(reason)?;
                 if !known {
                     let axis = all.detection.ellipse().axis();
                     let variance = MEASURE.one_end_px.powi(2);
-                    all.detection.covariance_px2.add_along(Source::SaturatedEnd, axis, variance);
+                    all.detection.covariance_px2.add_along(CovarianceSource::SaturatedEnd, axis, variance);
                 }
                 Ok(all)
             }
@@ -243,23 +243,23 @@ impl Attempt<'_> {
     fn through_glare(
         &self,
         seen: &Hypothesis,
-        fit: &Fit,
-        bands: Vec<Band>,
+        fit: &MarkerFit,
+        bands: Vec<OcclusionBand>,
         floor: f64,
-    ) -> Option<(Measured, bool)> {
+    ) -> Option<(MeasuredMarker, bool)> {
         let m = &fit.parameters;
         let mut place = place(seen, m).with_glare(bands);
         for _ in 0..2 {
             let look = EdgeAppearance { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
-            let pixels = pixels(self.image, darker_than(m, floor), &place, look, UNLIMITED)?;
-            let (mut unknowns, _) = unknowns(&place);
+            let pixels = select_pixels(self.image, darker_than(m, floor), &place, look, UNLIMITED)?;
+            let (mut unknowns, _) = select_unknowns(&place);
             // Glare changes the contrast along the disc far more than its own darkness does.
             unknowns.free[DARK + 1..=DARK + 2].fill(false);
             let lit = veiling_glare::fit_with_glare(&pixels, &place.ellipse, fit, &unknowns, floor)?;
-            let found = judge(self.image, &place, &lit, self.bounds.noise).ok()?;
-            let mut found = Measured { through_glare: true, is_whole: false, ..found };
+            let found = judge_fit(self.image, &place, &lit, self.bounds.noise).ok()?;
+            let mut found = MeasuredMarker { through_glare: true, is_whole: false, ..found };
             let doubt = Matrix2::identity() * MEASURE.glare_px.powi(2);
-            found.detection.covariance_px2.add(Source::ThroughGlare, doubt);
+            found.detection.covariance_px2.add(CovarianceSource::ThroughGlare, doubt);
             let moved = (found.detection.centre_px - place.ellipse.centre).norm();
             if moved < MEASURE.settled_px {
                 return Some((found, glare_spline::shows_ends(&pixels)));
@@ -270,16 +270,16 @@ impl Attempt<'_> {
     }
 
     /// Narrow quadrants by edges and outline together, from parameters of a first fit whose residuals had about this scale.
-    fn with_outline(&self, found: &Hypothesis, m: &Parameters, scale: f64) -> Answer {
-        let result = outlined_quadrants::measured(self.image, found, m, scale, self.floor);
+    fn with_outline(&self, found: &Hypothesis, m: &MarkerParameters, scale: f64) -> MeasurementResult {
+        let result = outlined_quadrants::fit_quadrants(self.image, found, m, scale, self.floor);
         let (pixels, result, unknowns) = result.ok_or(RejectReason::NoConvergence)?;
         // There is too little of them to tell a field of light.
         let floor = self.floor.max(WEIGHT.floor * contrast(m));
-        let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, false);
+        let result = lack_of_fit::improve_fit(&pixels, result, &unknowns, floor, false);
         if !outlined_quadrants::has_white(&result.parameters) {
             return Err(RejectReason::Pattern);
         }
-        judge(self.image, found, &result, self.bounds.noise)
+        judge_fit(self.image, found, &result, self.bounds.noise)
     }
 }
 
@@ -289,12 +289,12 @@ pub fn least_scale(noise: f64) -> f64 {
 }
 
 /// What is darker than a fit's light by more than its residuals, whose least scale that is, and a part of the contrast.
-pub fn darker_than<'a>(m: &Parameters, floor: f64) -> Masked<'a> {
-    Masked::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign * contrast(m)))
+pub fn darker_than<'a>(m: &MarkerParameters, floor: f64) -> PixelExclusion<'a> {
+    PixelExclusion::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign * contrast(m)))
 }
 
 /// The hypothesis with the geometry of a rough fit.
-fn place(hypothesis: &Hypothesis, m: &Parameters) -> Hypothesis {
+fn place(hypothesis: &Hypothesis, m: &MarkerParameters) -> Hypothesis {
     let mut out = hypothesis.clone();
     match hypothesis.edges {
         None => {
@@ -309,30 +309,30 @@ fn place(hypothesis: &Hypothesis, m: &Parameters) -> Hypothesis {
 /// A rough fit, with its residuals' scale.
 fn roughly(
     image: &Raster,
-    masked: Masked,
+    masked: PixelExclusion,
     hypothesis: &Hypothesis,
     (look, sharpened): (EdgeAppearance, Option<Overshoot>),
     few: PixelBudget,
     floor: f64,
-) -> Result<(Parameters, f64), RejectReason> {
-    let pixels = pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
+) -> Result<(MarkerParameters, f64), RejectReason> {
+    let pixels = select_pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
     let mut start = start(hypothesis, &pixels, look, floor).ok_or(RejectReason::LowContrast)?;
-    sharpened.iter().for_each(|known| overshoot::begin(known, &mut start));
-    rough(&pixels, &start, &few_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
+    sharpened.iter().for_each(|known| overshoot::set_overshoot_start(known, &mut start));
+    fit_coarse(&pixels, &start, &coarse_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
 }
 
 /// Where the edges of large quadrants cross in a smaller picture of them.
 fn crossing_in_small(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Option<Vector2<f64>> {
-    let small = Reduced::of(image, hypothesis)?;
+    let small = ReducedImage::from_large_quadrants(image, hypothesis)?;
     let look = EdgeAppearance { crossing: small.hypothesis.ellipse.centre, blur: MEASURE.blur_px, sag: 0.0 };
     // What is left of an overshoot in the smaller picture hardly shifts a crossing.
     let (m, _) =
-        roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, (look, None), COARSE, floor).ok()?;
-    Some(small.back(Vector2::new(m[X], m[Y])))
+        roughly(&small.image, PixelExclusion::Blobs(&[]), &small.hypothesis, (look, None), COARSE, floor).ok()?;
+    Some(small.to_original(Vector2::new(m[X], m[Y])))
 }
 
 /// First parameters: geometry of the hypothesis, grey levels of its pixels.
-fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: EdgeAppearance, floor: f64) -> Option<Parameters> {
+fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: EdgeAppearance, floor: f64) -> Option<MarkerParameters> {
     let ellipse = &hypothesis.ellipse;
     let mut m = [0.0; N];
     m[X] = look.crossing.x;
@@ -359,7 +359,7 @@ fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: EdgeAppearance, floor: 
     let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
     m[GAMMA] = PRIOR.gamma.value;
-    m[DARK] = darkness_leaving(low.max(1.0) / high.max(1.0));
+    m[DARK] = darkness_for_grey_ratio(low.max(1.0) / high.max(1.0));
     (m[DARK] > MEASURE.least_dark && high - low > MEASURE.least_step + MEASURE.spread_by_noise * floor)
         .then_some(m)
 }

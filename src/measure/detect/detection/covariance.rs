@@ -11,7 +11,7 @@ use serde::Serialize;
 /// Why a place is uncertain; its name in results is the variant's in small letters, as `curved_skin`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum CovarianceSource {
     /// The fit's residuals, as if they were independent, and its Jacobian.
     Fit,
     /// Residuals that hang together in this marker: uneven light, something foreign, JPEG's blocks.
@@ -50,31 +50,31 @@ pub enum Source {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariance {
     sum: Matrix2<f64>,
-    contributions: Vec<(Source, Matrix2<f64>)>,
+    contributions: Vec<(CovarianceSource, Matrix2<f64>)>,
 }
 
 impl Covariance {
     /// Of a fit, px^2: as its residuals deserve, and `white`, as if they were independent.
     pub fn of_fit(deserved: Matrix2<f64>, white: Matrix2<f64>) -> Self {
         let mut out = Self { sum: deserved, contributions: Vec::new() };
-        out.note(Source::Fit, white);
-        out.note(Source::LackOfFit, deserved - white);
+        out.note(CovarianceSource::Fit, white);
+        out.note(CovarianceSource::LackOfFit, deserved - white);
         out
     }
 
     /// Adds what a source makes doubtful, px^2.
-    pub fn add(&mut self, source: Source, doubt: Matrix2<f64>) {
+    pub fn add(&mut self, source: CovarianceSource, doubt: Matrix2<f64>) {
         self.sum += doubt;
         self.note(source, doubt);
     }
 
     /// Adds a standard deviation, px, along a unit vector.
-    pub fn add_along(&mut self, source: Source, axis: Vector2<f64>, variance_px2: f64) {
+    pub fn add_along(&mut self, source: CovarianceSource, axis: Vector2<f64>, variance_px2: f64) {
         self.add(source, axis * axis.transpose() * variance_px2);
     }
 
     /// Raises it to what a source shows, px^2, in the directions in which that is more; not to what is not positive definite.
-    pub fn raise(&mut self, source: Source, shown: &Matrix2<f64>) {
+    pub fn raise(&mut self, source: CovarianceSource, shown: &Matrix2<f64>) {
         if let Some((raised, _)) = at_least(shown, &self.sum, 1.0) {
             self.note(source, raised - self.sum);
             self.sum = raised;
@@ -82,16 +82,16 @@ impl Covariance {
     }
 
     /// What it is the sum of, in the order in which it came, px^2.
-    pub fn contributions(&self) -> impl Iterator<Item = (Source, &Matrix2<f64>)> {
+    pub fn contributions(&self) -> impl Iterator<Item = (CovarianceSource, &Matrix2<f64>)> {
         self.contributions.iter().map(|(source, own)| (*source, own))
     }
 
     /// What a source contributes, px^2; zero where it does not.
-    pub fn of(&self, source: Source) -> Matrix2<f64> {
+    pub fn of(&self, source: CovarianceSource) -> Matrix2<f64> {
         self.contributions.iter().find(|(own, _)| *own == source).map_or_else(Matrix2::zeros, |(_, own)| *own)
     }
 
-    fn note(&mut self, source: Source, own: Matrix2<f64>) {
+    fn note(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
         /// What rounding leaves where nothing is raised, as a share of the sum.
         const ROUNDING: f64 = 1e-12;
         match self.contributions.iter_mut().find(|(known, _)| *known == source) {
@@ -112,7 +112,7 @@ impl Deref for Covariance {
 
 impl From<Matrix2<f64>> for Covariance {
     fn from(stated: Matrix2<f64>) -> Self {
-        Self { sum: stated, contributions: vec![(Source::Stated, stated)] }
+        Self { sum: stated, contributions: vec![(CovarianceSource::Stated, stated)] }
     }
 }
 
@@ -140,18 +140,18 @@ mod tests {
     #[test]
     fn contributions_add_up_to_the_covariance() {
         let mut all = Covariance::of_fit(Matrix2::new(0.04, 0.01, 0.01, 0.02), Matrix2::identity() * 0.01);
-        all.add_along(Source::Beside, Vector2::new(0.6, 0.8), 0.09);
-        all.add_along(Source::Beside, Vector2::new(0.6, 0.8), 0.01);
-        all.add(Source::ThroughGlare, Matrix2::zeros());
+        all.add_along(CovarianceSource::Beside, Vector2::new(0.6, 0.8), 0.09);
+        all.add_along(CovarianceSource::Beside, Vector2::new(0.6, 0.8), 0.01);
+        all.add(CovarianceSource::ThroughGlare, Matrix2::zeros());
         let before = *all;
-        all.raise(Source::FrameCorrelation, &(Matrix2::identity() * 0.05));
+        all.raise(CovarianceSource::FrameCorrelation, &(Matrix2::identity() * 0.05));
         // Across the dirt there was less than that, along it more.
         let across = Vector2::new(-0.8, 0.6);
         assert!(across.dot(&(*all * across)) > 0.0499 && (all.trace() > before.trace()));
         let sum: Matrix2<f64> = all.contributions().map(|(_, own)| own).sum();
         assert!((sum - *all).norm() < 1e-15, "{sum} is not {all:?}");
-        let sources: Vec<Source> = all.contributions().map(|(source, _)| source).collect();
-        assert_eq!(sources, [Source::Fit, Source::LackOfFit, Source::Beside, Source::FrameCorrelation]);
-        assert!((all.of(Source::Beside).trace() - 0.1).abs() < 1e-15);
+        let sources: Vec<CovarianceSource> = all.contributions().map(|(source, _)| source).collect();
+        assert_eq!(sources, [CovarianceSource::Fit, CovarianceSource::LackOfFit, CovarianceSource::Beside, CovarianceSource::FrameCorrelation]);
+        assert!((all.of(CovarianceSource::Beside).trace() - 0.1).abs() < 1e-15);
     }
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use self::covariance::{Covariance, Source};
+use self::covariance::{Covariance, CovarianceSource};
 use crate::detect::image::ellipse::Ellipse;
 use crate::setup::Shape;
 
@@ -39,7 +39,7 @@ impl Detection {
 
     /// Sum of the place's variances, px^2, without what is for things beside it, before it and in its own light.
     pub(super) fn variance(&self) -> f64 {
-        let foreign = [Source::Beside, Source::LostContrast, Source::Misfit]
+        let foreign = [CovarianceSource::Beside, CovarianceSource::LostContrast, CovarianceSource::Misfit]
             .map(|source| self.covariance_px2.of(source).trace());
         self.covariance_px2.trace() - foreign.iter().sum::<f64>()
     }
@@ -160,7 +160,7 @@ pub struct Overshoot {
 
 /// Where a marker is expected: the outline predicted from an earlier frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Prediction {
+pub struct MarkerPrediction {
     /// Kind of target.
     pub shape: Shape,
     /// Expected centre, px.
@@ -177,7 +177,7 @@ pub struct Prediction {
     pub seen: bool,
 }
 
-impl Prediction {
+impl MarkerPrediction {
     /// The expected outline; `None` where a number is none of a marker's.
     pub(super) fn ellipse(&self) -> Option<Ellipse> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);

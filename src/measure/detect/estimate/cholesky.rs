@@ -1,28 +1,28 @@
 //! Normal equations solved for those parameters that are sought.
 
-use super::normal_equations::{Column, MIN_WEIGHT, Square};
+use super::normal_equations::{ParameterVector, MIN_WEIGHT, NormalMatrix};
 use crate::detect::appearance::parameters::N;
 
 /// Cholesky's factor of the normal equations of some of the parameters.
-pub struct Factor {
+pub struct CholeskyFactor {
     list: Vec<usize>,
     /// Row by row, the diagonal inverted.
     lower: [[f64; N]; N],
 }
 
-impl Factor {
+impl CholeskyFactor {
     /// Of the parameters that are `free`, each diagonal element raised by a share of it; `None` where they cannot be told.
-    pub fn new(normal: &Square, free: &[bool; N], damping: f64) -> Option<Self> {
+    pub fn new(normal: &NormalMatrix, free: &[bool; N], damping: f64) -> Option<Self> {
         let list = (0..N).filter(|&k| free[k]).collect();
         let mut out = Self { list, lower: [[0.0; N]; N] };
         for (row, &k) in out.list.iter().enumerate() {
             for column in 0..row {
                 let (done, rest) = out.lower.split_at(row);
-                let known = dot(&done[column][..column], &rest[0][..column]);
+                let known = dot_product(&done[column][..column], &rest[0][..column]);
                 out.lower[row][column] = (normal[(k, out.list[column])] - known) * out.lower[column][column];
             }
             let own = &out.lower[row][..row];
-            let square = normal[(k, k)] * (1.0 + damping) + MIN_WEIGHT - dot(own, own);
+            let square = normal[(k, k)] * (1.0 + damping) + MIN_WEIGHT - dot_product(own, own);
             if !(square > 0.0 && square.is_finite()) {
                 return None;
             }
@@ -32,13 +32,13 @@ impl Factor {
     }
 
     /// The solution; 0 for parameters that are not sought.
-    pub fn solve(&self, right: &Column) -> Column {
+    pub fn solve(&self, right: &ParameterVector) -> ParameterVector {
         let mut part = [0.0; N];
         for (value, &k) in part.iter_mut().zip(&self.list) {
             *value = right[k];
         }
         self.solve_part(&mut part, 0);
-        let mut out = Column::zeros();
+        let mut out = ParameterVector::zeros();
         for (&value, &k) in part.iter().zip(&self.list) {
             out[k] = value;
         }
@@ -46,8 +46,8 @@ impl Factor {
     }
 
     /// The inverse; 0 for parameters that are not sought.
-    pub fn inverse(&self) -> Square {
-        let mut out = Square::zeros();
+    pub fn inverse(&self) -> NormalMatrix {
+        let mut out = NormalMatrix::zeros();
         for (i, &k) in self.list.iter().enumerate() {
             let mut part = [0.0; N];
             part[i] = 1.0;
@@ -62,7 +62,7 @@ impl Factor {
     /// Solves for a right side that is 0 before `first`.
     fn solve_part(&self, part: &mut [f64; N], first: usize) {
         for row in first..self.list.len() {
-            let known = dot(&self.lower[row][first..row], &part[first..row]);
+            let known = dot_product(&self.lower[row][first..row], &part[first..row]);
             part[row] = (part[row] - known) * self.lower[row][row];
         }
         for row in (0..self.list.len()).rev() {
@@ -75,7 +75,7 @@ impl Factor {
     }
 }
 
-fn dot(one: &[f64], other: &[f64]) -> f64 {
+fn dot_product(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(x, y)| x * y).sum()
 }
 
@@ -83,18 +83,18 @@ fn dot(one: &[f64], other: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    fn normal() -> Square {
+    fn normal() -> NormalMatrix {
         // Rows of a made-up Jacobian.
-        let rows = (0..60).map(|i| Column::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin()));
-        rows.fold(Square::zeros(), |sum, row| sum + row * row.transpose())
+        let rows = (0..60).map(|i| ParameterVector::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin()));
+        rows.fold(NormalMatrix::zeros(), |sum, row| sum + row * row.transpose())
     }
 
     #[test]
-    fn solves_for_what_is_free_and_leaves_the_rest() {
+    fn solves_for_free_parameters_only() {
         let normal = normal();
         let free: [bool; N] = std::array::from_fn(|k| k % 3 != 1);
-        let factor = Factor::new(&normal, &free, 0.0).expect("the rows tell all");
-        let right = Column::from_fn(|k, _| 1.0 + k as f64);
+        let factor = CholeskyFactor::new(&normal, &free, 0.0).expect("the rows tell all");
+        let right = ParameterVector::from_fn(|k, _| 1.0 + k as f64);
         let (solution, inverse) = (factor.solve(&right), factor.inverse());
         let again = normal * solution;
         for k in 0..N {
@@ -112,11 +112,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_told_is_no_solution() {
+    fn singular_system_returns_none() {
         let free = [true; N];
         let mut flat = normal();
         flat[(3, 3)] = f64::NAN;
-        assert!(Factor::new(&flat, &free, 0.0).is_none());
-        assert!(Factor::new(&-normal(), &free, 0.0).is_none());
+        assert!(CholeskyFactor::new(&flat, &free, 0.0).is_none());
+        assert!(CholeskyFactor::new(&-normal(), &free, 0.0).is_none());
     }
 }

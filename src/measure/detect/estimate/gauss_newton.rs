@@ -2,21 +2,21 @@
 
 use nalgebra::Matrix2;
 
-use super::bounds::{is_plausible, limit};
-use super::cholesky::Factor;
-use super::normal_equations::{Column, Images, Square, Step, linearise};
-use super::prior::Unknowns;
-use crate::detect::appearance::parameters::{LENGTH, MAJOR, N, Parameters, Pattern, X, Y, contrast};
+use super::bounds::{is_plausible, limit_step};
+use super::cholesky::CholeskyFactor;
+use super::normal_equations::{ParameterVector, BatchImages, NormalMatrix, Linearisation, linearise_model};
+use super::prior::FitUnknowns;
+use crate::detect::appearance::parameters::{LENGTH, MAJOR, N, MarkerParameters, MarkerPattern, X, Y, contrast};
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::detect::sample::pixels::Pixels;
 
 /// A converged fit.
 #[derive(Clone, Debug)]
-pub struct Fit {
+pub struct MarkerFit {
     /// Parameters.
-    pub parameters: Parameters,
+    pub parameters: MarkerParameters,
     /// Their covariance; zero for those held fixed.
-    pub covariance: Square,
+    pub covariance: NormalMatrix,
     /// Weighted variance of the residuals, by which the covariance is scaled, grey levels squared.
     pub variance: f64,
     /// Weighted root mean square of the residuals, grey levels.
@@ -24,24 +24,24 @@ pub struct Fit {
     /// Mean robust weight, 0 to 1.
     pub inliers: f64,
     /// Where it was linearised.
-    pub start: Parameters,
+    pub start: MarkerParameters,
     /// What the model says there.
-    pub images: Images,
+    pub images: BatchImages,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub correlation: f64,
     /// The centre's covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
     /// What foreign ground beside its edges makes doubtful, px^2.
-    pub beside: Matrix2<f64>,
+    pub foreign_covariance: Matrix2<f64>,
     /// Whether residuals hang together along the outline, or pixels do not fit: they are no noise alone.
     pub is_systematic: bool,
 }
 
-impl Fit {
+impl MarkerFit {
     /// From a rough one, which leaves twice what the last one does, whose place is known to some standard deviation, px.
-    pub fn coarse(parameters: Parameters, scale: f64, sigma_px: f64) -> Self {
+    pub fn from_coarse(parameters: MarkerParameters, scale: f64, sigma_px: f64) -> Self {
         let white = Matrix2::identity() * sigma_px * sigma_px;
-        let mut covariance = Square::zeros();
+        let mut covariance = NormalMatrix::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&white);
         let rms = 0.5 * scale;
         Self {
@@ -51,17 +51,17 @@ impl Fit {
             rms,
             inliers: 1.0,
             start: parameters,
-            images: Images::new(),
+            images: BatchImages::new(),
             correlation: 1.0,
             white,
-            beside: Matrix2::zeros(),
+            foreign_covariance: Matrix2::zeros(),
             is_systematic: false,
         }
     }
 
     /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
     /// and the parameters in question are small.
-    pub fn without(self, zero: &[usize]) -> Self {
+    pub fn with_zero(self, zero: &[usize]) -> Self {
         let mut out = self;
         for &k in zero {
             let (column, variance) = (out.covariance.column(k).into_owned(), out.covariance[(k, k)]);
@@ -80,20 +80,20 @@ impl Fit {
 }
 
 /// What a fit is made of.
-struct Problem<'a> {
+struct FitProblem<'a> {
     pixels: &'a Pixels,
-    images: Option<Images>,
-    unknowns: &'a Unknowns,
+    images: Option<BatchImages>,
+    unknowns: &'a FitUnknowns,
     floor: f64,
 }
 
 /// Where an iteration ended: the parameters, and the linearisation that the last step came from.
-struct End {
-    parameters: Parameters,
-    start: Parameters,
+struct ConvergedIteration {
+    parameters: MarkerParameters,
+    start: MarkerParameters,
     scale: f64,
-    step: Step,
-    factor: Factor,
+    step: Linearisation,
+    factor: CholeskyFactor,
 }
 
 /// When an iteration ends.
@@ -106,31 +106,31 @@ enum Tolerance {
 }
 
 /// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
-pub fn rough(
+pub fn fit_coarse(
     pixels: &Pixels,
-    start: &Parameters,
-    unknowns: &Unknowns,
+    start: &MarkerParameters,
+    unknowns: &FitUnknowns,
     floor: f64,
-) -> Option<(Parameters, f64)> {
-    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
+) -> Option<(MarkerParameters, f64)> {
+    let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
     // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
     let end = problem.solve(*start, ITERATION.first_scale * contrast(start), Tolerance::Coarse)?;
     Some((end.parameters, end.scale))
 }
 
 /// The answer, from a first geometry in whose solution residuals had about this scale.
-pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Option<Fit> {
-    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
-    problem.images = Some(Images::new());
+pub fn fit_final(pixels: &Pixels, start: &MarkerParameters, scale: f64, unknowns: &FitUnknowns, floor: f64) -> Option<MarkerFit> {
+    let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
+    problem.images = Some(BatchImages::new());
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
-    let End { parameters, start, step, factor, .. } =
+    let ConvergedIteration { parameters, start, step, factor, .. } =
         problem.solve(*start, scale.max(problem.floor), Tolerance::Final)?;
     let variance = step.variance(count);
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
     let images = problem.images.unwrap_or_default();
     let (white, beside) = (covariance.fixed_view::<2, 2>(X, X).into_owned(), Matrix2::zeros());
-    Some(Fit {
+    Some(MarkerFit {
         parameters,
         covariance,
         variance,
@@ -140,13 +140,13 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
         images,
         correlation: 1.0,
         white,
-        beside,
+        foreign_covariance: beside,
         is_systematic: false,
     })
 }
 
-impl<'a> Problem<'a> {
-    fn new(pixels: &'a Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
+impl<'a> FitProblem<'a> {
+    fn new(pixels: &'a Pixels, start: &MarkerParameters, unknowns: &'a FitUnknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
         let floor = floor.max(WEIGHT.floor * contrast(start));
@@ -154,20 +154,20 @@ impl<'a> Problem<'a> {
     }
 
     /// Repeats the linear solution until the centre stands still.
-    fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Tolerance) -> Option<End> {
-        let (mut last, near_px) = (scale, ITERATION.near_px);
-        let most = if until == Tolerance::Coarse { ITERATION.most_rough } else { ITERATION.most_last };
+    fn solve(&mut self, mut m: MarkerParameters, mut scale: f64, until: Tolerance) -> Option<ConvergedIteration> {
+        let (mut last, near_px) = (scale, ITERATION.coarse_tolerance_px);
+        let most = if until == Tolerance::Coarse { ITERATION.max_coarse_steps } else { ITERATION.max_final_steps };
         for iteration in 0..most {
-            let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
-            let damped = until == Tolerance::Coarse && iteration < ITERATION.damped;
-            let damping = if damped { ITERATION.damping } else { ITERATION.undamped };
-            let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
+            let step = linearise_model(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
+            let damped = until == Tolerance::Coarse && iteration < ITERATION.damped_steps;
+            let damping = if damped { ITERATION.damping } else { ITERATION.final_damping };
+            let factor = CholeskyFactor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
             let moved = change[X].hypot(change[Y]);
             if moved < ITERATION.gain_px {
-                change *= step.gain();
+                change *= step.step_gain();
             }
-            let change = limit(change, &m, self.pixels);
+            let change = limit_step(change, &m, self.pixels);
             let start = m;
             for i in 0..N {
                 m[i] += change[i];
@@ -177,30 +177,30 @@ impl<'a> Problem<'a> {
             }
             let ratio = (step.scale / scale - 1.0).abs();
             // Either it stood still before this step, or the step takes next to nothing off the residuals.
-            let steady = (step.scale / last - 1.0).abs() < ITERATION.steady
-                || step.promise(&change) < ITERATION.hardly;
+            let steady = (step.scale / last - 1.0).abs() < ITERATION.coarse_scale_change
+                || step.predicted_reduction(&change) < ITERATION.min_reduction;
             last = step.scale;
-            scale = step.scale.max(ITERATION.fall * scale);
+            scale = step.scale.max(ITERATION.min_scale_ratio * scale);
             let settled = match until {
-                Tolerance::Coarse => moved < near_px && steady && self.is_calm(&change, near_px),
+                Tolerance::Coarse => moved < near_px && steady && self.is_length_steady(&change, near_px),
                 // What is known to a pixel only need not stand as still.
                 Tolerance::Final => {
-                    ratio < ITERATION.steady_last && {
-                        let most = ITERATION.still * self.sigma(&step, &factor);
-                        moved < most && self.is_calm(&change, most.max(near_px))
+                    ratio < ITERATION.final_scale_change && {
+                        let most = ITERATION.final_tolerance * self.centre_sigma(&step, &factor);
+                        moved < most && self.is_length_steady(&change, most.max(near_px))
                     }
                 }
             };
             if settled || (iteration + 1 == most && moved < near_px) {
-                return Some(End { parameters: m, start, scale, step, factor });
+                return Some(ConvergedIteration { parameters: m, start, scale, step, factor });
             }
-            if until == Tolerance::Final && iteration + 1 >= ITERATION.slow && moved > ITERATION.slow_px {
+            if until == Tolerance::Final && iteration + 1 >= ITERATION.slow_after && moved > ITERATION.slow_px {
                 return None;
             }
             let leaves = |share: f64| step.scale > share * contrast(&m);
-            let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_left);
-            if (is_far && iteration >= ITERATION.late)
-                || (iteration >= ITERATION.early && leaves(ITERATION.early_left))
+            let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_residual);
+            if (is_far && iteration >= ITERATION.late_after)
+                || (iteration >= ITERATION.early_after && leaves(ITERATION.early_residual))
                 || (until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / contrast(&m)))
             {
                 return None;
@@ -212,7 +212,7 @@ impl<'a> Problem<'a> {
     /// Whether residuals, as a share of the contrast, are so large after some steps of a rough fit that it is none of a marker's.
     fn is_hopeless(&self, iteration: usize, scale: f64) -> bool {
         let (after, most) = match self.pixels.pattern {
-            Pattern::Disc => ITERATION.hopeless,
+            MarkerPattern::Disc => ITERATION.hopeless,
             _ if self.pixels.outlined => ITERATION.hopeless_outlined,
             _ => ITERATION.hopeless_crossing,
         };
@@ -220,9 +220,9 @@ impl<'a> Problem<'a> {
     }
 
     /// Whether the length, px, of what has an outline hardly changes.
-    fn is_calm(&self, change: &Column, most: f64) -> bool {
+    fn is_length_steady(&self, change: &ParameterVector, most: f64) -> bool {
         let length = match self.pixels.pattern {
-            Pattern::Disc => MAJOR,
+            MarkerPattern::Disc => MAJOR,
             _ if self.pixels.outlined => LENGTH,
             _ => return true,
         };
@@ -230,9 +230,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The centre's standard deviation, px.
-    fn sigma(&self, step: &Step, factor: &Factor) -> f64 {
+    fn centre_sigma(&self, step: &Linearisation, factor: &CholeskyFactor) -> f64 {
         let count = self.unknowns.free.iter().filter(|&&f| f).count();
-        let along = |k: usize| factor.solve(&Column::ith(k, 1.0))[k];
+        let along = |k: usize| factor.solve(&ParameterVector::ith(k, 1.0))[k];
         ((along(X) + along(Y)) * step.variance(count)).max(0.0).sqrt()
     }
 }

@@ -2,30 +2,30 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::prior::Unknowns;
-use super::scale::Sizes;
-use crate::detect::appearance::formula::{Model, grey};
-use crate::detect::appearance::overshoot::{self, Sharpened, is_sharpened};
-use crate::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
+use super::prior::FitUnknowns;
+use super::scale::ResidualSizes;
+use crate::detect::appearance::formula::{MarkerModel, grey};
+use crate::detect::appearance::overshoot::{self, SharpenedModel, is_sharpened};
+use crate::detect::appearance::parameters::{GreyBatch, N, MarkerParameters, X, Y};
 use crate::detect::appearance::quadrants;
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
-use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes, each, total};
 
-pub type Square = SMatrix<f64, N, N>;
+pub type NormalMatrix = SMatrix<f64, N, N>;
 
-pub type Column = SVector<f64, N>;
+pub type ParameterVector = SVector<f64, N>;
 
 /// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
 pub const MIN_WEIGHT: f64 = 1e-12;
 
 /// One linearisation: normal equations and residual statistics.
-pub struct Step {
-    pub normal: Square,
-    pub right: Column,
+pub struct Linearisation {
+    pub normal: NormalMatrix,
+    pub right: ParameterVector,
     pub scale: f64,
     pub weight: f64,
     /// Sum of the influence function's derivative, where the weights' sum would stand.
@@ -33,20 +33,20 @@ pub struct Step {
     pub square: f64,
 }
 
-impl Step {
+impl Linearisation {
     /// Variance of a residual of weight 1, `count` parameters being sought.
     pub fn variance(&self, count: usize) -> f64 {
         self.square / (self.weight - count as f64).max(1.0)
     }
 
     /// The share of the residuals' squares that a step takes off if the model is linear.
-    pub fn promise(&self, change: &Column) -> f64 {
+    pub fn predicted_reduction(&self, change: &ParameterVector) -> f64 {
         change.dot(&self.right) / self.square.max(TINY)
     }
 
     /// By how much a step falls short because the weights follow the residuals.
-    pub fn gain(&self) -> f64 {
-        (self.weight / self.curvature.max(TINY)).clamp(1.0, ITERATION.gain)
+    pub fn step_gain(&self) -> f64 {
+        (self.weight / self.curvature.max(TINY)).clamp(1.0, ITERATION.max_gain)
     }
 
     /// Weighted root mean square of the residuals, grey levels.
@@ -56,25 +56,25 @@ impl Step {
 }
 
 /// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
-pub struct Block {
-    columns: [[Lanes; BLOCK]; COLUMNS],
+pub struct RowBlock {
+    columns: [[Lanes; BLOCK_BATCHES]; MAX_COLUMNS],
     batches: usize,
 }
 
 /// Most columns: the parameters, or the common ones and a field's about a pixel, and residuals.
-const COLUMNS: usize = N + 1;
+const MAX_COLUMNS: usize = N + 1;
 /// Batches per block.
-const BLOCK: usize = 8;
+const BLOCK_BATCHES: usize = 8;
 
 /// Sums of products of two columns, a part in each lane: for each column those with itself and the later
 /// ones; residuals are the last column.
 #[derive(Debug, PartialEq)]
-pub struct Products {
+pub struct ColumnProducts {
     columns: usize,
     sums: Vec<Lanes>,
 }
 
-impl Products {
+impl ColumnProducts {
     /// None yet of so many columns and residuals.
     pub fn new(columns: usize) -> Self {
         Self { columns, sums: vec![Lanes::of(0.0); (columns + 1) * columns / 2 + columns] }
@@ -86,32 +86,32 @@ impl Products {
     }
 
     /// Forgets those of the first columns.
-    pub fn forget(&mut self, columns: usize) {
+    pub fn clear_columns(&mut self, columns: usize) {
         let first = (0..columns).map(|i| self.columns + 1 - i).sum();
         self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::of(0.0));
     }
 }
 
-impl Block {
+impl RowBlock {
     /// Without rows.
     pub fn new() -> Self {
-        Self { columns: [[Lanes::of(0.0); BLOCK]; COLUMNS], batches: 0 }
+        Self { columns: [[Lanes::of(0.0); BLOCK_BATCHES]; MAX_COLUMNS], batches: 0 }
     }
 
     /// Takes up a batch's weighted columns, residuals last; whether it is full.
     #[inline(always)]
     pub fn push<'a>(&mut self, root: &Lanes, columns: impl Iterator<Item = &'a Lanes>) -> bool {
-        let k = self.batches % BLOCK;
+        let k = self.batches % BLOCK_BATCHES;
         for (out, column) in self.columns.iter_mut().zip(columns) {
             out[k] = each(|i| root[i] * column[i]);
         }
         self.batches = k + 1;
-        self.batches == BLOCK
+        self.batches == BLOCK_BATCHES
     }
 
     /// Adds the products of the columns with one another and the residuals; empties it.
     #[inline(always)]
-    pub fn flush(&mut self, sums: &mut Products) {
+    pub fn flush(&mut self, sums: &mut ColumnProducts) {
         let n = sums.columns;
         let mut rest = &mut sums.sums[..];
         for column in &mut self.columns[..=n] {
@@ -130,7 +130,7 @@ impl Block {
                     }
                 }
                 for ((sum, next), column) in own.iter_mut().zip(next).zip(&others[1..]) {
-                    add_both(sum, next, [one, &others[1]], column);
+                    add_two_products(sum, next, [one, &others[1]], column);
                 }
             }
             rest = later;
@@ -140,7 +140,7 @@ impl Block {
 }
 
 #[inline(always)]
-fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK], other: &[Lanes; BLOCK]) {
+fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK_BATCHES], other: &[Lanes; BLOCK_BATCHES]) {
     let mut lanes = *sum;
     for (x, y) in one.iter().zip(other) {
         for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y.iter())) {
@@ -152,7 +152,7 @@ fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK], other: &[Lanes; BLOCK]) {
 
 /// Adds the products of two columns with a third.
 #[inline(always)]
-fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK]; 2], other: &[Lanes; BLOCK]) {
+fn add_two_products(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK_BATCHES]; 2], other: &[Lanes; BLOCK_BATCHES]) {
     let (mut lanes, mut lanes_next) = (*sum, *next);
     for ((x, y), z) in one.iter().zip(two).zip(other) {
         for i in 0..LANES {
@@ -164,12 +164,12 @@ fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK]; 2],
 }
 
 /// What the image model says of a fit's batches: grey values and derivatives.
-pub type Images = Vec<Grey>;
+pub type BatchImages = Vec<GreyBatch>;
 
 /// What a linearisation adds up: products of the columns with one another and the residuals, and the residuals' statistics.
 #[derive(Debug, PartialEq)]
-struct Sums {
-    products: Products,
+struct LinearisationSums {
+    products: ColumnProducts,
     scale: f64,
     weight: f64,
     curvature: f64,
@@ -177,19 +177,19 @@ struct Sums {
 }
 
 /// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
-pub fn linearise(
+pub fn linearise_model(
     pixels: &Pixels,
-    m: &Parameters,
-    unknowns: &Unknowns,
+    m: &MarkerParameters,
+    unknowns: &FitUnknowns,
     scale: f64,
     floor: f64,
-    images: Option<&mut Images>,
-) -> Step {
+    images: Option<&mut BatchImages>,
+) -> Linearisation {
     // Counting into an array here takes the compiler minutes.
     let list: &[usize] = &(0..N).filter(|&k| unknowns.free[k]).collect::<Vec<_>>();
     let sums = summed(pixels, m, list, scale, images);
-    let mut normal = Square::zeros();
-    let mut right = Column::zeros();
+    let mut normal = NormalMatrix::zeros();
+    let mut right = ParameterVector::zeros();
     let mut totals = sums.products.totals();
     for (i, &k) in list.iter().enumerate() {
         for (&l, sum) in list[i..].iter().zip(&mut totals) {
@@ -199,12 +199,12 @@ pub fn linearise(
         right[k] = totals.next().unwrap_or(0.0);
     }
     for &k in list {
-        let Estimate { value, sigma } = unknowns.prior[k];
+        let PriorValue { value, sigma } = unknowns.prior[k];
         let weight = (scale / sigma).powi(2);
         normal[(k, k)] += weight;
         right[k] += weight * (value - m[k]);
     }
-    Step {
+    Linearisation {
         normal,
         right,
         scale: sums.scale.max(floor),
@@ -216,43 +216,43 @@ pub fn linearise(
 
 wide! {
     /// The sums for the parameters of a list.
-    fn summed(pixels: &Pixels, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums
-        = Pixels::summed
+    fn summed(pixels: &Pixels, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>) -> LinearisationSums
+        = Pixels::accumulate
 }
 
 impl Pixels {
     #[inline(always)]
-    fn summed(&self, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums {
+    fn accumulate(&self, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>) -> LinearisationSums {
         // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
         // is compiled without the processor's wide registers.
         match (self.outlined, is_sharpened(m)) {
-            (false, false) => self.summed_by::<false, false>(m, list, scale, images),
-            (true, false) => self.summed_by::<true, false>(m, list, scale, images),
-            (false, true) => self.summed_by::<false, true>(m, list, scale, images),
-            (true, true) => self.summed_by::<true, true>(m, list, scale, images),
+            (false, false) => self.accumulate_model::<false, false>(m, list, scale, images),
+            (true, false) => self.accumulate_model::<true, false>(m, list, scale, images),
+            (false, true) => self.accumulate_model::<false, true>(m, list, scale, images),
+            (true, true) => self.accumulate_model::<true, true>(m, list, scale, images),
         }
     }
 
     #[inline(always)]
-    fn summed_by<const OUTLINED: bool, const SHARPENED: bool>(
+    fn accumulate_model<const OUTLINED: bool, const SHARPENED: bool>(
         &self,
-        m: &Parameters,
+        m: &MarkerParameters,
         list: &[usize],
         scale: f64,
-        mut images: Option<&mut Images>,
-    ) -> Sums {
+        mut images: Option<&mut BatchImages>,
+    ) -> LinearisationSums {
         if let Some(images) = &mut images {
-            images.resize_with(self.batches.len(), Grey::new);
+            images.resize_with(self.batches.len(), GreyBatch::new);
         }
-        let mut unkept = Grey::new();
-        let model = Model::new(self.pattern, m, self.origin);
+        let mut unkept = GreyBatch::new();
+        let model = MarkerModel::new(self.pattern, m, self.origin);
         let sharpened =
-            SHARPENED.then(|| Sharpened::new(Model::new(self.pattern, m, self.origin), m, self.origin));
-        let mut copy = SHARPENED.then(Grey::new);
-        let mut sums = Products::new(list.len());
-        let mut block = Block::new();
+            SHARPENED.then(|| SharpenedModel::new(MarkerModel::new(self.pattern, m, self.origin), m, self.origin));
+        let mut copy = SHARPENED.then(GreyBatch::new);
+        let mut sums = ColumnProducts::new(list.len());
+        let mut block = RowBlock::new();
         let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
-        let mut sizes = Sizes::new(self.batches.len());
+        let mut sizes = ResidualSizes::new(self.batches.len());
         for (k, batch) in self.batches.iter().enumerate() {
             let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
             match (&sharpened, &mut copy) {
@@ -262,7 +262,7 @@ impl Pixels {
                 _ => grey(&model, batch, image),
             }
             let r = each(|i| batch.value[i] - image.value[i]);
-            let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
+            let tukey = biweight_roots(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
             sizes.add(&r, &batch.root);
             for i in 0..LANES {
@@ -277,7 +277,7 @@ impl Pixels {
             }
         }
         block.flush(&mut sums);
-        Sums {
+        LinearisationSums {
             products: sums,
             scale: sizes.sigma(scale),
             weight: total(&weight),
@@ -289,7 +289,7 @@ impl Pixels {
 
 /// Roots of the biweights.
 #[inline(always)]
-pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
+pub fn biweight_roots(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     let (scale2, jitter2) = ((scale * scale) as f32, (WEIGHT.edge_jitter_px * WEIGHT.edge_jitter_px) as f32);
     let cut2 = (WEIGHT.cut_scales * WEIGHT.cut_scales) as f32;
     each(|i| {
@@ -302,17 +302,17 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::Pattern;
-    use crate::detect::sample::pixels::{Kind, Sorter};
+    use crate::detect::appearance::parameters::MarkerPattern;
+    use crate::detect::sample::pixels::{PixelKind, Sorter};
     use crate::detect::simd::batch::Batch;
 
     #[test]
     fn every_processor_gives_the_same_bits() {
         let shapes = [
-            (Pattern::Disc, false, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
-            (Pattern::Disc, false, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
-            (Pattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
-            (Pattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
+            (MarkerPattern::Disc, false, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
+            (MarkerPattern::Disc, false, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
+            (MarkerPattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+            (MarkerPattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
         ];
         let plain_and_sharpened = [[0.0, 0.0], [0.7, 1.3]].into_iter();
         for ((pattern, rim, shape), halo) in
@@ -321,7 +321,7 @@ mod tests {
             let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
             let narrow = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
             let m: Vec<f64> = shape.into_iter().chain(light).chain(halo).chain(narrow).collect();
-            let m: Parameters = std::array::from_fn(|k| m[k]);
+            let m: MarkerParameters = std::array::from_fn(|k| m[k]);
             let mut sorter = Sorter::new(pattern, [20.0, 20.0]);
             let mut batch = Batch::new();
             for i in 0..1500u32 {
@@ -329,14 +329,14 @@ mod tests {
                 let k = batch.len;
                 batch.push(x, y, (i * 7919 % 190) as f32);
                 (batch.p[k], batch.q[k], batch.root[k]) = (x / 30.0, y / 10.0, (i % 5) as f32 / 4.0);
-                sorter.push(Kind::Cheap, &batch, k);
+                sorter.push(PixelKind::ClosedForm, &batch, k);
                 batch.len %= LANES;
             }
             let mut pixels = sorter.finish();
             pixels.outlined = rim;
             let list: [usize; N] = std::array::from_fn(|k| k);
             let wide = summed(&pixels, &m, &list, 30.0, None);
-            assert_eq!(wide, pixels.summed(&m, &list, 30.0, None), "{pattern:?}");
+            assert_eq!(wide, pixels.accumulate(&m, &list, 30.0, None), "{pattern:?}");
             assert!(
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
                 "{pattern:?}: nothing was summed"

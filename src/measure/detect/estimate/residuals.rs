@@ -2,9 +2,9 @@
 
 use nalgebra::Matrix2;
 
-use super::gauss_newton::Fit;
-use super::normal_equations::biweights;
-use super::sandwich::{Blocks, SECTORS, sectors};
+use super::gauss_newton::MarkerFit;
+use super::normal_equations::biweight_roots;
+use super::sandwich::{ResidualBlocks, SECTORS, pixel_sectors};
 use crate::detect::appearance::parameters::{N, X, Y};
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::dispatch::wide;
@@ -28,11 +28,11 @@ pub struct ResidualAnalysis {
 
 wide! {
     /// What a fit's residuals show, from where it was linearised.
-    pub fn analyse(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> = analysed
+    pub fn analyse_residuals(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Option<ResidualAnalysis> = analyse_residuals_generic
 }
 
 #[inline(always)]
-fn analysed(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> {
+fn analyse_residuals_generic(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Option<ResidualAnalysis> {
     let m = &fit.parameters;
     let [by_x, by_y] = [X, Y].map(|k| fit.covariance.column(k).map(|v| (v / fit.variance) as f32));
     let mut list = [(0, [0.0f32; 3]); N];
@@ -41,7 +41,7 @@ fn analysed(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> 
         list[count] = (k, [(m[k] - fit.start[k]) as f32, by_x[k], by_y[k]]);
         count += 1;
     }
-    let mut blocks = Blocks::new(pixels, m);
+    let mut blocks = ResidualBlocks::new(pixels, m);
     // Of each sector the sum of its weighted residuals, and of the weights' squares.
     let mut common = [[0.0f64; 2]; SECTORS];
     let mut residuals = Vec::with_capacity(pixels.batches.len());
@@ -55,10 +55,10 @@ fn analysed(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> 
             }
         }
         let r = each(|i| batch.value[i] - image.value[i] - sums[0][i]);
-        let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
+        let tukey = biweight_roots(&r, &image.gradient[X], &image.gradient[Y], scale);
         let pull = each(|i| (batch.root[i] * tukey[i]) * (batch.root[i] * tukey[i]) * r[i]);
         blocks.add(batch, [each(|i| sums[1][i] * pull[i]), each(|i| sums[2][i] * pull[i])]);
-        let sector = sectors(batch);
+        let sector = pixel_sectors(batch);
         for i in 0..batch.len {
             if let Some(sum) = common.get_mut(sector[i] as usize) {
                 let weight = f64::from((batch.root[i] * tukey[i]).powi(4));
@@ -69,7 +69,7 @@ fn analysed(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> 
         roots.push(tukey);
     }
     let free = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).count();
-    let (covariance, ratio, mean) = blocks.raise(&fit.white, free)?;
+    let (covariance, ratio, mean) = blocks.raise_covariance(&fit.white, free)?;
     let seen = common.iter().filter(|sum| sum[1] > 2.0);
     let (sum, count) = seen.fold((0.0, 0.0), |(s, n), [r, w]| (s + r * r / w, n + 1.0));
     let uneven = sum / (fit.variance * f64::max(count, 1.0));

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, Matrix2};
 
-use crate::detect::appearance::parameters::{Parameters, X, Y};
+use crate::detect::appearance::parameters::{MarkerParameters, X, Y};
 use crate::detect::detection::covariance::at_least;
 use crate::detect::estimate::options::WEIGHT;
 use crate::detect::sample::pixels::Pixels;
@@ -16,7 +16,7 @@ pub const SECTORS: usize = 48;
 
 /// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
 /// along the marker on each side of its axis.
-pub struct Blocks {
+pub struct ResidualBlocks {
     origin: [f32; 2],
     per_px: f32,
     width: usize,
@@ -24,9 +24,9 @@ pub struct Blocks {
     sectors: Vec<[f64; 2]>,
 }
 
-impl Blocks {
+impl ResidualBlocks {
     /// None yet. Squares are counted from the picture's origin, those of JPEG.
-    pub fn new(pixels: &Pixels, m: &Parameters) -> Self {
+    pub fn new(pixels: &Pixels, m: &MarkerParameters) -> Self {
         // The pixels' own extent, for quadrants have no axes.
         let (cx, cy) = ((m[X] - pixels.origin[0]) as f32, (m[Y] - pixels.origin[1]) as f32);
         let mut far = Lanes::of(1.0);
@@ -50,7 +50,7 @@ impl Blocks {
         let square = each(|i| {
             place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0])
         });
-        let sector = sectors(batch);
+        let sector = pixel_sectors(batch);
         for i in 0..batch.len {
             let moved = [f64::from(moved[0][i]), f64::from(moved[1][i])];
             let blocks = [(&mut self.squares, square[i]), (&mut self.sectors, sector[i])];
@@ -62,10 +62,10 @@ impl Blocks {
     }
 
     /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
-    pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
-        let squares = scatter(&self.squares, count);
-        let (raised, one) = at_least(white, &squares, WEIGHT.chance)?;
-        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count), WEIGHT.chance)?;
+    pub fn raise_covariance(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
+        let squares = block_covariance(&self.squares, count);
+        let (raised, one) = at_least(white, &squares, WEIGHT.max_random_ratio)?;
+        let (raised, other) = at_least(&raised, &block_covariance(&self.sectors, count), WEIGHT.max_random_ratio)?;
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }
@@ -73,7 +73,7 @@ impl Blocks {
 
 /// The sectors of a batch's pixels.
 #[inline(always)]
-pub fn sectors(batch: &Batch) -> Lanes {
+pub fn pixel_sectors(batch: &Batch) -> Lanes {
     /// Of them on each side of the axis.
     const ALONG: f32 = (SECTORS / 2) as f32;
     each(|i| {
@@ -83,9 +83,9 @@ pub fn sectors(batch: &Batch) -> Lanes {
 }
 
 /// The centre's covariance from blocks that are independent of each other.
-fn scatter(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
+fn block_covariance(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
     let seen: Matrix2<f64> = blocks.iter().map(|&[x, y]| Matrix2::new(x * x, x * y, x * y, y * y)).sum();
     // The parameters take up part of what is common to a block.
     let number = blocks.iter().filter(|b| **b != [0.0; 2]).count() as f64;
-    seen * (number / (number - count as f64).max(1.0)).min(WEIGHT.taken)
+    seen * (number / (number - count as f64).max(1.0)).min(WEIGHT.max_correction)
 }

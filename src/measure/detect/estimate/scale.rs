@@ -5,12 +5,12 @@ use crate::detect::simd::lanes::{Lanes, each, total};
 use crate::estimation::robust::SIGMA_OVER_MEDIAN;
 
 /// The sizes of residuals.
-pub struct Sizes {
+pub struct ResidualSizes {
     sizes: Vec<Lanes>,
     count: Lanes,
 }
 
-impl Sizes {
+impl ResidualSizes {
     /// None yet, of so many batches.
     pub fn new(batches: usize) -> Self {
         Self { sizes: Vec::with_capacity(batches), count: Lanes::of(0.0) }
@@ -19,8 +19,8 @@ impl Sizes {
     /// Takes up a batch's residuals of pixels that have at least half their weight.
     #[inline(always)]
     pub fn add(&mut self, r: &Lanes, root: &Lanes) {
-        self.sizes.push(each(|i| if root[i] > WEIGHT.tells_scale { r[i].abs() } else { f32::MAX }));
-        self.count = each(|i| self.count[i] + if root[i] > WEIGHT.tells_scale { 1.0 } else { 0.0 });
+        self.sizes.push(each(|i| if root[i] > WEIGHT.scale_root { r[i].abs() } else { f32::MAX }));
+        self.count = each(|i| self.count[i] + if root[i] > WEIGHT.scale_root { 1.0 } else { 0.0 });
     }
 
     /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
@@ -71,7 +71,7 @@ mod tests {
     fn halving_gives_the_median() {
         let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
         for scale in [2.0, 5.0, 9.0] {
-            let mut halved = Sizes::new(8);
+            let mut halved = ResidualSizes::new(8);
             for some in sizes.chunks(LANES) {
                 halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::of(1.0));
                 halved.add(&Lanes::of(1e6), &Lanes::of(0.5));

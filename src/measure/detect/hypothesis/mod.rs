@@ -6,18 +6,18 @@ pub mod prior;
 
 use nalgebra::Vector2;
 
-use crate::detect::appearance::parameters::Pattern;
-use crate::detect::hypothesis::prior::Prior;
+use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::hypothesis::prior::MarkerPrior;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::decal::Decal;
-use crate::detect::occlusion::region::{Band, Region};
+use crate::detect::occlusion::region::{OcclusionBand, Region};
 use crate::raster::Raster;
 
 /// What an attempt starts from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hypothesis {
     /// Disc or quadrants.
-    pub pattern: Pattern,
+    pub pattern: MarkerPattern,
     /// The marker's outline.
     pub ellipse: Ellipse,
     /// Quadrants: their edges.
@@ -27,7 +27,7 @@ pub struct Hypothesis {
     /// Regions of the picture that may show something else.
     pub excluded: Vec<Region>,
     /// What is known of it beforehand.
-    pub prior: Prior,
+    pub prior: MarkerPrior,
 }
 
 /// Two edges that cross.
@@ -41,13 +41,13 @@ pub struct EdgePair {
 
 impl Hypothesis {
     /// With this outline, of which nothing more is known.
-    pub fn of(pattern: Pattern, ellipse: Ellipse, blobs: Vec<usize>) -> Self {
-        Self { pattern, ellipse, edges: None, blobs, excluded: Vec::new(), prior: Prior::default() }
+    pub fn of(pattern: MarkerPattern, ellipse: Ellipse, blobs: Vec<usize>) -> Self {
+        Self { pattern, ellipse, edges: None, blobs, excluded: Vec::new(), prior: MarkerPrior::default() }
     }
 
     /// Whether a point of the picture may show something else than the marker.
     pub fn hides(&self, at: &Vector2<f64>) -> bool {
-        self.excluded.iter().any(|region| region.holds(at))
+        self.excluded.iter().any(|region| region.contains(at))
     }
 
     /// Whether no part of the marker is thought to be hidden.
@@ -71,7 +71,7 @@ impl Hypothesis {
     }
 
     /// The bands in which glare hides it.
-    pub fn glare(&self) -> impl Iterator<Item = &Band> {
+    pub fn glare(&self) -> impl Iterator<Item = &OcclusionBand> {
         self.excluded.iter().filter_map(Region::glare)
     }
 
@@ -81,7 +81,7 @@ impl Hypothesis {
     }
 
     /// With these bands of glare instead of those that it has.
-    pub fn with_glare(mut self, bands: Vec<Band>) -> Self {
+    pub fn with_glare(mut self, bands: Vec<OcclusionBand>) -> Self {
         self.excluded.retain(|region| region.glare().is_none());
         self.excluded.extend(bands.into_iter().map(Region::Glare));
         self
@@ -115,7 +115,7 @@ impl Hypothesis {
         };
         let (along, across) = ([mean(along), mean(-along)], [mean(across), mean(-across)]);
         let (black, white) =
-            if self.pattern == Pattern::BlackAlong { (along, across) } else { (across, along) };
+            if self.pattern == MarkerPattern::BlackAlong { (along, across) } else { (across, along) };
         white[0].min(white[1]) - black[0].max(black[1])
     }
 }

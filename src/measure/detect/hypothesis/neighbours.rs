@@ -3,14 +3,14 @@
 use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
 use crate::detect::detection::Detection;
-use crate::detect::hypothesis::{options::NEIGHBOURS, prior::Estimate};
+use crate::detect::hypothesis::{options::NEIGHBOURS, prior::PriorValue};
 use crate::detect::numbers::TINY;
 use crate::estimation::robust::median;
 use crate::setup::Shape;
 
 /// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a
 /// surface that is about plane, the scale of what lies on it changes linearly over the picture.
-pub fn predicted_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2<f64>) -> Option<Estimate> {
+pub fn predicted_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2<f64>) -> Option<PriorValue> {
     let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
     let within = |most: f64| discs.iter().copied().filter(move |d| d.variance() < most);
     let certain = within(NEIGHBOURS.certain_px2).count() >= NEIGHBOURS.enough;
@@ -44,5 +44,5 @@ pub fn predicted_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vecto
     let sound =
         near.len() >= NEIGHBOURS.enough && scatter < NEIGHBOURS.unlike && plane.x > NEIGHBOURS.least * usual;
     let sigma = plane.x * scatter.max(NEIGHBOURS.scatter) * far.sqrt();
-    sound.then_some(Estimate { value: plane.x, sigma })
+    sound.then_some(PriorValue { value: plane.x, sigma })
 }

@@ -2,13 +2,13 @@
 
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
+pub struct PriorValue {
     pub value: f64,
     /// Infinite where nothing is known.
     pub sigma: f64,
 }
 
-impl Estimate {
+impl PriorValue {
     /// Of which nothing is known.
     pub const UNKNOWN: Self = Self::zero(f64::INFINITY);
 
@@ -25,7 +25,7 @@ impl Estimate {
 
 /// What is known beforehand: from a twin beside it, from its neighbours, from the orientation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Prior {
+pub struct MarkerPrior {
     /// Whether size, direction and thickness are those of a twin, a disc beside it.
     pub twin: bool,
     /// The size that the discs about it, or the orientation, predict.
@@ -36,7 +36,7 @@ pub struct Prior {
     pub blur: Option<f64>,
 }
 
-impl Prior {
+impl MarkerPrior {
     /// Whether all of the size is predicted, as only the orientation or a twin can.
     pub fn tells_all_of_size(&self) -> bool {
         self.size.is_some_and(|size| size.slope.is_some())
@@ -46,20 +46,20 @@ impl Prior {
 /// A disc's semi-axes, px, and direction, rad; minor axis and direction may not be predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizePrior {
-    pub major: Estimate,
-    pub slope: Option<Slope>,
+    pub major: PriorValue,
+    pub slope: Option<SlopePrior>,
 }
 
 /// What of a disc's shape follows the skin's slope: semi-minor axis, px, and direction, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Slope {
-    pub minor: Estimate,
-    pub angle: Estimate,
+pub struct SlopePrior {
+    pub minor: PriorValue,
+    pub angle: PriorValue,
 }
 
 /// Usual blur, px, and darkness of a frame's markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgePrior {
-    pub blur: Estimate,
-    pub dark: Estimate,
+    pub blur: PriorValue,
+    pub dark: PriorValue,
 }

@@ -18,7 +18,7 @@ pub struct EllipseFrame<'a> {
 }
 
 /// An ellipse grown on all sides that is asked row by row: the factors of its equation for the columns of a row.
-pub struct Rows {
+pub struct EllipseRows {
     centre: Vector2<f64>,
     square: f64,
     /// One over that.
@@ -41,14 +41,14 @@ impl<'a> EllipseFrame<'a> {
     }
 
     /// The ellipse grown by `by`; `None` where nothing is left.
-    pub fn grown(&self, by: f64) -> Option<Rows> {
+    pub fn grown(&self, by: f64) -> Option<EllipseRows> {
         let (a, b) = (self.ellipse.major + by, self.ellipse.minor + by);
         if a <= 0.0 || b <= 0.0 {
             return None;
         }
         let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
         let square = self.cos * self.cos * p + self.sin * self.sin * q;
-        Some(Rows {
+        Some(EllipseRows {
             centre: self.ellipse.centre,
             square,
             by_square: 1.0 / square,
@@ -58,7 +58,7 @@ impl<'a> EllipseFrame<'a> {
     }
 }
 
-impl Rows {
+impl EllipseRows {
     /// Where a row passes through it.
     pub fn at(&self, y: f64) -> Option<(f64, f64)> {
         let dy = y - self.centre.y;
@@ -73,8 +73,8 @@ impl Rows {
 
 /// What lies between two ellipses about one centre, the inner of which may be none.
 pub struct Ring {
-    outer: Option<Rows>,
-    inner: Option<Rows>,
+    outer: Option<EllipseRows>,
+    inner: Option<EllipseRows>,
 }
 
 impl Ring {
@@ -92,7 +92,7 @@ impl Ring {
 }
 
 /// Where a row passes through an ellipse of which something is left.
-pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
+pub fn row_of(rows: &Option<EllipseRows>, y: f64) -> Option<(f64, f64)> {
     rows.as_ref()?.at(y)
 }
 
@@ -106,12 +106,12 @@ pub fn columns(from: f64, to: f64, [x0, _, x1, _]: PixelBox) -> Range<usize> {
 
 /// A straight edge between quadrants: a point, and the direction across it.
 #[derive(Clone, Copy)]
-pub struct Line {
+pub struct EdgeLine {
     pub at: Vector2<f64>,
     pub across: Vector2<f64>,
 }
 
-impl Line {
+impl EdgeLine {
     /// The part of a row that is within `reach`.
     pub fn row(&self, y: f64, reach: f64) -> (f64, f64) {
         /// Keeps lines along rows off infinity.

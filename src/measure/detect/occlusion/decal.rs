@@ -9,7 +9,7 @@ use crate::detect::occlusion::options::DECAL;
 use crate::detect::segment::blob::Blob;
 
 /// The direction of the picture's rows, in which decals are taken to lie first.
-pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
+pub const ROW_DIRECTION: Vector2<f64> = Vector2::new(1.0, 0.0);
 
 /// A rectangle of the picture that a decal may cover.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,15 +22,15 @@ pub struct Decal {
 
 impl Decal {
     /// Whether it holds a point.
-    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+    pub fn contains(&self, at: &Vector2<f64>) -> bool {
         let [x0, y0, x1, y1] = self.bounds;
-        let at = turned(self.axis, at);
+        let at = rotate_into(self.axis, at);
         (x0..=x1).contains(&at.x) && (y0..=y1).contains(&at.y)
     }
 
     /// What the decal of a print may cover of a blob, both by their bounds in the direction: a rim about the print, and where
     /// the blob ends near it, the blob's last rows or columns too, for blur mixes them with the decal; both are so wide, px.
-    pub fn over(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
+    pub fn from_print(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
         let mut bounds = print;
         for k in 0..2 {
             bounds[k] -= rim_px;
@@ -48,27 +48,27 @@ impl Decal {
 }
 
 /// A place along a direction and across it, px.
-fn turned(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
+fn rotate_into(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
     Vector2::new(axis.dot(at), axis.perp(at))
 }
 
 /// The bounds of an outline in a direction, px.
-pub fn print_of(ellipse: &Ellipse, axis: Vector2<f64>) -> [f64; 4] {
+pub fn outline_bounds(ellipse: &Ellipse, axis: Vector2<f64>) -> [f64; 4] {
     let level = Ellipse { angle: ellipse.angle - axis.y.atan2(axis.x), ..*ellipse };
-    let (middle, extent) = (turned(axis, &ellipse.centre), level.extent());
+    let (middle, extent) = (rotate_into(axis, &ellipse.centre), level.extent());
     let (low, high) = (middle - extent, middle + extent);
     [low.x, low.y, high.x, high.y]
 }
 
 /// The bounds of a blob's pixels in a direction, px.
-pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
-    if axis == ROWS {
+pub fn blob_bounds(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
+    if axis == ROW_DIRECTION {
         return blob.bounds.map(|v| v as f64);
     }
     let ends = blob.runs.iter().flat_map(|&[y, from, to]| [from, to].map(|x| (x, y)));
     let mut out = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
     for (x, y) in ends {
-        let at = turned(axis, &Vector2::new(f64::from(x), f64::from(y)));
+        let at = rotate_into(axis, &Vector2::new(f64::from(x), f64::from(y)));
         out = [out[0].min(at.x), out[1].min(at.y), out[2].max(at.x), out[3].max(at.y)];
     }
     out
@@ -76,7 +76,7 @@ pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
 
 /// The direction in which the decal of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
 /// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
-pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
+pub fn find_cut_direction(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
     let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
     let points: Vec<Vector2<f64>> = blob
         .contour()
@@ -92,7 +92,7 @@ pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
     let on = |at: Vector2<f64>, axis: Vector2<f64>| {
         points.iter().filter(move |&point| axis.perp(&(point - at)).abs() < DECAL.line_off_px)
     };
-    let (mut line, mut most) = ((Vector2::zeros(), ROWS), 0);
+    let (mut line, mut most) = ((Vector2::zeros(), ROW_DIRECTION), 0);
     for (i, one) in points.iter().enumerate() {
         for other in &points[i + 1..] {
             let Some(axis) = (other - one).try_normalize(DECAL.line_reach_px) else { continue };
@@ -119,7 +119,7 @@ mod tests {
     use crate::raster::Raster;
 
     /// The direction in which an ellipse seems cut that ends below at a line with a slope.
-    fn seen(slope: f64) -> Option<f64> {
+    fn cut_angle(slope: f64) -> Option<f64> {
         let disc = Ellipse { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: -0.05 };
         let neighbour = Ellipse { centre: Vector2::new(104.0, 64.0), ..disc };
         let grey = |i: usize| {
@@ -129,33 +129,33 @@ mod tests {
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
         let blobs = dark_parts(&image, &disc, 6.0, 120);
-        cut(blobs.first()?, &neighbour).map(|axis| axis.y.atan2(axis.x))
+        find_cut_direction(blobs.first()?, &neighbour).map(|axis| axis.y.atan2(axis.x))
     }
 
     #[test]
-    fn the_line_in_which_a_blob_ends_tells_how_a_decal_lies() {
+    fn cut_line_gives_the_direction_of_the_decal() {
         for slope in [-0.2, -0.1, -0.05, 0.05, 0.1, 0.2f64] {
-            let angle = seen(slope).expect("a slanting line");
+            let angle = cut_angle(slope).expect("a slanting line");
             assert!((angle - slope.atan()).abs() < 0.012, "{slope}: {angle}");
         }
-        assert_eq!(seen(0.0), None, "rows need no other direction");
+        assert_eq!(cut_angle(0.0), None, "rows need no other direction");
     }
 
     #[test]
-    fn bounds_turn_with_their_direction() {
+    fn bounds_rotate_with_their_direction() {
         let ellipse = Ellipse { centre: Vector2::new(30.0, 20.0), major: 10.0, minor: 2.0, angle: 0.3 };
         let axis = ellipse.axis();
-        let [x0, y0, x1, y1] = print_of(&ellipse, axis);
+        let [x0, y0, x1, y1] = outline_bounds(&ellipse, axis);
         assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
-        let decal = Decal::over(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
+        let decal = Decal::from_print(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
         // The blob begins 5 px beyond the print: a blur more than that is hidden.
         let across = Vector2::new(-axis.y, axis.x);
         assert!(
-            decal.holds(&(ellipse.centre + across * 9.4)) && !decal.holds(&(ellipse.centre + across * 9.6))
+            decal.contains(&(ellipse.centre + across * 9.4)) && !decal.contains(&(ellipse.centre + across * 9.6))
         );
         assert!(
-            decal.holds(&(ellipse.centre + axis * 16.9)) && !decal.holds(&(ellipse.centre + axis * 17.1))
+            decal.contains(&(ellipse.centre + axis * 16.9)) && !decal.contains(&(ellipse.centre + axis * 17.1))
         );
-        assert_eq!(print_of(&ellipse, ROWS)[0], ellipse.centre.x - ellipse.extent().x);
+        assert_eq!(outline_bounds(&ellipse, ROW_DIRECTION)[0], ellipse.centre.x - ellipse.extent().x);
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::region::Band;
+use super::region::OcclusionBand;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::options::GLARE;
 use crate::estimation::robust::median;
@@ -12,7 +12,7 @@ use crate::raster::Raster;
 pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
     let axis = ellipse.axis();
     [-1.0, 1.0].iter().any(|side| {
-        GLARE.past_px.iter().all(|past| {
+        GLARE.beyond_tip_px.iter().all(|past| {
             let at = ellipse.centre + axis * (side * (ellipse.major + past));
             image.nearest(at.x, at.y) >= GLARE.white
         })
@@ -22,37 +22,37 @@ pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
 /// The bands in which glare lies over a marker of which all is known but the exact place: over its ends or its middle; from
 /// where the skin is so many times lighter than elsewhere, and farther out by so many times the way from there to where it is
 /// bright.
-pub fn lit(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<Band> {
-    lit_along(&lighter(&beside(image, ellipse)), ellipse, begins, fringe)
+pub fn find_glare_bands(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
+    bright_bands(&lighter_side(&skin_profiles(image, ellipse)), ellipse, begins, fringe)
 }
 
 /// Of either side the lighter skin: a place that is some px off has the marker's own black on one.
-fn lighter([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
+fn lighter_side([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
     one.iter().zip(other).map(|(one, other)| one.max(*other)).collect()
 }
 
 /// The same of a thick marker, over which it matters that glare slants: where either side shows one band, it reaches from
 /// where it is seen on the one to where it is seen on the other.
-pub fn lit_slanting(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<Band> {
+pub fn find_slanting_glare(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<OcclusionBand> {
     let middle = ellipse.centre.dot(&ellipse.axis());
     // Beyond the marker's ends it does not matter where it ends.
-    let open = |band: Band| Band {
+    let open = |band: OcclusionBand| OcclusionBand {
         from: if band.from < middle - ellipse.major { f64::NEG_INFINITY } else { band.from },
         to: if band.to > middle + ellipse.major { f64::INFINITY } else { band.to },
         ..band
     };
-    let lit_on = |skin: &[f64]| lit_along(skin, ellipse, begins, 0.0);
-    let skin = beside(image, ellipse);
+    let lit_on = |skin: &[f64]| bright_bands(skin, ellipse, begins, 0.0);
+    let skin = skin_profiles(image, ellipse);
     let slanting = match skin.each_ref().map(|side| lit_on(side)) {
-        [one, other] if one.len() == 1 && other.len() == 1 => slanting([one[0], other[0]].map(open), ellipse),
+        [one, other] if one.len() == 1 && other.len() == 1 => slanting_band([one[0], other[0]].map(open), ellipse),
         _ => None,
     };
-    slanting.map_or_else(|| lit_on(&lighter(&skin)), |band| vec![band])
+    slanting.map_or_else(|| lit_on(&lighter_side(&skin)), |band| vec![band])
 }
 
 /// The band across a marker of which the skin on either side shows a part; `None` where these are not parts of one, or where
 /// it lies along the marker.
-fn slanting(sides: [Band; 2], ellipse: &Ellipse) -> Option<Band> {
+fn slanting_band(sides: [OcclusionBand; 2], ellipse: &Ellipse) -> Option<OcclusionBand> {
     let [one, other] = sides;
     let away = ellipse.minor + 0.5 * (GLARE.beside_px[0] + GLARE.beside_px[GLARE.beside_px.len() - 1]);
     let shifts = [other.from - one.from, other.to - one.to];
@@ -75,11 +75,11 @@ fn slanting(sides: [Band; 2], ellipse: &Ellipse) -> Option<Band> {
     };
     let from = place(one.from, 1.0).min(place(other.from, -1.0));
     let to = place(one.to, 1.0).max(place(other.to, -1.0));
-    Some(Band { axis, from, to })
+    Some(OcclusionBand { axis, from, to })
 }
 
 /// What of the skin along a marker is lit.
-fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<Band> {
+fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
     let axis = ellipse.axis();
     let mut sorted = skin.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -87,11 +87,11 @@ fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<B
     let usual = sorted.get(sorted.len() / 5).copied().unwrap_or(0.0);
     let middle = ellipse.centre.dot(&axis);
     let place = |i: usize| middle + i as f64 - (skin.len() / 2) as f64;
-    let mut out: Vec<Band> = Vec::new();
+    let mut out: Vec<OcclusionBand> = Vec::new();
     let mut first = 0;
     for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
         let next = first + alike.len();
-        let bright = |v: &f64| *v > GLARE.bright * usual;
+        let bright = |v: &f64| *v > GLARE.bright_ratio * usual;
         if let (Some(rise), Some(fall)) = (alike.iter().position(bright), alike.iter().rev().position(bright))
         {
             let beyond = |way: usize| GLARE.margin_px + fringe * way as f64;
@@ -99,8 +99,8 @@ fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<B
             let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
             match out.last_mut() {
                 _ if from > middle + ellipse.major || to < middle - ellipse.major => {}
-                Some(Band { to: last, .. }) if *last > from => *last = to,
-                _ => out.push(Band { axis, from, to }),
+                Some(OcclusionBand { to: last, .. }) if *last > from => *last = to,
+                _ => out.push(OcclusionBand { axis, from, to }),
             }
         }
         first = next;
@@ -109,7 +109,7 @@ fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<B
 }
 
 /// Grey values of the skin on either side of a marker, at each pixel along it and beyond its ends.
-fn beside(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
+fn skin_profiles(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
     let (axis, across) = (ellipse.axis(), ellipse.across());
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let last = ellipse.major.ceil() as i32 + GLARE.beyond_px;
@@ -125,16 +125,16 @@ fn beside(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
 
 /// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
 /// tells, for the blob's own outline fades as the skin lights up.
-pub fn occluded(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
-    let [one, other] = beside(image, ellipse);
+pub fn glare_limits(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
+    let [one, other] = skin_profiles(image, ellipse);
     let skin: Vec<f64> = one.iter().zip(&other).map(|(one, other)| 0.5 * (one + other)).collect();
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = ellipse.major as i32;
     let Some(usual) = median((-half..=half).map(at).collect()) else { return [None; 2] };
     [-1, 1].map(|sign| {
-        let peak = (0..=last).find(|&s| at(sign * s) > GLARE.lighter * usual)?;
-        let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begins * usual)?;
+        let peak = (0..=last).find(|&s| at(sign * s) > GLARE.min_ratio * usual)?;
+        let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begin_ratio * usual)?;
         (begin < half + 2).then(|| {
             ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - GLARE.margin_px)
         })
@@ -155,8 +155,8 @@ mod tests {
                 if x - 170.3 > lean * (y - 90.6) { 255 } else { 140 }
             };
             let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-            let bands = lit_slanting(&image, &ellipse, GLARE.bright);
-            let [Band { axis, from, to }] = bands[..] else { panic!("{bands:?}") };
+            let bands = find_slanting_glare(&image, &ellipse, GLARE.bright_ratio);
+            let [OcclusionBand { axis, from, to }] = bands[..] else { panic!("{bands:?}") };
             let across = Vector2::new(1.0, -lean).normalize();
             let off = axis.dot(&Vector2::new(170.3, 90.6)) - from;
             assert!(
@@ -175,8 +175,8 @@ mod tests {
             _ => 140,
         };
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-        let bands = lit_slanting(&image, &ellipse, GLARE.bright);
-        assert_eq!(bands, lit(&image, &ellipse, GLARE.bright, 0.0));
-        assert!(matches!(bands[..], [Band { from, .. }] if (186.0..190.0).contains(&from)), "{bands:?}");
+        let bands = find_slanting_glare(&image, &ellipse, GLARE.bright_ratio);
+        assert_eq!(bands, find_glare_bands(&image, &ellipse, GLARE.bright_ratio, 0.0));
+        assert!(matches!(bands[..], [OcclusionBand { from, .. }] if (186.0..190.0).contains(&from)), "{bands:?}");
     }
 }

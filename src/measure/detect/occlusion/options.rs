@@ -27,16 +27,16 @@ numbers! {
         /// Grey value from which on skin is saturated. Derived: 255 less what JPEG leaves about edges.
         white: u8 = 250,
         /// Where beyond a disc's tip that is looked at, px: beyond the greatest blur. Chosen; `tests/detect/glare.rs`.
-        past_px: [f64; 3] = [3.0, 4.5, 6.0],
+        beyond_tip_px: [f64; 3] = [3.0, 4.5, 6.0],
         /// Skin over the usual skin at which glare is believed, a ratio. Chosen on the rendered glare frames;
         /// `tests/detect/glare.rs`.
-        lighter: f64 = 1.15,
+        min_ratio: f64 = 1.15,
         /// The same where it begins. What lights the skin by a tenth doubles the light of black, which is a tenth of an
         /// edge's width.
-        begins: f64 = 1.10,
+        begin_ratio: f64 = 1.10,
         /// The same at its brightest over a predicted marker, along which light changes by itself. Chosen on the glare
         /// frames of 112 rendered sets; `tests/detect/closer.rs`.
-        bright: f64 = 1.3,
+        bright_ratio: f64 = 1.3,
         /// Where the skin beside a marker is looked at, px from its outline: beyond the greatest blur. Chosen;
         /// `tests/detect/glare.rs`.
         beside_px: [f64; 4] = [4.0, 5.0, 6.0, 7.0],
@@ -64,21 +64,21 @@ numbers! {
         /// Residual scales by which all of a seam is darker.
         darker_scales: f64 = 1.5,
         /// Signs that must lie on one line.
-        least_signs: usize = 8,
+        min_signs: usize = 8,
         /// The darkest of them, of which the first line is made: a bound on time, all pairs of them are tried.
-        most_signs: usize = 32,
+        max_signs: usize = 32,
         /// Distance from which on two signs tell a line, px.
         apart_px: f64 = 6.0,
         /// Least scale of residuals, grey levels.
-        least_scale: f64 = 0.1,
+        min_scale: f64 = 0.1,
         /// Least variance of the skin beside a seam, in squares of those scales.
-        least_variance: f64 = 0.25,
+        min_variance: f64 = 0.25,
         /// Share of the peak darkness from which on a piece is dark.
         dark_piece: f64 = 0.4,
         /// Share of it below which its profile has ended.
         ended: f64 = 0.12,
         /// Least half width of a seam, px: a pixel's.
-        least_half_px: f64 = 1.0,
+        min_half_width_px: f64 = 1.0,
         /// Half the width in which a seam's signs lie, px.
         half_width_px: f64 = 1.2,
         /// From where to where the skin beside a seam is looked at, px: beyond its blur and its profile.
@@ -94,7 +94,7 @@ numbers! {
         /// What a seam's blur still darkens beyond where it seems to end, px.
         skirt_px: f64 = 1.0,
         /// Standard deviations of a seam's darkness. The line is the best of some 500, and chance lines up signs.
-        certain: f64 = 8.0,
+        significance: f64 = 8.0,
         /// Length of the pieces of which a seam's most are dark, px.
         piece_px: f64 = 4.0,
         /// Share of them: letters and dirt are no lines.
@@ -105,11 +105,11 @@ numbers! {
         /// look is in single precision.
         hint: f64 = 0.9,
         /// Share of the outline that a seam may hide: more could not be missed.
-        hides: f64 = 0.35,
+        max_hidden: f64 = 0.35,
         /// Most seams at a disc: one at each tip.
-        most: usize = 2,
+        max_seams: usize = 2,
         /// Most lines that are tried: a bound on time.
-        tries: usize = 3,
+        max_tries: usize = 3,
     }
 
     /// Dark paint at a disc's end. Derived, unless said otherwise; `tests/detect/robustness.rs` holds it.
@@ -120,7 +120,7 @@ numbers! {
         /// lines count too, which shift a disc by less (0.1 px) than it costs to leave out an end (0.2 px).
         dark: f64 = 0.5,
         /// The same in residual scales: by chance one pixel in 16 000.
-        certain: f64 = 4.0,
+        significance: f64 = 4.0,
         /// Where beside an end it begins to be sought, blurs from the outline: the disc's own edge leaves 16 % there.
         clear_blurs: f64 = 1.0,
         /// Where that ends: what paint a blur farther off than its own edge darkens at the outline is less than 2 %.
@@ -128,7 +128,7 @@ numbers! {
         /// Where an end begins, as a share of the semi-major axis: there it is 0.6 times as thick as the middle.
         end: f64 = 0.8,
         /// Pixels that tell it.
-        least_px: usize = 3,
+        min_pixels: usize = 3,
         /// What paint's edge still darkens, blurs: 1.4 % of it.
         skirt_blurs: f64 = 2.2,
     }

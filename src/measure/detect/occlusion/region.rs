@@ -10,19 +10,19 @@ pub enum Region {
     /// A decal that lies over the marker.
     Decal(Decal),
     /// Glare that hides the marker.
-    Glare(Band),
+    Glare(OcclusionBand),
     /// A seam of the skin that meets the marker.
-    Seam(Band),
+    Seam(OcclusionBand),
     /// An end of the marker that dark paint touches.
-    Paint(Band),
+    Paint(OcclusionBand),
 }
 
 impl Region {
     /// Whether it holds a point.
-    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+    pub fn contains(&self, at: &Vector2<f64>) -> bool {
         match self {
-            Self::Decal(decal) => decal.holds(at),
-            Self::Glare(band) | Self::Seam(band) | Self::Paint(band) => band.holds(at),
+            Self::Decal(decal) => decal.contains(at),
+            Self::Glare(band) | Self::Seam(band) | Self::Paint(band) => band.contains(at),
         }
     }
 
@@ -32,14 +32,14 @@ impl Region {
     }
 
     /// The band, if it is glare.
-    pub fn glare(&self) -> Option<&Band> {
+    pub fn glare(&self) -> Option<&OcclusionBand> {
         if let Self::Glare(band) = self { Some(band) } else { None }
     }
 }
 
 /// A strip of the picture across a marker's axis, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Band {
+pub struct OcclusionBand {
     /// Unit vector of the axis.
     pub axis: Vector2<f64>,
     /// Where it begins along the axis, counted from the picture's origin.
@@ -48,9 +48,9 @@ pub struct Band {
     pub to: f64,
 }
 
-impl Band {
+impl OcclusionBand {
     /// Whether it holds a point.
-    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+    pub fn contains(&self, at: &Vector2<f64>) -> bool {
         (self.from..=self.to).contains(&self.axis.dot(at))
     }
 }

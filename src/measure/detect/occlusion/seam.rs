@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
-use super::region::Band;
-use crate::detect::appearance::parameters::{BLUR, LIGHT, Parameters, WHITEST, light_at};
+use super::region::OcclusionBand;
+use crate::detect::appearance::parameters::{BLUR, LIGHT, MarkerParameters, WHITEST, light_at};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
@@ -15,27 +15,27 @@ use crate::detect::simd::lanes::{LANES, Lanes, all, each, total};
 use crate::raster::Raster;
 
 /// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
-struct Spot {
+struct RingPixel {
     at: Vector2<f64>,
     darker: f32,
 }
 
 /// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
-pub fn find(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> Vec<Band> {
-    let ring = Ring::new(image, ellipse, m, scale);
-    let mut signs = ring.signs();
+pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale: f64) -> Vec<OcclusionBand> {
+    let ring = SeamRing::new(image, ellipse, m, scale);
+    let mut signs = ring.dark_pixels();
     signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
-    for _ in 0..SEAM.tries {
-        if out.len() == SEAM.most {
+    for _ in 0..SEAM.max_tries {
+        if out.len() == SEAM.max_seams {
             break;
         }
-        let Some(line) = straightest(&signs) else { break };
+        let Some(line) = find_line(&signs) else { break };
         signs.retain(|s| line.distance(&s.at) > 2.0 * SEAM.half_width_px);
-        let half = if ring.hints_at(&line) { half_width(&ring.beside(&line), &line) } else { None };
+        let half = if ring.suggests_seam(&line) { half_width(&ring.pixels_near(&line), &line) } else { None };
         if let Some(half) = half {
-            let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
-            if ellipse.share(|at| band.holds(at)) <= SEAM.hides {
+            let band = OcclusionBand { axis: line.across, from: line.at - half, to: line.at + half };
+            if ellipse.share(|at| band.contains(at)) <= SEAM.max_hidden {
                 out.push(band);
             }
         }
@@ -44,17 +44,17 @@ pub fn find(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> Ve
 }
 
 /// The ring beside a disc, by rows.
-struct Ring<'a> {
+struct SeamRing<'a> {
     image: &'a Raster,
     ellipse: &'a Ellipse,
     frame: EllipseFrame<'a>,
-    m: &'a Parameters,
+    m: &'a MarkerParameters,
     scale: f64,
     rows: Vec<(usize, [Range<usize>; 2])>,
 }
 
-impl<'a> Ring<'a> {
-    fn new(image: &'a Raster, ellipse: &'a Ellipse, m: &'a Parameters, scale: f64) -> Self {
+impl<'a> SeamRing<'a> {
+    fn new(image: &'a Raster, ellipse: &'a Ellipse, m: &'a MarkerParameters, scale: f64) -> Self {
         let reach = ellipse.extent().add_scalar(SEAM.reach_px + 1.0);
         let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
@@ -63,30 +63,30 @@ impl<'a> Ring<'a> {
         let ring = scanline::Ring::new(&frame, SEAM.clear_blurs * m[BLUR], SEAM.reach_px);
         let rows = (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
         let rows = rows.collect();
-        Self { image, ellipse, frame, m, scale: scale.max(SEAM.least_scale), rows }
+        Self { image, ellipse, frame, m, scale: scale.max(SEAM.min_scale), rows }
     }
 
     /// A pixel's place in semi-axes.
-    fn place(&self, x: usize, y: usize) -> (f64, f64) {
+    fn normalized_position(&self, x: usize, y: usize) -> (f64, f64) {
         let (s, t) = self.frame.local(x as f64, y as f64);
         (s / self.ellipse.major, t / self.ellipse.minor)
     }
 
-    fn spot(&self, x: usize, y: usize, value: u8) -> Spot {
-        let (p, q) = self.place(x, y);
+    fn ring_pixel(&self, x: usize, y: usize, value: u8) -> RingPixel {
+        let (p, q) = self.normalized_position(x, y);
         let darker = ((light_at(self.m, p, q) - f64::from(value)) / self.scale) as f32;
-        Spot { at: Vector2::new(x as f64, y as f64), darker }
+        RingPixel { at: Vector2::new(x as f64, y as f64), darker }
     }
 
     /// The signs.
-    fn signs(&self) -> Vec<Spot> {
+    fn dark_pixels(&self) -> Vec<RingPixel> {
         let (mut out, mut some) = (Vec::new(), Vec::new());
         for (y, parts) in &self.rows {
             for part in parts {
                 let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
-                dark(pixels, self.along(part.start, *y), &mut some);
+                find_dark(pixels, self.sign_limit(part.start, *y), &mut some);
                 let spots =
-                    some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
+                    some.drain(..).filter_map(|k| Some(self.ring_pixel(part.start + k, *y, *pixels.get(k)?)));
                 out.extend(spots.filter(|s| s.darker > SEAM.sign_scales));
             }
         }
@@ -94,17 +94,17 @@ impl<'a> Ring<'a> {
     }
 
     /// The grey value below which a pixel of a row may be a sign, as a polynomial of how far it is from `x`.
-    fn along(&self, x: usize, y: usize) -> [f32; 3] {
+    fn sign_limit(&self, x: usize, y: usize) -> [f32; 3] {
         /// What single precision may lose, grey levels: of values below 256 with a few roundings.
         const SAFE: f64 = 0.02;
-        let [light, first, second] = self.light(x, y);
+        let [light, first, second] = self.skin_polynomial(x, y);
         [light - f64::from(SEAM.sign_scales) * self.scale + SAFE, first, second].map(|v| v as f32)
     }
 
     /// The skin's grey value along a row, as a polynomial of how far a pixel is from `x`.
-    fn light(&self, x: usize, y: usize) -> [f64; 3] {
+    fn skin_polynomial(&self, x: usize, y: usize) -> [f64; 3] {
         let m = self.m;
-        let (p, q) = self.place(x, y);
+        let (p, q) = self.normalized_position(x, y);
         let (by_p, by_q) = (self.frame.cos / self.ellipse.major, -self.frame.sin / self.ellipse.minor);
         [
             light_at(m, p, q),
@@ -115,8 +115,8 @@ impl<'a> Ring<'a> {
 
     /// Calls for each row's pixels that are so near to a line that they tell whether it is a seam: row, first column and
     /// values.
-    fn for_rows_beside(&self, line: &Line, mut call: impl FnMut(usize, usize, &[u8])) {
-        let through = scanline::Line { at: line.across * line.at, across: line.across };
+    fn for_rows_near(&self, line: &SeamLine, mut call: impl FnMut(usize, usize, &[u8])) {
+        let through = scanline::EdgeLine { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
             let (from, to) = through.row(*y as f64, SEAM.beside_px.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
@@ -130,24 +130,24 @@ impl<'a> Ring<'a> {
     }
 
     /// Whether what lies on a line is dark enough against what is beside it to be looked at as a seam.
-    fn hints_at(&self, line: &Line) -> bool {
-        let mut sums = Strip { on: [Lanes::of(0.0); 2], beside: [Lanes::of(0.0); 3] };
+    fn suggests_seam(&self, line: &SeamLine) -> bool {
+        let mut sums = StripSums { on: [Lanes::of(0.0); 2], beside: [Lanes::of(0.0); 3] };
         let by_scale = 1.0 / self.scale;
-        self.for_rows_beside(line, |y, x, pixels| {
+        self.for_rows_near(line, |y, x, pixels| {
             let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
-            let light = self.light(x, y).map(|v| (v * by_scale) as f32);
-            add_up(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
+            let light = self.skin_polynomial(x, y).map(|v| (v * by_scale) as f32);
+            add_row(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
         });
         let ([sum, count], [other, others, squares]) =
             (sums.on.map(|s| total(&s)), sums.beside.map(|s| total(&s)));
-        stands_out([sum, count], [other, others, squares], SEAM.hint).is_some()
+        seam_contrast([sum, count], [other, others, squares], SEAM.hint).is_some()
     }
 
     /// The pixels so near to a line that they tell whether it is a seam.
-    fn beside(&self, line: &Line) -> Vec<Spot> {
+    fn pixels_near(&self, line: &SeamLine) -> Vec<RingPixel> {
         let mut out = Vec::new();
-        self.for_rows_beside(line, |y, x, pixels| {
-            out.extend((x..).zip(pixels).map(|(x, &v)| self.spot(x, y, v)));
+        self.for_rows_near(line, |y, x, pixels| {
+            out.extend((x..).zip(pixels).map(|(x, &v)| self.ring_pixel(x, y, v)));
         });
         out
     }
@@ -155,7 +155,7 @@ impl<'a> Ring<'a> {
 
 /// How much darker than the skin what lies on a line and beside it is, in residual scales: sums and counts, and beside it
 /// the sum of squares.
-struct Strip {
+struct StripSums {
     on: [Lanes; 2],
     beside: [Lanes; 3],
 }
@@ -163,13 +163,13 @@ struct Strip {
 wide! {
     /// Adds the pixels of a row, whose distance from the line is a first one and so much more for each, px, against the light
     /// as a polynomial of the place, in residual scales.
-    fn add_up(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) = added_up
+    fn add_row(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums) = add_row_generic
 }
 
 #[inline(always)]
-fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) {
+fn add_row_generic(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums) {
     let [c, b, a] = light;
-    let Strip { on: [sum, count], beside: [other, others, squares] } = sums;
+    let StripSums { on: [sum, count], beside: [other, others, squares] } = sums;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
         let mut grey = Lanes::of(0.0);
@@ -196,24 +196,24 @@ fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32
 
 /// By how much what lies on a line is darker than what lies beside it, and than what darkness of the skin, in residual
 /// scales, from sums, counts and the sum of squares; `None` where that is less than a share of a seam's.
-fn stands_out([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
-    if count < SEAM.least_signs as f64 || others < SEAM.least_signs as f64 {
+fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
+    if count < SEAM.min_signs as f64 || others < SEAM.min_signs as f64 {
         return None;
     }
     let skin = other / others;
-    let noise = (squares / others - skin * skin).max(SEAM.least_variance).sqrt();
+    let noise = (squares / others - skin * skin).max(SEAM.min_variance).sqrt();
     let peak = sum / count - skin;
-    let certain = peak > share * SEAM.darker_scales && peak * count.sqrt() > share * SEAM.certain * noise;
+    let certain = peak > share * SEAM.darker_scales && peak * count.sqrt() > share * SEAM.significance * noise;
     certain.then_some((peak, skin))
 }
 
 wide! {
     /// The places in a row of the pixels below a polynomial of the place.
-    fn dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = dark_of
+    fn find_dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = find_dark_generic
 }
 
 #[inline(always)]
-fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
+fn find_dark_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
     let [c, b, a] = below;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
@@ -233,25 +233,25 @@ fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
 
 /// A straight line: the points whose product with a unit vector is `at`, px.
 #[derive(Clone, Copy)]
-struct Line {
+struct SeamLine {
     across: Vector2<f64>,
     at: f64,
 }
 
-impl Line {
+impl SeamLine {
     fn distance(&self, at: &Vector2<f64>) -> f64 {
         (self.across.dot(at) - self.at).abs()
     }
 }
 
 /// The line that most of the darkest signs lie on; the darkest come first.
-fn straightest(signs: &[Spot]) -> Option<Line> {
-    if signs.len() < SEAM.least_signs {
+fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
+    if signs.len() < SEAM.min_signs {
         return None;
     }
-    let few: Vec<&Vector2<f64>> = signs.iter().take(SEAM.most_signs).map(|s| &s.at).collect();
+    let few: Vec<&Vector2<f64>> = signs.iter().take(SEAM.max_signs).map(|s| &s.at).collect();
     let origin = *few.first()?;
-    let mut places = [[Lanes::of(f32::MAX); SEAM.most_signs / LANES]; 2];
+    let mut places = [[Lanes::of(f32::MAX); SEAM.max_signs / LANES]; 2];
     for (k, at) in few.iter().enumerate() {
         let at = *at - origin;
         (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
@@ -259,24 +259,24 @@ fn straightest(signs: &[Spot]) -> Option<Line> {
     let [i, j] = best_pair(&places, few.len())?;
     let along = few.get(j)?.to_owned() - few.get(i)?.to_owned();
     let across = Vector2::new(-along.y, along.x).normalize();
-    let mut line = Line { across, at: across.dot(few.get(i)?) };
+    let mut line = SeamLine { across, at: across.dot(few.get(i)?) };
     for _ in 0..2 {
-        line = through(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < SEAM.half_width_px))?;
+        line = fit_line(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < SEAM.half_width_px))?;
     }
-    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.least_signs)
+    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs)
         .then_some(line)
 }
 
 /// Columns and rows of signs, px from the first; those that are not there are far away.
-type Places = [[Lanes; SEAM.most_signs / LANES]; 2];
+type SignPositions = [[Lanes; SEAM.max_signs / LANES]; 2];
 
 wide! {
     /// The two of the first `count` places whose line passes by most of them.
-    fn best_pair(places: &Places, count: usize) -> Option<[usize; 2]> = pair_by_count
+    fn best_pair(places: &SignPositions, count: usize) -> Option<[usize; 2]> = best_pair_generic
 }
 
 #[inline(always)]
-fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
+fn best_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]> {
     let at = |k: usize| (x[k / LANES][k % LANES], y[k / LANES][k % LANES]);
     let (mut best, mut most) = (None, 0.0);
     for i in 0..count {
@@ -309,7 +309,7 @@ fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
 }
 
 /// The line through points that has the least squares of distances.
-fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option<Line> {
+fn fit_line<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option<SeamLine> {
     let count = points.clone().count() as f64;
     if count < 2.0 {
         return None;
@@ -318,11 +318,11 @@ fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option
     let scatter: Matrix2<f64> = points.map(|at| (at - mean) * (at - mean).transpose()).sum();
     let eigen = SymmetricEigen::new(scatter);
     let across = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    Some(Line { across, at: across.dot(&mean) })
+    Some(SeamLine { across, at: across.dot(&mean) })
 }
 
 /// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
-fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
+fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
     let along = Vector2::new(-line.across.y, line.across.x);
     let mut profile = [[0.0f64; 2]; SEAM.bins];
     let mut beside = [0.0f64; 3];
@@ -346,10 +346,10 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
         }
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
-    let (peak, skin) = stands_out([sum, count], beside, 1.0)?;
+    let (peak, skin) = seam_contrast([sum, count], beside, 1.0)?;
     let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak).count();
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * SEAM.bin_px;
-    certain.then_some(half.max(SEAM.least_half_px) + SEAM.skirt_px)
+    certain.then_some(half.max(SEAM.min_half_width_px) + SEAM.skirt_px)
 }

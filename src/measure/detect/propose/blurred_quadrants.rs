@@ -4,35 +4,35 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::quadrant_outline::{inside, skin};
-use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
-use crate::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_leaving};
-use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use super::quadrant_outline::{grey_values_inside, skin_grey};
+use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, MarkerParameters};
+use crate::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_for_grey_ratio};
+use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::BLURRED, quadrant_edges};
-use crate::detect::segment::bitmask::Side;
+use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob::{self, Blob};
 use crate::raster::Raster;
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
 /// white; `None` for those that are too thick for the greatest blur, px.
-pub fn against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Option<Hypothesis> {
+pub fn resegment_against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Option<Hypothesis> {
     let seen = &hypothesis.ellipse;
     if hypothesis.edges.is_none()
         || hypothesis.prior.blur.is_some()
-        || seen.minor > BLURRED.most_blurs * softest
+        || seen.minor > BLURRED.max_blurs * softest
         || seen.major < BLURRED.flat * seen.minor
     {
         return None;
     }
-    let found = by_black_and_white(image, seen, &hypothesis.blobs)?;
-    let prior = Prior { edge: hypothesis.prior.edge, ..found.prior };
+    let found = quadrants_from_black_and_white(image, seen, &hypothesis.blobs)?;
+    let prior = MarkerPrior { edge: hypothesis.prior.edge, ..found.prior };
     Some(Hypothesis { prior, ..found })
 }
 
 /// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
 /// only where they are wanted, and of blobs that are no discs.
-pub fn narrow(
+pub fn find_narrow_quadrants(
     image: &Raster,
     blobs: &[Blob],
     near: &[[usize; 2]],
@@ -42,17 +42,17 @@ pub fn narrow(
     mut is_disc: impl FnMut(usize) -> bool,
 ) -> Vec<Hypothesis> {
     let mut may_be = |(i, (blob, taken)): (usize, (&Blob, &bool))| {
-        let seen = Ellipse::of(blob);
+        let seen = Ellipse::from_blob(blob);
         let free = !taken
             && !blob.at_edge
-            && blob.area > BLURRED.least_px
-            && seen.minor < BLURRED.thickest_px
+            && blob.area > BLURRED.min_area_px
+            && seen.minor < BLURRED.max_minor_px
             && wanted(&seen);
-        let contrast = if free { white_over_black(image, blob, noise) } else { None };
+        let contrast = if free { white_black_contrast(image, blob, noise) } else { None };
         contrast.filter(|_| !is_disc(i))
     };
     let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
-    let far = far_pairs(blobs, |i| contrasts[i].is_some());
+    let far = find_far_pairs(blobs, |i| contrasts[i].is_some());
     let far = far.into_iter().filter(|pair| near.binary_search(pair).is_err());
     let pairs = near.iter().copied().chain(far).map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
@@ -61,18 +61,18 @@ pub fn narrow(
         let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
         // Noise has less contrast than markers; grain of what lies beside the wing is smaller.
         let area: f64 = seed.iter().map(|&i| blobs[i].area).sum();
-        Some((contrast as f64 * area.sqrt(), moments::outline_of(&seed, blobs)?, seed))
+        Some((contrast as f64 * area.sqrt(), moments::inertia_ellipse(&seed, blobs)?, seed))
     });
     let mut seeds: Vec<(f64, Ellipse, Vec<usize>)> = seeds.collect();
     seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
-    seeds.truncate(BLURRED.seeds);
+    seeds.truncate(BLURRED.max_seeds);
     // Two parts of a marker come before each of them.
     seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
     for (_, seen, seed) in seeds {
         if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
             continue;
         }
-        let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
+        let Some(mut found) = quadrants_from_black_and_white(image, &seen, &[]) else { continue };
         found.blobs = (0..blobs.len()).filter(|&i| found.ellipse.contains(blobs[i].centroid)).collect();
         out.push(found);
     }
@@ -80,10 +80,10 @@ pub fn narrow(
 }
 
 /// Pairs of flat blobs that lie in a row, so far apart that blur may have taken what was between them.
-fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
+fn find_far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
     let flat: Vec<(usize, Ellipse)> = (blobs.iter().enumerate())
         .filter(|(i, _)| wanted(*i))
-        .map(|(i, blob)| (i, Ellipse::of(blob)))
+        .map(|(i, blob)| (i, Ellipse::from_blob(blob)))
         .filter(|(_, seen)| seen.major > BLURRED.flat * seen.minor)
         .collect();
     let in_row = |one: &Ellipse, other: &Ellipse| {
@@ -96,7 +96,7 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
     for (k, (i, one)) in flat.iter().enumerate() {
         for (j, other) in &flat[k + 1..] {
             let ratio = blobs[*i].area / blobs[*j].area;
-            if (BLURRED.alike..1.0 / BLURRED.alike).contains(&ratio) && in_row(one, other) {
+            if (BLURRED.min_area_ratio..1.0 / BLURRED.min_area_ratio).contains(&ratio) && in_row(one, other) {
                 out.push([*i, *j]);
             }
         }
@@ -106,9 +106,9 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
 
 /// Grey levels between the lightest and the darkest about a blob, where something is lighter than the skin, as white is beside
 /// black.
-fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
+fn white_black_contrast(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
-    let margin = Ellipse::of(blob).extent().add_scalar(BLURRED.beside_px);
+    let margin = Ellipse::from_blob(blob).extent().add_scalar(BLURRED.beside_px);
     let low = Vector2::new(x0, y0) - margin;
     let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
     let counts = Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value));
@@ -120,23 +120,23 @@ fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
 }
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
-fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option<Hypothesis> {
-    if seen.major > BLURRED.longest_px {
+fn quadrants_from_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option<Hypothesis> {
+    if seen.major > BLURRED.max_major_px {
         return None;
     }
-    let (ellipse, m, skin) = unlike_skin(image, seen)?;
-    let found = quadrant_edges::within(ellipse, image, blobs)?;
-    let start = outlined_quadrants::start(&found, &m, skin)?;
-    let (found, m) = outlined_quadrants::refined(image, &found, start, BLURRED.blur_px)?;
-    let prior = Prior { blur: Some(m[BLUR]), ..found.prior };
+    let (ellipse, m, skin) = contrasting_outline(image, seen)?;
+    let found = quadrant_edges::find_edges(ellipse, image, blobs)?;
+    let start = outlined_quadrants::initial_parameters(&found, &m, skin)?;
+    let (found, m) = outlined_quadrants::refine_quadrants(image, &found, start, BLURRED.blur_px)?;
+    let prior = MarkerPrior { blur: Some(m[BLUR]), ..found.prior };
     Some(Hypothesis { prior, ..found })
 }
 
 /// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the
 /// skin's grey level.
-fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f64)> {
+fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, MarkerParameters, f64)> {
     let mut seen = *seen;
-    for _ in 0..BLURRED.rounds {
+    for _ in 0..BLURRED.max_rounds {
         let (major, minor) = (
             (BLURRED.hidden * seen.major + BLURRED.skin_px).max(BLURRED.half_px),
             BLURRED.hidden * seen.minor + BLURRED.skin_px,
@@ -144,25 +144,25 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
         let longest = Ellipse { major, minor, ..seen };
         let reach = longest.extent();
         let (low, high) = (seen.centre - reach, seen.centre + reach);
-        let skin = skin(image, low, high)?;
-        let black = usize::from(inside(image, &seen).min()?);
+        let skin = skin_grey(image, low, high)?;
+        let black = usize::from(grey_values_inside(image, &seen).min()?);
         let grown = Ellipse {
             major: seen.major + BLURRED.skin_px,
             minor: seen.minor + 0.5 * BLURRED.skin_px,
             ..seen
         };
-        let white = usize::from(inside(image, &grown).max()?);
+        let white = usize::from(grey_values_inside(image, &grown).max()?);
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
-        let mut parts = blob::beyond(image, low, high, Side::Darker(dark));
-        parts.extend(blob::beyond(image, low, high, Side::Lighter(light)));
+        let mut parts = blob::blobs_in_box(image, low, high, LevelSide::Darker(dark));
+        parts.extend(blob::blobs_in_box(image, low, high, LevelSide::Lighter(light)));
         let least = BLURRED.part * seen.major * seen.minor;
         let parts: Vec<&Blob> =
             parts.iter().filter(|b| b.area > least && longest.contains(b.centroid)).collect();
-        let found = hull(&parts).filter(|ellipse| ellipse.minor >= BLURRED.thinnest_px)?;
+        let found = convex_hull_ellipse(&parts).filter(|ellipse| ellipse.minor >= BLURRED.min_minor_px)?;
         if found.major < BLURRED.longer * seen.major {
             let mut m = [0.0; N];
             (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLURRED.blur_px.value);
-            m[DARK] = darkness_leaving(black as f64 / m[LIGHT]);
+            m[DARK] = darkness_for_grey_ratio(black as f64 / m[LIGHT]);
             return Some((found, m, skin as f64));
         }
         seen = found;
@@ -172,7 +172,7 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
 
 /// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
 /// them, as between black and white that are both unlike the skin, do not matter.
-fn hull(parts: &[&Blob]) -> Option<Ellipse> {
+fn convex_hull_ellipse(parts: &[&Blob]) -> Option<Ellipse> {
     let ends = |&[y, from, to]: &[u32; 3]| [from, to].map(|x| Vector2::new(f64::from(x), f64::from(y)));
     let mut points: Vec<Vector2<f64>> = parts.iter().flat_map(|b| b.runs.iter().flat_map(ends)).collect();
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -206,5 +206,5 @@ fn hull(parts: &[&Blob]) -> Option<Ellipse> {
     let centre = sum / area;
     let ellipse = Ellipse::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
     let own: f64 = parts.iter().map(|b| b.area).sum();
-    (own > BLURRED.seen * area && area > BLURRED.full * PI * ellipse.major * ellipse.minor).then_some(ellipse)
+    (own > BLURRED.min_filled * area && area > BLURRED.min_fill * PI * ellipse.major * ellipse.minor).then_some(ellipse)
 }

@@ -2,12 +2,12 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::detect::appearance::parameters::Pattern;
+use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::hypothesis::Hypothesis;
-use crate::detect::hypothesis::prior::{Estimate, SizePrior, Slope};
+use crate::detect::hypothesis::prior::{PriorValue, SizePrior, SlopePrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::numbers::TINY;
-use crate::detect::occlusion::decal::{Decal, ROWS, bounds_of, print_of};
+use crate::detect::occlusion::decal::{Decal, ROW_DIRECTION, blob_bounds, outline_bounds};
 use crate::detect::occlusion::options::DECAL;
 use crate::detect::propose::options::DECAL_CUT;
 use crate::detect::segment::blob::Blob;
@@ -16,7 +16,7 @@ use crate::raster::Raster;
 /// An expected disc that the decals of others may hide, which lie in a direction: each with a rim about its print, and where
 /// black ends near it, the last rows or columns of that too, for blur mixes them with the decal. `None` where no decal lies
 /// over it, or where too little is left to be seen.
-pub fn beside(
+pub fn occluded_disc(
     image: &Raster,
     expected: &Hypothesis,
     others: &[Ellipse],
@@ -25,46 +25,46 @@ pub fn beside(
 ) -> Option<Hypothesis> {
     let disc = &expected.ellipse;
     let near = |other: &&Ellipse| {
-        let [x0, y0, x1, y1] = print_of(other, axis);
+        let [x0, y0, x1, y1] = outline_bounds(other, axis);
         let bounds = [x0 - DECAL.margin_px, y0 - DECAL.margin_px, x1 + DECAL.margin_px, y1 + DECAL.margin_px];
         let reach = Decal { axis, bounds };
-        disc.share(|at| reach.holds(at)) > DECAL_CUT.touches
+        disc.share(|at| reach.contains(at)) > DECAL_CUT.touches
     };
-    let hidden: Vec<Decal> = others.iter().filter(near).map(|o| decal(image, disc, o, axis, blur)).collect();
-    let covered = disc.share(|at| hidden.iter().any(|decal| decal.holds(at)));
-    let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < DECAL_CUT.covered;
+    let hidden: Vec<Decal> = others.iter().filter(near).map(|o| covering_decal(image, disc, o, axis, blur)).collect();
+    let covered = disc.share(|at| hidden.iter().any(|decal| decal.contains(at)));
+    let useful = expected.pattern == MarkerPattern::Disc && !hidden.is_empty() && covered < DECAL_CUT.covered;
     useful.then(|| expected.clone().with_decals(hidden))
 }
 
 /// The disc of which a blob shows what the decal of one beside it leaves: shaped like that one, for both lie on the same skin,
 /// and as long as is predicted, px; the decal lies in a direction.
-pub fn under(
+pub fn disc_under_decal(
     image: &Raster,
     blob: &Blob,
     neighbour: &Ellipse,
     axis: Vector2<f64>,
-    major: Estimate,
+    major: PriorValue,
     blur: f64,
 ) -> Option<Hypothesis> {
     let minor = neighbour.minor / neighbour.major * major.value;
     let shape = Ellipse { centre: blob.centroid, major: major.value, minor, angle: neighbour.angle };
-    let decal = Decal::over(axis, print_of(neighbour, axis), bounds_of(blob, axis), [0.0, DECAL_CUT.cut_px]);
-    let seen: Vec<Vector2<f64>> = blob.contour().into_iter().filter(|at| !decal.holds(at)).collect();
-    let centre = centre_of(&shape, &seen, neighbour.centre)?;
-    let slope = Slope {
-        minor: Estimate::to_share(minor, DECAL_CUT.same_minor),
-        angle: Estimate { value: neighbour.angle, sigma: DECAL_CUT.same_angle_rad },
+    let decal = Decal::from_print(axis, outline_bounds(neighbour, axis), blob_bounds(blob, axis), [0.0, DECAL_CUT.cut_px]);
+    let seen: Vec<Vector2<f64>> = blob.contour().into_iter().filter(|at| !decal.contains(at)).collect();
+    let centre = fit_centre(&shape, &seen, neighbour.centre)?;
+    let slope = SlopePrior {
+        minor: PriorValue::to_share(minor, DECAL_CUT.same_minor),
+        angle: PriorValue { value: neighbour.angle, sigma: DECAL_CUT.same_angle_rad },
     };
     let ellipse = Ellipse { centre, ..shape };
-    let mut whole = Hypothesis::of(Pattern::Disc, ellipse, Vec::new());
+    let mut whole = Hypothesis::of(MarkerPattern::Disc, ellipse, Vec::new());
     whole.prior.size = Some(SizePrior { major, slope: Some(slope) });
-    let covered = ellipse.share(|at| decal.holds(at));
-    if covered < DECAL_CUT.covered_alone { beside(image, &whole, &[*neighbour], axis, blur) } else { None }
+    let covered = ellipse.share(|at| decal.contains(at));
+    if covered < DECAL_CUT.covered_alone { occluded_disc(image, &whole, &[*neighbour], axis, blur) } else { None }
 }
 
 /// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.
-fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
-    if points.len() < DECAL_CUT.least_points {
+fn fit_centre(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
+    if points.len() < DECAL_CUT.min_points {
         return None;
     }
     // Seen as a circle of radius 1.
@@ -76,7 +76,7 @@ fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
     let mean = round.iter().sum::<Vector2<f64>>() / round.len() as f64;
     let mut centre = mean + DECAL_CUT.first_step * (whole(neighbour) - mean).try_normalize(TINY)?;
     let mut square = f64::MAX;
-    for _ in 0..DECAL_CUT.steps {
+    for _ in 0..DECAL_CUT.iterations {
         let (mut normal, mut right) = (Matrix2::identity() * TINY, Vector2::zeros());
         square = 0.0;
         for point in &round {
@@ -94,20 +94,20 @@ fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
 }
 
 /// The box (first and last column and row) in which a disc's decal may lie over something.
-pub fn reach(disc: &Ellipse) -> [f64; 4] {
-    let ([x0, y0, x1, y1], by) = (print_of(disc, ROWS), DECAL.margin_px + DECAL_CUT.aside_px);
+pub fn decal_reach(disc: &Ellipse) -> [f64; 4] {
+    let ([x0, y0, x1, y1], by) = (outline_bounds(disc, ROW_DIRECTION), DECAL.margin_px + DECAL_CUT.aside_px);
     [x0 - by, y0 - by, x1 + by, y1 + by]
 }
 
 /// Whether a blob shows something within a box.
-pub fn meets(blob: &Blob, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
+pub fn overlaps_box(blob: &Blob, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
     let [left, top, right, low] = blob.bounds.map(|v| v as f64);
     left < *x1 && right > *x0 && top < *y1 && low > *y0
 }
 
 /// What a neighbour's decal that lies in a direction may cover of an expected disc.
-fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>, blur: f64) -> Decal {
-    let print = print_of(other, axis);
+fn covering_decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>, blur: f64) -> Decal {
+    let print = outline_bounds(other, axis);
     let reach = expected.extent().add_scalar(2.0 * DECAL.margin_px);
     let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
     let skin = Histogram::of(around).median().unwrap_or(255) as u8;
@@ -153,8 +153,8 @@ mod tests {
             if black { 50 } else { 180 }
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
-        let expected = Hypothesis::of(Pattern::Disc, EXPECTED, Vec::new());
-        beside(&image, &expected, &[other], ROWS, 1.0)
+        let expected = Hypothesis::of(MarkerPattern::Disc, EXPECTED, Vec::new());
+        occluded_disc(&image, &expected, &[other], ROW_DIRECTION, 1.0)
             .map(|hypothesis| hypothesis.decals().copied().collect())
     }
 

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector2;
 
-use super::partial_ellipse::any_ellipse;
+use super::partial_ellipse::fit_ellipse;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
-use crate::detect::occlusion::{glare::occluded, options::GLARE, region::Band};
+use crate::detect::occlusion::{glare::glare_limits, options::GLARE, region::OcclusionBand};
 use crate::detect::propose::options::GLARE_CUT;
 use crate::detect::segment::blob::Blob;
 use crate::estimation::robust::median;
@@ -19,7 +19,7 @@ struct ContourPoint {
 }
 
 /// A blob with what glare has left of its rim.
-struct Part {
+struct VisiblePart {
     axis: Vector2<f64>,
     left: Vec<Vector2<f64>>,
     /// Bands along the axis that glare hides: before the first, after the second.
@@ -28,36 +28,36 @@ struct Part {
 
 /// The hypothesis with the outline of its whole disc, where glare hides an end of it; together with
 /// the part on the other side of the glare, if there is one.
-pub fn completed(
+pub fn complete_disc(
     image: &Raster,
     hypothesis: &Hypothesis,
     index: usize,
     blobs: &[Blob],
 ) -> Option<Hypothesis> {
     let blob = blobs.get(index)?;
-    let part = part(image, blob, GLARE_CUT.left)?;
+    let part = visible_part(image, blob, GLARE_CUT.min_points)?;
     let far = (blobs.iter().enumerate())
-        .filter(|&(i, other)| i != index && opposite(&part, blob, other))
-        .find_map(|(i, other)| together(image, &part, i, other, hypothesis, blob));
+        .filter(|&(i, other)| i != index && is_opposite(&part, blob, other))
+        .find_map(|(i, other)| join_parts(image, &part, i, other, hypothesis, blob));
     far.or_else(|| {
         // Too little of the rim may be left: then only the discs about it tell the size.
-        let seen = Ellipse::of(blob);
-        let ellipse = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
-        let bands = bands(part.axis, part.ends);
+        let seen = Ellipse::from_blob(blob);
+        let ellipse = fit_ellipse(&part.left, blob).and_then(|o| plausible_outline(o, blob)).unwrap_or(seen);
+        let bands = glare_bands(part.axis, part.ends);
         Some(Hypothesis { ellipse, ..hypothesis.clone() }.with_glare(bands))
     })
 }
 
-fn bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Band> {
-    let band = |from: f64, to: f64| Band { axis, from, to };
+fn glare_bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<OcclusionBand> {
+    let band = |from: f64, to: f64| OcclusionBand { axis, from, to };
     let before = first.map(|end| band(f64::NEG_INFINITY, end));
     before.into_iter().chain(second.map(|end| band(end, f64::INFINITY))).collect()
 }
 
 /// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
-fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
+fn is_opposite(part: &VisiblePart, blob: &Blob, other: &Blob) -> bool {
     let d = other.centroid - blob.centroid;
-    let own = Ellipse::of(blob);
+    let own = Ellipse::from_blob(blob);
     let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
     let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
     side.is_some()
@@ -69,20 +69,20 @@ fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
 }
 
 /// Both parts of a disc that a band of glare crosses.
-fn together(
+fn join_parts(
     image: &Raster,
-    one: &Part,
+    one: &VisiblePart,
     index: usize,
     other: &Blob,
     hypothesis: &Hypothesis,
     blob: &Blob,
 ) -> Option<Hypothesis> {
-    let far = part(image, other, GLARE_CUT.left / 3)?;
+    let far = visible_part(image, other, GLARE_CUT.min_points / 3)?;
     let after = (other.centroid - blob.centroid).dot(&one.axis) > 0.0;
     let facing = if after == (far.axis.dot(&one.axis) > 0.0) { far.ends[0] } else { far.ends[1] };
     facing?;
     let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
-    let ellipse = any_ellipse(&points, blob)?;
+    let ellipse = fit_ellipse(&points, blob)?;
     // One ellipse passes through both.
     let off = |p: &Vector2<f64>| (ellipse.normalized_radius(*p) - 1.0).abs() * ellipse.minor;
     let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
@@ -96,13 +96,13 @@ fn together(
         return None;
     }
     let blobs = hypothesis.blobs.iter().copied().chain([index]).collect();
-    let bands = vec![Band { axis: one.axis, from: from - GLARE.margin_px, to: to + GLARE.margin_px }];
+    let bands = vec![OcclusionBand { axis: one.axis, from: from - GLARE.margin_px, to: to + GLARE.margin_px }];
     Some(Hypothesis { ellipse, blobs, ..hypothesis.clone() }.with_glare(bands))
 }
 
 /// What glare has left of a blob; `None` where no end of it lies in glare.
-fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
-    let ellipse = Ellipse::of(blob);
+fn visible_part(image: &Raster, blob: &Blob, least: usize) -> Option<VisiblePart> {
+    let ellipse = Ellipse::from_blob(blob);
     let axis = ellipse.axis();
     let inverse = blob.covariance.try_inverse()?;
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
@@ -114,8 +114,8 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
         })
         .collect();
     let usual = median(points.iter().map(|p| p.step).collect())?;
-    let ends = occluded(image, &ellipse);
-    if usual < GLARE_CUT.least_step || ends == [None, None] {
+    let ends = glare_limits(image, &ellipse);
+    if usual < GLARE_CUT.min_step || ends == [None, None] {
         return None;
     }
     let open = |p: &&ContourPoint| {
@@ -124,12 +124,12 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
             && ends[1].is_none_or(|e| p.along < e)
     };
     let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
-    (left.len() >= least).then_some(Part { axis, left, ends })
+    (left.len() >= least).then_some(VisiblePart { axis, left, ends })
 }
 
 /// The outline, if it is not much larger than what is seen of it.
-fn sound(ellipse: Ellipse, blob: &Blob) -> Option<Ellipse> {
-    let seen = Ellipse::of(blob);
+fn plausible_outline(ellipse: Ellipse, blob: &Blob) -> Option<Ellipse> {
+    let seen = Ellipse::from_blob(blob);
     let fits =
         ellipse.major < GLARE_CUT.larger[0] * seen.major && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
     (fits && ellipse.major > seen.major).then_some(ellipse)

@@ -5,20 +5,20 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
-use crate::detect::appearance::parameters::Pattern;
+use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::options::MOMENTS;
 use crate::detect::segment::blob::Blob;
 
 /// The shape of one blob or of several together, when only moments are asked.
-struct Shape {
+struct BlobShape {
     area: f64,
     centre: Vector2<f64>,
     covariance: Matrix2<f64>,
 }
 
-fn together(blobs: &[&Blob]) -> Shape {
+fn combine_shapes(blobs: &[&Blob]) -> BlobShape {
     let area: f64 = blobs.iter().map(|b| b.area).sum();
     let centre = blobs.iter().map(|b| b.centroid * b.area).sum::<Vector2<f64>>() / area;
     let covariance = (blobs.iter())
@@ -28,72 +28,72 @@ fn together(blobs: &[&Blob]) -> Shape {
         })
         .sum::<Matrix2<f64>>()
         / area;
-    Shape { area, centre, covariance }
+    BlobShape { area, centre, covariance }
 }
 
 /// The ellipse of inertia of some of the blobs together.
-pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
+pub fn inertia_ellipse(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
-    let shape = together(&blobs);
+    let shape = combine_shapes(&blobs);
     Some(Ellipse::from_moments(shape.centre, shape.covariance, 2.0))
 }
 
 /// A disc, where the blob fills its ellipse of inertia.
-pub fn disc(index: usize, blob: &Blob) -> Option<Hypothesis> {
-    let ellipse = Ellipse::of(blob);
+pub fn disc_from_blob(index: usize, blob: &Blob) -> Option<Hypothesis> {
+    let ellipse = Ellipse::from_blob(blob);
     let (thin, square) = (MOMENTS.disc_thin, MOMENTS.disc_square);
     let most =
         if ellipse.minor < thin.0 { thin.1 } else { square.0 + square.1 / (ellipse.minor * ellipse.minor) };
-    (within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
-        .then(|| Hypothesis::of(Pattern::Disc, ellipse, vec![index]))
+    (is_within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
+        .then(|| Hypothesis::of(MarkerPattern::Disc, ellipse, vec![index]))
 }
 
 /// Share of the second moments of two opposite quadrants of the unit disc along their own
 /// direction (1, 1)/sqrt 2, and across it.
-const ALONG: f64 = 0.25 + 0.5 / PI;
+const MOMENT_ALONG: f64 = 0.25 + 0.5 / PI;
 /// The latter.
-const ACROSS: f64 = 0.25 - 0.5 / PI;
+const MOMENT_ACROSS: f64 = 0.25 - 0.5 / PI;
 
 /// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
 /// whose area, centroids and second moments are those seen.
-pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
+pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
-    let shape = together(&blobs);
+    let shape = combine_shapes(&blobs);
     let det = shape.covariance.determinant();
-    if det <= MOMENTS.least_px4 || !within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill) {
+    if det <= MOMENTS.min_determinant_px4 || !is_within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill) {
         return None;
     }
-    let (whiten, [one, other]) = split(&blobs, &shape)?;
+    let (whiten, [one, other]) = split_wedges(&blobs, &shape)?;
     // Whitened, the diagonals (1, 1) and (1, -1) of the pattern are orthogonal and of known length.
     let diagonal = (whiten * (other - one)) * (0.5 * 3.0 * PI / 4.0);
-    let length = (2.0 / ALONG).sqrt();
-    if !within(diagonal.norm() / length, MOMENTS.apart) {
+    let length = (2.0 / MOMENT_ALONG).sqrt();
+    if !is_within(diagonal.norm() / length, MOMENTS.apart) {
         return None;
     }
     let unit = diagonal.normalize();
     let back = whiten.try_inverse()?;
     let p = back * unit * length;
-    let q = back * Vector2::new(-unit.y, unit.x) * (2.0 / ACROSS).sqrt();
+    let q = back * Vector2::new(-unit.y, unit.x) * (2.0 / MOMENT_ACROSS).sqrt();
     let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
     let affine = Matrix2::from_columns(&[e1, e2]);
     let expected = 0.5 * PI * affine.determinant().abs();
-    if !within(shape.area / expected, MOMENTS.area) {
+    if !is_within(shape.area / expected, MOMENTS.area) {
         return None;
     }
     let ellipse = Ellipse::from_moments(shape.centre, affine * affine.transpose(), 1.0);
-    Some(between(e1, e2, ellipse, indices))
+    Some(quadrants_from_edges(e1, e2, ellipse, indices))
 }
 
 /// Quadrants whose black ones lie between two directions, and their opposites.
-pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[usize]) -> Hypothesis {
+pub fn quadrants_from_edges(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[usize]) -> Hypothesis {
     let (u1, u2) = (e1.normalize(), e2.normalize());
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
     let bisector = u1 + u2;
     let along = bisector.y.atan2(bisector.x);
     let (pattern, along_rad, half) = if half <= PI / 4.0 {
-        (Pattern::BlackAlong, along, half)
+        (MarkerPattern::BlackAlong, along, half)
     } else {
-        (Pattern::WhiteAlong, along + PI / 2.0, PI / 2.0 - half)
+        (MarkerPattern::WhiteAlong, along + PI / 2.0, PI / 2.0 - half)
     };
     let edges = EdgePair { along_rad, tangent: half.tan() };
     Hypothesis { edges: Some(edges), ..Hypothesis::of(pattern, ellipse, blobs.to_vec()) }
@@ -105,18 +105,18 @@ const DIRECTIONS: usize = 36;
 /// For each of them what the fourth moments x^4, x^3 y, x^2 y^2, x y^3, y^4 count in it.
 static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
-        let (s, c) = direction(k);
+        let (s, c) = direction_sin_cos(k);
         [c.powi(4), 4.0 * c.powi(3) * s, 6.0 * c * c * s * s, 4.0 * c * s.powi(3), s.powi(4)]
     })
 });
 
 /// Sine and cosine of the `k`-th direction.
-fn direction(k: usize) -> (f64, f64) {
+fn direction_sin_cos(k: usize) -> (f64, f64) {
     (k as f64 * PI / DIRECTIONS as f64).sin_cos()
 }
 
 /// Whitening transform of a shape, and its kurtosis in each of the whitened directions.
-fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
+fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
     let inverse = shape.covariance.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
@@ -150,7 +150,7 @@ fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; DIREC
 
 /// How far the kurtosis changes with direction: 0 for an ellipse, 0.6 for a parallelogram.
 pub fn squareness(blob: &Blob) -> f64 {
-    let Some((_, k)) = kurtosis(&[blob], &together(&[blob])) else { return 0.0 };
+    let Some((_, k)) = directional_kurtosis(&[blob], &combine_shapes(&[blob])) else { return 0.0 };
     let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
     high - low
 }
@@ -158,13 +158,13 @@ pub fn squareness(blob: &Blob) -> f64 {
 /// The whitening transform and the centroids of the two wedges. After whitening, the direction in
 /// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
 /// quadrants 1.38.
-fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [Vector2<f64>; 2])> {
-    let (whiten, kurtosis) = kurtosis(blobs, shape)?;
+fn split_wedges(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [Vector2<f64>; 2])> {
+    let (whiten, kurtosis) = directional_kurtosis(blobs, shape)?;
     let best = (0..DIRECTIONS).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
     if kurtosis[best] > MOMENTS.kurtosis {
         return None;
     }
-    let (s, c) = direction(best);
+    let (s, c) = direction_sin_cos(best);
     let direction = whiten.transpose() * Vector2::new(c, s);
     let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
     for run in blobs.iter().flat_map(|b| &b.runs) {
@@ -191,15 +191,15 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [Vector2<f64>;
     (n0 > least && n1 > least).then(|| (whiten, [s0 / n0, s1 / n1]))
 }
 
-fn within(value: f64, (least, most): (f64, f64)) -> bool {
+fn is_within(value: f64, (least, most): (f64, f64)) -> bool {
     (least..most).contains(&value)
 }
 
 /// Areas of the two black quadrants of one marker differ by less than this factor.
-const UNLIKE: f64 = 2.5;
+const MAX_AREA_RATIO: f64 = 2.5;
 
 /// Pairs of blobs close enough to be the two black quadrants of one marker, in ascending order.
-pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
+pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
     // By area: of all others only those are looked at that are about as large.
     let mut order: Vec<usize> = (0..blobs.len()).collect();
     order.sort_by(|&i, &j| blobs[i].area.total_cmp(&blobs[j].area));
@@ -210,7 +210,7 @@ pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
         .collect();
     let mut out = Vec::new();
     for (k, &(area, place, reach)) in sorted.iter().enumerate() {
-        let alike = sorted[k + 1..].iter().take_while(|other| other.0 < UNLIKE * area);
+        let alike = sorted[k + 1..].iter().take_while(|other| other.0 < MAX_AREA_RATIO * area);
         for (other, _) in (k + 1..).zip(alike).filter(|(_, other)| {
             let near = reach + other.2;
             (other.1 - place).norm_squared() < near * near

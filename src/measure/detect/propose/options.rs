@@ -1,13 +1,13 @@
 //! Tuned numbers of proposals: meaning, unit, origin.
 
-use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::hypothesis::prior::PriorValue;
 
 numbers! {
     /// Quadrants of whose black blur leaves too little. Chosen on drawn and rendered quadrants; `tests/detect/sweep.rs`
     /// holds them, unless they are bounds on time.
     BLURRED: BlurredOptions {
         /// Greatest semi-minor axis of which blur may take so much, over the greatest blur.
-        most_blurs: f64 = 3.2,
+        max_blurs: f64 = 3.2,
         /// Least axis ratio of what is seen.
         flat: f64 = 3.0,
         /// How much larger than what is seen they may be, a ratio.
@@ -17,36 +17,36 @@ numbers! {
         /// How far along a marker its white is looked for at least, px: black may be seen of its middle only.
         half_px: f64 = 60.0,
         /// Greatest semi-minor axis of a blob of which blur may have left what is no quadrant, px.
-        thickest_px: f64 = 10.0,
+        max_minor_px: f64 = 10.0,
         /// Its least area, px.
-        least_px: f64 = 30.0,
+        min_area_px: f64 = 30.0,
         /// How far about it white is looked for, px.
         beside_px: f64 = 12.0,
         /// Greatest semi-major axis of what is looked at, px: sixteen times the thickest.
-        longest_px: f64 = 160.0,
+        max_major_px: f64 = 160.0,
         /// How many are tried at most, so that clutter cannot take for ever.
-        seeds: usize = 120,
+        max_seeds: usize = 120,
         /// How far apart two black parts in a row may be, in their semi-major axes: of a target of 78 x 7 px a blur of
         /// 2 px leaves two lobes 100 px from each other.
         apart: f64 = 2.2,
         /// How far out of the row each may point, rad.
         in_row_rad: f64 = 0.25,
         /// Area of one black part over the other's at least, a ratio.
-        alike: f64 = 0.4,
+        min_area_ratio: f64 = 0.4,
         /// Least area of a part that counts, a share of the product of the semi-axes that are seen.
         part: f64 = 0.1,
         /// How much longer than what is seen an outline is, a ratio, from which on it is sought once more about that.
         longer: f64 = 1.2,
         /// How often it is at most.
-        rounds: usize = 3,
+        max_rounds: usize = 3,
         /// Least semi-minor axis of an outline, px.
-        thinnest_px: f64 = 1.0,
+        min_minor_px: f64 = 1.0,
         /// Their blur beforehand, px, with its standard deviation.
-        blur_px: Estimate = Estimate { value: 1.5, sigma: 0.7 },
+        blur_px: PriorValue = PriorValue { value: 1.5, sigma: 0.7 },
         /// Least share of a hull that is seen.
-        seen: f64 = 0.4,
+        min_filled: f64 = 0.4,
         /// Least share of its ellipse that it fills: a parallelogram 0.95.
-        full: f64 = 0.9,
+        min_fill: f64 = 0.9,
     }
 
     /// What is gathered of a frame's dark regions. Those without another origin are bounds on time: far above what a wing shows,
@@ -78,13 +78,13 @@ numbers! {
         /// Centroids of one thing, taken up twice, lie nearer to each other, px.
         near_px: f64 = 2.0,
         /// Its areas at two levels over one another at least.
-        alike: f64 = 0.75,
+        min_area_ratio: f64 = 0.75,
         /// The same of quadrants of which the near background shows the greater part only.
-        alike_parted: f64 = 0.95,
+        min_area_ratio_partial: f64 = 0.95,
         /// Area from which on it may show a part only, px: of quadrants thicker than about 140 px.
         thick_px: f64 = 5000.0,
         /// Share of its ellipse that such a part fills at most: quadrants 0.64.
-        parted: f64 = 0.7,
+        max_partial_fill: f64 = 0.7,
         /// Side of a cell in which blobs are found again, px: some markers' thickness, so that few hold more than two.
         cell_px: f64 = 32.0,
     }
@@ -105,7 +105,7 @@ numbers! {
         /// The same of two opposite quadrants, which fill 0.64.
         fill: (f64, f64) = (0.5, 0.85),
         /// Least determinant of their second moments, px^4.
-        least_px4: f64 = 1e-6,
+        min_determinant_px4: f64 = 1e-6,
         /// Distance of their centroids over what their second moments say.
         apart: (f64, f64) = (0.85, 1.15),
         /// Their area over what both say.
@@ -135,7 +135,7 @@ numbers! {
         /// Rows or columns of a blob that end at the decal, px: they tell no outline.
         cut_px: f64 = 0.75,
         /// Points of a blob's contour that must be left of it.
-        least_points: usize = 16,
+        min_points: usize = 16,
         /// How far they may lie from the outline, root mean square, px: contours are told to half a pixel.
         off_px: f64 = 0.7,
         /// How far a decal's edge is blurred into what it leaves, blurs: 1 % of the contrast.
@@ -147,7 +147,7 @@ numbers! {
         /// How far from the middle of what is left of its rim a centre is sought first, radii: towards its neighbour.
         first_step: f64 = 0.7,
         /// Steps in which a centre settles.
-        steps: usize = 12,
+        iterations: usize = 12,
     }
 
     /// What glare leaves of a disc. Chosen on rendered glare frames; `tests/detect/glare.rs` holds them.
@@ -157,7 +157,7 @@ numbers! {
         /// Share of the usual step below which a contour is not the disc's.
         step: f64 = 0.6,
         /// Least usual step, grey levels: fainter ones are noise.
-        least_step: f64 = 8.0,
+        min_step: f64 = 8.0,
         /// Area of the rest of a disc beyond the glare: px at least, and over that of the part at most.
         rest: (f64, f64) = (30.0, 3.0),
         /// How far along the axis it may lie, semi-major axes of the part.
@@ -169,7 +169,7 @@ numbers! {
         /// Axes of a completed outline over those of what is seen of it at most: major, minor.
         larger: [f64; 2] = [2.0, 1.6],
         /// Contour points that must be left.
-        left: usize = 40,
+        min_points: usize = 40,
     }
 
     /// The ellipse through a part of a contour. Chosen on `fixtures/dev` and drawn decals; `tests/detect/decals.rs`
@@ -190,7 +190,7 @@ numbers! {
         /// Axes of a completed outline over those of what is seen of it at most: major, minor.
         larger: [f64; 2] = [2.0, 3.0],
         /// Points of the contour that must be seen.
-        least: usize = 24,
+        min_points: usize = 24,
     }
 
     /// Where dark is parted from light best.

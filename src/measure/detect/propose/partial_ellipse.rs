@@ -2,10 +2,10 @@
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
-use crate::detect::occlusion::decal::{Decal, bounds_of};
+use crate::detect::occlusion::decal::{Decal, blob_bounds};
 use crate::detect::occlusion::options::DECAL;
 use crate::detect::propose::options::PARTIAL;
 use crate::detect::segment::blob::Blob;
@@ -14,39 +14,39 @@ type Conic = SVector<f64, 5>;
 
 /// The hypothesis with the outline of its whole disc, and where it may be hidden by decals that lie in the direction of their
 /// print. Discs side by side look alike, so the neighbour's shape is where the fit starts from.
-pub fn completed(
+pub fn complete_disc(
     hypothesis: &Hypothesis,
     blob: &Blob,
     others: &[Blob],
     direction: impl Fn(&Blob) -> Vector2<f64>,
 ) -> Option<Hypothesis> {
     let near: Vec<(&Blob, Decal)> = (others.iter())
-        .filter(|o| are_alike(o, blob) && are_near(o, blob))
+        .filter(|o| are_similar(o, blob) && are_near(o, blob))
         .filter_map(|o| {
             let axis = direction(o);
-            let own = bounds_of(blob, axis);
-            let decal = Decal::over(axis, bounds_of(o, axis), own, [DECAL.margin_px, PARTIAL.blur_px]);
+            let own = blob_bounds(blob, axis);
+            let decal = Decal::from_print(axis, blob_bounds(o, axis), own, [DECAL.margin_px, PARTIAL.blur_px]);
             let h = decal.bounds;
             (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, decal))
         })
-        .filter(|(o, _)| !overlap(o, blob))
+        .filter(|(o, _)| !are_overlapping(o, blob))
         .collect();
     let hidden: Vec<Decal> = near.iter().map(|n| n.1).collect();
     let contour = blob.contour();
     let seen: Vec<Vector2<f64>> =
-        contour.iter().filter(|p| !hidden.iter().any(|decal| decal.holds(p))).copied().collect();
+        contour.iter().filter(|p| !hidden.iter().any(|decal| decal.contains(p))).copied().collect();
     if seen.len() == contour.len()
         || (seen.len() as f64) < PARTIAL.share * contour.len() as f64
-        || seen.len() < PARTIAL.least
+        || seen.len() < PARTIAL.min_points
     {
         return None;
     }
     let alike = (near.iter())
         .filter(|(o, _)| is_ellipse(o))
-        .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
+        .min_by(|a, b| centroid_distance(a.0, blob).total_cmp(&centroid_distance(b.0, blob)));
     let (twin, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
-    let mut ellipse = if free { any_ellipse(&seen, twin) } else { same_ellipse(&seen, twin) }?;
-    let size = Ellipse::of(twin).major;
+    let mut ellipse = if free { fit_ellipse(&seen, twin) } else { fit_similar_ellipse(&seen, twin) }?;
+    let size = Ellipse::from_blob(twin).major;
     let same_size = !free && (ellipse.major / size - 1.0).abs() < PARTIAL.same_size;
     if same_size {
         ellipse.major = size;
@@ -55,14 +55,14 @@ pub fn completed(
     }
     let (seen, larger) = (&hypothesis.ellipse, PARTIAL.larger);
     let fits = ellipse.major < larger[0] * seen.major && ellipse.minor < larger[1] * seen.minor;
-    let prior = Prior { twin: same_size, ..hypothesis.prior };
+    let prior = MarkerPrior { twin: same_size, ..hypothesis.prior };
     fits.then(|| Hypothesis { ellipse, prior, ..hypothesis.clone() }.with_decals(hidden))
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
-fn overlap(one: &Blob, other: &Blob) -> bool {
+fn are_overlapping(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
-        let ellipse = Ellipse::of(a);
+        let ellipse = Ellipse::from_blob(a);
         let (s, t) = ellipse.local(b.centroid);
         (s / ellipse.major.max(0.5)).hypot(t / ellipse.minor.max(0.5)) < 1.0
     };
@@ -75,7 +75,7 @@ pub fn is_ellipse(blob: &Blob) -> bool {
 }
 
 /// Whether a blob may be a disc beside another one.
-fn are_alike(one: &Blob, other: &Blob) -> bool {
+fn are_similar(one: &Blob, other: &Blob) -> bool {
     one.area > PARTIAL.neighbour.0 * other.area && one.area < PARTIAL.neighbour.1 * other.area
 }
 
@@ -86,29 +86,29 @@ fn are_near(one: &Blob, other: &Blob) -> bool {
     (0..2).all(|k| a[k] <= b[k + 2] + most && b[k] <= a[k + 2] + most)
 }
 
-fn distance(one: &Blob, other: &Blob) -> f64 {
+fn centroid_distance(one: &Blob, other: &Blob) -> f64 {
     (one.centroid - other.centroid).norm()
 }
 
 /// The transform that makes a circle of a blob's ellipse.
-fn whitening(blob: &Blob) -> Option<Matrix2<f64>> {
+fn whitening_transform(blob: &Blob) -> Option<Matrix2<f64>> {
     let eigen = SymmetricEigen::new(blob.covariance.try_inverse()?);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
     Some(scale * eigen.eigenvectors.transpose())
 }
 
 /// The ellipse through the points; `blob` only conditions it.
-pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
-    let whiten = whitening(blob)?;
+pub fn fit_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
+    let whiten = whitening_transform(blob)?;
     let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
-    let (centre, moments) = centre_and_shape(&through(&white)?)?;
+    let (centre, moments) = centre_and_shape(&fit_conic(&white)?)?;
     let back = whiten.try_inverse()?;
     Some(Ellipse::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
 }
 
 /// The ellipse through the points that has the axis ratio and direction of `twin`.
-fn same_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
-    let whiten = whitening(twin)?;
+fn fit_similar_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
+    let whiten = whitening_transform(twin)?;
     let mean = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
     let (mut normal, mut right) = (Matrix3::identity() * TINY, Vector3::zeros());
     for p in points {
@@ -125,16 +125,16 @@ fn same_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
         .then(|| Ellipse::from_moments(mean + back * centre, back * back.transpose() * radius2, 1.0))
 }
 
-pub fn row(p: &Vector2<f64>) -> Conic {
+pub fn conic_row(p: &Vector2<f64>) -> Conic {
     Conic::new(p.x * p.x, p.x * p.y, p.y * p.y, p.x, p.y)
 }
 
 /// Least squares of `a x^2 + b x y + c y^2 + d x + e y = 1`.
-fn through(points: &[Vector2<f64>]) -> Option<Conic> {
+fn fit_conic(points: &[Vector2<f64>]) -> Option<Conic> {
     let mut normal = SMatrix::<f64, 5, 5>::identity() * TINY;
     let mut right = Conic::zeros();
     for p in points {
-        let r = row(p);
+        let r = conic_row(p);
         normal += r * r.transpose();
         right += r;
     }

@@ -6,31 +6,31 @@ use nalgebra::Vector2;
 
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, scanline::EllipseFrame};
-use crate::detect::occlusion::region::Band;
+use crate::detect::occlusion::region::OcclusionBand;
 use crate::detect::propose::{moments, options::EDGES};
 use crate::raster::Raster;
 
 /// Directions in a quarter.
-const QUARTER: usize = EDGES.turns / 4;
+const QUARTER_TURNS: usize = EDGES.turns / 4;
 
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
 /// parts dark from light; `None` where both black quadrants are not darker than both white ones.
-pub fn within(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
-    Turns::of(ellipse).searched(image, &[], [0; 2]).hypothesis(blobs)
+pub fn find_edges(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
+    OutlineSectors::from_outline(ellipse).search_edges(image, &[], [0; 2]).hypothesis(blobs)
 }
 
 /// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
 /// best.
-pub fn placed(ellipse: &Ellipse, image: &Raster, bands: &[Band]) -> Option<Hypothesis> {
-    let turns = Turns::of(*ellipse);
+pub fn place_quadrants(ellipse: &Ellipse, image: &Raster, bands: &[OcclusionBand]) -> Option<Hypothesis> {
+    let turns = OutlineSectors::from_outline(*ellipse);
     let shifts = (-EDGES.steps..=EDGES.steps).flat_map(|u| (-EDGES.steps..=EDGES.steps).map(move |v| [u, v]));
     let searches =
-        shifts.map(|shift| turns.searched(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
-    searches.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.hypothesis(&[])
+        shifts.map(|shift| turns.search_edges(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
+    searches.max_by(|one, other| one.best_direction().1.total_cmp(&other.best_direction().1))?.hypothesis(&[])
 }
 
 /// An outline's pixels, all but the outermost, with the direction in which they lie in it seen as a circle.
-struct Turns {
+struct OutlineSectors {
     ellipse: Ellipse,
     /// Every how many rows and columns are looked at.
     step: usize,
@@ -38,8 +38,8 @@ struct Turns {
     pixels: Vec<(isize, isize, usize)>,
 }
 
-impl Turns {
-    fn of(ellipse: Ellipse) -> Self {
+impl OutlineSectors {
+    fn from_outline(ellipse: Ellipse) -> Self {
         let (frame, reach) = (EllipseFrame::new(&ellipse), ellipse.extent());
         let area = PI * ellipse.major * ellipse.minor * EDGES.inner * EDGES.inner;
         let step = (area / EDGES.pixels).sqrt().max(1.0) as usize;
@@ -60,12 +60,12 @@ impl Turns {
     }
 
     /// What a picture shows within the outline, shifted by whole pixels, beside some bands.
-    fn searched(&self, image: &Raster, bands: &[Band], [right, down]: [isize; 2]) -> EdgeSearch {
+    fn search_edges(&self, image: &Raster, bands: &[OcclusionBand], [right, down]: [isize; 2]) -> EdgeSearch {
         let mut sums = [(0.0, 0.0); EDGES.turns];
         let mut squares = 0.0;
         for &(x, y, turn) in &self.pixels {
             let (x, y) = (x + right, y + down);
-            let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
+            let hidden = || bands.iter().any(|band| band.contains(&Vector2::new(x as f64, y as f64)));
             if !image.holds(x, y) || hidden() {
                 continue;
             }
@@ -75,7 +75,7 @@ impl Turns {
             squares += value * value;
         }
         let centre = self.ellipse.centre + Vector2::new(right as f64, down as f64);
-        EdgeSearch::of(Ellipse { centre, ..self.ellipse }, self.step, &sums, squares)
+        EdgeSearch::from_sums(Ellipse { centre, ..self.ellipse }, self.step, &sums, squares)
     }
 }
 
@@ -92,45 +92,45 @@ struct EdgeSearch {
 
 impl EdgeSearch {
     /// From sum and number of grey values in each direction, and the sum of their squares.
-    fn of(ellipse: Ellipse, step: usize, sums: &[(f64, f64); EDGES.turns], squares: f64) -> Self {
+    fn from_sums(ellipse: Ellipse, step: usize, sums: &[(f64, f64); EDGES.turns], squares: f64) -> Self {
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
         let quarters = std::array::from_fn(|from| {
-            (0..QUARTER).map(|k| sums[(from + k) % EDGES.turns]).fold((0.0, 0.0), add)
+            (0..QUARTER_TURNS).map(|k| sums[(from + k) % EDGES.turns]).fold((0.0, 0.0), add)
         });
         let (sum, count) = sums.iter().copied().fold((0.0, 0.0), add);
         let squares = squares - sum * sum / f64::max(count, 1.0);
         Self { ellipse, step, quarters, squares: squares.max(1.0) }
     }
 
-    fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
-        [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % EDGES.turns])
+    fn opposite_quarters(&self, turn: usize) -> [(f64, f64); 2] {
+        [turn, turn + 2 * QUARTER_TURNS].map(|turn| self.quarters[turn % EDGES.turns])
     }
 
     /// Where two opposite quarters are darkest beside the other two, and which share of the squares that explains.
-    fn best(&self) -> (usize, f64) {
+    fn best_direction(&self) -> (usize, f64) {
         let both = |turn: usize| {
-            let [(one, m), (other, n)] = self.opposite(turn);
+            let [(one, m), (other, n)] = self.opposite_quarters(turn);
             (one + other, f64::max(m + n, 1.0))
         };
         let lighter = |turn: usize| {
-            let ((black, m), (white, n)) = (both(turn), both(turn + QUARTER));
+            let ((black, m), (white, n)) = (both(turn), both(turn + QUARTER_TURNS));
             let lighter = white / n - black / m;
             (turn, lighter * lighter.abs() * m * n / (m + n) / self.squares)
         };
         let better = |best: (usize, f64), other: (usize, f64)| if other.1 > best.1 { other } else { best };
-        (0..2 * QUARTER).map(lighter).fold((0, f64::MIN), better)
+        (0..2 * QUARTER_TURNS).map(lighter).fold((0, f64::MIN), better)
     }
 
     fn hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
-        let (ellipse, (darkest, _)) = (self.ellipse, self.best());
+        let (ellipse, (darkest, _)) = (self.ellipse, self.best_direction());
         // What shows less than half of itself may be another's.
         let least = 0.5 * EDGES.inner * EDGES.inner * PI / 4.0 * ellipse.major * ellipse.minor
             / (self.step * self.step) as f64;
         let seen = |turn: usize| {
-            let seen = self.opposite(turn).into_iter().filter(|(_, count)| *count > least);
+            let seen = self.opposite_quarters(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
         };
-        if seen(darkest + QUARTER).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
+        if seen(darkest + QUARTER_TURNS).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
             return None;
         }
         let (half, across) = (ellipse.axis() * ellipse.major, ellipse.across() * ellipse.minor);
@@ -138,7 +138,7 @@ impl EdgeSearch {
             let (q, p) = (TAU * turn as f64 / EDGES.turns as f64).sin_cos();
             half * p + across * q
         };
-        Some(moments::between(edge(darkest), edge(darkest + QUARTER), ellipse, blobs))
+        Some(moments::quadrants_from_edges(edge(darkest), edge(darkest + QUARTER_TURNS), ellipse, blobs))
     }
 }
 
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quadrants_of_which_glare_hides_an_end_are_placed_where_dark_is_parted_from_light() {
+    fn quadrants_with_an_end_in_glare_are_placed_by_their_edges() {
         let truth = Ellipse { centre: Vector2::new(150.0, 100.0), major: 80.0, minor: 20.0, angle: 0.1 };
         let frame = EllipseFrame::new(&truth);
         // Edges at 40 and 130 degrees of the outline seen as a circle; white and skin beyond column 165.
@@ -164,10 +164,10 @@ mod tests {
             }
         };
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-        let bands = [Band { axis: Vector2::x(), from: 163.0, to: f64::INFINITY }];
+        let bands = [OcclusionBand { axis: Vector2::x(), from: 163.0, to: f64::INFINITY }];
         for off in [Vector2::new(3.0, -1.5), Vector2::new(-4.0, 2.0), Vector2::zeros()] {
             let inner = Ellipse { centre: truth.centre + off, major: 60.0, minor: 15.0, ..truth };
-            let placed = placed(&inner, &image, &bands).expect("is placed");
+            let placed = place_quadrants(&inner, &image, &bands).expect("is placed");
             let apart = placed.ellipse.centre - truth.centre;
             let (along, across) = (apart.dot(&truth.axis()), apart.dot(&truth.across()));
             assert!(along.abs() < 3.0 && across.abs() < 1.6, "{off:?}: {along:.1} along, {across:.1} across");

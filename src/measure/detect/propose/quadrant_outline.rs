@@ -2,18 +2,18 @@
 
 use nalgebra::Vector2;
 
-use crate::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
+use crate::detect::appearance::parameters::{BLUR, LIGHT, MarkerParameters, X, Y, contrast};
 use crate::detect::estimate::{options::OUTLINED, outlined_quadrants};
-use crate::detect::hypothesis::{Hypothesis, prior::Estimate};
+use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
 use crate::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::OUTLINE};
-use crate::detect::segment::bitmask::Side;
+use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob::{self, Blob};
 use crate::raster::Raster;
 
 /// Quadrants with the outline of what is nearer to black than to white.
-pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypothesis {
+pub fn refine_outline(image: &Raster, hypothesis: Hypothesis, m: &MarkerParameters) -> Hypothesis {
     if hypothesis.edges.is_none() {
         return hypothesis;
     }
@@ -25,11 +25,11 @@ pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypot
     let found = OUTLINE.ends.iter().find_map(|share| {
         let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
         let own = blob::dark_parts(image, ellipse, 0.0, level);
-        moments::quadrants(&[0, 1], &own).or_else(|| moments::quadrants(&[0], &own))
+        moments::quadrants_from_blobs(&[0, 1], &own).or_else(|| moments::quadrants_from_blobs(&[0], &own))
     });
     let mut out = found.map_or(*ellipse, |f| f.ellipse);
     if let Some(longer) =
-        length_of_white(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)
+        white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)
     {
         out.major = longer;
     }
@@ -42,11 +42,11 @@ pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypot
 
 /// Quadrants that are narrow for their blur, with outline and edges from both together, and all parameters; `None` where they
 /// are not, or where that does not settle.
-pub fn with_outline(
+pub fn fit_outline_and_edges(
     image: &Raster,
     hypothesis: &Hypothesis,
-    m: &Parameters,
-) -> Option<(Hypothesis, Parameters)> {
+    m: &MarkerParameters,
+) -> Option<(Hypothesis, MarkerParameters)> {
     let ellipse = &hypothesis.ellipse;
     if hypothesis.edges.is_none()
         || hypothesis.is_in_glare()
@@ -55,16 +55,16 @@ pub fn with_outline(
         return None;
     }
     let reach = (ellipse.extent() * OUTLINE.about).add_scalar(OUTLINE.beside_px);
-    let skin = skin(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
+    let skin = skin_grey(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
-    let start = outlined_quadrants::start(&centred, m, skin)?;
-    outlined_quadrants::refined(image, &centred, start, Estimate::to_share(m[BLUR], OUTLINE.same_blur))
+    let start = outlined_quadrants::initial_parameters(&centred, m, skin)?;
+    outlined_quadrants::refine_quadrants(image, &centred, start, PriorValue::to_share(m[BLUR], OUTLINE.same_blur))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
 /// against one; `None` where they are alike.
-pub fn at_one_level(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
+pub fn resegment_unequal(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
     let [one, other] = hypothesis.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
     let seen_together = hypothesis.edges.is_none() || hypothesis.prior.blur.is_some();
@@ -72,15 +72,15 @@ pub fn at_one_level(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> 
         return None;
     }
     let ellipse = &hypothesis.ellipse;
-    let counts = Histogram::of(inside(image, ellipse));
+    let counts = Histogram::of(grey_values_inside(image, ellipse));
     let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
     let own = blob::dark_parts(image, ellipse, 0.0, black.midpoint(white) as u8);
-    let found = moments::quadrants(&[0, 1], &own)?;
+    let found = moments::quadrants_from_blobs(&[0, 1], &own)?;
     Some(Hypothesis { blobs: hypothesis.blobs.clone(), ..found })
 }
 
 /// Grey values of the pixels within an outline.
-pub fn inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
+pub fn grey_values_inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
     let rows = EllipseFrame::new(ellipse).grown(0.0);
     let (reach, centre) = (ellipse.extent().y, ellipse.centre.y);
     let area = [0, 0, image.width() - 1, image.height() - 1];
@@ -92,20 +92,20 @@ pub fn inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
 }
 
 /// The skin's grey value in a box of which a marker takes less than half.
-pub fn skin(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
+pub fn skin_grey(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
     Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value)).median()
 }
 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
 /// takes the thin ends of the black, where the white is thickest.
-fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<f64> {
+fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) -> Option<f64> {
     if ellipse.minor > OUTLINE.thick_px {
         return None;
     }
     let centre = Vector2::new(m[X], m[Y]);
     let reach = ellipse.extent() * OUTLINE.about_white;
     let (low, high) = (centre - reach, centre + reach);
-    let skin = skin(image, low, high)? as f64;
+    let skin = skin_grey(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < OUTLINED.whiter * contrast(m) {
         return None;
@@ -115,8 +115,8 @@ fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<
     };
     let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
-    let lighter = Side::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
-    for blob in blob::beyond(image, low, high, lighter) {
+    let lighter = LevelSide::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
+    for blob in blob::blobs_in_box(image, low, high, lighter) {
         let (s, t) = place(blob.centroid);
         if !own(s, t) || blob.area < OUTLINE.white * ellipse.major * ellipse.minor {
             continue;

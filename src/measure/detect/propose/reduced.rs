@@ -8,7 +8,7 @@ use crate::detect::propose::options::OUTLINE;
 use crate::raster::Raster;
 
 /// A picture of a hypothesis, smaller by a whole factor.
-pub struct Reduced {
+pub struct ReducedImage {
     /// Means of squares.
     pub image: Raster,
     /// The hypothesis in it.
@@ -17,10 +17,10 @@ pub struct Reduced {
     factor: f64,
 }
 
-impl Reduced {
+impl ReducedImage {
     /// Of large quadrants; `None` of others. Where they are near, the centre of their outline is not that of the target, and the
     /// first crossing is farther off than its edges' pixels are looked for: less so in a smaller picture.
-    pub fn of(image: &Raster, hypothesis: &Hypothesis) -> Option<Self> {
+    pub fn from_large_quadrants(image: &Raster, hypothesis: &Hypothesis) -> Option<Self> {
         let ellipse = &hypothesis.ellipse;
         if hypothesis.edges.is_none() || ellipse.minor < OUTLINE.large_px {
             return None;
@@ -49,17 +49,17 @@ impl Reduced {
         // What hides quadrants lies in the large picture.
         out.hypothesis = out.hypothesis.with_glare(Vec::new());
         let (major, minor) = (ellipse.major / factor, ellipse.minor / factor);
-        out.hypothesis.ellipse = Ellipse { centre: out.place(ellipse.centre), major, minor, ..*ellipse };
+        out.hypothesis.ellipse = Ellipse { centre: out.to_reduced(ellipse.centre), major, minor, ..*ellipse };
         Some(out)
     }
 
     /// A place of the large picture in the smaller one, px: the centre of the first square is its origin.
-    fn place(&self, at: Vector2<f64>) -> Vector2<f64> {
+    fn to_reduced(&self, at: Vector2<f64>) -> Vector2<f64> {
         (at - self.corner).add_scalar(0.5) / self.factor - Vector2::from_element(0.5)
     }
 
     /// The place in the large picture.
-    pub fn back(&self, at: Vector2<f64>) -> Vector2<f64> {
+    pub fn to_original(&self, at: Vector2<f64>) -> Vector2<f64> {
         at.add_scalar(0.5) * self.factor - Vector2::from_element(0.5) + self.corner
     }
 }

@@ -5,16 +5,16 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::detect::accept::{better::is_better, options::CONSISTENCY, verdict::Measured};
+use crate::detect::accept::{better::is_preferred, options::CONSISTENCY, verdict::MeasuredMarker};
 use crate::detect::accept::{correlated, dirt, lost_contrast, misfit};
-use crate::detect::appearance::parameters::Pattern;
-use crate::detect::attempt::{ladder::Ladder, measure::Bounds};
-use crate::detect::detection::covariance::{Source, mahalanobis};
-use crate::detect::detection::{Detection, Detections, Prediction, by_place};
+use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::attempt::{ladder::Measurer, measure::Bounds};
+use crate::detect::detection::covariance::{CovarianceSource, mahalanobis};
+use crate::detect::detection::{Detection, Detections, MarkerPrediction, by_place};
 use crate::detect::hypothesis::Hypothesis;
-use crate::detect::hypothesis::prior::{EdgePrior, Estimate, Prior, SizePrior, Slope};
+use crate::detect::hypothesis::prior::{EdgePrior, PriorValue, MarkerPrior, SizePrior, SlopePrior};
 use crate::detect::image::ellipse::{Ellipse, half_turn};
-use crate::detect::occlusion::{decal::ROWS, glare, options::GLARE};
+use crate::detect::occlusion::{decal::ROW_DIRECTION, glare, options::GLARE};
 use crate::detect::propose::{decal_cut, quadrant_edges};
 use crate::detect::revise::options::{NEIGHBOUR, ORIENTATION};
 use crate::estimation::robust::median;
@@ -23,9 +23,9 @@ use crate::setup::Shape;
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Expected {
+pub struct ExpectedMarker {
     /// Its image in this frame.
-    pub prediction: Prediction,
+    pub prediction: MarkerPrediction,
     /// Which detection it is, if it was found.
     pub found: Option<usize>,
     /// Which marker of the survey it is.
@@ -36,19 +36,19 @@ pub struct Expected {
 pub const UNSURE_PX2: f64 = 0.04;
 
 /// How the predicted sizes fail: ratios of the axes, and the difference of the directions, rad.
-struct Sizes {
-    major: Estimate,
-    minor: Estimate,
-    angle: Estimate,
+struct SizeDeviations {
+    major: PriorValue,
+    minor: PriorValue,
+    angle: PriorValue,
 }
 
 /// The frame's sure discs, as predicted and as found.
-struct Sure(Vec<(Prediction, Detection)>);
+struct ReliableDiscs(Vec<(MarkerPrediction, Detection)>);
 
-impl Sure {
-    fn of(found: &[Detection], expected: &[Expected]) -> Self {
-        let pair = |e: &Expected| Some((e.prediction.clone(), found.get(e.found?)?.clone()));
-        let sure = |(_, d): &(Prediction, Detection)| {
+impl ReliableDiscs {
+    fn of(found: &[Detection], expected: &[ExpectedMarker]) -> Self {
+        let pair = |e: &ExpectedMarker| Some((e.prediction.clone(), found.get(e.found?)?.clone()));
+        let sure = |(_, d): &(MarkerPrediction, Detection)| {
             d.shape == Shape::Circle && d.variance() < ORIENTATION.sure_px2
         };
         Self(expected.iter().filter_map(pair).filter(sure).collect())
@@ -56,66 +56,66 @@ impl Sure {
 
     /// How the sizes of a marker fail: the major axis as all discs tell, the others as those do that are predicted in about the
     /// same direction, for they follow the skin's slope, which is another at the leading edge than at the trailing one.
-    fn sizes(&self, expected: &Prediction) -> Sizes {
+    fn sizes(&self, expected: &MarkerPrediction) -> SizeDeviations {
         let mut alike: Vec<_> = self.0.iter().collect();
-        let aside = |p: &Prediction| half_turn(p.angle_rad - expected.angle_rad).abs();
+        let aside = |p: &MarkerPrediction| half_turn(p.angle_rad - expected.angle_rad).abs();
         alike.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
         let few = alike.len().min(ORIENTATION.alike);
-        let usual = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
+        let usual = |count: usize, value: &dyn Fn(&MarkerPrediction, &Detection) -> f64, least: f64| {
             let all: Vec<f64> = alike[..count].iter().map(|(p, d)| value(p, d)).collect();
             let value = median(all.clone()).filter(|_| all.len() >= ORIENTATION.enough)?;
             let off = median(all.iter().map(|v| (v - value).abs()).collect())?;
-            Some(Estimate { value, sigma: least.max(ORIENTATION.sigma_over_median * off) })
+            Some(PriorValue { value, sigma: least.max(ORIENTATION.sigma_over_median * off) })
         };
         let major = usual(alike.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
         let minor = usual(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor);
         let angle = usual(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_rad);
-        Sizes {
-            major: major.unwrap_or(Estimate { value: 1.0, sigma: ORIENTATION.unknown }),
-            minor: minor.unwrap_or(Estimate { value: 1.0, sigma: 2.0 * ORIENTATION.minor }),
-            angle: angle.unwrap_or(Estimate::zero(2.0 * ORIENTATION.angle_rad)),
+        SizeDeviations {
+            major: major.unwrap_or(PriorValue { value: 1.0, sigma: ORIENTATION.unknown }),
+            minor: minor.unwrap_or(PriorValue { value: 1.0, sigma: 2.0 * ORIENTATION.minor }),
+            angle: angle.unwrap_or(PriorValue::zero(2.0 * ORIENTATION.angle_rad)),
         }
     }
 }
 
-impl Sizes {
+impl SizeDeviations {
     /// The hypothesis of an expected marker, with glare reaching so much farther than it is seen (`ORIENTATION.fringes`).
-    fn hypothesis(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Hypothesis> {
+    fn hypothesis(&self, image: &Raster, expected: &MarkerPrediction, fringe: f64) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
         let (major, minor) = (self.major.value * ellipse.major, self.minor.value * ellipse.minor);
         let ellipse = Ellipse { major, minor, angle: half_turn(ellipse.angle + self.angle.value), ..ellipse };
         let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &ellipse, GLARE.begins, fringe);
-                (bands, Hypothesis::of(Pattern::Disc, ellipse, Vec::new()))
+                let bands = glare::find_glare_bands(image, &ellipse, GLARE.begin_ratio, fringe);
+                (bands, Hypothesis::of(MarkerPattern::Disc, ellipse, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin. Without glare something dark may touch them.
                 let beside = Ellipse { minor: ellipse.minor + ORIENTATION.aside_px, ..ellipse };
-                let bands = glare::lit_slanting(image, &beside, ORIENTATION.blinds);
+                let bands = glare::find_slanting_glare(image, &beside, ORIENTATION.blinds);
                 let inner = ellipse.larger(ORIENTATION.inner, 0.0);
-                let hypothesis = quadrant_edges::placed(&inner, image, &bands)?;
+                let hypothesis = quadrant_edges::place_quadrants(&inner, image, &bands)?;
                 (bands, hypothesis)
             }
         };
-        let slope = Slope {
-            minor: Estimate { value: ellipse.minor, sigma: self.minor.sigma * expected.semi_minor_px },
-            angle: Estimate { value: ellipse.angle, sigma: self.angle.sigma },
+        let slope = SlopePrior {
+            minor: PriorValue { value: ellipse.minor, sigma: self.minor.sigma * expected.semi_minor_px },
+            angle: PriorValue { value: ellipse.angle, sigma: self.angle.sigma },
         };
-        let major = Estimate { value: ellipse.major, sigma: self.major.sigma * expected.semi_major_px };
+        let major = PriorValue { value: ellipse.major, sigma: self.major.sigma * expected.semi_major_px };
         let size = SizePrior { major, slope: Some(slope) };
-        let prior = Prior { size: Some(size), ..hypothesis.prior };
+        let prior = MarkerPrior { size: Some(size), ..hypothesis.prior };
         Some(Hypothesis { prior, ..hypothesis }.with_glare(bands))
     }
 
     /// Doubts a disc that is longer or thicker than predicted: something beside an edge passes for a part of it, and the centre
     /// may be off by as much. Not quadrants, whose crossing no outline tells.
-    fn inflate(&self, expected: &Prediction, disc: &mut Detection) {
+    fn inflate(&self, expected: &MarkerPrediction, disc: &mut Detection) {
         if disc.shape == Shape::Quadrant {
             return;
         }
         let ellipse = disc.ellipse();
-        let doubt = |axis: Vector2<f64>, size: f64, ratio: Estimate, predicted: f64| {
+        let doubt = |axis: Vector2<f64>, size: f64, ratio: PriorValue, predicted: f64| {
             // Both ends tell the size as well as the centre.
             let chance = axis.dot(&(*disc.covariance_px2 * axis)) + (ratio.sigma * predicted).powi(2);
             let off = (size - ratio.value * predicted).powi(2);
@@ -124,24 +124,24 @@ impl Sizes {
         };
         let doubt = doubt(ellipse.axis(), disc.semi_major_px, self.major, expected.semi_major_px)
             + doubt(ellipse.across(), disc.semi_minor_px, self.minor, expected.semi_minor_px);
-        disc.covariance_px2.add(Source::SurveyedSize, doubt);
+        disc.covariance_px2.add(CovarianceSource::SurveyedSize, doubt);
     }
 }
 
 /// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is predicted,
 /// and quadrants that were not found; whether that is better for any. The markers stay in order.
-pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
+pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[ExpectedMarker]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
-    let sure = Sure::of(&found.markers, expected);
-    let off = |(p, d): &(Prediction, Detection)| (d.centre_px - p.centre_px).norm();
+    let sure = ReliableDiscs::of(&found.markers, expected);
+    let off = |(p, d): &(MarkerPrediction, Detection)| (d.centre_px - p.centre_px).norm();
     let near_px = ORIENTATION.near_px;
     let usual = median(sure.0.iter().map(off).collect());
     let most = usual.map_or(near_px, |usual| near_px.max(ORIENTATION.farther * usual));
     let (blur, overshoot) = (ORIENTATION.softer * psf, found.overshoot);
     let bounds = Bounds { blur, through_glare: true, overshoot, ..Bounds::of(found.noise) };
-    let ladder = Ladder::new(image, &[], bounds);
-    let look = Closer { ladder, found, sure: &sure, psf, most };
-    let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
+    let ladder = Measurer::new(image, &[], bounds);
+    let look = SecondPass { ladder, found, sure: &sure, psf, most };
+    let mut new: Vec<(Option<usize>, MeasuredMarker)> = Vec::new();
     let mut unlike: Vec<(usize, Matrix2<f64>)> = Vec::new();
     for expected in expected {
         new.extend(look.again(expected, &mut unlike));
@@ -150,10 +150,10 @@ pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[Expected]
     // Else another look decides.
     for (i, inflation) in unlike.into_iter().filter(|_| !changed) {
         if let Some(old) = found.markers.get_mut(i) {
-            old.covariance_px2.add(Source::SecondLook, inflation);
+            old.covariance_px2.add(CovarianceSource::SecondLook, inflation);
         }
     }
-    for Expected { prediction, found: own, .. } in expected {
+    for ExpectedMarker { prediction, found: own, .. } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
             sure.sizes(prediction).inflate(prediction, disc);
         }
@@ -163,7 +163,7 @@ pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[Expected]
 }
 
 /// Puts new answers in the places of former ones, or beside them.
-fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
+fn put(found: &mut Detections, new: Vec<(Option<usize>, MeasuredMarker)>) {
     let mut quadrants: Vec<Ellipse> = Vec::new();
     for (own, measured) in new {
         let ellipse = measured.detection.ellipse();
@@ -181,30 +181,30 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
 }
 
 /// An expected marker, how its sizes fail, and the outlines of all others.
-struct Sought<'a> {
-    prediction: &'a Prediction,
-    sizes: Sizes,
+struct SearchTarget<'a> {
+    prediction: &'a MarkerPrediction,
+    sizes: SizeDeviations,
     others: Vec<Ellipse>,
 }
 
 /// A look at a frame in which some markers have been found.
-struct Closer<'a> {
-    ladder: Ladder<'a>,
+struct SecondPass<'a> {
+    ladder: Measurer<'a>,
     found: &'a Detections,
-    sure: &'a Sure,
+    sure: &'a ReliableDiscs,
     psf: f64,
     /// How far from its expected place a marker may be, px.
     most: f64,
 }
 
-impl Closer<'_> {
+impl SecondPass<'_> {
     /// A better answer for an expected marker, if there is one, with the place of the former one; beside it by how much former
     /// ones are doubted that stay.
     fn again(
         &self,
-        Expected { prediction, found: own, .. }: &Expected,
+        ExpectedMarker { prediction, found: own, .. }: &ExpectedMarker,
         unlike: &mut Vec<(usize, Matrix2<f64>)>,
-    ) -> Option<(Option<usize>, Measured)> {
+    ) -> Option<(Option<usize>, MeasuredMarker)> {
         let markers = &self.found.markers;
         let old = own.and_then(|i| markers.get(i));
         let surer = |than: f64| old.is_some_and(|d| d.variance() < than);
@@ -216,7 +216,7 @@ impl Closer<'_> {
         let is_sure = surer(if is_disc { UNSURE_PX2 } else { f64::INFINITY });
         let others = markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
         let others = others.map(|(_, d)| d.ellipse()).collect();
-        let sought = Sought { prediction, sizes: self.sure.sizes(prediction), others };
+        let sought = SearchTarget { prediction, sizes: self.sure.sizes(prediction), others };
         self.hypotheses(&sought, is_sure).into_iter().find_map(|hypothesis| {
             let (measured, whole) = self.measured(&sought, hypothesis)?;
             let centre = measured.detection.centre_px;
@@ -231,7 +231,7 @@ impl Closer<'_> {
             let new = &measured.detection;
             // What is taken for hidden may be seen as a whole.
             let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.surer * old.variance();
-            let beats = |old: &Detection| new.shape == old.shape && is_better(new, old) && is_sure(old);
+            let beats = |old: &Detection| new.shape == old.shape && is_preferred(new, old) && is_sure(old);
             let better = near && old.as_ref().is_none_or(beats);
             if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
                 unlike.extend(disagreement(new, old).map(|inflation| (i, inflation)));
@@ -241,14 +241,14 @@ impl Closer<'_> {
     }
 
     /// What an expected marker may be, in the order in which it is tried; of one that is sure enough only what a decal leaves.
-    fn hypotheses(&self, sought: &Sought, is_sure: bool) -> Vec<Hypothesis> {
-        let Sought { prediction, sizes, others } = sought;
+    fn hypotheses(&self, sought: &SearchTarget, is_sure: bool) -> Vec<Hypothesis> {
+        let SearchTarget { prediction, sizes, others } = sought;
         let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
         let of = |fringe: &f64| sizes.hypothesis(self.ladder.image, prediction, *fringe);
         let mut hypotheses: Vec<Hypothesis> = fringes.iter().filter_map(of).collect();
         hypotheses.dedup();
         // Only where it does not look whole is it taken for hidden.
-        let hidden = |last| decal_cut::beside(self.ladder.image, last, others, ROWS, self.psf);
+        let hidden = |last| decal_cut::occluded_disc(self.ladder.image, last, others, ROW_DIRECTION, self.psf);
         let hidden = hypotheses.last().and_then(hidden);
         hypotheses.retain(|_| !is_sure);
         hypotheses.extend(hidden);
@@ -256,19 +256,19 @@ impl Closer<'_> {
     }
 
     /// What a hypothesis measures, as accurately as the frame's markers and its size say; and whether it was seen as a whole.
-    fn measured(&self, sought: &Sought, mut hypothesis: Hypothesis) -> Option<(Measured, bool)> {
-        let (Sought { prediction, sizes, others }, psf) = (sought, self.psf);
+    fn measured(&self, sought: &SearchTarget, mut hypothesis: Hypothesis) -> Option<(MeasuredMarker, bool)> {
+        let (SearchTarget { prediction, sizes, others }, psf) = (sought, self.psf);
         if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf {
             hypothesis.prior.edge = Some(EdgePrior {
-                blur: Estimate::to_share(psf, NEIGHBOUR.same_blur),
-                dark: Estimate::UNKNOWN,
+                blur: PriorValue::to_share(psf, NEIGHBOUR.same_blur),
+                dark: PriorValue::UNKNOWN,
             });
         }
         let mut measured = self.ladder.measure(&hypothesis).ok()?;
-        correlated::raise(&mut measured, self.found.inflation);
-        dirt::inflate(self.ladder.image, &mut measured, others);
-        misfit::inflate(self.ladder.image, &mut measured, self.found.noise);
-        lost_contrast::doubt(&mut measured, self.found.lost_contrast_px);
+        correlated::raise_for_correlation(&mut measured, self.found.inflation);
+        dirt::inflate_for_dirt(self.ladder.image, &mut measured, others);
+        misfit::inflate_for_misfit(self.ladder.image, &mut measured, self.found.noise);
+        lost_contrast::add_lost_contrast(&mut measured, self.found.lost_contrast_px);
         if prediction.shape == Shape::Quadrant {
             measured.detection.semi_major_px /= ORIENTATION.inner;
             measured.detection.semi_minor_px /= ORIENTATION.inner;

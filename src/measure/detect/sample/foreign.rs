@@ -1,7 +1,7 @@
 //! Pixels that a fit leaves out: near other dark things.
 
-use super::bands::Bands;
-use crate::detect::appearance::parameters::{BLUR, HALO, LIGHT, Parameters, light_at};
+use super::bands::EdgeBands;
+use crate::detect::appearance::parameters::{BLUR, HALO, LIGHT, MarkerParameters, light_at};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
@@ -9,22 +9,22 @@ use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 
 /// How far what is near another blob is not used either, px: the blur is not known yet.
-const MARGIN: usize = 3;
+const MARGIN_PX: usize = 3;
 /// The same of what is darker than the light by a limit, blurs: from an edge, where that is a quarter of the contrast, it then is
 /// 2.2 blurs, which leave 1.4 % of it. In a sharpened picture its halo reaches as far as the copy's blur.
 const MARGIN_BLURS: f64 = 1.5;
 
 /// Pixels of an area that are not used.
-struct Mask {
+struct PixelMask {
     area: PixelBox,
     /// How far what is near a thing is not used either, px.
     margin: usize,
     marks: Option<Vec<bool>>,
 }
 
-impl Mask {
+impl PixelMask {
     /// Marks what is near a run of pixels.
-    fn add(&mut self, y: usize, from: usize, to: usize) {
+    fn mark_run(&mut self, y: usize, from: usize, to: usize) {
         let [x0, y0, x1, y1] = self.area;
         let width = x1 - x0 + 1;
         let marks = self.marks.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
@@ -39,16 +39,16 @@ impl Mask {
 }
 
 /// Pixels near others outside the disc's outline that are darker than the light by more than `limit`.
-pub fn darker(
+pub fn mask_darker(
     image: &Raster,
     ellipse: &Ellipse,
-    bands: Bands,
+    bands: EdgeBands,
     area: PixelBox,
-    m: &Parameters,
+    m: &MarkerParameters,
     limit: f64,
 ) -> Option<Vec<bool>> {
-    let margin = (MARGIN_BLURS * m[BLUR].hypot(m[HALO])).ceil().clamp(1.0, 2.0 * MARGIN as f64) as usize;
-    let mut mask = Mask { area, margin, marks: None };
+    let margin = (MARGIN_BLURS * m[BLUR].hypot(m[HALO])).ceil().clamp(1.0, 2.0 * MARGIN_PX as f64) as usize;
+    let mut mask = PixelMask { area, margin, marks: None };
     let frame = EllipseFrame::new(ellipse);
     let reach = f64::from(bands.flat) + margin as f64;
     // No pixel that is lighter than this is darker than the light anywhere near.
@@ -65,7 +65,7 @@ pub fn darker(
                 let (s, t) = frame.local(x as f64, y as f64);
                 let (p, q) = (s / ellipse.major, t / ellipse.minor);
                 if f64::from(row[x]) < light_at(m, p, q) - limit {
-                    mask.add(y, x, x);
+                    mask.mark_run(y, x, x);
                 }
             }
         }
@@ -74,30 +74,30 @@ pub fn darker(
 }
 
 /// Pixels of the area near a blob that is not the hypothesis's; `None` where no such blob is near.
-pub fn foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
+pub fn mask_foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
     let ellipse = &hypothesis.ellipse;
     let [x0, y0, x1, y1] = area;
-    let mut mask = Mask { area, margin: MARGIN, marks: None };
+    let mut mask = PixelMask { area, margin: MARGIN_PX, marks: None };
     for (i, blob) in blobs.iter().enumerate() {
         let b = blob.bounds;
-        let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
+        let apart = b[0] > x1 + MARGIN_PX || b[2] + MARGIN_PX < x0 || b[1] > y1 + MARGIN_PX || b[3] + MARGIN_PX < y0;
         if apart
             || ellipse.contains(blob.centroid)
             || hypothesis.blobs.contains(&i)
-            || own_at_laxer_level(blobs, hypothesis, blob)
+            || is_own_at_laxer_level(blobs, hypothesis, blob)
         {
             continue;
         }
         for run in &blob.runs {
             let [y, from, to] = run.map(|v| v as usize);
-            mask.add(y, from, to);
+            mask.mark_run(y, from, to);
         }
     }
     mask.marks
 }
 
 /// Whether a blob holds the hypothesis's own one: with a line that touches it at a laxer level.
-fn own_at_laxer_level(blobs: &[Blob], hypothesis: &Hypothesis, other: &Blob) -> bool {
+fn is_own_at_laxer_level(blobs: &[Blob], hypothesis: &Hypothesis, other: &Blob) -> bool {
     let middle = |blob: &Blob| blob.runs.get(blob.runs.len() / 2).copied();
     let own = hypothesis.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);
     own.into_iter().any(|[y, from, to]| {

@@ -1,13 +1,13 @@
 //! The pixels of a fit, in batches, sorted by what their share of black takes.
 
-use crate::detect::appearance::parameters::Pattern;
+use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{LANES, each, total};
 
 /// The pixels of a fit.
 pub struct Pixels {
     /// What they show.
-    pub pattern: Pattern,
+    pub pattern: MarkerPattern,
     /// Where columns and rows are counted from, px.
     pub origin: [f64; 2],
     /// Whether quadrants' outline is part of the model.
@@ -18,13 +18,13 @@ pub struct Pixels {
 
 /// What it takes to know a pixel's share of black.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum PixelKind {
     /// A closed form.
-    Cheap,
+    ClosedForm,
     /// A sum.
-    Dear,
+    Integrated,
     /// Nothing: it is 0.
-    Beyond,
+    Outside,
 }
 
 /// Pixels on their way into batches.
@@ -47,14 +47,14 @@ impl Pixels {
 
 impl Sorter {
     /// Without pixels.
-    pub fn new(pattern: Pattern, origin: [f64; 2]) -> Self {
+    pub fn new(pattern: MarkerPattern, origin: [f64; 2]) -> Self {
         let pixels = Pixels { pattern, origin, outlined: false, batches: Vec::with_capacity(128) };
         Self { pixels, open: [Batch::new(), Batch::new(), Batch::new()] }
     }
 
     /// Takes up the `i`-th pixel of a batch.
     #[inline(always)]
-    pub fn push(&mut self, kind: Kind, from: &Batch, i: usize) {
+    pub fn push(&mut self, kind: PixelKind, from: &Batch, i: usize) {
         let open = &mut self.open[kind as usize];
         let k = open.len % LANES;
         (open.x[k], open.y[k], open.value[k]) = (from.x[i], from.y[i], from.value[i]);

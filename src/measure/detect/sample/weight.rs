@@ -2,32 +2,32 @@
 
 use nalgebra::Vector2;
 
-use super::bands::{Bands, fade};
-use super::pixels::{Kind, Pixels, Sorter};
-use crate::detect::appearance::disc::{END, beyond, from_ellipse};
-use crate::detect::appearance::{crossing::NEAR, parameters::Pattern};
+use super::bands::{EdgeBands, fade_weight};
+use super::pixels::{PixelKind, Pixels, Sorter};
+use crate::detect::appearance::disc::{END_SIGMAS, mask_beyond_end, distance_to_ellipse};
+use crate::detect::appearance::{crossing::NEAR_SIGMAS, parameters::MarkerPattern};
 use crate::detect::image::ellipse::Ellipse;
-use crate::detect::image::scanline::{EllipseFrame, Line};
+use crate::detect::image::scanline::{EllipseFrame, EdgeLine};
 use crate::detect::simd::lanes::{LANES, Lanes, each};
 use crate::detect::simd::{batch::Batch, dispatch::wide};
 
 /// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
-const MOVE: f32 = 0.2;
+const MOVE_PX: f32 = 0.2;
 
 /// Two edges that end a margin inside the outline, px, and a unit vector along their bisector.
 #[derive(Clone, Copy)]
-pub struct Edges {
-    pub lines: [Line; 2],
+pub struct EdgeLines {
+    pub lines: [EdgeLine; 2],
     pub margin: f64,
     pub along: Vector2<f64>,
 }
 
 /// Tells how far pixels are from an outline, or from two edges, and of what kind they are.
-pub struct Ruler<'a> {
-    pub pattern: Pattern,
-    pub bands: Bands,
+pub struct EdgeGeometry<'a> {
+    pub pattern: MarkerPattern,
+    pub bands: EdgeBands,
     pub ellipse: &'a Ellipse,
-    pub edges: Option<Edges>,
+    pub edges: Option<EdgeLines>,
     /// The outline's own coordinates.
     pub frame: &'a EllipseFrame<'a>,
     /// Blur and sag, px.
@@ -36,42 +36,42 @@ pub struct Ruler<'a> {
 }
 
 /// Pixels of which is not yet known how much they count; at an edge and beside it, 0 to 1, they would count so much.
-struct Waiting {
+struct PendingPixels {
     batch: Batch,
     keep: [Lanes; 2],
 }
 
 /// Pixels that may be used, on their way to those that are.
-pub struct Taker<'a> {
-    ruler: Ruler<'a>,
+pub struct PixelCollector<'a> {
+    ruler: EdgeGeometry<'a>,
     origin: [f64; 2],
-    waiting: Waiting,
+    waiting: PendingPixels,
     sorter: Sorter,
 }
 
-impl<'a> Taker<'a> {
+impl<'a> PixelCollector<'a> {
     /// Without pixels.
-    pub fn new(ruler: Ruler<'a>) -> Self {
+    pub fn new(ruler: EdgeGeometry<'a>) -> Self {
         let centre = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
         let origin = [centre.x.round(), centre.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
-        Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
+        Self { ruler, origin, waiting: PendingPixels { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
     }
 
     /// A pixel's column and row from the pixels' origin.
-    pub fn place(&self, x: usize, y: usize) -> [f32; 2] {
+    pub fn relative_position(&self, x: usize, y: usize) -> [f32; 2] {
         [x as f64 - self.origin[0], y as f64 - self.origin[1]].map(|v| v as f32)
     }
 
     /// Takes up a pixel and how much it would count at an edge and beside it.
     #[inline(always)]
     pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
-        let Waiting { batch, keep: of_batch } = &mut self.waiting;
+        let PendingPixels { batch, keep: of_batch } = &mut self.waiting;
         let i = batch.len % LANES;
         (of_batch[0][i], of_batch[1][i]) = (keep[0], keep[1]);
         batch.push(x, y, f32::from(value));
         if batch.is_full() {
-            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            weigh_batch(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
             self.waiting.batch.len = 0;
         }
     }
@@ -80,7 +80,7 @@ impl<'a> Taker<'a> {
     pub fn finish(mut self) -> Pixels {
         if self.waiting.batch.len > 0 {
             self.waiting.batch.fill();
-            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            weigh_batch(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
         }
         self.sorter.finish()
     }
@@ -88,13 +88,13 @@ impl<'a> Taker<'a> {
 
 wide! {
     /// Sorts the pixels of a batch that count.
-    fn weigh(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) = weighed
+    fn weigh_batch(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: &EdgeGeometry, origin: [f64; 2]) = weigh_batch_generic
 }
 
 #[inline(always)]
-fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
-    let Waiting { batch, keep } = waiting;
-    let Ruler { bands, ellipse, edges, .. } = ruler;
+fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: &EdgeGeometry, origin: [f64; 2]) {
+    let PendingPixels { batch, keep } = waiting;
+    let EdgeGeometry { bands, ellipse, edges, .. } = ruler;
     let (sin, cos) = (ruler.frame.sin as f32, ruler.frame.cos as f32);
     let (a, b, centre) = (ellipse.major as f32, ellipse.minor as f32, ellipse.centre);
     let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
@@ -104,12 +104,12 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
     let (by_a, by_b) = (1.0 / a, 1.0 / b);
     batch.p = each(|i| s[i] * by_a);
     batch.q = each(|i| t[i] * by_b);
-    let mut distance = from_ellipse(a, b, &s, &t);
+    let mut distance = distance_to_ellipse(a, b, &s, &t);
     let blur = ruler.blur as f32;
     let dear;
     let mut nothing = Lanes::of(0.0);
-    if let Some(Edges { lines, margin, along }) = edges {
-        let inside = each(|i| fade(distance[i] - *margin as f32));
+    if let Some(EdgeLines { lines, margin, along }) = edges {
+        let inside = each(|i| fade_weight(distance[i] - *margin as f32));
         for keep in &mut *keep {
             *keep = each(|i| keep[i] * inside[i]);
         }
@@ -122,19 +122,19 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
         distance = each(|i| if one[i] < other[i] { one[i] } else { other[i] });
         let off = (centre - lines[0].at).dot(along) as f32;
         let (u, v) = (along.x as f32, along.y as f32);
-        let near = NEAR as f32 * blur + MOVE;
+        let near = NEAR_SIGMAS as f32 * blur + MOVE_PX;
         dear = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
     } else {
-        let end = a - END as f32 * blur - MOVE;
+        let end = a - END_SIGMAS as f32 * blur - MOVE_PX;
         dear = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
-        nothing = beyond(&s, &t, [a, b], ruler.sag as f32, END as f32 * blur + MOVE);
+        nothing = mask_beyond_end(&s, &t, [a, b], ruler.sag as f32, END_SIGMAS as f32 * blur + MOVE_PX);
     }
     batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
     for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {
         let kind = match () {
-            () if nothing[i] > 0.0 => Kind::Beyond,
-            () if dear[i] > 0.0 => Kind::Dear,
-            () => Kind::Cheap,
+            () if nothing[i] > 0.0 => PixelKind::Outside,
+            () if dear[i] > 0.0 => PixelKind::Integrated,
+            () => PixelKind::ClosedForm,
         };
         sorter.push(kind, batch, i);
     }

@@ -5,18 +5,18 @@ use std::rc::Rc;
 use nalgebra::Vector2;
 
 use super::components::Run;
-use super::windows::{Part, factor};
+use super::windows::{SearchArea, block_size};
 use crate::detect::segment::{components, options::BACKGROUND};
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
 
 /// How many levels a frame is searched at.
-const USUAL: usize = BACKGROUND.usual;
+const DEFAULT_LEVELS: usize = BACKGROUND.default_levels;
 /// The same of a faint frame: all of them.
-const FAINT: usize = BACKGROUND.levels.len();
+const FAINT_LEVELS: usize = BACKGROUND.levels.len();
 
 /// The reduced frame.
-pub struct Coarse {
+pub struct ReducedFrame {
     /// Side of a block, px.
     pub factor: usize,
     /// Reduced pixels per row.
@@ -28,19 +28,19 @@ pub struct Coarse {
     /// Local background: the brightest level that both sides of the pixel reach, along a row or
     /// a column, at one of the distances.
     pub background: Vec<u8>,
-    part: Part,
+    part: SearchArea,
 }
 
-impl Coarse {
+impl ReducedFrame {
     /// With its background raised to that of the farther distances; `None` where nothing thick is sought.
-    pub fn seen_far(&self) -> Option<Self> {
+    pub fn with_far_background(&self) -> Option<Self> {
         if !self.part.has_thick {
             return None;
         }
         let Self { factor, width, height, ref mean, ref part, .. } = *self;
-        let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copied(&self.background, width));
+        let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copy_known(&self.background, width));
         let mut far = Self { factor, width, height, mean, background, part };
-        far.raise_by(&BACKGROUND.far);
+        far.raise_background(&BACKGROUND.far);
         Some(far)
     }
 }
@@ -71,7 +71,7 @@ impl DarkRegion {
     }
 
     /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.
-    pub fn meets(&self, bounds: &[usize; 4], factor: usize) -> bool {
+    pub fn overlaps_box(&self, bounds: &[usize; 4], factor: usize) -> bool {
         let ([x0, y0, x1, y1], [left, top, right, low]) = (self.bounds, bounds.map(|v| v / factor));
         left <= x1 && right >= x0 && top <= y1 && low >= y0
     }
@@ -83,7 +83,7 @@ impl DarkRegion {
     }
 
     /// Whether `other`, of a laxer level, is the same thing with a fringe.
-    pub fn stands_for(&self, other: &Self) -> bool {
+    pub fn is_same_region(&self, other: &Self) -> bool {
         let mut sides = self.bounds.iter().zip(&other.bounds);
         self.least == other.least && sides.all(|(a, b)| a.abs_diff(*b) <= 2)
     }
@@ -91,8 +91,8 @@ impl DarkRegion {
 
 /// Block means of a part of `image`, 0 elsewhere, with their background; an incomplete block at the right or lower edge is
 /// left out.
-pub fn reduce(image: &Raster, part: Part) -> Coarse {
-    let factor = factor(image.width(), image.height());
+pub fn reduce_frame(image: &Raster, part: SearchArea) -> ReducedFrame {
+    let factor = block_size(image.width(), image.height());
     let (width, height) = (image.width() / factor, image.height() / factor);
     let mut mean = vec![0u8; width * height];
     for (y, span) in &part.means {
@@ -104,20 +104,20 @@ pub fn reduce(image: &Raster, part: Part) -> Coarse {
             means_of_4([row(0), row(1)], out);
         }
     }
-    let background = part.copied(&mean, width);
-    let mut coarse = Coarse { factor, width, height, mean: Rc::new(mean), background, part };
-    coarse.raise_by(&BACKGROUND.reach);
+    let background = part.copy_known(&mean, width);
+    let mut coarse = ReducedFrame { factor, width, height, mean: Rc::new(mean), background, part };
+    coarse.raise_background(&BACKGROUND.reach);
     coarse
 }
 
 wide! {
     /// Means of blocks of 4 x 4 px.
-    fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) = means_by_word
+    fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) = means_of_16_generic
 }
 
 /// Four bytes of a row are summed as two halves of a word.
 #[inline(always)]
-fn means_by_word(rows: [&[u8]; 4], out: &mut [u8]) {
+fn means_of_16_generic(rows: [&[u8]; 4], out: &mut [u8]) {
     const LOW: u32 = 0x00ff_00ff;
     let [a, b, c, d] = rows.map(|row| row.as_chunks::<4>().0);
     let halves = |four: &[u8; 4]| {
@@ -139,9 +139,9 @@ fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
     }
 }
 
-impl Coarse {
+impl ReducedFrame {
     /// Makes the background of every pixel the greatest, over distances and directions, of the lesser of both sides.
-    fn raise_by(&mut self, reach: &[usize]) {
+    fn raise_background(&mut self, reach: &[usize]) {
         let Self { width, height, mean, background, part, .. } = self;
         for (y, span) in &part.wanted {
             let row = |y: usize| &mean[y * *width..][..*width];
@@ -151,10 +151,10 @@ impl Coarse {
                 if !inner.is_empty() {
                     let own = row(*y);
                     let (left, right) = (inner.start - d..inner.end - d, inner.start + d..inner.end + d);
-                    raise(&mut out[inner], &own[left], &own[right]);
+                    raise_row(&mut out[inner], &own[left], &own[right]);
                 }
                 if *y >= d && y + d < *height {
-                    raise(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
+                    raise_row(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
                 }
             }
         }
@@ -163,11 +163,11 @@ impl Coarse {
 
 wide! {
     /// The lesser of both sides, where it is more than what is there.
-    fn raise(out: &mut [u8], one: &[u8], other: &[u8]) = raised
+    fn raise_row(out: &mut [u8], one: &[u8], other: &[u8]) = raise_row_generic
 }
 
 #[inline(always)]
-fn raised(out: &mut [u8], one: &[u8], other: &[u8]) {
+fn raise_row_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
     // In whole steps, the last of them back from the end: what is raised twice stays.
     const STEP: usize = 32;
     let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));
@@ -184,27 +184,27 @@ fn raised(out: &mut [u8], one: &[u8], other: &[u8]) {
 }
 
 /// How many levels there are.
-pub fn levels(faint: bool) -> usize {
-    if faint { FAINT } else { USUAL }
+pub fn level_count(faint: bool) -> usize {
+    if faint { FAINT_LEVELS } else { DEFAULT_LEVELS }
 }
 
 /// The runs of pixels that pass any level, and how many levels their pixels pass, run by run.
-pub struct Darkness {
+pub struct PassedLevels {
     runs: Vec<Run>,
     passed: Vec<u8>,
 }
 
 wide! {
-    fn pass(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<USUAL>
+    fn count_passed(mean: &[u8], background: &[u8], out: &mut [u8]) = count_passed_generic::<DEFAULT_LEVELS>
 }
 
 wide! {
-    fn pass_faint(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<FAINT>
+    fn count_passed_faint(mean: &[u8], background: &[u8], out: &mut [u8]) = count_passed_generic::<FAINT_LEVELS>
 }
 
 /// How many of the first levels each pixel passes.
 #[inline(always)]
-fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
+fn count_passed_generic<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
     let levels: [u16; COUNT] = std::array::from_fn(|i| BACKGROUND.levels[i]);
     for ((o, &v), &b) in out.iter_mut().zip(mean).zip(background) {
         let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(BACKGROUND.above_noise)));
@@ -212,23 +212,23 @@ fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
     }
 }
 
-impl Coarse {
+impl ReducedFrame {
     /// How many of the levels each pixel passes.
-    pub fn darkness(&self, faint: bool) -> Darkness {
+    pub fn passed_levels(&self, faint: bool) -> PassedLevels {
         let (mut runs, mut passed, mut row) = (Vec::new(), Vec::new(), vec![0u8; self.width]);
-        let pass = if faint { pass_faint } else { pass };
+        let pass = if faint { count_passed_faint } else { count_passed };
         for (y, span) in &self.part.wanted {
             let part = y * self.width + span.start..y * self.width + span.end;
             let (first, row) = (runs.len(), &mut row[..span.len()]);
             pass(&self.mean[part.clone()], &self.background[part], row);
-            components::find(row, *y, &mut runs);
+            components::find_runs(row, *y, &mut runs);
             for run in &mut runs[first..] {
                 passed.extend_from_slice(&row[run.from as usize..=run.to as usize]);
                 run.from += span.start as u32;
                 run.to += span.start as u32;
             }
         }
-        Darkness { runs, passed }
+        PassedLevels { runs, passed }
     }
 
     /// Whether the background differs within a region's bounds by more than a part of it.
@@ -244,13 +244,13 @@ impl Coarse {
     }
 
     /// Dark regions at the `level`-th level, in the order of their first pixel.
-    pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<DarkRegion> {
-        let least = (levels(faint) - level) as u8;
-        let runs = components::at_least(&dark.runs, &dark.passed, least);
-        components::connected(&runs).iter().map(|set| self.region(set)).collect()
+    pub fn dark_regions(&self, dark: &PassedLevels, level: usize, faint: bool) -> Vec<DarkRegion> {
+        let least = (level_count(faint) - level) as u8;
+        let runs = components::runs_at_least(&dark.runs, &dark.passed, least);
+        components::connected_sets(&runs).iter().map(|set| self.region_from_runs(set)).collect()
     }
 
-    fn region(&self, runs: &[Run]) -> DarkRegion {
+    fn region_from_runs(&self, runs: &[Run]) -> DarkRegion {
         let mut region = DarkRegion { bounds: [usize::MAX, usize::MAX, 0, 0], area: 0, least: 256 };
         // Grey and background of the darkest, compared by products.
         let mut darkest = [256u32, 255];

@@ -3,11 +3,11 @@
 use crate::detect::simd::dispatch::wide;
 
 /// Pixels of a row in one word, a bit each, the first lowest.
-pub const WORD: usize = u64::BITS as usize;
+pub const WORD_BITS: usize = u64::BITS as usize;
 
 /// The pixels on one side of a level.
 #[derive(Clone, Copy)]
-pub enum Side {
+pub enum LevelSide {
     /// Below it.
     Darker(u8),
     /// Above it.
@@ -16,53 +16,53 @@ pub enum Side {
 
 wide! {
     /// Marks the pixels of a row on one side of a level, word by word.
-    pub fn mark_side(row: &[u8], side: Side, out: &mut [u64]) = marked_side
+    pub fn mark_side(row: &[u8], side: LevelSide, out: &mut [u64]) = mark_side_generic
 }
 
 #[inline(always)]
-fn marked_side(row: &[u8], side: Side, out: &mut [u64]) {
+fn mark_side_generic(row: &[u8], side: LevelSide, out: &mut [u64]) {
     match side {
-        Side::Darker(level) => marked([row], out, |[v]| v < level),
-        Side::Lighter(level) => marked([row], out, |[v]| v > level),
+        LevelSide::Darker(level) => mark_rows([row], out, |[v]| v < level),
+        LevelSide::Lighter(level) => mark_rows([row], out, |[v]| v > level),
     }
 }
 
 wide! {
     /// Marks the pixels of a row below their limits, word by word.
-    pub fn mark_below(row: &[u8], limits: &[u8], out: &mut [u64]) = marked_below
+    pub fn mark_below(row: &[u8], limits: &[u8], out: &mut [u64]) = mark_below_generic
 }
 
 #[inline(always)]
-fn marked_below(row: &[u8], limits: &[u8], out: &mut [u64]) {
-    marked([row, limits], out, |[v, limit]| v < limit);
+fn mark_below_generic(row: &[u8], limits: &[u8], out: &mut [u64]) {
+    mark_rows([row, limits], out, |[v, limit]| v < limit);
 }
 
 /// Marks the places of rows side by side where a test holds, word by word.
 #[inline(always)]
-fn marked<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
-    let parts = rows.map(|row| row.as_chunks::<WORD>());
+fn mark_rows<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
+    let parts = rows.map(|row| row.as_chunks::<WORD_BITS>());
     let count = parts.iter().fold(out.len(), |count, (words, _)| count.min(words.len()));
     for (k, out) in out[..count].iter_mut().enumerate() {
-        *out = marks(parts.map(|(words, _)| &words[k]), &holds);
+        *out = mark_word(parts.map(|(words, _)| &words[k]), &holds);
     }
     if let Some(out) = out.get_mut(count) {
-        let rest = rows.map(|row| padded(row.get(count * WORD..).unwrap_or(&[])));
-        *out = marks(rest.each_ref(), &holds);
+        let rest = rows.map(|row| pad_row(row.get(count * WORD_BITS..).unwrap_or(&[])));
+        *out = mark_word(rest.each_ref(), &holds);
     }
 }
 
 /// The pixels that are left of a row, and zeros.
-pub fn padded(rest: &[u8]) -> [u8; WORD] {
-    let mut out = [0; WORD];
+pub fn pad_row(rest: &[u8]) -> [u8; WORD_BITS] {
+    let mut out = [0; WORD_BITS];
     out.iter_mut().zip(rest).for_each(|(out, &v)| *out = v);
     out
 }
 
 /// A bit for each of 64 places in rows side by side: whether a test holds for their values.
 #[inline(always)]
-pub fn marks<const ROWS: usize>(rows: [&[u8; WORD]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
+pub fn mark_word<const ROWS: usize>(rows: [&[u8; WORD_BITS]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
     // A byte for each first: a processor's registers compare many of those in one step.
-    let mut bytes = [0u8; WORD];
+    let mut bytes = [0u8; WORD_BITS];
     for (i, byte) in bytes.iter_mut().enumerate() {
         *byte = u8::from(holds(rows.map(|row| row[i])));
     }
@@ -87,13 +87,13 @@ mod tests {
         for width in [1, 7, 63, 64, 65, 128, 200] {
             let row: Vec<u8> = (0..width).map(value).collect();
             // Limits end with a whole word.
-            let limits: Vec<u8> = (0..width.next_multiple_of(WORD)).map(|k| value(3 * k + 11)).collect();
-            let mut words: [_; 3] = std::array::from_fn(|_| vec![0; width.div_ceil(WORD)]);
-            mark_side(&row, Side::Darker(100), &mut words[0]);
-            mark_side(&row, Side::Lighter(100), &mut words[1]);
+            let limits: Vec<u8> = (0..width.next_multiple_of(WORD_BITS)).map(|k| value(3 * k + 11)).collect();
+            let mut words: [_; 3] = std::array::from_fn(|_| vec![0; width.div_ceil(WORD_BITS)]);
+            mark_side(&row, LevelSide::Darker(100), &mut words[0]);
+            mark_side(&row, LevelSide::Lighter(100), &mut words[1]);
             mark_below(&row, &limits, &mut words[2]);
             for (k, &v) in row.iter().enumerate() {
-                let got = words.each_ref().map(|words| words[k / WORD] >> (k % WORD) & 1 == 1);
+                let got = words.each_ref().map(|words| words[k / WORD_BITS] >> (k % WORD_BITS) & 1 == 1);
                 assert_eq!(got, [v < 100, v > 100, v < limits[k]], "place {k} of {width}");
             }
         }

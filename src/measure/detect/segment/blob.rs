@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::background::{Coarse, DarkRegion};
-use super::bitmask::{Side, WORD, mark_below, mark_side};
+use super::background::{ReducedFrame, DarkRegion};
+use super::bitmask::{LevelSide, WORD_BITS, mark_below, mark_side};
 use super::components::Run;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
@@ -30,7 +30,7 @@ pub struct Blob {
 
 /// The window of a region: first and last column and row, the last excluded.
 #[derive(Clone, Copy)]
-struct Window {
+struct RegionWindow {
     x0: usize,
     y0: usize,
     x1: usize,
@@ -38,18 +38,18 @@ struct Window {
 }
 
 /// Rows that are marked before their runs are sought.
-const ROWS: usize = 16;
+const ROW_GROUP: usize = 16;
 
 /// The blobs of one region, and whether one of them goes on outside its window.
-pub fn blobs(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> (Vec<Blob>, bool) {
+pub fn region_blobs(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
     let at = |share: f64| {
         let level = ((least + share * (1.0 - least)) * 256.0) as u32;
-        below(image, coarse, region, [BLOB.pad; 2], Threshold::Share(level))
+        blobs_below(image, coarse, region, [BLOB.pad; 2], Threshold::Share(level))
     };
-    let (mut out, cut) = at(BLOB.usual);
+    let (mut out, cut) = at(BLOB.default_share);
     if out.iter().any(Blob::is_ragged) {
-        out.extend(at(BLOB.strict).0.into_iter().filter(|blob| blob.area > BLOB.ragged_px));
+        out.extend(at(BLOB.strict_share).0.into_iter().filter(|blob| blob.area > BLOB.min_ragged_px));
     }
     (out, cut)
 }
@@ -58,27 +58,27 @@ pub fn blobs(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> (Vec<Blob>
 /// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
 /// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
 /// flat marker they may be half of it, of flat quadrants more.
-pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> Vec<Blob> {
-    let (dark, skin) = levels(coarse, region);
+pub fn blobs_against_surround(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> Vec<Blob> {
+    let (dark, skin) = dark_and_skin(coarse, region);
     let sides = region.sides();
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
     // What is longer than a marker holds one as it is.
-    let most = BLOB.longest_px.max(image.width().max(image.height()) / BLOB.longest) / coarse.factor;
+    let most = BLOB.max_length_px.max(image.width().max(image.height()) / BLOB.long_side_divisor) / coarse.factor;
     let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
     let window = |times: usize| {
         let pad = sides.map(|side| times * (BLOB.pad + more(side).min(most.saturating_sub(side))));
-        below(image, coarse, region, pad, Threshold::Between { dark, skin })
+        blobs_below(image, coarse, region, pad, Threshold::Between { dark, skin })
     };
     let (blobs, cut) = window(1);
     let mut out = if cut && blobs.is_empty() { window(2).0 } else { blobs };
     // A wide window shows other things too.
-    out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
+    out.retain(|blob| region.overlaps_box(&blob.bounds, coarse.factor));
     out
 }
 
 /// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
-fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
+fn dark_and_skin(coarse: &ReducedFrame, region: &DarkRegion) -> (u32, u32) {
     let [x0, y0, x1, y1] = region.bounds;
     let (x0, y0) = (x0.saturating_sub(2), y0.saturating_sub(2));
     let (x1, y1) = ((x1 + 2).min(coarse.width - 1), (y1 + 2).min(coarse.height - 1));
@@ -99,23 +99,23 @@ fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
 /// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
 /// it that is larger by three tenths and a margin, px.
 pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> Vec<Blob> {
-    let (low, high) = about(ellipse, margin);
-    let mut out = beyond(image, low, high, Side::Darker(level));
+    let (low, high) = enlarged_box(ellipse, margin);
+    let mut out = blobs_in_box(image, low, high, LevelSide::Darker(level));
     out.retain(|blob| ellipse.contains(blob.centroid));
     out.sort_by(|a, b| b.area.total_cmp(&a.area));
     out
 }
 
 /// The box about an outline that is larger by three tenths and a margin, px.
-pub fn about(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
+pub fn enlarged_box(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
     let reach = (ellipse.extent() * BLOB.about).add_scalar(margin);
     (ellipse.centre - reach, ellipse.centre + reach)
 }
 
 /// The blobs of pixels on one side of a level that lie wholly in a box.
-pub fn beyond(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
+pub fn blobs_in_box(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: LevelSide) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
-    let window = Window {
+    let window = RegionWindow {
         x0: low.x.floor().max(0.0) as usize,
         y0: low.y.floor().max(0.0) as usize,
         x1: end(high.x, image.width()),
@@ -124,7 +124,7 @@ pub fn beyond(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side)
     if window.x0 >= window.x1 || window.y0 >= window.y1 {
         return Vec::new();
     }
-    window.blobs(image, &mut window.runs(image, |_, row, marks| mark_side(row, side, marks))).0
+    window.blobs(image, &mut window.marked_runs(image, |_, row, marks| mark_side(row, side, marks))).0
 }
 
 /// The grey value below which a pixel is dark, from its background.
@@ -138,11 +138,11 @@ enum Threshold {
 
 wide! {
     /// Makes thresholds of backgrounds.
-    fn limit(values: &mut [u8], threshold: Threshold) = limited
+    fn to_thresholds(values: &mut [u8], threshold: Threshold) = to_thresholds_generic
 }
 
 #[inline(always)]
-fn limited(values: &mut [u8], threshold: Threshold) {
+fn to_thresholds_generic(values: &mut [u8], threshold: Threshold) {
     match threshold {
         Threshold::Share(level) => {
             values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
@@ -160,19 +160,19 @@ fn limited(values: &mut [u8], threshold: Threshold) {
 
 /// The connected sets below a threshold that depends on the local background, and whether one of
 /// them goes on outside the region's window.
-fn below(
+fn blobs_below(
     image: &Raster,
-    coarse: &Coarse,
+    coarse: &ReducedFrame,
     region: &DarkRegion,
     pad: [usize; 2],
     threshold: Threshold,
 ) -> (Vec<Blob>, bool) {
-    let window = Window::around(image, coarse, region, pad);
+    let window = RegionWindow::from_region(image, coarse, region, pad);
     window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
 }
 
 /// Repeats each block's value for its `factor` pixels in a row, as far as there are blocks.
-fn repeat(blocks: &[u8], factor: usize, out: &mut [u8]) {
+fn repeat_blocks(blocks: &[u8], factor: usize, out: &mut [u8]) {
     if factor == 4 {
         out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
     } else {
@@ -180,9 +180,9 @@ fn repeat(blocks: &[u8], factor: usize, out: &mut [u8]) {
     }
 }
 
-impl Window {
+impl RegionWindow {
     /// With so many reduced pixels about a region, to the sides and above and below.
-    fn around(image: &Raster, coarse: &Coarse, region: &DarkRegion, pad: [usize; 2]) -> Self {
+    fn from_region(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion, pad: [usize; 2]) -> Self {
         let (f, [x0, y0, x1, y1]) = (coarse.factor, region.bounds);
         let [beside, above] = pad.map(|pad| pad * f);
         Self {
@@ -195,38 +195,38 @@ impl Window {
 
     /// The runs of pixels that are marked, word by word, in each row; it is handed over as far as its last word reaches in the
     /// picture.
-    fn runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
+    fn marked_runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
         let width = self.x1 - self.x0;
-        let end = (self.x0 + width.next_multiple_of(WORD)).min(image.width());
-        let words = width.div_ceil(WORD).max(1);
-        let (mut out, mut marks) = (Vec::new(), vec![0; ROWS * words]);
+        let end = (self.x0 + width.next_multiple_of(WORD_BITS)).min(image.width());
+        let words = width.div_ceil(WORD_BITS).max(1);
+        let (mut out, mut marks) = (Vec::new(), vec![0; ROW_GROUP * words]);
         // Rows are fetched side by side where nothing hangs on what they hold.
-        for first in (self.y0..self.y1).step_by(ROWS) {
-            let rows = || first..self.y1.min(first + ROWS);
+        for first in (self.y0..self.y1).step_by(ROW_GROUP) {
+            let rows = || first..self.y1.min(first + ROW_GROUP);
             for (y, marks) in rows().zip(marks.chunks_exact_mut(words)) {
                 mark(y, &image.row(y)[self.x0..end], marks);
             }
             for (y, marks) in rows().zip(marks.chunks_exact(words)) {
-                components::find_in(marks.iter().copied(), width, y, &mut out);
+                components::find_runs_in_words(marks.iter().copied(), width, y, &mut out);
             }
         }
         out
     }
 
     /// Runs of pixels below the threshold of their background.
-    fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: Threshold) -> Vec<Run> {
+    fn dark_runs(&self, image: &Raster, coarse: &ReducedFrame, threshold: Threshold) -> Vec<Run> {
         let f = coarse.factor;
         let width = self.x1 - self.x0;
-        let (mut blocks, mut limits) = (Vec::new(), vec![0; width.next_multiple_of(WORD)]);
-        self.runs(image, |y, pixels, marks| {
+        let (mut blocks, mut limits) = (Vec::new(), vec![0; width.next_multiple_of(WORD_BITS)]);
+        self.marked_runs(image, |y, pixels, marks| {
             if y == self.y0 || y % f == 0 {
                 // Windows begin with a block; pixels beyond the last whole one are as the last.
                 let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
                 blocks.clear();
                 blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
                 blocks.resize(width.div_ceil(f), row.last().copied().unwrap_or(0));
-                limit(&mut blocks, threshold);
-                repeat(&blocks, f, &mut limits);
+                to_thresholds(&mut blocks, threshold);
+                repeat_blocks(&blocks, f, &mut limits);
             }
             mark_below(pixels, &limits, marks);
         })
@@ -239,10 +239,10 @@ impl Window {
             run.to += self.x0 as u32;
         }
         let (mut out, mut cut) = (Vec::new(), false);
-        for set in components::connected(runs).iter() {
-            if self.cuts(image, set) {
+        for set in components::connected_sets(runs).iter() {
+            if self.is_cut(image, set) {
                 cut = true;
-            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= BLOB.least_px {
+            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= BLOB.min_pixels {
                 out.push(Blob::new(image, set));
             }
         }
@@ -250,7 +250,7 @@ impl Window {
     }
 
     /// Whether the set goes on outside the window; a laxer level then has it whole.
-    fn cuts(&self, image: &Raster, set: &[Run]) -> bool {
+    fn is_cut(&self, image: &Raster, set: &[Run]) -> bool {
         let (left, top) = (self.x0 > 0, self.y0 > 0);
         let (right, low) = (self.x1 < image.width(), self.y1 < image.height());
         set.iter().any(|r| {
@@ -327,7 +327,7 @@ impl Blob {
 
     /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
     fn is_ragged(&self) -> bool {
-        self.area > BLOB.ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
+        self.area > BLOB.min_ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
     }
 
     /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
@@ -339,7 +339,7 @@ impl Blob {
 
 impl Ellipse {
     /// A blob's ellipse of inertia.
-    pub fn of(blob: &Blob) -> Self {
+    pub fn from_blob(blob: &Blob) -> Self {
         Self::from_moments(blob.centroid, blob.covariance, 2.0)
     }
 }
@@ -349,10 +349,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_nearer_to_the_dark_than_to_the_skin_is_no_background() {
+    fn background_nearer_to_the_dark_than_to_the_skin_is_ignored() {
         // The sky, the skin, skin in the shade, another marker.
         let mut values = [230, 120, 90, 50];
-        limit(&mut values, Threshold::Between { dark: 40, skin: 120 });
+        to_thresholds(&mut values, Threshold::Between { dark: 40, skin: 120 });
         assert_eq!(values, [80, 80, 65, 80]);
     }
 }

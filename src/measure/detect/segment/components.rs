@@ -1,6 +1,6 @@
 //! Connected sets of marked pixels, by runs: whatever is unmarked costs next to nothing.
 
-use super::bitmask::{WORD, marks, padded};
+use super::bitmask::{WORD_BITS, mark_word, pad_row};
 
 /// Marked pixels side by side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,35 +14,35 @@ pub struct Run {
 }
 
 /// Appends the runs of row `y`, whose marked pixels hold anything but 0.
-pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
+pub fn find_runs(row: &[u8], y: usize, out: &mut Vec<Run>) {
     let (words, rest) = row.as_chunks();
-    let rest = padded(rest);
-    let words = words.iter().chain([&rest]).map(|pixels| marks([pixels], |[v]| v > 0));
-    find_in(words, row.len(), y, out);
+    let rest = pad_row(rest);
+    let words = words.iter().chain([&rest]).map(|pixels| mark_word([pixels], |[v]| v > 0));
+    find_runs_in_words(words, row.len(), y, out);
 }
 
 /// Appends the runs of row `y` of so many pixels, whose marks come word by word; those beyond do not count.
-pub fn find_in(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &mut Vec<Run>) {
+pub fn find_runs_in_words(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &mut Vec<Run>) {
     let mut open: Option<usize> = None;
     for (k, marks) in words.enumerate() {
-        let left = width.saturating_sub(k * WORD);
-        let marks = if left < WORD { marks & ((1 << left) - 1) } else { marks };
+        let left = width.saturating_sub(k * WORD_BITS);
+        let marks = if left < WORD_BITS { marks & ((1 << left) - 1) } else { marks };
         let before = u64::from(open.is_some());
         let mut changes = marks ^ (marks << 1 | before);
         while changes != 0 {
-            let x = k * WORD + changes.trailing_zeros() as usize;
+            let x = k * WORD_BITS + changes.trailing_zeros() as usize;
             changes &= changes - 1;
             match open {
-                Some(_) => close(&mut open, x, y, out),
+                Some(_) => close_run(&mut open, x, y, out),
                 None => open = Some(x),
             }
         }
     }
-    close(&mut open, width, y, out);
+    close_run(&mut open, width, y, out);
 }
 
 /// The parts of runs whose pixels, which come run by run, hold `least` or more.
-pub fn at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
+pub fn runs_at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
     let mut out = Vec::new();
     for run in runs {
         let (first, last) = (run.from as usize, run.to as usize);
@@ -53,22 +53,22 @@ pub fn at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
             if v >= least {
                 open.get_or_insert(x);
             } else {
-                close(&mut open, x, run.y as usize, &mut out);
+                close_run(&mut open, x, run.y as usize, &mut out);
             }
         }
-        close(&mut open, last + 1, run.y as usize, &mut out);
+        close_run(&mut open, last + 1, run.y as usize, &mut out);
     }
     out
 }
 
-fn close(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
+fn close_run(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
     if let Some(from) = open.take() {
         out.push(Run { y: y as u32, from: from as u32, to: end as u32 - 1 });
     }
 }
 
 /// The runs of each 8-connected set, in the order of the sets' first pixels; `runs` come row by row.
-pub fn connected(runs: &[Run]) -> Sets {
+pub fn connected_sets(runs: &[Run]) -> ConnectedSets {
     let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
     let mut above = 0;
     for (i, run) in runs.iter().enumerate() {
@@ -77,7 +77,7 @@ pub fn connected(runs: &[Run]) -> Sets {
         }
         let touching = runs[above..i].iter().take_while(|r| r.y < run.y && r.from <= run.to + 1);
         for k in above..above + touching.count() {
-            join(&mut parent, i, k);
+            join_sets(&mut parent, i, k);
         }
     }
     // A set's root is its first run, so that what comes before has found its own.
@@ -101,16 +101,16 @@ pub fn connected(runs: &[Run]) -> Sets {
         out[*place as usize] = *run;
         *place += 1;
     }
-    Sets { runs: out, ends }
+    ConnectedSets { runs: out, ends }
 }
 
 /// Runs set by set.
-pub struct Sets {
+pub struct ConnectedSets {
     runs: Vec<Run>,
     ends: Vec<usize>,
 }
 
-impl Sets {
+impl ConnectedSets {
     /// The runs of each set, row by row.
     pub fn iter(&self) -> impl Iterator<Item = &[Run]> {
         let begins = std::iter::once(0).chain(self.ends.iter().copied());
@@ -123,7 +123,7 @@ fn ends_before(above: &Run, run: &Run) -> bool {
     above.y + 1 == run.y && above.to + 1 < run.from
 }
 
-fn root(parent: &mut [u32], i: usize) -> usize {
+fn find_root(parent: &mut [u32], i: usize) -> usize {
     let mut i = i as u32;
     while parent[i as usize] != i {
         let next = parent[parent[i as usize] as usize];
@@ -133,8 +133,8 @@ fn root(parent: &mut [u32], i: usize) -> usize {
     i as usize
 }
 
-fn join(parent: &mut [u32], one: usize, other: usize) {
-    let (a, b) = (root(parent, one), root(parent, other));
+fn join_sets(parent: &mut [u32], one: usize, other: usize) {
+    let (a, b) = (find_root(parent, one), find_root(parent, other));
     parent[a.max(b)] = a.min(b) as u32;
 }
 
@@ -154,8 +154,8 @@ mod tests {
                 })
                 .collect();
             let mut runs = Vec::new();
-            marks.chunks(width).enumerate().for_each(|(y, row)| find(row, y, &mut runs));
-            let sets = connected(&runs);
+            marks.chunks(width).enumerate().for_each(|(y, row)| find_runs(row, y, &mut runs));
+            let sets = connected_sets(&runs);
             let mut label = vec![0usize; marks.len()];
             for (k, set) in sets.iter().enumerate() {
                 for r in set {
@@ -168,8 +168,8 @@ mod tests {
                 let passed: Vec<u8> = runs.iter().flat_map(own).collect();
                 let dark: Vec<u8> = level.iter().map(|&v| u8::from(v >= least)).collect();
                 let mut want = Vec::new();
-                dark.chunks(width).enumerate().for_each(|(y, row)| find(row, y, &mut want));
-                assert_eq!(at_least(&runs, &passed, least), want);
+                dark.chunks(width).enumerate().for_each(|(y, row)| find_runs(row, y, &mut want));
+                assert_eq!(runs_at_least(&runs, &passed, least), want);
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
             assert_eq!(flooded(&marks, width), sets.iter().count());

@@ -15,7 +15,7 @@ numbers! {
         /// stray light take away with distance; the last one shows discs of 6 grey levels (`tests/detect/sweep.rs`).
         levels: [u16; 7] = [115, 160, 195, 225, 240, 248, 252],
         /// How many of them are for any frame.
-        usual: usize = 4,
+        default_levels: usize = 4,
         /// Grey levels by which a pixel must be darker than the background beside that: the lighter of two sides is lighter
         /// than the mean of both by chance.
         above_noise: u8 = 2,
@@ -26,21 +26,21 @@ numbers! {
     /// Blobs at full resolution.
     BLOB: BlobOptions {
         /// Fewer pixels are noise.
-        least_px: u32 = 6,
+        min_pixels: u32 = 6,
         /// Where a line touches a disc, the threshold's share of the way from black to the background at which they come
         /// apart. Chosen; `tests/detect/bad_light.rs`.
-        strict: f64 = 0.3,
+        strict_share: f64 = 0.3,
         /// The usual share.
-        usual: f64 = 0.5,
+        default_share: f64 = 0.5,
         /// Least area of a blob that is looked at again, px.
-        ragged_px: f64 = 100.0,
+        min_ragged_px: f64 = 100.0,
         /// Pixels over those of the ellipse with the same moments, least and most, of what is neither an ellipse nor two
         /// quadrants: perhaps a disc with a line that touches it. An ellipse fills 1, quadrants 0.64.
         ragged: (f64, f64) = (0.78, 0.95),
         /// Part of a large frame's longer side that the longest marker takes.
-        longest: usize = 4,
+        long_side_divisor: usize = 4,
         /// How long it may be in any frame, px.
-        longest_px: usize = 1000,
+        max_length_px: usize = 1000,
         /// How much larger than an outline the box about it is in which its parts must lie, a ratio.
         about: f64 = 1.3,
         /// Reduced pixels by which a window is wider than its region, on each side.

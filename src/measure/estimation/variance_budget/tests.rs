@@ -64,7 +64,7 @@ fn each_part_is_what_errors_of_that_source_do() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
     let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let parts = Sources::new(&problem, &fit, naming, None).parts(1, &gradient());
+    let parts = Sources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let nominal = value(&problem);
     let done = |change: &dyn Fn(&mut Problem, f64), covariance: f64| {
         let mut other = problem.clone();
@@ -85,7 +85,7 @@ fn each_part_is_what_errors_of_that_source_do() {
         assert!((part.variance / variance - 1.0).abs() < 1e-6, "{source}: {} {variance}", part.variance);
     }
     let sum: f64 = parts.iter().map(|part| part.variance).sum();
-    let all = fit.variances_of(1, &gradient())[0];
+    let all = fit.function_variances(1, &gradient())[0];
     assert!((sum / all - 1.0).abs() < 1e-9, "{sum} {all}");
 }
 
@@ -94,12 +94,12 @@ fn what_is_known_brings_what_a_narrow_prior_brings() {
     let mut problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
     let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let parts = Sources::new(&problem, &fit, naming, None).parts(1, &gradient());
+    let parts = Sources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let of = |source| parts.iter().find(|part| part.source == source).unwrap().if_known;
     let known = of("root").unwrap();
     assert_eq!(of("image"), None);
     problem.priors[0].covariance[(0, 0)] = 1e-14;
-    let narrow = solve_groups(&problem, linearise).unwrap().variances_of(1, &gradient())[0];
+    let narrow = solve_groups(&problem, linearise).unwrap().function_variances(1, &gradient())[0];
     assert!((known / narrow - 1.0).abs() < 1e-6, "{known} {narrow}");
 }
 
@@ -108,19 +108,19 @@ fn knowledge_taken_over_keeps_the_names_of_what_it_came_from() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
     let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let told = AttributedInformation::of(&problem, &fit, |column| column == 0, 0, &naming);
+    let told = AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);
     let next = Problem {
         priors: vec![],
-        known: Some(fit.known()),
+        known: Some(fit.information_prior()),
         groups: vec![problem.groups[1].clone()],
         ..problem.clone()
     };
     let at =
         |at: &GroupPoint, blocks: &mut Vec<Linearised>| linearise(&GroupPoint { group: 1, ..*at }, blocks);
     let solved = solve_groups(&next, at).unwrap();
-    let parts = Sources::new(&next, &solved, naming, Some(&told)).parts(0, &gradient());
+    let parts = Sources::new(&next, &solved, naming, Some(&told)).contributions(0, &gradient());
     let sum: f64 = parts.iter().map(|part| part.variance).sum();
-    let all = solved.variances_of(0, &gradient())[0];
+    let all = solved.function_variances(0, &gradient())[0];
     assert!((sum / all - 1.0).abs() < 1e-9, "{sum} {all}");
     assert!(parts.iter().any(|p| p.source == "root" && p.if_known.is_some()));
     assert!(parts.iter().any(|p| p.source == "earlier" && p.variance > 0.0));

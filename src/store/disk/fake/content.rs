@@ -1,101 +1,103 @@
-//! A file's bytes as they are seen, as they are on the medium, and what a power cut may leave of the difference.
+//! Content of a simulated file: current bytes, bytes on the medium, and possible remains after a power cut.
 
 use std::ops::Range;
 
-/// What a power cut leaves of bytes that were not synced. Bytes before the first one that was written
-/// since the last sync stay: neither appending nor cutting off touches them.
+/// Remains of unsynced bytes after a power cut. Bytes before the first one written since the last sync always
+/// survive: neither
+/// appending nor truncating touches them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Bytes {
-    /// As after the last sync.
+pub enum UnsyncedBytes {
+    /// State after the last sync.
     Lost,
-    /// All that was written.
+    /// Everything that was written.
     Whole,
-    /// The first half of what was written.
+    /// First half of the written bytes.
     Half,
-    /// The new length (or the old, where it is the longer one) and zeros.
+    /// Zeros, up to the larger of the old and the new length.
     Zeros,
-    /// The same length and anything: what a file system without a journal finds in a block.
+    /// Arbitrary bytes of the same length, as in the blocks of a file system without a journal.
     Garbage(u64),
-    /// Each sector for itself old, new or zeros, in any order.
+    /// Old, new or zero bytes, chosen for each sector independently.
     Sectors(u64),
 }
 
-/// Shorter than any line or frame that the tests write, so that each can be torn.
+/// Sector length, bytes; shorter than any line or frame that the tests write, so that each can be torn.
 const SECTOR_BYTES: usize = 64;
 
-/// A file.
+/// Content of a simulated file.
 #[derive(Clone, Default)]
-pub(super) struct Content {
-    pub now: Vec<u8>,
+pub(super) struct FileContent {
+    pub current: Vec<u8>,
     durable: Vec<u8>,
-    /// The first byte that was written since the last sync.
+    /// Offset of the first byte written since the last sync.
     touched: Option<usize>,
-    /// What a failed sync gave up: it is seen until the power goes, but never reaches the medium, not
-    /// even by a later sync that succeeds; only by writing it again.
+    /// Range that a failed sync gave up: readable until the power goes, but never written to the medium by a later
+    /// successful
+    /// sync, only by writing the bytes again.
     dropped: Range<usize>,
 }
 
-impl Content {
-    /// Cuts to `from` (none: appends), then adds.
-    pub fn put(&mut self, from: Option<usize>, bytes: &[u8]) {
-        self.now.truncate(from.unwrap_or(usize::MAX));
-        let at = self.now.len();
+impl FileContent {
+    /// Truncates to `from` (`None` appends), then adds the bytes.
+    pub fn write_at(&mut self, from: Option<usize>, bytes: &[u8]) {
+        self.current.truncate(from.unwrap_or(usize::MAX));
+        let at = self.current.len();
         self.touched = Some(self.touched.map_or(at, |touched| touched.min(at)));
         self.dropped.end = self.dropped.end.min(at);
-        self.now.extend_from_slice(bytes);
+        self.current.extend_from_slice(bytes);
     }
 
     pub fn sync(&mut self) {
-        self.durable.clone_from(&self.now);
+        self.durable.clone_from(&self.current);
         for byte in self.durable.iter_mut().take(self.dropped.end).skip(self.dropped.start) {
             *byte = 0;
         }
         self.touched = None;
     }
 
-    pub fn sync_failed(&mut self) {
-        let from = self.touched.unwrap_or(self.now.len());
+    pub fn fail_sync(&mut self) {
+        let from = self.touched.unwrap_or(self.current.len());
         let from = if self.dropped.is_empty() { from } else { from.min(self.dropped.start) };
-        self.dropped = from..self.now.len();
+        self.dropped = from..self.current.len();
     }
 
-    /// What the next boot finds.
-    pub fn survive(&mut self, how: Bytes) {
+    /// Replaces the content by the one that the next boot finds.
+    pub fn apply_power_cut(&mut self, how: UnsyncedBytes) {
         if let Some(safe) = self.touched.take() {
-            self.durable = self.survivor(safe, how);
+            self.durable = self.surviving_bytes(safe, how);
         }
-        self.now.clone_from(&self.durable);
+        self.current.clone_from(&self.durable);
         self.dropped = 0..0;
     }
 
-    fn survivor(&self, safe: usize, how: Bytes) -> Vec<u8> {
-        let longest = self.now.len().max(self.durable.len());
+    fn surviving_bytes(&self, safe: usize, how: UnsyncedBytes) -> Vec<u8> {
+        let longest = self.current.len().max(self.durable.len());
         let mut all = self.durable.get(..safe).unwrap_or_default().to_vec();
         match how {
-            Bytes::Lost => return self.durable.clone(),
-            Bytes::Whole => return self.now.clone(),
-            Bytes::Half => {
-                let half = safe + (self.now.len() - safe) / 2;
-                return self.now.get(..half).unwrap_or_default().to_vec();
+            UnsyncedBytes::Lost => return self.durable.clone(),
+            UnsyncedBytes::Whole => return self.current.clone(),
+            UnsyncedBytes::Half => {
+                let half = safe + (self.current.len() - safe) / 2;
+                return self.current.get(..half).unwrap_or_default().to_vec();
             }
-            Bytes::Zeros => all.resize(longest, 0),
-            Bytes::Garbage(seed) => {
-                let mut random = Random::new(seed);
+            UnsyncedBytes::Zeros => all.resize(longest, 0),
+            UnsyncedBytes::Garbage(seed) => {
+                let mut random = FaultRandom::new(seed);
                 // With newlines now and then: a torn line may look like several.
                 all.extend((safe..longest).map(|_| match random.next() % 256 {
                     0..16 => b'\n',
                     other => other as u8,
                 }));
             }
-            Bytes::Sectors(seed) => {
-                let mut random = Random::new(seed);
-                let length = if random.next().is_multiple_of(2) { self.now.len() } else { longest };
+            UnsyncedBytes::Sectors(seed) => {
+                let mut random = FaultRandom::new(seed);
+                let length = if random.next().is_multiple_of(2) { self.current.len() } else { longest };
                 let mut choice = 0;
                 for at in safe..length {
                     if at == safe || at.is_multiple_of(SECTOR_BYTES) {
                         choice = random.next() % 3;
                     }
-                    let source = [Some(&self.now), Some(&self.durable), None].get(choice as usize).copied();
+                    let source = [Some(&self.current), Some(&self.durable), None].get(choice as usize).copied();
                     all.push(source.flatten().and_then(|bytes| bytes.get(at)).copied().unwrap_or(0));
                 }
             }
@@ -104,10 +106,10 @@ impl Content {
     }
 }
 
-/// xorshift; only for spoiling.
-pub(super) struct Random(u64);
+/// Xorshift generator for corrupting content.
+pub(super) struct FaultRandom(u64);
 
-impl Random {
+impl FaultRandom {
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
     }
@@ -124,53 +126,53 @@ impl Random {
 mod tests {
     use super::*;
 
-    fn unsynced() -> Content {
-        let mut content = Content::default();
-        content.put(None, b"synced");
+    fn unsynced() -> FileContent {
+        let mut content = FileContent::default();
+        content.write_at(None, b"synced");
         content.sync();
-        content.put(None, b" and not");
+        content.write_at(None, b" and not");
         content
     }
 
-    fn after(mut content: Content, how: Bytes) -> Vec<u8> {
-        content.survive(how);
-        content.now
+    fn after(mut content: FileContent, how: UnsyncedBytes) -> Vec<u8> {
+        content.apply_power_cut(how);
+        content.current
     }
 
     #[test]
     fn of_unsynced_bytes_anything_may_be_there_and_what_was_synced_stays() {
-        assert_eq!(after(unsynced(), Bytes::Lost), b"synced");
-        assert_eq!(after(unsynced(), Bytes::Whole), b"synced and not");
-        assert_eq!(after(unsynced(), Bytes::Half), b"synced and");
-        assert_eq!(after(unsynced(), Bytes::Zeros), b"synced\0\0\0\0\0\0\0\0");
+        assert_eq!(after(unsynced(), UnsyncedBytes::Lost), b"synced");
+        assert_eq!(after(unsynced(), UnsyncedBytes::Whole), b"synced and not");
+        assert_eq!(after(unsynced(), UnsyncedBytes::Half), b"synced and");
+        assert_eq!(after(unsynced(), UnsyncedBytes::Zeros), b"synced\0\0\0\0\0\0\0\0");
         for seed in 0..20 {
-            let garbage = after(unsynced(), Bytes::Garbage(seed));
+            let garbage = after(unsynced(), UnsyncedBytes::Garbage(seed));
             assert!(garbage.starts_with(b"synced") && garbage.len() == 14);
-            assert!(after(unsynced(), Bytes::Sectors(seed)).starts_with(b"synced"));
+            assert!(after(unsynced(), UnsyncedBytes::Sectors(seed)).starts_with(b"synced"));
         }
     }
 
     #[test]
     fn a_truncation_may_leave_zeros_or_the_old_end() {
-        let mut cut = Content::default();
-        cut.put(None, b"synced");
+        let mut cut = FileContent::default();
+        cut.write_at(None, b"synced");
         cut.sync();
-        cut.put(Some(3), b"");
-        assert_eq!(after(cut.clone(), Bytes::Lost), b"synced");
-        assert_eq!(after(cut.clone(), Bytes::Whole), b"syn");
-        assert_eq!(after(cut, Bytes::Zeros), b"syn\0\0\0");
+        cut.write_at(Some(3), b"");
+        assert_eq!(after(cut.clone(), UnsyncedBytes::Lost), b"synced");
+        assert_eq!(after(cut.clone(), UnsyncedBytes::Whole), b"syn");
+        assert_eq!(after(cut, UnsyncedBytes::Zeros), b"syn\0\0\0");
     }
 
     #[test]
     fn what_a_failed_sync_gave_up_is_not_brought_back_by_the_next_one() {
         let mut content = unsynced();
-        content.sync_failed();
-        content.put(None, b"!");
+        content.fail_sync();
+        content.write_at(None, b"!");
         content.sync();
-        assert_eq!(content.now, b"synced and not!");
-        assert_eq!(after(content.clone(), Bytes::Whole), b"synced\0\0\0\0\0\0\0\0!");
-        content.put(Some(0), b"anew");
+        assert_eq!(content.current, b"synced and not!");
+        assert_eq!(after(content.clone(), UnsyncedBytes::Whole), b"synced\0\0\0\0\0\0\0\0!");
+        content.write_at(Some(0), b"anew");
         content.sync();
-        assert_eq!(after(content, Bytes::Lost), b"anew");
+        assert_eq!(after(content, UnsyncedBytes::Lost), b"anew");
     }
 }

@@ -1,9 +1,12 @@
-//! A disk in memory that behaves as badly as disks do when the power goes or a cable is loose: it
-//! forgets what was not synced, tears it, leaves it out of order, fails or is full at a chosen step. For tests.
+//! Simulated disk in memory with the failures of real disks at power cuts and loose cables: it loses unsynced data,
+//! tears it,
+//! reorders it, fails or is full at a chosen step. For tests.
 //!
-//! Every call that changes something is one or two *steps* (writing, then syncing). A fault says at
-//! which step it happens; [`FakeDisk::power_up`] gives the disk as the next boot finds it. What it
-//! takes a medium to promise is in docs/store/durability.md.
+//! Every call that changes something is one or two *steps* (writing, then syncing). A [`DiskFault`] names the step
+//! at which it
+//! happens; [`FakeDisk::power_up`] returns the disk as the next boot finds it. docs/store/durability.md lists the
+//! guarantees
+//! expected of a medium.
 
 mod content;
 mod state;
@@ -13,87 +16,87 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-pub use content::Bytes;
-use content::Random;
-pub use state::Fault;
-use state::{Change, Id, Names, Node, State};
+pub use content::UnsyncedBytes;
+use content::FaultRandom;
+pub use state::DiskFault;
+use state::{NameChange, NodeId, DirectoryNames, DiskNode, DiskState};
 
-use super::{Disk, Entry, Lock};
+use super::{Disk, DirectoryEntry, Lock};
 
-/// What a power cut leaves of all that was not synced.
+/// Remains of all unsynced changes after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Survival {
-    /// Bit i: the i-th of the [`FakeDisk::unsynced_names`] is there. A rename is there as a whole or not at all.
+    /// Bit i: the i-th of the [`FakeDisk::unsynced_names`] survived. A rename survives completely or not at all.
     pub names: u64,
-    /// In every file; of each file's own where it is none.
-    pub bytes: Option<Bytes>,
-    /// Decides where `bytes` is none.
+    /// Remains of unsynced bytes in every file; `None` chooses for each file at random.
+    pub bytes: Option<UnsyncedBytes>,
+    /// Seed of the random choice if `bytes` is `None`.
     pub seed: u64,
 }
 
 impl Survival {
-    /// Any part of it.
+    /// Returns random remains.
     pub fn random(seed: u64) -> Self {
-        Self { names: Random::new(seed).next(), bytes: None, seed }
+        Self { names: FaultRandom::new(seed).next(), bytes: None, seed }
     }
 
-    fn of_file(self, index: usize) -> Bytes {
-        let mut random = Random::new(self.seed.wrapping_add(index as u64 * 7919));
+    fn bytes_for_file(self, index: usize) -> UnsyncedBytes {
+        let mut random = FaultRandom::new(self.seed.wrapping_add(index as u64 * 7919));
         let seed = random.next();
         self.bytes.unwrap_or(match random.next() % 6 {
-            0 => Bytes::Lost,
-            1 => Bytes::Whole,
-            2 => Bytes::Half,
-            3 => Bytes::Zeros,
-            4 => Bytes::Garbage(seed),
-            _ => Bytes::Sectors(seed),
+            0 => UnsyncedBytes::Lost,
+            1 => UnsyncedBytes::Whole,
+            2 => UnsyncedBytes::Half,
+            3 => UnsyncedBytes::Zeros,
+            4 => UnsyncedBytes::Garbage(seed),
+            _ => UnsyncedBytes::Sectors(seed),
         })
     }
 }
 
-/// The disk.
+/// Simulated disk.
 #[derive(Default)]
 pub struct FakeDisk {
-    state: Mutex<State>,
+    state: Mutex<DiskState>,
 }
 
 impl FakeDisk {
-    /// Empty, with a root directory.
-    pub fn new(faults: Vec<Fault>) -> Self {
+    /// Creates an empty disk with a root directory and the given faults.
+    pub fn new(faults: Vec<DiskFault>) -> Self {
         let disk = Self::default();
         disk.set_faults(faults);
         disk
     }
 
-    /// Steps so far.
+    /// Returns the number of steps so far.
     pub fn steps(&self) -> u64 {
-        self.state().steps
+        self.lock_state().steps
     }
 
-    /// Sets what [`Disk::free_bytes`] says.
-    pub fn set_free(&self, bytes: u64) {
-        self.state().free = bytes;
+    /// Sets the result of [`Disk::free_bytes`].
+    pub fn set_free_bytes(&self, bytes: u64) {
+        self.lock_state().free = bytes;
     }
 
-    /// Sets the faults to come; steps go on counting.
-    pub fn set_faults(&self, faults: Vec<Fault>) {
-        self.state().faults = faults;
+    /// Sets the coming faults; the step count continues.
+    pub fn set_faults(&self, faults: Vec<DiskFault>) {
+        self.lock_state().faults = faults;
     }
 
-    /// Changes of names that no sync of their directory has made durable.
+    /// Returns the number of name changes that no directory sync has made durable.
     pub fn unsynced_names(&self) -> usize {
-        self.state().pending.len()
+        self.lock_state().pending.len()
     }
 
-    /// The same disk once more, without faults; steps count from 0.
+    /// Returns a copy of the disk without faults; its steps count from 0.
     pub fn fork(&self) -> Self {
-        let state = State { steps: 0, faults: Vec::new(), ..self.state().clone() };
+        let state = DiskState { steps: 0, faults: Vec::new(), ..self.lock_state().clone() };
         Self { state: Mutex::new(state) }
     }
 
-    /// The disk as the next boot finds it: what was synced, and of the rest a part.
+    /// Returns the disk as the next boot finds it: synced data, and the given remains of the rest.
     pub fn power_up(&self, left: Survival) -> Self {
-        let mut state = State { steps: 0, faults: Vec::new(), ..self.state().clone() };
+        let mut state = DiskState { steps: 0, faults: Vec::new(), ..self.lock_state().clone() };
         for (index, change) in std::mem::take(&mut state.pending).into_iter().enumerate() {
             if left.names >> (index % 64) & 1 == 1 {
                 change.apply(&mut state.nodes, |names| &mut names.durable);
@@ -101,89 +104,89 @@ impl FakeDisk {
         }
         for (index, node) in state.nodes.iter_mut().enumerate() {
             match node {
-                Node::Directory(names) => names.now.clone_from(&names.durable),
-                Node::File(content) => content.survive(left.of_file(index)),
+                DiskNode::Directory(names) => names.current.clone_from(&names.durable),
+                DiskNode::File(content) => content.apply_power_cut(left.bytes_for_file(index)),
             }
         }
         Self { state: Mutex::new(state) }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn lock_state(&self) -> MutexGuard<'_, DiskState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Disk for FakeDisk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        let mut state = self.state();
-        state.powered()?;
-        let id = state.find(path)?;
-        Ok(state.file(id)?.now.clone())
+        let mut state = self.lock_state();
+        state.check_power()?;
+        let id = state.find_node(path)?;
+        Ok(state.file_mut(id)?.current.clone())
     }
 
-    fn list(&self, directory: &Path) -> io::Result<Vec<Entry>> {
-        let state = self.state();
-        state.powered()?;
-        let Some(Node::Directory(names)) = state.nodes.get(state.find(directory)?) else {
+    fn list(&self, directory: &Path) -> io::Result<Vec<DirectoryEntry>> {
+        let state = self.lock_state();
+        state.check_power()?;
+        let Some(DiskNode::Directory(names)) = state.nodes.get(state.find_node(directory)?) else {
             return Err(io::ErrorKind::NotADirectory.into());
         };
-        let entry = |(name, id): (&String, &Id)| match state.nodes.get(*id) {
-            Some(Node::File(content)) => {
-                let length = content.now.len() as u64;
-                Entry { name: name.clone(), is_dir: false, is_link: false, length }
+        let entry = |(name, id): (&String, &NodeId)| match state.nodes.get(*id) {
+            Some(DiskNode::File(content)) => {
+                let length = content.current.len() as u64;
+                DirectoryEntry { name: name.clone(), is_dir: false, is_link: false, length }
             }
-            _ => Entry { name: name.clone(), is_dir: true, is_link: false, length: 0 },
+            _ => DirectoryEntry { name: name.clone(), is_dir: true, is_link: false, length: 0 },
         };
-        Ok(names.now.iter().map(entry).collect())
+        Ok(names.current.iter().map(entry).collect())
     }
 
     fn exists(&self, path: &Path) -> bool {
-        let state = self.state();
-        state.powered().is_ok() && state.find(path).is_ok()
+        let state = self.lock_state();
+        state.check_power().is_ok() && state.find_node(path).is_ok()
     }
 
     fn create_dir(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.state();
-        let late = state.step(true)?;
-        if state.find(path).is_ok() {
+        let mut state = self.lock_state();
+        let late = state.begin_step(true)?;
+        if state.find_node(path).is_ok() {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
-        state.add(path, Node::Directory(Names::default()))?;
+        state.add_node(path, DiskNode::Directory(DirectoryNames::default()))?;
         late
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.state().put(path, Some(0), bytes)
+        self.lock_state().write_file(path, Some(0), bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.state().put(path, None, bytes)
+        self.lock_state().write_file(path, None, bytes)
     }
 
     fn truncate(&self, path: &Path, length: u64) -> io::Result<()> {
         let length = usize::try_from(length).unwrap_or(usize::MAX);
-        self.state().put(path, Some(length), &[])
+        self.lock_state().write_file(path, Some(length), &[])
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let mut state = self.state();
-        let late = state.step(false)?;
-        let id = state.find(from)?;
-        let (old, new) = (state.place(from)?, state.place(to)?);
-        let target = state.find(to).ok().and_then(|id| state.nodes.get(id));
-        if matches!(target, Some(Node::Directory(names)) if !names.now.is_empty()) {
+        let mut state = self.lock_state();
+        let late = state.begin_step(false)?;
+        let id = state.find_node(from)?;
+        let (old, new) = (state.parent_and_name(from)?, state.parent_and_name(to)?);
+        let target = state.find_node(to).ok().and_then(|id| state.nodes.get(id));
+        if matches!(target, Some(DiskNode::Directory(names)) if !names.current.is_empty()) {
             return Err(io::ErrorKind::DirectoryNotEmpty.into());
         }
-        state.change(Change { from: Some(old), to: Some((new.0, new.1, id)) });
+        state.apply_change(NameChange { from: Some(old), to: Some((new.0, new.1, id)) });
         late
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.state();
-        let late = state.step(false)?;
-        state.find(path)?;
-        let place = state.place(path)?;
-        state.change(Change { from: Some(place), to: None });
+        let mut state = self.lock_state();
+        let late = state.begin_step(false)?;
+        state.find_node(path)?;
+        let place = state.parent_and_name(path)?;
+        state.apply_change(NameChange { from: Some(place), to: None });
         late
     }
 
@@ -195,17 +198,17 @@ impl Disk for FakeDisk {
     }
 
     fn sync_dir(&self, directory: &Path) -> io::Result<()> {
-        let mut state = self.state();
-        let late = state.step(false)?;
-        let id = state.find(directory)?;
-        if state.lies() {
+        let mut state = self.lock_state();
+        let late = state.begin_step(false)?;
+        let id = state.find_node(directory)?;
+        if state.ignores_syncs() {
             return Ok(());
         }
         let all = std::mem::take(&mut state.pending);
         for change in all {
             if change.touches(id) {
                 // A name that was taken away durably does not come back by an older change.
-                let undone = |old: &Change| change.from.is_some() && old.put() == change.from;
+                let undone = |old: &NameChange| change.from.is_some() && old.target_name() == change.from;
                 state.pending.retain(|old| !undone(old));
                 change.apply(&mut state.nodes, |names| &mut names.durable);
             } else {
@@ -216,8 +219,8 @@ impl Disk for FakeDisk {
     }
 
     fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
-        let state = self.state();
-        state.powered()?;
+        let state = self.lock_state();
+        state.check_power()?;
         Ok(state.free)
     }
 
@@ -226,13 +229,13 @@ impl Disk for FakeDisk {
     }
 }
 
-/// Every file with its bytes, for comparing.
-pub fn files(disk: &dyn Disk, directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+/// Reads all files below a directory, for comparison.
+pub fn read_all_files(disk: &dyn Disk, directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in disk.list(directory).unwrap_or_default() {
         let path = directory.join(&entry.name);
         if entry.is_dir {
-            found.extend(files(disk, &path));
+            found.extend(read_all_files(disk, &path));
         } else if let Ok(bytes) = disk.read(&path) {
             found.insert(path, bytes);
         }

@@ -1,44 +1,44 @@
-//! Files and directories as they are seen and as they are on the medium, and the steps between the two.
+//! Current and durable state of simulated files and directories, and the steps between them.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path};
 
-use super::content::Content;
+use super::content::FileContent;
 
-/// Place of a file or directory in [`State::nodes`].
-pub(super) type Id = usize;
+/// Index of a file or directory in [`DiskState::nodes`].
+pub(super) type NodeId = usize;
 
-/// What goes wrong, and when.
+/// Failure of the simulated disk, with the step at which it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// From this step on, nothing reaches the disk and every call fails.
+pub enum DiskFault {
+    /// Nothing reaches the disk from this step on, and every call fails.
     PowerCut(u64),
-    /// This step alone fails: a write half done, a sync with its bytes given up, the rest undone.
+    /// Only this step fails: a write is half done, a sync gives up its bytes, any other call has no effect.
     Error(u64),
-    /// This step is done, and reported as failed.
-    Late(u64),
-    /// From this step on the disk is full.
+    /// This step is done but reported as failed.
+    FailedAfterwards(u64),
+    /// The disk is full from this step on.
     Full(u64),
-    /// Syncs are answered and not done, from this step on: a medium that lies. Nothing survives this;
-    /// it shows that a test would notice.
-    Lies(u64),
+    /// Syncs are acknowledged but not done from this step on. No store survives this; it shows that a test would
+    /// detect it.
+    IgnoredSyncs(u64),
 }
 
 #[derive(Clone)]
-pub(super) struct State {
-    pub nodes: Vec<Node>,
-    /// Changes of names that are not durable yet, in order.
-    pub pending: Vec<Change>,
+pub(super) struct DiskState {
+    pub nodes: Vec<DiskNode>,
+    /// Name changes that are not durable yet, in order.
+    pub pending: Vec<NameChange>,
     pub steps: u64,
-    pub faults: Vec<Fault>,
+    pub faults: Vec<DiskFault>,
     pub free: u64,
 }
 
-impl Default for State {
+impl Default for DiskState {
     fn default() -> Self {
         Self {
-            nodes: vec![Node::Directory(Names::default())],
+            nodes: vec![DiskNode::Directory(DirectoryNames::default())],
             pending: Vec::new(),
             steps: 0,
             faults: Vec::new(),
@@ -48,69 +48,70 @@ impl Default for State {
 }
 
 #[derive(Clone)]
-pub(super) enum Node {
-    File(Content),
-    Directory(Names),
+pub(super) enum DiskNode {
+    File(FileContent),
+    Directory(DirectoryNames),
 }
 
-/// What a directory holds, by name.
+/// Entries of a directory, by name.
 #[derive(Clone, Default)]
-pub(super) struct Names {
-    /// As it is seen.
-    pub now: BTreeMap<String, Id>,
-    /// As it is on the medium.
-    pub durable: BTreeMap<String, Id>,
+pub(super) struct DirectoryNames {
+    /// Visible to callers.
+    pub current: BTreeMap<String, NodeId>,
+    /// State on the medium.
+    pub durable: BTreeMap<String, NodeId>,
 }
 
-/// A change of names.
+/// Change of directory entries.
 #[derive(Clone, Debug)]
-pub(super) struct Change {
-    /// Taken away, where it was.
-    pub from: Option<(Id, String)>,
-    /// Put in place.
-    pub to: Option<(Id, String, Id)>,
+pub(super) struct NameChange {
+    /// Removed entry: directory and name.
+    pub from: Option<(NodeId, String)>,
+    /// New entry: directory, name and node.
+    pub to: Option<(NodeId, String, NodeId)>,
 }
 
-impl Change {
-    pub fn touches(&self, directory: Id) -> bool {
+impl NameChange {
+    pub fn touches(&self, directory: NodeId) -> bool {
         self.from.as_ref().is_some_and(|(id, _)| *id == directory)
             || self.to.as_ref().is_some_and(|(id, _, _)| *id == directory)
     }
 
-    /// The place that it fills.
-    pub fn put(&self) -> Option<(Id, String)> {
+    /// Directory and name of the new entry.
+    pub fn target_name(&self) -> Option<(NodeId, String)> {
         self.to.as_ref().map(|(directory, name, _)| (*directory, name.clone()))
     }
 
-    /// In one of the two states of the directories.
-    pub fn apply(&self, nodes: &mut [Node], side: fn(&mut Names) -> &mut BTreeMap<String, Id>) {
+    /// Applies the change to the current or the durable entries, as selected by `side`.
+    pub fn apply(&self, nodes: &mut [DiskNode], side: fn(&mut DirectoryNames) -> &mut BTreeMap<String, NodeId>) {
         if let Some((directory, name)) = &self.from
-            && let Some(Node::Directory(names)) = nodes.get_mut(*directory)
+            && let Some(DiskNode::Directory(names)) = nodes.get_mut(*directory)
         {
             side(names).remove(name);
         }
         if let Some((directory, name, id)) = &self.to
-            && let Some(Node::Directory(names)) = nodes.get_mut(*directory)
+            && let Some(DiskNode::Directory(names)) = nodes.get_mut(*directory)
         {
             side(names).insert(name.clone(), *id);
         }
     }
 }
 
-impl State {
-    /// Counts a step. `Err`: it is not done. `Ok(Err)`: it is done, and reported as failed. `writing`
-    /// says that it needs space.
-    pub fn step(&mut self, writing: bool) -> io::Result<io::Result<()>> {
+impl DiskState {
+    /// Counts a step. `Err`: the step is not done. `Ok(Err)`: it is done but reported as failed. `writing` marks a
+    /// step that needs
+    /// space.
+    pub fn begin_step(&mut self, writing: bool) -> io::Result<io::Result<()>> {
         self.steps += 1;
         let broken = || io::Error::other("input/output error");
         for fault in &self.faults {
             match *fault {
-                Fault::PowerCut(at) if self.steps >= at => {
+                DiskFault::PowerCut(at) if self.steps >= at => {
                     return Err(io::Error::other("the power is cut"));
                 }
-                Fault::Error(at) if self.steps == at => return Err(broken()),
-                Fault::Late(at) if self.steps == at => return Ok(Err(broken())),
-                Fault::Full(at) if self.steps >= at && writing => {
+                DiskFault::Error(at) if self.steps == at => return Err(broken()),
+                DiskFault::FailedAfterwards(at) if self.steps == at => return Ok(Err(broken())),
+                DiskFault::Full(at) if self.steps >= at && writing => {
                     return Err(io::ErrorKind::StorageFull.into());
                 }
                 _ => {}
@@ -119,79 +120,79 @@ impl State {
         Ok(Ok(()))
     }
 
-    pub fn lies(&self) -> bool {
-        self.faults.iter().any(|fault| matches!(*fault, Fault::Lies(at) if self.steps >= at))
+    pub fn ignores_syncs(&self) -> bool {
+        self.faults.iter().any(|fault| matches!(*fault, DiskFault::IgnoredSyncs(at) if self.steps >= at))
     }
 
-    pub fn powered(&self) -> io::Result<()> {
-        let cut = |fault: &Fault| matches!(*fault, Fault::PowerCut(at) if self.steps >= at);
+    pub fn check_power(&self) -> io::Result<()> {
+        let cut = |fault: &DiskFault| matches!(*fault, DiskFault::PowerCut(at) if self.steps >= at);
         if self.faults.iter().any(cut) { Err(io::Error::other("the power is cut")) } else { Ok(()) }
     }
 
-    pub fn find(&self, path: &Path) -> io::Result<Id> {
+    pub fn find_node(&self, path: &Path) -> io::Result<NodeId> {
         let mut id = 0;
         for part in path.components() {
             let Component::Normal(name) = part else { continue };
-            let Some(Node::Directory(names)) = self.nodes.get(id) else {
+            let Some(DiskNode::Directory(names)) = self.nodes.get(id) else {
                 return Err(io::ErrorKind::NotADirectory.into());
             };
             let name = name.to_string_lossy();
-            id = *names.now.get(name.as_ref()).ok_or(io::Error::from(io::ErrorKind::NotFound))?;
+            id = *names.current.get(name.as_ref()).ok_or(io::Error::from(io::ErrorKind::NotFound))?;
         }
         Ok(id)
     }
 
-    /// The directory that holds `path`, and the name in it.
-    pub fn place(&self, path: &Path) -> io::Result<(Id, String)> {
+    /// Returns the parent directory of `path` and the name in it.
+    pub fn parent_and_name(&self, path: &Path) -> io::Result<(NodeId, String)> {
         let name = path.file_name().ok_or(io::Error::from(io::ErrorKind::InvalidInput))?;
-        Ok((self.find(path.parent().unwrap_or(Path::new("")))?, name.to_string_lossy().into_owned()))
+        Ok((self.find_node(path.parent().unwrap_or(Path::new("")))?, name.to_string_lossy().into_owned()))
     }
 
-    pub fn change(&mut self, change: Change) {
-        change.apply(&mut self.nodes, |names| &mut names.now);
+    pub fn apply_change(&mut self, change: NameChange) {
+        change.apply(&mut self.nodes, |names| &mut names.current);
         self.pending.push(change);
     }
 
-    pub fn add(&mut self, path: &Path, node: Node) -> io::Result<Id> {
-        let (directory, name) = self.place(path)?;
+    pub fn add_node(&mut self, path: &Path, node: DiskNode) -> io::Result<NodeId> {
+        let (directory, name) = self.parent_and_name(path)?;
         self.nodes.push(node);
         let id = self.nodes.len() - 1;
-        self.change(Change { from: None, to: Some((directory, name, id)) });
+        self.apply_change(NameChange { from: None, to: Some((directory, name, id)) });
         Ok(id)
     }
 
-    pub fn file(&mut self, id: Id) -> io::Result<&mut Content> {
+    pub fn file_mut(&mut self, id: NodeId) -> io::Result<&mut FileContent> {
         match self.nodes.get_mut(id) {
-            Some(Node::File(content)) => Ok(content),
+            Some(DiskNode::File(content)) => Ok(content),
             _ => Err(io::ErrorKind::IsADirectory.into()),
         }
     }
 
-    /// Changes a file's bytes, then syncs them; half the bytes are there where the change fails.
-    pub fn put(&mut self, path: &Path, from: Option<usize>, bytes: &[u8]) -> io::Result<()> {
-        let outcome = self.step(from.is_none_or(|length| length == 0));
-        self.powered()?;
-        let id = match self.find(path) {
+    /// Changes the content of a file, then syncs it; if the change fails, half of the bytes are written.
+    pub fn write_file(&mut self, path: &Path, from: Option<usize>, bytes: &[u8]) -> io::Result<()> {
+        let outcome = self.begin_step(from.is_none_or(|length| length == 0));
+        self.check_power()?;
+        let id = match self.find_node(path) {
             Ok(id) => id,
-            Err(_) => self.add(path, Node::File(Content::default()))?,
+            Err(_) => self.add_node(path, DiskNode::File(FileContent::default()))?,
         };
         let (written, outcome) = match outcome {
             Ok(late) => (bytes, late),
             Err(error) => (bytes.get(..bytes.len() / 2).unwrap_or_default(), Err(error)),
         };
-        self.file(id)?.put(from, written);
+        self.file_mut(id)?.write_at(from, written);
         outcome?;
-        let outcome = self.step(false);
-        if self.lies() {
+        let outcome = self.begin_step(false);
+        if self.ignores_syncs() {
             return Ok(());
         }
         match outcome {
             Ok(late) => {
-                self.file(id)?.sync();
+                self.file_mut(id)?.sync();
                 late
             }
             Err(error) => {
-                self.file(id)?.sync_failed();
+                self.file_mut(id)?.fail_sync();
                 Err(error)
             }
         }

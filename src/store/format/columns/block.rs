@@ -1,4 +1,4 @@
-//! Blocks: packed, checked, read.
+//! Blocks of live results: encoding, checking, decoding.
 
 use std::io::{self, Read, Write};
 
@@ -7,36 +7,36 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
-use super::{Column, FORMAT, Head, LiveTable, MAX_ROWS, Row};
+use super::{LiveColumn, FORMAT, LiveHead, LiveTable, MAX_ROWS, LiveRow};
 
-/// What each block begins with.
+/// Magic number at the beginning of a block.
 const MAGIC: &[u8; 8] = b"wingdrow";
-/// Magic, rows, length of the content.
-const COUNTS: usize = 16;
-/// And the check.
-const HEADER: usize = COUNTS + 32;
-/// What the next block follows: the check of the one before, of the first the digest of the first line.
-pub(crate) type Check = [u8; 32];
+/// Length of magic number, row count and content length, bytes.
+const COUNTS_LENGTH: usize = 16;
+/// Length of the block header, bytes: counts and digest.
+const HEADER_LENGTH: usize = COUNTS_LENGTH + 32;
+/// Digest that the next block's digest covers: that of the block before, or of the file's first line.
+pub(crate) type BlockDigest = [u8; 32];
 
-/// The digest that the first block follows.
-pub(crate) fn first_check(line: &[u8]) -> Check {
+/// Computes the digest that the first block covers.
+pub(crate) fn first_block_digest(line: &[u8]) -> BlockDigest {
     Sha256::digest(line).into()
 }
 
-/// Rows as a block, and the check that the next one follows.
-pub(crate) fn block(table: &LiveTable, rows: &[Row], before: &Check) -> io::Result<(Vec<u8>, Check)> {
+/// Encodes rows as a block; returns the block and its digest.
+pub(crate) fn encode_block(table: &LiveTable, rows: &[LiveRow], before: &BlockDigest) -> io::Result<(Vec<u8>, BlockDigest)> {
     let bad = |what: String| io::Error::new(io::ErrorKind::InvalidInput, what);
-    if let Some(what) = table.fault(rows) {
+    if let Some(what) = table.row_error(rows) {
         return Err(bad(what));
     }
     let (mut lengths, mut parts) = (Vec::new(), Vec::new());
     let mut at = 0;
     for column in &table.columns {
-        let mut plain = Vec::with_capacity(rows.len() * column.width * column.kind.bytes());
+        let mut plain = Vec::with_capacity(rows.len() * column.width * column.kind.byte_size());
         let values = rows.iter().flat_map(|row| row.iter().skip(at).take(column.width));
-        values.for_each(|value| column.kind.put(*value, &mut plain));
+        values.for_each(|value| column.kind.encode(*value, &mut plain));
         at += column.width;
-        let packed = pack(&plain, column.kind.bytes())?;
+        let packed = compress_column(&plain, column.kind.byte_size())?;
         let part = if packed.len() < plain.len() { packed } else { plain };
         lengths.extend(
             u32::try_from(part.len()).map_err(|_| bad(format!("{} is too long", column.name)))?.to_le_bytes(),
@@ -48,26 +48,26 @@ pub(crate) fn block(table: &LiveTable, rows: &[Row], before: &Check) -> io::Resu
     let mut bytes = MAGIC.to_vec();
     bytes.extend(count(rows.len())?.to_le_bytes());
     bytes.extend(count(content.len())?.to_le_bytes());
-    let check = check(before, &bytes, &content);
+    let check = block_digest(before, &bytes, &content);
     bytes.extend(check);
     bytes.extend(content);
     Ok((bytes, check))
 }
 
-fn check(before: &Check, counts: &[u8], content: &[u8]) -> Check {
+fn block_digest(before: &BlockDigest, counts: &[u8], content: &[u8]) -> BlockDigest {
     Sha256::new().chain_update(before).chain_update(counts).chain_update(content).finalize().into()
 }
 
-/// A column's values: the first bytes of all, then the second of all, …; zlib.
-fn pack(plain: &[u8], size: usize) -> io::Result<Vec<u8>> {
+/// Compresses a column: the first bytes of all values, then the second bytes of all, …; zlib.
+fn compress_column(plain: &[u8], size: usize) -> io::Result<Vec<u8>> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
     let sorted: Vec<u8> = (0..size).flat_map(|k| plain.iter().skip(k).step_by(size).copied()).collect();
     encoder.write_all(&sorted)?;
     encoder.finish()
 }
 
-/// The reverse of [`pack`]; `None` where it does not give `length` bytes.
-fn unpack(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8>> {
+/// Reverses [`compress_column`]; `None` if the result is not `length` bytes long.
+fn decompress_column(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8>> {
     let mut sorted = Vec::new();
     ZlibDecoder::new(packed).take(length as u64 + 1).read_to_end(&mut sorted).ok()?;
     if sorted.len() != length || length == 0 {
@@ -82,41 +82,42 @@ fn unpack(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8>> {
     Some(plain)
 }
 
-/// A whole block.
-pub struct Block<'a> {
-    columns: &'a [Column],
+/// Intact block of rows.
+pub struct RowBlock<'a> {
+    columns: &'a [LiveColumn],
     rows: usize,
-    /// Of each column, as it lies in the file.
+    /// Encoded columns.
     parts: Vec<&'a [u8]>,
 }
 
-impl Block<'_> {
-    /// Rows in it.
+impl RowBlock<'_> {
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         self.rows
     }
 
-    /// Whether it has none.
+    /// Returns whether the block has no rows.
     pub fn is_empty(&self) -> bool {
         self.rows == 0
     }
 
-    /// One column's values, row after row; the others are not unpacked. `None` where there is no such column, or
-    /// another program packed it otherwise.
-    pub fn column(&self, index: usize) -> Option<Vec<f64>> {
+    /// Decodes one column, row after row, without decoding the others. `None` if there is no such column or its
+    /// encoding is
+    /// unknown.
+    pub fn column_values(&self, index: usize) -> Option<Vec<f64>> {
         let (column, part) = (self.columns.get(index)?, *self.parts.get(index)?);
-        let length = self.rows.checked_mul(column.width)?.checked_mul(column.kind.bytes())?;
+        let length = self.rows.checked_mul(column.width)?.checked_mul(column.kind.byte_size())?;
         let unpacked =
-            if part.len() == length { None } else { Some(unpack(part, column.kind.bytes(), length)?) };
+            if part.len() == length { None } else { Some(decompress_column(part, column.kind.byte_size(), length)?) };
         let plain = unpacked.as_deref().unwrap_or(part);
-        Some(plain.chunks_exact(column.kind.bytes()).map(|bytes| column.kind.get(bytes)).collect())
+        Some(plain.chunks_exact(column.kind.byte_size()).map(|bytes| column.kind.decode(bytes)).collect())
     }
 
-    /// All rows.
-    pub fn rows(&self) -> Option<Vec<Row>> {
-        let mut rows = vec![Row::new(); self.rows];
+    /// Decodes all rows; `None` if a column cannot be decoded.
+    pub fn rows(&self) -> Option<Vec<LiveRow>> {
+        let mut rows = vec![LiveRow::new(); self.rows];
         for (index, column) in self.columns.iter().enumerate() {
-            let values = self.column(index)?;
+            let values = self.column_values(index)?;
             rows.iter_mut()
                 .enumerate()
                 .for_each(|(n, row)| row.extend(values.iter().skip(n * column.width).take(column.width)));
@@ -125,75 +126,75 @@ impl Block<'_> {
     }
 }
 
-/// A file that was read into memory: its head, and where its blocks are.
-pub struct File<'a> {
-    /// The first line.
-    pub head: Head,
+/// File of live results in memory, with a position among its blocks.
+pub struct LiveFile<'a> {
+    /// First line of the file.
+    pub head: LiveHead,
     bytes: &'a [u8],
-    at: usize,
-    check: Check,
+    offset: usize,
+    digest: BlockDigest,
 }
 
-impl<'a> File<'a> {
-    /// `None` where the first line is none of ours.
+impl<'a> LiveFile<'a> {
+    /// Parses the first line; `None` if it is not one of this format.
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         let line = bytes.split_inclusive(|byte| *byte == b'\n').next()?;
-        let head: Head = serde_json::from_slice(line.strip_suffix(b"\n")?).ok()?;
-        (head.format == FORMAT).then(|| Self { head, bytes, at: line.len(), check: first_check(line) })
+        let head: LiveHead = serde_json::from_slice(line.strip_suffix(b"\n")?).ok()?;
+        (head.format == FORMAT).then(|| Self { head, bytes, offset: line.len(), digest: first_block_digest(line) })
     }
 
-    /// Bytes of all of it.
+    /// Returns the length of the file, bytes.
     pub fn length(&self) -> usize {
         self.bytes.len()
     }
 
-    /// Where the whole blocks end that were read so far.
+    /// Returns the end of the intact blocks read so far, bytes.
     pub fn good_length(&self) -> usize {
-        self.at
+        self.offset
     }
 
-    /// Bytes after the whole blocks.
-    pub fn torn(&self) -> usize {
-        self.bytes.len() - self.at
+    /// Returns the number of bytes after the intact blocks.
+    pub fn torn_length(&self) -> usize {
+        self.bytes.len() - self.offset
     }
 
-    /// The next block; `None` at the end, and where the next is not whole.
-    pub fn next_block(&mut self) -> Option<Block<'_>> {
-        let (block, check) = self.piece()?;
+    /// Returns the next block; `None` at the end, or if the next block is not intact.
+    pub fn next_block(&mut self) -> Option<RowBlock<'_>> {
+        let (block, check) = self.peek_block()?;
         let (rows, content) = block;
-        self.at += HEADER + content.len();
-        self.check = check;
+        self.offset += HEADER_LENGTH + content.len();
+        self.digest = check;
         let columns = &self.head.table.columns;
         let (lengths, mut rest) = content.split_at_checked(4 * columns.len())?;
         let mut parts = Vec::with_capacity(columns.len());
         for length in lengths.chunks_exact(4) {
-            let (part, after) = rest.split_at_checked(number(length)?)?;
+            let (part, after) = rest.split_at_checked(read_u32(length)?)?;
             parts.push(part);
             rest = after;
         }
-        Some(Block { columns, rows, parts })
+        Some(RowBlock { columns, rows, parts })
     }
 
-    /// Rows and content of the block that is next, and its check.
-    fn piece(&self) -> Option<((usize, &'a [u8]), Check)> {
-        let bytes = self.bytes.get(self.at..)?;
-        let (header, rest) = bytes.split_at_checked(HEADER)?;
-        let (counts, said) = header.split_at_checked(COUNTS)?;
-        let rows = number(counts.get(8..12)?)?;
-        let content = rest.get(..number(counts.get(12..)?)?)?;
-        let check = check(&self.check, counts, content);
+    /// Returns row count, content and digest of the next block without advancing.
+    fn peek_block(&self) -> Option<((usize, &'a [u8]), BlockDigest)> {
+        let bytes = self.bytes.get(self.offset..)?;
+        let (header, rest) = bytes.split_at_checked(HEADER_LENGTH)?;
+        let (counts, said) = header.split_at_checked(COUNTS_LENGTH)?;
+        let rows = read_u32(counts.get(8..12)?)?;
+        let content = rest.get(..read_u32(counts.get(12..)?)?)?;
+        let check = block_digest(&self.digest, counts, content);
         let whole = counts.starts_with(MAGIC) && rows <= MAX_ROWS && check == said;
         whole.then_some(((rows, content), check))
     }
 }
 
-fn number(bytes: &[u8]) -> Option<usize> {
+fn read_u32(bytes: &[u8]) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(bytes.try_into().ok()?)).ok()
 }
 
-/// How many bytes are whole, and the flight that they belong to; `None` where not even the first line is.
-pub(crate) fn whole(bytes: &[u8]) -> Option<(usize, String)> {
-    let mut file = File::parse(bytes)?;
+/// Returns the length of the intact blocks, bytes, and their flight; `None` if the first line is not complete.
+pub(crate) fn intact_prefix(bytes: &[u8]) -> Option<(usize, String)> {
+    let mut file = LiveFile::parse(bytes)?;
     while file.next_block().is_some() {}
     Some((file.good_length(), file.head.flight))
 }

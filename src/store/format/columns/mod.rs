@@ -1,89 +1,91 @@
-//! Rows of numbers in a file that grows at its end: one line of JSON, then blocks of columns (docs/store.md).
+//! Files of live results, append-only: one line of JSON, then blocks of columns (docs/store.md).
 //!
-//! A block's check covers the check of the block before, so that a block which is torn, zeroed, old or out of its
-//! place is distinguished from a whole one, and what lies after it is not read.
+//! The digest of a block covers the digest of the block before, so that a torn, zeroed, stale or misplaced block is
+//! detected;
+//! data after it is not read.
 
 mod block;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-pub use block::{Block, File};
-pub(crate) use block::{block, first_check, whole};
+pub use block::{RowBlock, LiveFile};
+pub(crate) use block::{encode_block, first_block_digest, intact_prefix};
 
 use crate::clock::Stamp;
 
-/// Of the file.
+/// Format of the file.
 pub const FORMAT: u32 = 1;
-/// Rows of a block at most, so that a damaged count asks for no memory.
+/// Maximum number of rows in a block; a damaged count cannot cause a large allocation.
 const MAX_ROWS: usize = 1 << 20;
 
-/// How a value lies in the file, little-endian.
+/// Encoding of a value in the file, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// NaN: none.
+pub enum ValueKind {
+    /// Missing value: NaN.
     F64,
-    /// NaN: none.
+    /// Missing value: NaN.
     F32,
-    /// Whole numbers to 2^53; the greatest value: none.
+    /// Integers up to 2^53; missing value: the maximum.
     U64,
-    /// The greatest value: none.
+    /// Missing value: the maximum.
     U32,
-    /// The greatest value: none.
+    /// Missing value: the maximum.
     U8,
 }
 
-/// A column.
+/// Column of a live table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Column {
-    /// Once in a table. `list.rest` says that `list` of the source names its values: `markers.deflection` has one for each
+pub struct LiveColumn {
+    /// Unique name in the table. In `list.rest`, `list` of the source names the values: `markers.deflection` has
+    /// one for each
     /// of `source.markers`.
     pub name: String,
-    /// `m`, `deg`, `px`, …; empty where it has none; [`UTC`] for moments.
+    /// Unit: `m`, `deg`, `px`, …; empty if dimensionless; [`UTC`] for times.
     pub unit: String,
-    /// Of each value.
-    pub kind: Kind,
+    /// Encoding of each value.
+    pub kind: ValueKind,
     /// Values per row.
     pub width: usize,
 }
 
-/// Unit of moments: microseconds since 1970, UTC, in a column of kind [`Kind::U64`].
+/// Unit of times: microseconds since 1970, UTC, in a column of kind [`ValueKind::U64`].
 pub const UTC: &str = "utc_us";
-/// Unit of what is true (1) or false (0).
+/// Unit of truth values: true (1), false (0).
 pub const FLAG: &str = "flag";
-/// Unit of a word: the place in the list that `words` of the source has for the column, from 0.
+/// Unit of words: an index from 0 into the list that `words` of the source has for the column.
 pub const WORD: &str = "word";
 
-/// What rows are of.
+/// Schema of live rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveTable {
-    /// What they come from: digests of the installation, program, names of markers, stations, torsion pairs.
+    /// Origin of the rows: digests of the installation, program, names of markers, stations, torsion pairs.
     pub source: Value,
-    /// In the order of a row's values.
-    pub columns: Vec<Column>,
+    /// Columns in the order of a row's values.
+    pub columns: Vec<LiveColumn>,
 }
 
-/// All columns' values after one another; NaN where there is none.
-pub type Row = Vec<f64>;
+/// Values of all columns of one row; NaN if missing.
+pub type LiveRow = Vec<f64>;
 
-/// The first line of a file.
+/// First line of a file with live results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Head {
-    /// Of the file.
+pub struct LiveHead {
+    /// Format of the file.
     pub format: u32,
-    /// The flight that the rows belong to.
+    /// Flight of the rows.
     pub flight: String,
-    /// When the file was begun.
+    /// Time of the file's beginning.
     pub began: Stamp,
-    /// What the rows are of.
+    /// Schema of the rows.
     #[serde(flatten)]
     pub table: LiveTable,
 }
 
-impl Kind {
-    /// Of a value.
-    pub fn bytes(self) -> usize {
+impl ValueKind {
+    /// Returns the size of an encoded value, bytes.
+    pub fn byte_size(self) -> usize {
         match self {
             Self::F64 | Self::U64 => 8,
             Self::F32 | Self::U32 => 4,
@@ -91,8 +93,8 @@ impl Kind {
         }
     }
 
-    /// The greatest number that is a value.
-    fn greatest(self) -> f64 {
+    /// Returns the largest representable value.
+    fn max_value(self) -> f64 {
         match self {
             Self::F64 | Self::F32 => f64::INFINITY,
             Self::U64 => 2_f64.powi(53),
@@ -101,7 +103,7 @@ impl Kind {
         }
     }
 
-    fn put(self, value: f64, into: &mut Vec<u8>) {
+    fn encode(self, value: f64, into: &mut Vec<u8>) {
         let none = value.is_nan();
         match self {
             Self::F64 => into.extend(value.to_le_bytes()),
@@ -112,7 +114,7 @@ impl Kind {
         }
     }
 
-    fn get(self, bytes: &[u8]) -> f64 {
+    fn decode(self, bytes: &[u8]) -> f64 {
         let mut word = [0; 8];
         word.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
         let number = u64::from_le_bytes(word);
@@ -128,20 +130,20 @@ impl Kind {
 }
 
 impl LiveTable {
-    /// Values of a row.
-    pub fn width(&self) -> usize {
+    /// Returns the number of values of a row.
+    pub fn row_width(&self) -> usize {
         self.columns.iter().fold(0, |all, column| all.saturating_add(column.width))
     }
 
-    /// Place of a column, and of its first value in a row.
-    pub fn find(&self, name: &str) -> Option<(usize, usize)> {
+    /// Returns the index of a column and of its first value in a row.
+    pub fn find_column(&self, name: &str) -> Option<(usize, usize)> {
         let at = self.columns.iter().position(|column| column.name == name)?;
         Some((at, self.columns.iter().take(at).map(|column| column.width).sum()))
     }
 
-    /// What keeps rows from being written: a sentence.
-    fn fault(&self, rows: &[Row]) -> Option<String> {
-        let width = self.width();
+    /// Returns a sentence if the rows cannot be encoded.
+    fn row_error(&self, rows: &[LiveRow]) -> Option<String> {
+        let width = self.row_width();
         if let Some(row) = rows.iter().find(|row| row.len() != width) {
             return Some(format!("a row has {} values, its table {width}", row.len()));
         }
@@ -149,8 +151,8 @@ impl LiveTable {
         for column in &self.columns {
             let values = || rows.iter().flat_map(move |row| row.iter().skip(at).take(column.width));
             let whole =
-                |v: &f64| v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.greatest()).contains(v));
-            let integers = !matches!(column.kind, Kind::F64 | Kind::F32);
+                |v: &f64| v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.max_value()).contains(v));
+            let integers = !matches!(column.kind, ValueKind::F64 | ValueKind::F32);
             if let Some(bad) = values().find(|value| integers && !whole(value)) {
                 return Some(format!("column {} cannot hold {bad}", column.name));
             }

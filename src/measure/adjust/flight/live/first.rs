@@ -46,8 +46,8 @@ fn begun(flight: Flight) -> Result<InitialState, AdjustError> {
     let Solved { setting, fit, .. } = solved;
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == Target::Survey).collect();
     let state = State {
-        known: fit.known(),
-        base: fit.known(),
+        known: fit.information_prior(),
+        base: fit.information_prior(),
         model: Model {
             layout: setting.layouts[0].clone(),
             missing: setting.problem.missing,

@@ -103,7 +103,7 @@ impl State {
         let fit = &attempt.solved.fit;
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
         let mut next = State {
-            known: fit.known(),
+            known: fit.information_prior(),
             base: base.clone(),
             local: fit.groups[0].local.clone(),
             frames,

@@ -1,6 +1,6 @@
 //! Light that the skin mirrors over a disc, as a spline along it, and what skin and black alone tell of it.
 
-use crate::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
+use crate::detect::appearance::parameters::{BLUR, DARK, GAMMA, MarkerParameters, light_at};
 use crate::detect::estimate::options::TERM;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
@@ -8,7 +8,7 @@ use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
 
 /// Mirrored light over the skin's own: a cubic spline.
-pub struct Glare {
+pub struct GlareSpline {
     /// Where the first knot lies along the disc, px.
     pub first: f64,
     /// By how much the band is farther along for each px across.
@@ -17,7 +17,7 @@ pub struct Glare {
     pub knots: Vec<f64>,
 }
 
-impl Glare {
+impl GlareSpline {
     /// None yet on a disc of this outline.
     fn new(ellipse: &Ellipse) -> Self {
         let reach = TERM.reach.0 * ellipse.major + TERM.reach.1 * ellipse.minor + TERM.reach.2;
@@ -26,7 +26,7 @@ impl Glare {
     }
 
     /// The place of a point along and across the disc, px, counted in knots.
-    pub fn place(&self, s: f64, t: f64) -> f64 {
+    pub fn knot_position(&self, s: f64, t: f64) -> f64 {
         /// So far before the last knot a place still lies between two.
         const BEFORE: f64 = 1e-6;
         ((s - self.slant * t - self.first) / TERM.knot_px).clamp(0.0, (self.knots.len() - 3) as f64 - BEFORE)
@@ -34,23 +34,23 @@ impl Glare {
 }
 
 /// Where along and across the outline a pixel of a batch lies, px.
-pub fn place(batch: &Batch, i: usize, ellipse: &Ellipse) -> (f64, f64) {
+pub fn outline_position(batch: &Batch, i: usize, ellipse: &Ellipse) -> (f64, f64) {
     (f64::from(batch.p[i]) * ellipse.major, f64::from(batch.q[i]) * ellipse.minor)
 }
 
 /// The pixels of a batch, and where along and across the outline they lie, px.
-fn places<'a>(batch: &'a Batch, ellipse: &'a Ellipse) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+fn outline_positions<'a>(batch: &'a Batch, ellipse: &'a Ellipse) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
     (0..batch.len).map(|i| {
-        let (s, t) = place(batch, i, ellipse);
+        let (s, t) = outline_position(batch, i, ellipse);
         (i, s, t)
     })
 }
 
 /// What skin and black alone tell of the glare: slant and knots.
-pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
+pub fn estimate_glare(pixels: &Pixels, ellipse: &Ellipse, m: &MarkerParameters) -> GlareSpline {
     let mut signs: Vec<[f64; 3]> = Vec::new();
     for batch in &pixels.batches {
-        for (i, s, t) in places(batch, ellipse) {
+        for (i, s, t) in outline_positions(batch, ellipse) {
             let (p, q) = (s / ellipse.major, t / ellipse.minor);
             let r = p.hypot(q).max(TINY);
             let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(TINY);
@@ -59,13 +59,13 @@ pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
                 let own = if distance > 0.0 { 1.0 } else { 1.0 - m[DARK] };
                 // What is saturated is lighter than it looks, by how much is not known.
                 let value =
-                    f64::from(batch.value[i]) * if batch.value[i] < TERM.saturated { 1.0 } else { TERM.more };
+                    f64::from(batch.value[i]) * if batch.value[i] < TERM.saturated { 1.0 } else { TERM.saturated_factor };
                 let over = (value / light_at(m, p, q).max(1.0)).powf(1.0 / m[GAMMA]);
                 signs.push([s, t, over - own]);
             }
         }
     }
-    let mut glare = Glare::new(ellipse);
+    let mut glare = GlareSpline::new(ellipse);
     let bins = (glare.knots.len() as f64 * TERM.knot_px / TERM.bin_px) as usize + 1;
     let scatter = |slant: f64| {
         let mut sums = vec![[0.0; 3]; bins];
@@ -112,7 +112,7 @@ pub fn shows_ends(pixels: &Pixels) -> bool {
 
 /// The shares of the four knots about a place that is so far between the second and the third; and their derivatives.
 #[inline(always)]
-pub fn spline(f: f32) -> ([f32; 4], [f32; 4]) {
+pub fn spline_weights(f: f32) -> ([f32; 4], [f32; 4]) {
     let (e, ff) = (1.0 - f, f * f);
     let shares = [e * e * e, (3.0 * f - 6.0) * ff + 4.0, ((3.0 - 3.0 * f) * f + 3.0) * f + 1.0, ff * f];
     let slopes = [-e * e, (3.0 * f - 4.0) * f, (2.0 - 3.0 * f) * f + 1.0, ff];
@@ -127,17 +127,17 @@ mod tests {
     fn the_shares_are_a_smooth_whole() {
         for k in 0..=20 {
             let f = k as f32 / 20.0;
-            let (shares, slopes) = spline(f);
+            let (shares, slopes) = spline_weights(f);
             assert!(
                 (shares.iter().sum::<f32>() - 1.0).abs() < 1e-6 && slopes.iter().sum::<f32>().abs() < 1e-6
             );
-            let (low, high) = (spline(f - 5e-3).0, spline(f + 5e-3).0);
+            let (low, high) = (spline_weights(f - 5e-3).0, spline_weights(f + 5e-3).0);
             for ((slope, low), high) in slopes.iter().zip(low).zip(high) {
                 assert!((slope - (high - low) / 1e-2).abs() < 1e-3, "at {f}");
             }
         }
         // One interval's end is the next one's beginning.
-        let (end, begin) = (spline(1.0).0, spline(0.0).0);
+        let (end, begin) = (spline_weights(1.0).0, spline_weights(0.0).0);
         assert!((0..3).all(|i| (end[i + 1] - begin[i]).abs() < 1e-6) && end[0].abs() < 1e-6);
     }
 }

@@ -5,11 +5,11 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
-use crate::detect::appearance::formula::Model;
-use crate::detect::appearance::parameters::{COMMON, Parameters, X, Y};
-use crate::detect::estimate::normal_equations::{Block, MIN_WEIGHT, Products, Square};
-use crate::detect::estimate::{gauss_newton::Fit, sandwich::Blocks};
-use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::appearance::formula::MarkerModel;
+use crate::detect::appearance::parameters::{COMMON, MarkerParameters, X, Y};
+use crate::detect::estimate::normal_equations::{RowBlock, MIN_WEIGHT, ColumnProducts, NormalMatrix};
+use crate::detect::estimate::{gauss_newton::MarkerFit, sandwich::ResidualBlocks};
+use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::{Batch, append};
@@ -17,13 +17,13 @@ use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each, total};
 
 /// Pixels between the same knots.
-pub struct Cell<const ABOUT: usize> {
+pub struct KnotCell<const ABOUT: usize> {
     pub knots: [usize; ABOUT],
     pub batches: Vec<Batch>,
 }
 
 /// What a batch says.
-pub struct Rows<const ABOUT: usize> {
+pub struct JacobianRows<const ABOUT: usize> {
     /// Residuals, grey levels.
     pub r: Lanes,
     /// Roots of the weights, robust ones included.
@@ -36,7 +36,7 @@ pub struct Rows<const ABOUT: usize> {
     pub knots: [Lanes; ABOUT],
 }
 
-impl<const ABOUT: usize> Rows<ABOUT> {
+impl<const ABOUT: usize> JacobianRows<ABOUT> {
     /// All zero.
     #[inline(always)]
     pub fn new() -> Self {
@@ -46,22 +46,22 @@ impl<const ABOUT: usize> Rows<ABOUT> {
 }
 
 /// A term of the image formula with knots, of which a pixel knows `ABOUT`.
-pub trait Term<const ABOUT: usize> {
+pub trait KnotTerm<const ABOUT: usize> {
     /// Unknowns beside the knots: none, or one.
     const SHARED: usize;
     /// Knots.
-    fn count(&self) -> usize;
+    fn knot_count(&self) -> usize;
     /// The formula without the term.
-    fn model(&self) -> Model;
+    fn model(&self) -> MarkerModel;
     /// One batch's rows.
-    fn rows(&self, model: &Model, cell: &Cell<ABOUT>, batch: &Batch, scale: f64) -> Rows<ABOUT>;
+    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<ABOUT>, batch: &Batch, scale: f64) -> JacobianRows<ABOUT>;
     /// Whether a pixel of some grey value tells the residuals' scale.
-    fn tells(value: f32) -> bool;
+    fn constrains_scale(value: f32) -> bool;
 }
 
 /// A linearisation: normal equations over the parameters of a list, what the term has beside its knots, and the knots; and the
 /// residuals' statistics.
-pub struct Step {
+pub struct KnotLinearisation {
     pub normal: DMatrix<f64>,
     pub right: DVector<f64>,
     /// Sizes of the residuals that tell their scale, grey levels.
@@ -71,9 +71,9 @@ pub struct Step {
     pub square: f64,
 }
 
-impl Step {
+impl KnotLinearisation {
     /// Adds what is known beforehand of the `i`-th unknown, which has some value now.
-    pub fn hold(&mut self, i: usize, now: f64, prior: Estimate, scale: f64) {
+    pub fn add_prior(&mut self, i: usize, now: f64, prior: PriorValue, scale: f64) {
         let weight = (scale / prior.sigma).powi(2);
         self.normal[(i, i)] += weight + MIN_WEIGHT;
         self.right[i] += weight * (prior.value - now);
@@ -86,16 +86,16 @@ impl Step {
 }
 
 /// What a linearisation says of the centre.
-pub struct Centre {
+pub struct CentreEstimate {
     /// Its rows of the inverse normal equations.
     pub influence: [DVector<f64>; 2],
     /// Its covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
 }
 
-impl Centre {
+impl CentreEstimate {
     /// From the factor of normal equations over the parameters of a list and a term's unknowns, and a residual's variance.
-    pub fn of(factor: &Cholesky<f64, Dyn>, list: &[usize], variance: f64) -> Option<Self> {
+    pub fn from_factor(factor: &Cholesky<f64, Dyn>, list: &[usize], variance: f64) -> Option<Self> {
         let slot = |k: usize| list.iter().position(|&l| l == k);
         let slots = [slot(X)?, slot(Y)?];
         let unknowns = factor.l_dirty().nrows();
@@ -106,18 +106,18 @@ impl Centre {
 
     /// The fit that ends at some parameters: `blocks` is what the residuals did to the centre, `weight` the sum of the pixels'
     /// own weights.
-    pub fn fit(
+    pub fn to_marker_fit(
         &self,
-        m: &Parameters,
-        step: &Step,
+        m: &MarkerParameters,
+        step: &KnotLinearisation,
         count: usize,
-        blocks: &Blocks,
+        blocks: &ResidualBlocks,
         weight: f64,
-    ) -> Option<Fit> {
-        let (centre, _, correlation) = blocks.raise(&self.white, count)?;
-        let mut covariance = Square::zeros();
+    ) -> Option<MarkerFit> {
+        let (centre, _, correlation) = blocks.raise_covariance(&self.white, count)?;
+        let mut covariance = NormalMatrix::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
-        Some(Fit {
+        Some(MarkerFit {
             parameters: *m,
             covariance,
             variance: step.variance(count),
@@ -127,20 +127,20 @@ impl Centre {
             images: Vec::new(),
             correlation,
             white: self.white,
-            beside: Matrix2::zeros(),
+            foreign_covariance: Matrix2::zeros(),
             is_systematic: false,
         })
     }
 }
 
 /// Lower triangle and right side: the shared parameters, then the knots.
-struct Bordered {
+struct BorderedNormal {
     normal: DMatrix<f64>,
     right: DVector<f64>,
     shared: usize,
 }
 
-impl Bordered {
+impl BorderedNormal {
     /// Zero.
     fn new(shared: usize, knots: usize) -> Self {
         let all = shared + knots;
@@ -149,7 +149,7 @@ impl Bordered {
 
     /// Adds what a cell's pixels say of the knots about them, which are the first columns of the products and are then forgotten.
     #[inline(always)]
-    fn take<const ABOUT: usize>(&mut self, sums: &mut Products, knots: [usize; ABOUT]) {
+    fn add_cell<const ABOUT: usize>(&mut self, sums: &mut ColumnProducts, knots: [usize; ABOUT]) {
         let mut totals = sums.totals();
         let knots = knots.map(|k| self.shared + k);
         for (i, &a) in knots.iter().enumerate() {
@@ -162,12 +162,12 @@ impl Bordered {
             self.right[a] += totals.next().unwrap_or(0.0);
         }
         drop(totals);
-        sums.forget(ABOUT);
+        sums.clear_columns(ABOUT);
     }
 
     /// Sets what all pixels say of the shared parameters, which are the products' columns after so many of knots.
     #[inline(always)]
-    fn finish(&mut self, sums: &Products, about: usize) {
+    fn set_shared(&mut self, sums: &ColumnProducts, about: usize) {
         let n = self.shared;
         let mut totals = sums.totals().skip((0..about).map(|i| about + n + 1 - i).sum());
         for i in 0..n {
@@ -180,13 +180,13 @@ impl Bordered {
 }
 
 /// The pixels of some batches by the knots about them; `place` tells a cell's number, of so many, and its knots.
-pub fn cells<const ABOUT: usize>(
+pub fn group_by_knots<const ABOUT: usize>(
     pixels: &Pixels,
     own: impl Iterator<Item = [usize; 2]>,
     count: usize,
     place: impl Fn(&Batch, usize) -> Option<(usize, [usize; ABOUT])>,
-) -> Vec<Cell<ABOUT>> {
-    let mut out: Vec<Cell<ABOUT>> = Vec::new();
+) -> Vec<KnotCell<ABOUT>> {
+    let mut out: Vec<KnotCell<ABOUT>> = Vec::new();
     let mut index = vec![usize::MAX; count];
     for [k, i] in own {
         let batch = &pixels.batches[k];
@@ -194,7 +194,7 @@ pub fn cells<const ABOUT: usize>(
         let Some(own) = index.get_mut(key) else { continue };
         if *own == usize::MAX {
             *own = out.len();
-            out.push(Cell { knots, batches: Vec::new() });
+            out.push(KnotCell { knots, batches: Vec::new() });
         }
         append(&mut out[*own].batches, batch, i);
     }
@@ -203,8 +203,8 @@ pub fn cells<const ABOUT: usize>(
 }
 
 /// What is linearised: a term over cells of pixels, by the formula's parameters of a list, with residuals of some scale.
-pub struct Over<'a, T, const ABOUT: usize> {
-    pub cells: &'a [Cell<ABOUT>],
+pub struct KnotProblem<'a, T, const ABOUT: usize> {
+    pub cells: &'a [KnotCell<ABOUT>],
     pub term: &'a T,
     pub list: &'a [usize],
     pub scale: f64,
@@ -212,24 +212,24 @@ pub struct Over<'a, T, const ABOUT: usize> {
 
 wide! {
     /// The normal equations without what is known beforehand.
-    pub fn linearise[T: Term<ABOUT>, const ABOUT: usize](over: Over<T, ABOUT>) -> Step = linearised
+    pub fn linearise_term[T: KnotTerm<ABOUT>, const ABOUT: usize](over: KnotProblem<T, ABOUT>) -> KnotLinearisation = linearise_term_generic
 }
 
 #[inline(always)]
-fn linearised<T: Term<ABOUT>, const ABOUT: usize>(over: Over<T, ABOUT>) -> Step {
-    let Over { cells, term, list, scale } = over;
+fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProblem<T, ABOUT>) -> KnotLinearisation {
+    let KnotProblem { cells, term, list, scale } = over;
     let n = list.len() + T::SHARED;
     let model = term.model();
-    let mut sought = Bordered::new(n, term.count());
+    let mut sought = BorderedNormal::new(n, term.knot_count());
     let mut sizes = Vec::new();
     let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
-    let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
+    let (mut block, mut sums) = (RowBlock::new(), ColumnProducts::new(ABOUT + n));
     for cell in cells {
         for batch in &cell.batches {
-            let rows = term.rows(&model, cell, batch, scale);
+            let rows = term.jacobian_rows(&model, cell, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            let telling = (0..batch.len).filter(|&i| T::tells(batch.value[i]));
+            let telling = (0..batch.len).filter(|&i| T::constrains_scale(batch.value[i]));
             sizes.extend(telling.map(|i| rows.r[i].abs()));
             let own = list.iter().map(|&k| &rows.gradient[k]);
             let shared = [&rows.shared].into_iter().take(T::SHARED);
@@ -238,32 +238,32 @@ fn linearised<T: Term<ABOUT>, const ABOUT: usize>(over: Over<T, ABOUT>) -> Step 
             }
         }
         block.flush(&mut sums);
-        sought.take(&mut sums, cell.knots);
+        sought.add_cell(&mut sums, cell.knots);
     }
-    sought.finish(&sums, ABOUT);
-    let Bordered { mut normal, right, .. } = sought;
+    sought.set_shared(&sums, ABOUT);
+    let BorderedNormal { mut normal, right, .. } = sought;
     normal.fill_upper_triangle_with_lower_triangle();
-    Step { normal, right, sizes, weight: total(&weight), square: total(&square) }
+    KnotLinearisation { normal, right, sizes, weight: total(&weight), square: total(&square) }
 }
 
 wide! {
     /// Adds what the residuals of each batch did to the centre, from its rows of the inverse normal equations.
-    pub fn add_up[T: Term<ABOUT>, const ABOUT: usize](
-        over: Over<T, ABOUT>, influence: &[DVector<f64>; 2], blocks: &mut Blocks
-    ) = added_up
+    pub fn add_centre_shifts[T: KnotTerm<ABOUT>, const ABOUT: usize](
+        over: KnotProblem<T, ABOUT>, influence: &[DVector<f64>; 2], blocks: &mut ResidualBlocks
+    ) = add_centre_shifts_generic
 }
 
 #[inline(always)]
-fn added_up<T: Term<ABOUT>, const ABOUT: usize>(
-    over: Over<T, ABOUT>,
+fn add_centre_shifts_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(
+    over: KnotProblem<T, ABOUT>,
     influence: &[DVector<f64>; 2],
-    blocks: &mut Blocks,
+    blocks: &mut ResidualBlocks,
 ) {
-    let Over { cells, term, list, scale } = over;
+    let KnotProblem { cells, term, list, scale } = over;
     let model = term.model();
     for cell in cells {
         for batch in &cell.batches {
-            let rows = term.rows(&model, cell, batch, scale);
+            let rows = term.jacobian_rows(&model, cell, batch, scale);
             let mut by = [Lanes::of(0.0); 2];
             for (sum, h) in by.iter_mut().zip(influence) {
                 let knots = cell.knots.iter().map(|k| h[list.len() + T::SHARED + k]);

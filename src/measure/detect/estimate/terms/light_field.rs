@@ -8,15 +8,15 @@
 
 use nalgebra::{Cholesky, DVector};
 
-use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
-use crate::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y};
+use super::knot_field::{self, KnotCell, CentreEstimate, KnotProblem, JacobianRows, KnotLinearisation, KnotTerm};
+use crate::detect::appearance::formula::{MarkerModel, GreyDerivatives, Tone};
+use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, MarkerParameters, MarkerPattern, WHITEST, X, Y};
 use crate::detect::estimate::options::{ITERATION, TERM};
-use crate::detect::estimate::prior::Unknowns;
-use crate::detect::estimate::sandwich::{Blocks, REACH};
-use crate::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
-use crate::detect::estimate::{foreign_ground::own_pixels, normal_equations::biweights, scale::robust_sigma};
-use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::estimate::prior::FitUnknowns;
+use crate::detect::estimate::sandwich::{ResidualBlocks, REACH};
+use crate::detect::estimate::{bounds::is_sharp, gauss_newton::MarkerFit, residuals::ResidualAnalysis};
+use crate::detect::estimate::{foreign_ground::clean_pixels, normal_equations::biweight_roots, scale::robust_sigma};
+use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
@@ -24,22 +24,22 @@ use crate::detect::simd::lanes::{LANES, each};
 
 /// Knots of the field of light along the marker. Chosen: a shadow's edge is some tenths of a marker wide;
 /// `tests/detect/bad_light.rs`.
-const ALONG: usize = 9;
+const LIGHT_ALONG: usize = 9;
 /// The same across it, where light changes less.
-const ACROSS: usize = 3;
+const LIGHT_ACROSS: usize = 3;
 /// Knots of its darkness along it.
-const DARKS: usize = 6;
+const DARK_KNOTS: usize = 6;
 /// All of them.
-const FIELD: usize = ALONG * ACROSS + DARKS;
+const FIELD_UNKNOWNS: usize = LIGHT_ALONG * LIGHT_ACROSS + DARK_KNOTS;
 /// Knots about a pixel: four of light, two of darkness.
-const ABOUT: usize = 6;
+const PIXEL_KNOTS: usize = 6;
 
 /// A fit with a field of light: the model's parameters, then the field's; of pixels that count from an origin.
-struct Field {
-    pattern: Pattern,
+struct LightField {
+    pattern: MarkerPattern,
     origin: [f64; 2],
-    m: Parameters,
-    extra: [f64; FIELD],
+    m: MarkerParameters,
+    extra: [f64; FIELD_UNKNOWNS],
 }
 
 /// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
@@ -47,58 +47,58 @@ struct Field {
 /// pixels pull at first.
 pub fn fit_light_field(
     pixels: &Pixels,
-    fit: &Fit,
+    fit: &MarkerFit,
     seen: &ResidualAnalysis,
-    unknowns: &Unknowns,
+    unknowns: &FitUnknowns,
     floor: f64,
     least: Option<f64>,
-) -> Option<Fit> {
+) -> Option<MarkerFit> {
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
-    let own = own_pixels(pixels, seen, fit.parameters[BLUR]);
+    let own = clean_pixels(pixels, seen, fit.parameters[BLUR]);
     if own.len() < 3 * N {
         return None;
     }
-    let cells = cells(pixels, own);
+    let cells = group_pixels(pixels, own);
     let Pixels { pattern, origin, .. } = *pixels;
-    let mut field = Field { pattern, origin, m: fit.parameters, extra: [0.0; FIELD] };
+    let mut field = LightField { pattern, origin, m: fit.parameters, extra: [0.0; FIELD_UNKNOWNS] };
     let mut sizes: Vec<f32> = Vec::with_capacity(pixels.count());
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
     let mut scale =
-        floor.max(robust_sigma(&mut sizes)) * if least.is_none() { ITERATION.pulled } else { 1.0 };
-    for iteration in 0..ITERATION.field_most {
-        let mut step = field.step(&cells, unknowns, &list, scale);
+        floor.max(robust_sigma(&mut sizes)) * if least.is_none() { ITERATION.scale_with_foreign } else { 1.0 };
+    for iteration in 0..ITERATION.max_field_steps {
+        let mut step = field.linearise(&cells, unknowns, &list, scale);
         for i in 0..step.normal.nrows() {
-            step.normal[(i, i)] *= 1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped)];
+            step.normal[(i, i)] *= 1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped_steps)];
         }
         let change = Cholesky::new(step.normal)?.solve(&step.right);
         // What the step takes off the residuals' squares, if the model is linear.
         if iteration == 0 && least.is_some_and(|least| change.dot(&step.right) < least * fit.variance) {
             return None;
         }
-        let worst = field.go(&change, &list);
+        let worst = field.apply_step(&change, &list);
         let new = floor.max(robust_sigma(&mut step.sizes));
-        if worst < ITERATION.field_px.0 && new > ITERATION.falls * scale {
+        if worst < ITERATION.field_px.0 && new > ITERATION.scale_ratio_converged * scale {
             break;
         }
-        scale = new.max(ITERATION.fall_last * scale);
+        scale = new.max(ITERATION.min_final_scale_ratio * scale);
     }
     let m = &field.m;
-    let step = field.step(&cells, unknowns, &list, scale);
+    let step = field.linearise(&cells, unknowns, &list, scale);
     let variance = step.variance(list.len());
     let factor = Cholesky::new(step.normal.clone()).filter(|_| is_sharp(m))?;
-    let centre = Centre::of(&factor, &list, variance)?;
-    let mut blocks = Blocks::new(pixels, m);
-    let over = Over { cells: &cells, term: &field, list: &list, scale };
-    knot_field::add_up(over, &centre.influence, &mut blocks);
-    centre.fit(m, &step, list.len(), &blocks, pixels.weight())
+    let centre = CentreEstimate::from_factor(&factor, &list, variance)?;
+    let mut blocks = ResidualBlocks::new(pixels, m);
+    let over = KnotProblem { cells: &cells, term: &field, list: &list, scale };
+    knot_field::add_centre_shifts(over, &centre.influence, &mut blocks);
+    centre.to_marker_fit(m, &step, list.len(), &blocks, pixels.weight())
 }
 
 /// The knot before a place on [-REACH, REACH], of `count`, and the share of the one behind it.
 #[inline(always)]
-fn hat(at: f32, count: usize) -> (f32, f32) {
+fn hat_position(at: f32, count: usize) -> (f32, f32) {
     let place = (at * (0.5 / REACH as f32) + 0.5) * (count - 1) as f32;
     let place = place.clamp(0.0, (count - 1) as f32);
     let low = place.floor().min((count - 2) as f32);
@@ -106,19 +106,19 @@ fn hat(at: f32, count: usize) -> (f32, f32) {
 }
 
 /// The pixels by the knots about them.
-fn cells(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<Cell<ABOUT>> {
-    let knots = |p: f32, q: f32| [hat(p, ALONG), hat(q, ACROSS), hat(p, DARKS)].map(|h| h.0 as usize);
-    knot_field::cells(pixels, own.into_iter(), ALONG * ACROSS * DARKS, |batch, i| {
+fn group_pixels(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<KnotCell<PIXEL_KNOTS>> {
+    let knots = |p: f32, q: f32| [hat_position(p, LIGHT_ALONG), hat_position(q, LIGHT_ACROSS), hat_position(p, DARK_KNOTS)].map(|h| h.0 as usize);
+    knot_field::group_by_knots(pixels, own.into_iter(), LIGHT_ALONG * LIGHT_ACROSS * DARK_KNOTS, |batch, i| {
         let [along, across, dark] = knots(batch.p[i], batch.q[i]);
-        let (first, after) = (along * ACROSS + across, ALONG * ACROSS + dark);
-        let knots = [first, first + 1, first + ACROSS, first + ACROSS + 1, after, after + 1];
-        Some((first * DARKS + dark, knots))
+        let (first, after) = (along * LIGHT_ACROSS + across, LIGHT_ALONG * LIGHT_ACROSS + dark);
+        let knots = [first, first + 1, first + LIGHT_ACROSS, first + LIGHT_ACROSS + 1, after, after + 1];
+        Some((first * DARK_KNOTS + dark, knots))
     })
 }
 
-impl Field {
+impl LightField {
     /// Goes a step, at most two pixels of the centre; how far that moves.
-    fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
+    fn apply_step(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let worst = place(X).hypot(place(Y));
         let factor = (ITERATION.field_px.1 / worst.max(TINY)).min(1.0);
@@ -132,41 +132,41 @@ impl Field {
     }
 
     /// The normal equations with what is known beforehand.
-    fn step(&self, cells: &[Cell<ABOUT>], unknowns: &Unknowns, list: &[usize], scale: f64) -> Step {
-        let mut out = knot_field::linearise(Over { cells, term: self, list, scale });
-        list.iter().enumerate().for_each(|(i, &k)| out.hold(i, self.m[k], unknowns.prior[k], scale));
+    fn linearise(&self, cells: &[KnotCell<PIXEL_KNOTS>], unknowns: &FitUnknowns, list: &[usize], scale: f64) -> KnotLinearisation {
+        let mut out = knot_field::linearise_term(KnotProblem { cells, term: self, list, scale });
+        list.iter().enumerate().for_each(|(i, &k)| out.add_prior(i, self.m[k], unknowns.prior[k], scale));
         for (k, &extra) in self.extra.iter().enumerate() {
-            out.hold(list.len() + k, extra, Estimate::zero(TERM.field), scale);
+            out.add_prior(list.len() + k, extra, PriorValue::zero(TERM.field), scale);
         }
         out
     }
 }
 
-impl Term<ABOUT> for Field {
+impl KnotTerm<PIXEL_KNOTS> for LightField {
     const SHARED: usize = 0;
 
-    fn count(&self) -> usize {
-        FIELD
+    fn knot_count(&self) -> usize {
+        FIELD_UNKNOWNS
     }
 
-    fn tells(_: f32) -> bool {
+    fn constrains_scale(_: f32) -> bool {
         true
     }
 
     #[inline(always)]
-    fn model(&self) -> Model {
-        Model::new(self.pattern, &self.m, self.origin)
+    fn model(&self) -> MarkerModel {
+        MarkerModel::new(self.pattern, &self.m, self.origin)
     }
 
     #[inline(always)]
-    fn rows(&self, model: &Model, cell: &Cell<ABOUT>, batch: &Batch, scale: f64) -> Rows<ABOUT> {
+    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<PIXEL_KNOTS>, batch: &Batch, scale: f64) -> JacobianRows<PIXEL_KNOTS> {
         let (s, t) = model.along_and_across(batch);
         let share = model.share(&s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
-        let (mut out, mut slopes) = (Rows::new(), Slopes::default());
+        let (mut out, mut slopes) = (JacobianRows::new(), GreyDerivatives::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
-            let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
+            let (u, v, w) = (hat_position(p, LIGHT_ALONG).1, hat_position(q, LIGHT_ACROSS).1, hat_position(p, DARK_KNOTS).1);
             let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
             let uneven = hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
             let light = model.light([p, q]) + model.k[LIGHT] * uneven;
@@ -185,7 +185,7 @@ impl Term<ABOUT> for Field {
             }
         }
         slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
-        let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
+        let tukey = biweight_roots(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| batch.root[i] * tukey[i]);
         out
     }

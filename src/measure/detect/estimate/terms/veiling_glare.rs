@@ -8,15 +8,15 @@
 
 use nalgebra::{Cholesky, DVector};
 
-use super::glare_spline::{Glare, place, seen, spline};
-use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
-use crate::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, Parameters, Pattern, X, Y};
+use super::glare_spline::{GlareSpline, outline_position, estimate_glare, spline_weights};
+use super::knot_field::{self, KnotCell, CentreEstimate, KnotProblem, JacobianRows, KnotLinearisation, KnotTerm};
+use crate::detect::appearance::formula::{MarkerModel, GreyDerivatives, Tone};
+use crate::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, MarkerParameters, MarkerPattern, X, Y};
 use crate::detect::estimate::bounds::{has_shape, is_sharp};
 use crate::detect::estimate::options::{ITERATION, TERM};
-use crate::detect::estimate::{gauss_newton::Fit, prior::Unknowns, sandwich::Blocks};
-use crate::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
-use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::estimate::{gauss_newton::MarkerFit, prior::FitUnknowns, sandwich::ResidualBlocks};
+use crate::detect::estimate::{normal_equations::biweight_roots, scale::robust_sigma};
+use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
@@ -24,47 +24,47 @@ use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{LANES, each};
 
 /// Knots about a pixel: a cubic spline's.
-const ABOUT: usize = 4;
+const PIXEL_KNOTS: usize = 4;
 
 /// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
-struct State<'a> {
+struct GlareState<'a> {
     origin: [f64; 2],
     ellipse: &'a Ellipse,
-    m: Parameters,
-    glare: Glare,
+    m: MarkerParameters,
+    glare: GlareSpline,
 }
 
 /// What is known of the glare's knots beforehand.
-struct Known(Vec<Estimate>);
+struct KnotPriors(Vec<PriorValue>);
 
-impl Known {
-    fn new(glare: &Glare) -> Self {
+impl KnotPriors {
+    fn new(glare: &GlareSpline) -> Self {
         let knots = &glare.knots;
         let known = |k: usize| {
             let about = &knots[k.saturating_sub(1)..(k + 2).min(knots.len())];
             let most = about.iter().fold(0.0, |a: f64, &b| a.max(b));
-            Estimate { value: knots[k], sigma: TERM.glare_floor + TERM.glare_share * most }
+            PriorValue { value: knots[k], sigma: TERM.glare_floor + TERM.glare_share * most }
         };
         Self((0..knots.len()).map(known).collect())
     }
 
     /// Adds that, and what is known of the parameters, to the normal equations.
-    fn add(&self, step: &mut Step, state: &State, list: &[usize], unknowns: &Unknowns, scale: f64) {
+    fn add_to(&self, step: &mut KnotLinearisation, state: &GlareState, list: &[usize], unknowns: &FitUnknowns, scale: f64) {
         let n = list.len();
-        list.iter().enumerate().for_each(|(i, &k)| step.hold(i, state.m[k], unknowns.prior[k], scale));
-        step.hold(n, state.glare.slant, Estimate { value: state.glare.slant, sigma: 1.0 }, scale);
+        list.iter().enumerate().for_each(|(i, &k)| step.add_prior(i, state.m[k], unknowns.prior[k], scale));
+        step.add_prior(n, state.glare.slant, PriorValue { value: state.glare.slant, sigma: 1.0 }, scale);
         for (k, known) in self.0.iter().enumerate() {
-            step.hold(n + 1 + k, state.glare.knots[k], *known, scale);
+            step.add_prior(n + 1 + k, state.glare.knots[k], *known, scale);
         }
     }
 }
 
-impl State<'_> {
+impl GlareState<'_> {
     /// Goes a step, at most a pixel and a half of the centre; how far that moves.
-    fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
+    fn apply_step(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let of = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let moved = of(X).hypot(of(Y));
-        let most = (ITERATION.glare_px / moved.max(TINY)).min(1.0);
+        let most = (ITERATION.max_glare_step_px / moved.max(TINY)).min(1.0);
         let n = list.len();
         list.iter().enumerate().for_each(|(i, &k)| self.m[k] += most * change[i]);
         self.glare.slant += most * change[n];
@@ -77,38 +77,38 @@ impl State<'_> {
 pub fn fit_with_glare(
     pixels: &Pixels,
     ellipse: &Ellipse,
-    fit: &Fit,
-    unknowns: &Unknowns,
+    fit: &MarkerFit,
+    unknowns: &FitUnknowns,
     floor: f64,
-) -> Option<Fit> {
+) -> Option<MarkerFit> {
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
     let (m, origin) = (fit.parameters, pixels.origin);
-    let mut state = State { origin, ellipse, m, glare: seen(pixels, ellipse, &m) };
-    let known = Known::new(&state.glare);
-    let mut scale = ITERATION.lit * floor.max(fit.rms);
-    for _ in 0..ITERATION.glare_most {
-        let cells = cells(pixels, ellipse, &state.glare);
-        let over = Over { cells: &cells, term: &state, list: &list, scale };
-        let mut step = knot_field::linearise(over);
-        known.add(&mut step, &state, &list, unknowns, scale);
+    let mut state = GlareState { origin, ellipse, m, glare: estimate_glare(pixels, ellipse, &m) };
+    let known = KnotPriors::new(&state.glare);
+    let mut scale = ITERATION.scale_with_glare * floor.max(fit.rms);
+    for _ in 0..ITERATION.max_glare_steps {
+        let cells = group_pixels(pixels, ellipse, &state.glare);
+        let over = KnotProblem { cells: &cells, term: &state, list: &list, scale };
+        let mut step = knot_field::linearise_term(over);
+        known.add_to(&mut step, &state, &list, unknowns, scale);
         let factor = Cholesky::new(step.normal.clone())?;
-        let moved = state.go(&factor.solve(&step.right), &list);
-        if !(is_sharp(&state.m) && has_shape(Pattern::Disc, &state.m)) {
+        let moved = state.apply_step(&factor.solve(&step.right), &list);
+        if !(is_sharp(&state.m) && has_shape(MarkerPattern::Disc, &state.m)) {
             return None;
         }
         let variance = step.variance(list.len());
-        let centre = Centre::of(&factor, &list, variance)?;
+        let centre = CentreEstimate::from_factor(&factor, &list, variance)?;
         let new = floor.max(robust_sigma(&mut step.sizes));
-        let still = ITERATION.glare_still * centre.white.trace().max(0.0).sqrt();
-        if moved > still || new < ITERATION.falls * scale {
-            scale = new.max(ITERATION.fall_last * scale);
+        let still = ITERATION.glare_tolerance * centre.white.trace().max(0.0).sqrt();
+        if moved > still || new < ITERATION.scale_ratio_converged * scale {
+            scale = new.max(ITERATION.min_final_scale_ratio * scale);
             continue;
         }
-        let mut blocks = Blocks::new(pixels, &state.m);
-        let over = Over { cells: &cells, term: &state, list: &list, scale: new };
-        knot_field::add_up(over, &centre.influence, &mut blocks);
-        let weight = open_weight(pixels).max(TINY);
-        let mut out = centre.fit(&state.m, &step, list.len(), &blocks, weight)?;
+        let mut blocks = ResidualBlocks::new(pixels, &state.m);
+        let over = KnotProblem { cells: &cells, term: &state, list: &list, scale: new };
+        knot_field::add_centre_shifts(over, &centre.influence, &mut blocks);
+        let weight = unsaturated_weight(pixels).max(TINY);
+        let mut out = centre.to_marker_fit(&state.m, &step, list.len(), &blocks, weight)?;
         let major = list.iter().position(|&k| k == MAJOR);
         out.covariance[(MAJOR, MAJOR)] = major.map_or(0.0, |at| {
             factor.solve(&DVector::from_fn(step.right.len(), |i, _| f64::from(i == at)))[at] * variance
@@ -119,7 +119,7 @@ pub fn fit_with_glare(
 }
 
 /// Sum of the weights of what is not saturated.
-fn open_weight(pixels: &Pixels) -> f64 {
+fn unsaturated_weight(pixels: &Pixels) -> f64 {
     let own = |b: &Batch| {
         (0..b.len).filter(|&i| b.value[i] < TERM.saturated).map(|i| f64::from(b.root[i]).powi(2)).sum::<f64>()
     };
@@ -127,38 +127,38 @@ fn open_weight(pixels: &Pixels) -> f64 {
 }
 
 /// The pixels by the knots about them.
-fn cells(pixels: &Pixels, ellipse: &Ellipse, glare: &Glare) -> Vec<Cell<ABOUT>> {
+fn group_pixels(pixels: &Pixels, ellipse: &Ellipse, glare: &GlareSpline) -> Vec<KnotCell<PIXEL_KNOTS>> {
     let all = pixels.batches.iter().enumerate();
     let all = all.flat_map(|(k, batch)| (0..batch.len).map(move |i| [k, i]));
-    let mut out = knot_field::cells(pixels, all, glare.knots.len(), |batch, i| {
-        let (s, t) = place(batch, i, ellipse);
-        let first = glare.place(s, t) as usize;
+    let mut out = knot_field::group_by_knots(pixels, all, glare.knots.len(), |batch, i| {
+        let (s, t) = outline_position(batch, i, ellipse);
+        let first = glare.knot_position(s, t) as usize;
         Some((first, std::array::from_fn(|k| first + k)))
     });
     out.sort_by_key(|cell| cell.knots[0]);
     out
 }
 
-impl Term<ABOUT> for State<'_> {
+impl KnotTerm<PIXEL_KNOTS> for GlareState<'_> {
     /// The slant.
     const SHARED: usize = 1;
 
-    fn count(&self) -> usize {
+    fn knot_count(&self) -> usize {
         self.glare.knots.len()
     }
 
-    fn tells(value: f32) -> bool {
+    fn constrains_scale(value: f32) -> bool {
         value < TERM.saturated
     }
 
     /// The disc without glare.
     #[inline(always)]
-    fn model(&self) -> Model {
-        Model::new(Pattern::Disc, &self.m, self.origin)
+    fn model(&self) -> MarkerModel {
+        MarkerModel::new(MarkerPattern::Disc, &self.m, self.origin)
     }
 
     #[inline(always)]
-    fn rows(&self, model: &Model, cell: &Cell<ABOUT>, batch: &Batch, scale: f64) -> Rows<ABOUT> {
+    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<PIXEL_KNOTS>, batch: &Batch, scale: f64) -> JacobianRows<PIXEL_KNOTS> {
         let (glare, first) = (&self.glare, cell.knots[0]);
         let (s, t) = model.along_and_across(batch);
         let share = model.share(&s, &t);
@@ -167,11 +167,11 @@ impl Term<ABOUT> for State<'_> {
         let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / TERM.knot_px) as f32);
         let from = (glare.first / TERM.knot_px + first as f64) as f32;
-        let (mut out, mut slopes) = (Rows::new(), Slopes::default());
+        let (mut out, mut slopes) = (JacobianRows::new(), GreyDerivatives::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let across = q * minor;
-            let (shares, steps) = spline(((p * major - slant * across) * by_spacing - from).clamp(0.0, 1.0));
+            let (shares, steps) = spline_weights(((p * major - slant * across) * by_spacing - from).clamp(0.0, 1.0));
             let (mut over, mut rise) = (0.0, 0.0);
             for (height, (share, slope)) in heights.iter().zip(shares.iter().zip(steps)) {
                 over += height * share;
@@ -195,7 +195,7 @@ impl Term<ABOUT> for State<'_> {
             out.root[i] = if lighter { 0.0 } else { batch.root[i] };
         }
         slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
-        let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
+        let tukey = biweight_roots(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| out.root[i] * if batch.value[i] >= TERM.saturated { 1.0 } else { tukey[i] });
         out
     }
@@ -212,18 +212,18 @@ mod tests {
     #[test]
     fn derivatives_match_differences() {
         let ellipse = Ellipse { centre: Vector2::new(60.3, 20.2), major: 40.0, minor: 6.0, angle: 0.1 };
-        let m: Parameters = std::array::from_fn(|k| {
+        let m: MarkerParameters = std::array::from_fn(|k| {
             [60.3, 20.2, 0.1, 40.0, 6.0, 0.2, 0.9, 120.0, 4.0, 1.0, 0.0, 0.8, 0.0, 0.0, 0.45, 0.02]
                 .get(k)
                 .copied()
                 .unwrap_or(0.0)
         });
         let knots = [0.3, 0.9, 1.4, 0.7];
-        let state = |m: Parameters, slant: f64, knots: [f64; 4]| State {
+        let state = |m: MarkerParameters, slant: f64, knots: [f64; 4]| GlareState {
             origin: [60.0, 20.0],
             ellipse: &ellipse,
             m,
-            glare: Glare { first: -5.0, slant, knots: knots.to_vec() },
+            glare: GlareSpline { first: -5.0, slant, knots: knots.to_vec() },
         };
         let mut batch = Batch::new();
         for i in 0..LANES {
@@ -232,10 +232,10 @@ mod tests {
                 ellipse.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
-        let cell = Cell { knots: [0, 1, 2, 3], batches: Vec::new() };
-        let rows = |state: &State| state.rows(&state.model(), &cell, &batch, 1e3);
+        let cell = KnotCell { knots: [0, 1, 2, 3], batches: Vec::new() };
+        let rows = |state: &GlareState| state.jacobian_rows(&state.model(), &cell, &batch, 1e3);
         let own = rows(&state(m, 0.2, knots));
-        let close = |name: &str, by: &Lanes, low: &Rows<ABOUT>, high: &Rows<ABOUT>, step: f64| {
+        let close = |name: &str, by: &Lanes, low: &JacobianRows<PIXEL_KNOTS>, high: &JacobianRows<PIXEL_KNOTS>, step: f64| {
             for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
                 let difference = f64::from(low - high) / (2.0 * step);
                 let off = (f64::from(*by) - difference).abs();

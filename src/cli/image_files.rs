@@ -1,0 +1,345 @@
+//! Image files of a camera's card: found in folders, dated by their metadata, and split into series at pauses.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use jiff::tz::Offset;
+use serde_json::{Map, Value};
+
+use super::{Failure, image_batch};
+use crate::camera::exif::{self, CaptureMetadata};
+use crate::camera::replay::format_of;
+use crate::installation::shown_path;
+use crate::pipeline::decode;
+use crate::store::sha256_hex;
+
+/// File name extensions of images, for messages.
+const IMAGE_EXTENSIONS: &str = ".jpg, .png, .pgm, .ppm or .tif";
+
+/// Options for dating images and splitting them into series.
+#[derive(clap::Args, Clone, Debug)]
+pub struct DatingOptions {
+    /// Time zone of the camera's clock for images without one, for example +02:00 [default: UTC]
+    #[arg(long, value_name = "ZONE", value_parser = parse_zone, allow_hyphen_values = true)]
+    zone: Option<Offset>,
+    /// Time of the first image that has none, for example 2026-03-01T07:00:00Z
+    #[arg(long, value_name = "TIME")]
+    start: Option<Timestamp>,
+    /// Interval between images without a time
+    #[arg(long, value_name = "DURATION", default_value = "1s", value_parser = parse_duration)]
+    every: Duration,
+    /// Pause that begins a new series
+    #[arg(long, value_name = "DURATION", default_value = "60s", value_parser = parse_duration)]
+    gap: Duration,
+}
+
+impl Default for DatingOptions {
+    fn default() -> Self {
+        Self { zone: None, start: None, every: Duration::from_secs(1), gap: DEFAULT_SERIES_GAP }
+    }
+}
+
+/// Pause that begins a new series: a camera takes the images of a series within seconds of each other.
+const DEFAULT_SERIES_GAP: Duration = Duration::from_secs(60);
+
+fn parse_zone(text: &str) -> Result<Offset, String> {
+    exif::parse_offset(text).ok_or_else(|| "give the offset from UTC, for example +02:00".to_owned())
+}
+
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let fault = || "give a duration above 0, for example 60s or 5m".to_owned();
+    let read: jiff::SignedDuration = text.parse().map_err(|_| fault())?;
+    Duration::try_from(read).ok().filter(|d| !d.is_zero()).ok_or_else(fault)
+}
+
+/// An image file with its time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DatedImage {
+    pub file: PathBuf,
+    pub digest: String,
+    /// Metadata of the file.
+    pub taken: CaptureMetadata,
+    /// Time of the shot, from the metadata or the options; `None` if unknown.
+    pub utc: Option<Timestamp>,
+}
+
+impl DatedImage {
+    /// Returns whether the time is from the image's own metadata.
+    pub fn has_own_time(&self) -> bool {
+        self.taken.local.is_some()
+    }
+
+    /// Resolution of the camera's clock, s.
+    pub fn clock_step_s(&self) -> f64 {
+        0.1f64.powi(self.taken.digits as i32)
+    }
+
+    /// Returns the file name given by the camera and the settings of the shot.
+    pub fn settings(&self) -> Map<String, Value> {
+        let mut all = Map::from_iter([("source".to_owned(), image_batch::image_name(&self.file).into())]);
+        all.extend(self.taken.local.map(|t| ("camera_time".to_owned(), t.to_string().into())));
+        all.extend(self.taken.settings.iter().map(|(k, v)| ((*k).to_owned(), v.clone().into())));
+        all
+    }
+}
+
+/// Replaces each folder among the arguments by the images in it and below, ordered by name.
+///
+/// # Errors
+/// Returns an error if a folder cannot be read or has no images.
+pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut all = Vec::new();
+    for argument in arguments {
+        if !argument.is_dir() {
+            all.push(argument.clone());
+            continue;
+        }
+        let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
+            list_files(argument)?.into_iter().partition(|f| format_of(f).is_some());
+        if let Some(what) = unsupported_images_note(&pictures, &others) {
+            eprintln!("wingd: {}: {what}", shown_path(argument));
+        }
+        if pictures.is_empty() {
+            let what =
+                format!("{}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does", shown_path(argument));
+            return Err(Failure::Failed(what));
+        }
+        all.extend(pictures);
+    }
+    Ok(all)
+}
+
+/// Extensions of image formats that are not supported.
+const UNSUPPORTED_EXTENSIONS: [&str; 16] = [
+    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef", "srw",
+    "bmp", "jxl",
+];
+
+/// Describes images of unsupported formats in a folder, except those next to a supported one, such as a raw file
+/// next to its JPEG.
+fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<String> {
+    let ending = |file: &Path| file.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let readable: BTreeSet<PathBuf> = pictures.iter().map(|picture| picture.with_extension("")).collect();
+    let alone = |file: &&PathBuf| {
+        ending(file).is_some_and(|e| UNSUPPORTED_EXTENSIONS.contains(&e.as_str()))
+            && !readable.contains(&file.with_extension(""))
+    };
+    let alone: Vec<&PathBuf> = others.iter().filter(alone).collect();
+    let first = image_batch::image_name(alone.first()?);
+    let count = alone.len();
+    Some(format!(
+        "{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"
+    ))
+}
+
+/// Returns whether a folder contains an image, at any depth.
+pub fn contains_images(folder: &Path) -> bool {
+    list_files(folder).is_ok_and(|all| all.iter().any(|file| format_of(file).is_some()))
+}
+
+/// Lists the files in a folder and below, ordered by name, without hidden files and links to folders.
+fn list_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let unreadable = |e: std::io::Error| {
+        Failure::Failed(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
+    };
+    let mut entries = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let hidden = entry.file_name().to_string_lossy().starts_with('.');
+        if !hidden {
+            entries.push((natural_sort_key(&image_batch::image_name(&entry.path())), entry));
+        }
+    }
+    entries.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut all = Vec::new();
+    for (_, entry) in entries {
+        match entry.file_type().map_err(unreadable)? {
+            kind if kind.is_dir() => all.extend(list_files(&entry.path())?),
+            _ if entry.path().is_file() => all.push(entry.path()),
+            _ => {}
+        }
+    }
+    Ok(all)
+}
+
+/// Returns a sort key that puts `IMG_9` before `IMG_10`: runs of digits compare by value.
+fn natural_sort_key(name: &str) -> Vec<(u64, String)> {
+    let mut parts: Vec<(u64, String)> = vec![(0, String::new())];
+    let mut digits = String::new();
+    for c in name.chars().chain(['\0']) {
+        if c.is_ascii_digit() {
+            digits.push(c);
+            continue;
+        }
+        if !digits.is_empty() {
+            parts.push((digits.parse().unwrap_or(u64::MAX), String::new()));
+            digits.clear();
+        }
+        if let Some((_, text)) = parts.last_mut() {
+            text.push(c);
+        }
+    }
+    parts
+}
+
+/// Images read from a command line.
+#[derive(Debug, Default)]
+pub struct ImageCollection {
+    /// Images by series, in the order taken.
+    pub series: Vec<Vec<DatedImage>>,
+    /// Duplicate images, each with the file it repeats.
+    pub duplicates: Vec<(PathBuf, PathBuf)>,
+    /// Files that are not images or cannot be read, with the reason.
+    pub refused: Vec<(PathBuf, String)>,
+    /// Remarks on the times, each with the options of `wingd import` that help.
+    pub remarks: Vec<(String, &'static str)>,
+}
+
+/// Reads and dates the images of a command line and splits them into series.
+///
+/// # Errors
+/// Returns an error if there is nothing to read.
+pub fn read_collection(arguments: &[PathBuf], dating: &DatingOptions, jobs: usize) -> Result<ImageCollection, Failure> {
+    let files = expand_folders(arguments)?;
+    let mut card = ImageCollection::default();
+    let mut pictures: Vec<DatedImage> = Vec::new();
+    let read = |file: &PathBuf| (file.clone(), read_image(file));
+    image_batch::run_jobs(&files, jobs, "reading", read, |(file, read)| {
+        match read {
+            Err(why) => card.refused.push((file, why)),
+            Ok(one) => match pictures.iter().find(|known| known.digest == one.digest) {
+                Some(known) => card.duplicates.push((file, known.file.clone())),
+                None => pictures.push(one),
+            },
+        }
+        Ok(())
+    })?;
+    card.remarks = date_images(&mut pictures, dating);
+    card.series = split_into_series(pictures, dating.gap);
+    Ok(card)
+}
+
+fn read_image(file: &Path) -> Result<DatedImage, String> {
+    if format_of(file).is_none() {
+        return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
+    }
+    let bytes = std::fs::read(file).map_err(|e| format!("cannot be read ({e}); check the card"))?;
+    if bytes.is_empty() {
+        return Err("is empty; copy it from the camera again".to_owned());
+    }
+    if let Some(why) = decode::unread(&bytes) {
+        return Err(why.to_string());
+    }
+    Ok(DatedImage { file: file.to_owned(), digest: sha256_hex(&bytes), taken: exif::read_metadata(&bytes), utc: None })
+}
+
+/// Dates the images and returns remarks on their times.
+fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<(String, &'static str)> {
+    let mut undated: u32 = 0;
+    let mut zoneless = 0;
+    for picture in pictures.iter_mut() {
+        let Some(local) = picture.taken.local else {
+            let since = dating.every.checked_mul(undated);
+            picture.utc = dating.start.zip(since).and_then(|(start, since)| start.checked_add(since).ok());
+            undated += 1;
+            continue;
+        };
+        zoneless += usize::from(picture.taken.offset.is_none());
+        let zone = picture.taken.offset.or(dating.zone).unwrap_or(Offset::UTC);
+        picture.utc = zone.to_timestamp(local).ok();
+    }
+    let mut remarks = Vec::new();
+    if zoneless > 0 && dating.zone.is_none() {
+        let what = format!("{zoneless} images have no time zone: assumed UTC");
+        remarks.push((what, "if the camera was set to another zone, give --zone"));
+    }
+    let undated_are = |how: &str| format!("{undated} images have no time: {how}");
+    match dating.start {
+        _ if undated == 0 => {}
+        None => {
+            let how = undated_are("kept in the order of the files");
+            remarks.push((how, "give --start and --every if you know them"));
+        }
+        Some(start) => {
+            let how = format!("dated in the order of the files, from {start} every {:?}", dating.every);
+            remarks.push((undated_are(&how), "as given by --start and --every"));
+        }
+    }
+    remarks
+}
+
+/// Sorts images by time and splits them at pauses; images without a time form the last series, in the order given.
+fn split_into_series(mut pictures: Vec<DatedImage>, gap: Duration) -> Vec<Vec<DatedImage>> {
+    // The sort is stable: images of the same second stay in the order of the files.
+    pictures.sort_by_key(|p| (p.utc.is_none(), p.utc));
+    let mut series: Vec<Vec<DatedImage>> = Vec::new();
+    for picture in pictures {
+        let last = series.last().and_then(|s| s.last());
+        let goes_on = last.is_some_and(|last| match (last.utc, picture.utc) {
+            (Some(a), Some(b)) => {
+                b.duration_since(a) <= jiff::SignedDuration::try_from(gap).unwrap_or_default()
+            }
+            (None, None) => true,
+            _ => false,
+        });
+        match series.last_mut() {
+            Some(open) if goes_on => open.push(picture),
+            _ => series.push(vec![picture]),
+        }
+    }
+    series
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn at(utc: Option<&str>, digest: &str) -> DatedImage {
+        let utc = utc.map(|t| t.parse().unwrap());
+        DatedImage { file: PathBuf::from(digest), digest: digest.into(), taken: CaptureMetadata::default(), utc }
+    }
+
+    #[test]
+    fn pauses_split_series_and_images_without_time_come_last_as_given() {
+        let pictures = vec![
+            at(None, "z"),
+            at(Some("2026-03-01T07:10:00Z"), "c"),
+            at(Some("2026-03-01T07:00:00.5Z"), "b"),
+            at(Some("2026-03-01T07:00:00.25Z"), "a"),
+            at(None, "y"),
+        ];
+        let series = split_into_series(pictures, Duration::from_secs(60));
+        let names: Vec<Vec<&str>> =
+            series.iter().map(|s| s.iter().map(|p| p.digest.as_str()).collect()).collect();
+        assert_eq!(names, [vec!["a", "b"], vec!["c"], vec!["z", "y"]]);
+    }
+
+    #[test]
+    fn unsupported_images_are_named_unless_they_are_next_to_their_jpeg() {
+        let files = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let of = |others: &[&str]| unsupported_images_note(&files(&["a/1.jpg", "a/2.JPG"]), &files(others));
+        assert_eq!(of(&["a/1.dng", "a/2.NEF", "a/notes.txt"]), None);
+        let remarks = of(&["a/1.dng", "a/3.HEIC", "b/1.dng"]).unwrap();
+        assert!(remarks.starts_with("2 images") && remarks.contains("first 3.HEIC"), "{remarks}");
+    }
+
+    #[test]
+    fn names_are_ordered_by_their_numbers() {
+        let mut names = ["IMG_10.JPG", "IMG_9.JPG", "IMG_009b.JPG", "A.JPG", "99999999999999999999999.JPG"];
+        names.sort_by_key(|n| natural_sort_key(n));
+        assert_eq!(
+            names,
+            ["99999999999999999999999.JPG", "A.JPG", "IMG_9.JPG", "IMG_009b.JPG", "IMG_10.JPG"]
+        );
+    }
+
+    #[test]
+    fn zones_and_durations_are_read_or_refused() {
+        assert_eq!(parse_zone("+02:00").unwrap().seconds(), 7200);
+        assert!(parse_zone("Berlin").is_err() && parse_duration("0s").is_err() && parse_duration("-5s").is_err());
+        assert_eq!(parse_duration("5m"), Ok(Duration::from_secs(300)));
+    }
+}

@@ -1,0 +1,280 @@
+//! Import of image series into a store, each image once.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+use serde_json::Value;
+
+use crate::camera::file_extension;
+use crate::camera::replay::format_of;
+use crate::cli::image_files::DatedImage;
+use crate::cli::{Failure, image_batch};
+use crate::clock::Stamp;
+use crate::clock::exposure::Exposure;
+use crate::installation::shown_path;
+use crate::store::manifest::{SeriesCause, SeriesManifest, Shot, SeriesState};
+use crate::store::{FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex};
+
+/// Outcome of a series of images.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ImportedSeries {
+    pub flight: String,
+    /// Name of the series in the store; `None` if the store had all its images.
+    pub series: Option<String>,
+    /// Number of images copied.
+    pub taken: usize,
+    /// Number of images that the store had before.
+    pub already: usize,
+}
+
+/// A flight of the store, with the time span of its imported images.
+struct ExistingFlight {
+    id: String,
+    span: Option<(Timestamp, Timestamp)>,
+}
+
+/// Importer of images into a store.
+pub(super) struct Importer<'a> {
+    store: &'a Store,
+    /// Flight requested by the user.
+    requested: Option<String>,
+    clock_sigma_s: Option<f64>,
+    /// Flight of each image in the store, by digest.
+    flight_of_digest: BTreeMap<String, String>,
+    flights: Vec<ExistingFlight>,
+    pause: Duration,
+    bar: indicatif::ProgressBar,
+}
+
+impl<'a> Importer<'a> {
+    /// Reads the store's flights. `wanted` is one of them, or the user's name for a new one.
+    pub fn new(
+        store: &'a Store,
+        wanted: Option<String>,
+        clock_sigma_s: Option<f64>,
+        pictures: usize,
+    ) -> Result<Self, Failure> {
+        let mut import = Self {
+            store,
+            requested: None,
+            clock_sigma_s,
+            flight_of_digest: BTreeMap::new(),
+            flights: Vec::new(),
+            pause: StoreConfig::new("").new_flight_after,
+            bar: image_batch::progress_bar(pictures, "copying"),
+        };
+        for flight in catalogue::list_flights(store.disk(), store.root())? {
+            import.index_flight(&flight, wanted.as_deref())?;
+        }
+        if let Some(name) = wanted.filter(|_| import.requested.is_none()) {
+            if layout::flight_number(&name).is_some() {
+                let known: Vec<&str> = import.flights.iter().map(|f| f.id.as_str()).collect();
+                let what = format!("there is no flight {name}; available: {}", known.join(", "));
+                return Err(Failure::Failed(format!("{}: {what}", store.root().display())));
+            }
+            import.requested = Some(name);
+        }
+        Ok(import)
+    }
+
+    fn index_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> Result<(), Failure> {
+        let disk = self.store.disk();
+        let mut span = None;
+        for series in catalogue::list_series(disk, flight)? {
+            let manifest = catalogue::read_series_manifest(disk, &series)?;
+            let digests = manifest.frames().map(|frame| (frame.sha256.clone(), flight.id.clone()));
+            self.flight_of_digest.extend(digests);
+            span = merge_spans(span, imported_span(&manifest));
+        }
+        let name = catalogue::read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
+        if wanted.is_some_and(|wanted| wanted == flight.id || Some(wanted) == name.as_deref()) {
+            self.requested = Some(flight.id.clone());
+        }
+        self.flights.push(ExistingFlight { id: flight.id.clone(), span });
+        Ok(())
+    }
+
+    /// Imports all series; `done` is called after each.
+    pub fn import_all(
+        mut self,
+        series: Vec<Vec<DatedImage>>,
+        mut done: impl FnMut(Vec<DatedImage>, ImportedSeries),
+    ) -> Result<(), Failure> {
+        for flight in group_into_flights(series, self.pause) {
+            let mut id = self.find_flight(&flight)?;
+            for pictures in flight {
+                let taken = self.import_series(&pictures, &mut id)?;
+                done(pictures, taken);
+            }
+        }
+        self.bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Returns the flight that images belong to: the one requested; one that has some of them; one whose imported
+    /// images are near in time. `None`: a new one.
+    fn find_flight(&self, series: &[Vec<DatedImage>]) -> Result<Option<String>, Failure> {
+        if let Some(wanted) = &self.requested {
+            return Ok(self.flights.iter().any(|f| f.id == *wanted).then(|| wanted.clone()));
+        }
+        let pictures = || series.iter().flatten();
+        if let Some(held) = pictures().find_map(|p| self.flight_of_digest.get(&p.digest)) {
+            return Ok(Some(held.clone()));
+        }
+        let span = pictures().filter_map(|p| p.utc).fold(None, |span, t| merge_spans(span, Some((t, t))));
+        let near = |known: &&ExistingFlight| known.span.zip(span).is_some_and(|(a, b)| gap_between(a, b) <= self.pause);
+        Ok(self.flights.iter().find(near).map(|known| known.id.clone()))
+    }
+
+    /// Imports a series; its flight begins with the first image that the store does not have.
+    fn import_series(&mut self, pictures: &[DatedImage], flight: &mut Option<String>) -> Result<ImportedSeries, Failure> {
+        let new: Vec<&DatedImage> = pictures.iter().filter(|p| !self.flight_of_digest.contains_key(&p.digest)).collect();
+        let already = pictures.len() - new.len();
+        self.bar.inc(already as u64);
+        let Some(first) = new.first() else {
+            let held = pictures.first().and_then(|p| self.flight_of_digest.get(&p.digest)).cloned();
+            return Ok(ImportedSeries { flight: held.unwrap_or_default(), series: None, taken: 0, already });
+        };
+        let began = ImportClock::starting_with(first);
+        let id = match flight {
+            Some(id) => id.clone(),
+            None => {
+                let now = began.image_stamp(first, 0);
+                let id =
+                    self.store.begin_flight(&now, "imported from images".into(), self.requested.clone())?;
+                self.flights.push(ExistingFlight { id: id.clone(), span: None });
+                self.requested = self.requested.take().map(|_| id.clone());
+                flight.insert(id).clone()
+            }
+        };
+        let plan = SeriesPlan { cause: SeriesCause::Imported, shots: u32::try_from(new.len()).unwrap_or(u32::MAX) };
+        let (mut open, _) = self.store.begin_series_in(&id, plan, &began.image_stamp(first, 0))?;
+        let name = open.id().to_owned();
+        let copied = self.copy_images(&mut open, &began, &new);
+        let last = open.shots().last().map_or_else(|| began.image_stamp(first, 0), |shot| shot.stamp.clone());
+        let (state, remark) = match &copied {
+            Ok(()) => (SeriesState::Complete, None),
+            Err(_) => {
+                (SeriesState::Interrupted, Some("the import was interrupted; import again to resume it".to_owned()))
+            }
+        };
+        self.store.close_series(open, state, &last, remark.into_iter().collect())?;
+        copied?;
+        self.flight_of_digest.extend(new.iter().map(|p| (p.digest.clone(), id.clone())));
+        Ok(ImportedSeries { flight: id, series: Some(name), taken: new.len(), already })
+    }
+
+    fn copy_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> Result<(), Failure> {
+        let settings = new.iter().flat_map(|p| &p.taken.settings);
+        let of_camera = settings.filter(|(name, _)| CAMERA_SETTINGS.contains(name));
+        open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;
+        if began.utc.is_none() {
+            open.add_remark("the images have no time: they are in the order of the files, and their times have no meaning")?;
+        }
+        for (k, picture) in new.iter().enumerate() {
+            let shown = shown_path(&picture.file);
+            let bytes = std::fs::read(&picture.file).map_err(|e| {
+                Failure::Failed(format!("{shown} cannot be read ({e}); import again to resume"))
+            })?;
+            if sha256_hex(&bytes) != picture.digest {
+                return Err(Failure::Failed(format!(
+                    "{shown} changed while being read; check the card and import again"
+                )));
+            }
+            let number = u32::try_from(k + 1).unwrap_or(u32::MAX);
+            let stamp = began.image_stamp(picture, k);
+            let exposure = (picture.has_own_time() && picture.utc.is_some())
+                .then(|| Exposure::from_camera_clock(&stamp, picture.clock_step_s(), self.clock_sigma_s));
+            let format = format_of(&picture.file);
+            let frame = NewFrame {
+                bytes: &bytes,
+                extension: format.as_ref().map_or("bin", file_extension),
+                format: serde_json::to_value(&format).unwrap_or(Value::Null),
+                settings: picture.settings(),
+            };
+            let shot =
+                Shot { shot: number, stamp, duration_s: None, exposure, frame: None, failures: Vec::new() };
+            open.add_shot(shot, Some(frame))?;
+            self.bar.inc(1);
+        }
+        Ok(())
+    }
+}
+
+/// Settings of an image that describe the camera.
+const CAMERA_SETTINGS: [&str; 3] = ["make", "model", "serial_number"];
+
+/// Time base of an imported series: separate for each, because the camera's clock is not tied to a computer's.
+struct ImportClock {
+    boot_id: String,
+    utc: Option<Timestamp>,
+}
+
+impl ImportClock {
+    fn starting_with(first: &DatedImage) -> Self {
+        let short: String = first.digest.chars().take(16).collect();
+        Self { boot_id: format!("import-{short}"), utc: first.utc }
+    }
+
+    /// Returns the stamp of an image by its index in the series; without times, images are 1 s apart in 1970.
+    fn image_stamp(&self, picture: &DatedImage, place: usize) -> Stamp {
+        let since = match (self.utc, picture.utc) {
+            (Some(first), Some(own)) => own.duration_since(first).as_secs_f64(),
+            _ => place as f64,
+        };
+        let undated = || {
+            let since = i64::try_from(place).unwrap_or(i64::MAX);
+            Timestamp::from_second(since).unwrap_or_default()
+        };
+        Stamp {
+            utc: picture.utc.unwrap_or_else(undated),
+            utc_synchronised: false,
+            boot_id: self.boot_id.clone(),
+            since_boot_s: since.max(0.0),
+        }
+    }
+}
+
+type TimeSpan = (Timestamp, Timestamp);
+
+/// Returns the span that covers both.
+fn merge_spans(a: Option<TimeSpan>, b: Option<TimeSpan>) -> Option<TimeSpan> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+        (one, other) => one.or(other),
+    }
+}
+
+/// Returns the time between the end of one span and the beginning of the other; zero if they overlap.
+fn gap_between(a: TimeSpan, b: TimeSpan) -> Duration {
+    let gap = b.0.duration_since(a.1).max(a.0.duration_since(b.1));
+    Duration::try_from(gap.max(SignedDuration::ZERO)).unwrap_or_default()
+}
+
+/// Returns the time span of a series that was imported with times.
+fn imported_span(manifest: &SeriesManifest) -> Option<TimeSpan> {
+    let dated = |shot: &&Shot| manifest.cause == SeriesCause::Imported && shot.exposure.is_some();
+    let times = manifest.shots.iter().filter(dated).map(|shot| shot.stamp.utc);
+    times.fold(None, |span, t| merge_spans(span, Some((t, t))))
+}
+
+/// Groups series into flights at pauses longer than `pause`; series without a time form one flight.
+fn group_into_flights(series: Vec<Vec<DatedImage>>, pause: Duration) -> Vec<Vec<Vec<DatedImage>>> {
+    let end = |s: &[DatedImage]| s.last().and_then(|p| p.utc);
+    let begin = |s: &[DatedImage]| s.first().and_then(|p| p.utc);
+    let mut all: Vec<Vec<Vec<DatedImage>>> = Vec::new();
+    for one in series {
+        let last = all.last().and_then(|flight| flight.last());
+        let goes_on = last.is_some_and(|last| match (end(last), begin(&one)) {
+            (Some(a), Some(b)) => gap_between((a, a), (b, b)) <= pause,
+            (None, None) => true,
+            _ => false,
+        });
+        match all.last_mut() {
+            Some(open) if goes_on => open.push(one),
+            _ => all.push(vec![one]),
+        }
+    }
+    all
+}

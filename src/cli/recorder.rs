@@ -1,0 +1,208 @@
+//! Construction of the daemon's parts from a configuration, for `wingd run` and `wingd demo`.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::{Failure, stop_signal};
+use crate::clock::Clock;
+use crate::config::{Config, SolveConfig};
+use crate::daemon::{self, Observer, Parts, Solver, Status, StatusBoard, Track};
+use crate::http::section::ServeConfig;
+use crate::installation::{self, Fault, Installation};
+use crate::measure::adjust::Method;
+use crate::measure::setup::Orientation;
+use crate::pipeline::live::Tracker;
+use crate::store::{Inputs, RealDisk, Recovery, Store};
+use crate::{http, pipeline};
+
+/// An opened store and the result of its recovery.
+pub struct OpenedStore {
+    pub store: Arc<Store>,
+    pub recovery: Recovery,
+}
+
+/// Opens the store; creates it if there is none.
+pub fn open_store(config: &Config) -> Result<OpenedStore, Failure> {
+    let begin = Instant::now();
+    let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
+        .map_err(|error| Failure::Failed(error.to_string()))?;
+    let took_ms = begin.elapsed().as_millis() as u64;
+    if let Some(signer) = store.signer() {
+        tracing::info!(key = %signer.path().display(), public = signer.public_key_hex(), "flights are signed");
+    }
+    tracing::info!(
+        recovered = recovery.series.len(),
+        set_aside = recovery.set_aside.len(),
+        took_ms,
+        "store is open"
+    );
+    Ok(OpenedStore { store: Arc::new(store), recovery })
+}
+
+/// Keeps a copy of the installation in the store. An error is logged and does not prevent recording.
+pub fn keep_installation(store: &Store, directory: &Path) {
+    let files = installation::load(directory).and_then(|i| i.files().map_err(|fault| vec![fault]));
+    match files.map(|files| store.keep_installation(&files)) {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => tracing::error!(%error, "the installation is not kept in the store"),
+        Err(faults) => {
+            for fault in faults {
+                tracing::error!(%fault, "the installation is not kept in the store");
+            }
+        }
+    }
+}
+
+/// Creates the on-board solver of an installation with an orientation.
+pub fn build_solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
+    let installation = installation::load(directory)?;
+    for doubt in installation::doubts(&installation) {
+        tracing::warn!(%doubt, "warning of the installation");
+    }
+    let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
+    let job = config.to_job();
+    let inputs = Inputs::new(pipeline::inputs(&installation, &job));
+    let installation = Arc::new(installation);
+    let track = build_tracker(installation.clone(), orientation.clone(), job.clone());
+    let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
+        pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
+    };
+    Ok(Solver { inputs, solve: Arc::new(solve), deadline: config.deadline, track: Some(track) })
+}
+
+/// Creates the tracker of live mode, which always uses the spatial method.
+fn build_tracker(installation: Arc<Installation>, orientation: Orientation, job: pipeline::Job) -> Track {
+    let job = pipeline::Job { method: Method::Spatial, ..job };
+    Arc::new(move || {
+        let begun = Tracker::begin(installation.clone(), orientation.clone(), job.clone());
+        let mut tracker = begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
+        let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
+            tracker.frame(name, bytes, Some(format), at_s)
+        };
+        Ok(Box::new(track))
+    })
+}
+
+/// Runs the daemon until the end of its timetable or a signal to stop.
+pub fn run_recorder(
+    config: &Config,
+    clock: Arc<dyn Clock>,
+    origin: Duration,
+    opened: OpenedStore,
+    solver: Option<Solver>,
+    observer: Observer,
+) -> Result<Status, Failure> {
+    let OpenedStore { store, recovery } = opened;
+    let board = StatusBoard::new(clock.clone());
+    let page = config.serve.as_ref().and_then(|serve| RecorderPage::open(serve, config, &board));
+    let parts = Parts {
+        series: config.series.clone(),
+        power: config.power.clone(),
+        live: config.live.clone(),
+        status: Some(config.status.clone()),
+        store,
+        recovery,
+        cameras: config.camera.factory(clock.clone(), origin),
+        clock,
+        solver,
+        observer,
+    };
+    let ended = daemon::run(parts, &board).map_err(|e| Failure::Failed(e.to_string()));
+    drop(page);
+    ended
+}
+
+/// Web page of a running recorder, served on its own thread.
+struct RecorderPage {
+    stop: Option<tokio::sync::oneshot::Sender<()>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+/// Error of the web page; only logged and reported in the status.
+#[derive(Debug, thiserror::Error)]
+enum PageError {
+    #[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
+    Faults(Vec<Fault>),
+    #[error("{0}: {1}")]
+    Bound(std::net::SocketAddr, std::io::Error),
+    #[error(transparent)]
+    Machine(#[from] std::io::Error),
+}
+
+/// Time allowed for open downloads when the page ends.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
+
+impl RecorderPage {
+    /// Starts the page. An error does not prevent recording: it is logged and reported in the status.
+    fn open(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
+        Self::start(serve, config, board)
+            .map_err(|why| {
+                tracing::error!(%why, "the web page could not be started");
+                board.fault(&format!("no web page: {why}"));
+            })
+            .ok()
+    }
+
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Result<Self, PageError> {
+        let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
+        let (address, access) = serve.open(place).map_err(PageError::Faults)?;
+        let listener = std::net::TcpListener::bind(address).map_err(|e| PageError::Bound(address, e))?;
+        listener.set_nonblocking(true)?;
+        let setup = config.installation.as_deref().map(installation::load_without_orientation);
+        let site = http::Site {
+            root: config.store.path.clone(),
+            setup: setup.and_then(Result::ok).map(|installation| installation.setup),
+            status: Some(board.clone()),
+            live: config.live.socket.clone(),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime?;
+        let (stop, stopped) = tokio::sync::oneshot::channel();
+        let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
+            let served = runtime.block_on(async {
+                let listener = tokio::net::TcpListener::from_std(listener)?;
+                // The page ends with the recorder, or at the signal that stops it.
+                let end = async {
+                    tokio::select! { _ = stopped => {}, () = stop_signal() => {} }
+                };
+                http::serve(site, access, listener, end).await
+            });
+            if let Err(error) = served {
+                tracing::error!(%error, "the web page failed");
+            }
+            runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+        });
+        tracing::info!(address = serve.listen, "web page");
+        Ok(Self { stop: Some(stop), thread: Some(thread?) })
+    }
+}
+
+impl Drop for RecorderPage {
+    fn drop(&mut self) {
+        let _ = self.stop.take().map(|stop| stop.send(()));
+        let _ = self.thread.take().map(std::thread::JoinHandle::join);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Format;
+    use crate::record::Status;
+
+    #[test]
+    fn a_frame_at_which_the_decoder_breaks_has_a_record_on_board() {
+        let directory = tempfile::tempdir().unwrap();
+        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        for name in ["installation.toml", "camera.toml", "survey.csv"] {
+            std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
+        }
+        let any = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
+        std::fs::write(directory.path().join("orientation.toml"), any).unwrap();
+        let solver = build_solver(directory.path(), &SolveConfig::default()).unwrap();
+        let record = (solver.solve)("0001.jpg", crate::pipeline::decode::BREAKS, &Format::Jpeg);
+        assert_eq!(record.status, Status::Failed);
+        assert!(record.reason.unwrap().contains("decoder broke off"));
+    }
+}

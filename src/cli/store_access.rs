@@ -1,0 +1,77 @@
+//! Access to local stores, shared by several commands.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::Failure;
+use crate::store::{
+    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreError, catalogue,
+    installations, layout,
+};
+
+/// Selects the flights of a store: the one requested, or all.
+pub(super) fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, Failure> {
+    catalogue::check_format(&RealDisk, root)?;
+    let all = catalogue::list_flights(&RealDisk, root)?;
+    let Some(wanted) = wanted else { return Ok(all) };
+    let known: Vec<&str> = all.iter().map(|flight| flight.id.as_str()).collect();
+    let known = known.join(", ");
+    let is_wanted = |flight: &&FlightRef| catalogue::is_called(&RealDisk, flight, wanted);
+    let found: Vec<FlightRef> = all.iter().filter(is_wanted).cloned().collect();
+    if found.is_empty() {
+        let root = root.display();
+        return Err(Failure::Failed(format!("{root}: there is no flight {wanted}; available: {known}")));
+    }
+    Ok(found)
+}
+
+/// Lists a flight's frames in order: those of the series requested, or all.
+pub(super) fn flight_frames(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    wanted: Option<&str>,
+) -> Result<Vec<FrameRef>, StoreError> {
+    let mut frames = Vec::new();
+    let is_wanted = |id: &str| wanted.is_none_or(|wanted| wanted == id);
+    for series in catalogue::list_series(disk, flight)?.into_iter().filter(|series| is_wanted(&series.id)) {
+        frames.extend(store::series_frames(&series, catalogue::read_series_manifest(disk, &series)?));
+    }
+    Ok(frames)
+}
+
+/// Opens a store for writing, without disk reserve, because nothing is being recorded.
+pub(super) fn open_store(root: &Path) -> Result<(Store, Recovery), StoreError> {
+    Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) })
+}
+
+/// Returns the kept installation that a flight's last results came from.
+pub(super) fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, StoreError> {
+    let last = installations::flight_installations(&RealDisk, flight)?.pop();
+    Ok(last.map(|digest| installations::installation_folder(root, &digest)))
+}
+
+/// Returns the installation for solving a flight if none is given: the kept one that its last results came from, or
+/// the only
+/// one kept.
+pub(super) fn flight_installation(root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
+    let of_results = kept_installation(root, flight)?;
+    of_results.map_or_else(|| only_kept_installation(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {
+        let (root, flight) = (root.display(), &flight.id);
+        Failure::Failed(format!("{root}: the store has no installation for {flight}; name one with --installation"))
+    })
+}
+
+/// Returns a frame's name within its flight, as used in results and marks.
+pub(super) fn frame_name(frame: &FrameRef) -> String {
+    format!("{}/{}", frame.series.id, frame.entry.file)
+}
+
+/// Returns the installation of a store that keeps exactly one: an imported flight has no results to name it.
+fn only_kept_installation(root: &Path) -> Result<Option<PathBuf>, StoreError> {
+    let disk: &dyn Disk = &RealDisk;
+    let all = disk.list_entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
+    match all.as_slice() {
+        [one] if one.is_dir => Ok(Some(installations::installation_folder(root, &one.name))),
+        _ => Ok(None),
+    }
+}

@@ -1,0 +1,119 @@
+//! Deleting flights that are provably elsewhere: the only place where recorded data is removed.
+//!
+//! A flight goes by one rename to `pruned/`, after a line in `pruned.jsonl` that says what it was; only
+//! then its files are removed. Whatever breaks it off, the flight is whole at its place or gone from it.
+
+use std::path::Path;
+
+use super::verify;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::manifest::PrunedFlight;
+use crate::store::format::{jsonl, layout, sha256_hex, sums};
+use crate::store::read::catalogue::{self, FlightRef};
+use crate::store::read::installations;
+use crate::store::write::store::Store;
+
+/// What a flight's copy is worth.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CopyProof {
+    /// Every byte of the flight is in the copy.
+    Verified {
+        /// SHA-256 of the flight's `SHA256SUMS`.
+        sums_sha256: String,
+        /// Of the flight.
+        bytes: u64,
+    },
+    /// It stays; one sentence says why.
+    Unverified(String),
+}
+
+/// Whether every byte of a flight is in a copy, read back from there.
+pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
+    let stays = |why: &str| Ok(CopyProof::Unverified(why.to_owned()));
+    let Some(id) = catalogue::store_id(disk, root) else {
+        return stays("the store has no evidence; `wingd verify --upgrade` gives it some");
+    };
+    if same_place(root, copy) {
+        return stays("the copy is the store itself");
+    }
+    if catalogue::store_id(disk, copy) != Some(id) {
+        return stays("the copy is none of this store");
+    }
+    let there = FlightRef { id: flight.id.clone(), folder: layout::flight_folder(copy, &flight.id) };
+    let sums_of = |flight: &FlightRef| disk.read(&flight.folder.join(layout::SUMS_FILE)).unwrap_or_default();
+    let (here_sums, there_sums) = (sums_of(flight), sums_of(&there));
+    let (bytes, chain) = catalogue::read_chain(disk, &flight.folder)?;
+    let listed = sums::parse_sums(&here_sums).unwrap_or_default();
+    if sums::covered_chain_length(&listed, &bytes, &chain) != Some(bytes.len()) {
+        return stays("its SHA256SUMS are not up to its chain");
+    }
+    if there_sums != here_sums || catalogue::read_chain(disk, &there.folder)?.0 != bytes {
+        return stays("the copy is missing, older, or of another state");
+    }
+    let report = verify::verify_path(disk, &there.folder);
+    if let Some(fault) = report.faults.first() {
+        return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {}", fault.path.display(), fault.what)));
+    }
+    for digest in &chain.state_at(usize::MAX).installations {
+        if let Some((path, what)) = installations::find_fault(disk, copy, digest) {
+            return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {what}", path.display())));
+        }
+    }
+    Ok(CopyProof::Verified { sums_sha256: sha256_hex(&here_sums), bytes: folder_size(disk, &flight.folder)? })
+}
+
+fn same_place(one: &Path, other: &Path) -> bool {
+    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    real(one) == real(other)
+}
+
+fn folder_size(disk: &dyn Disk, folder: &Path) -> Result<u64, StoreError> {
+    let mut bytes = 0;
+    for entry in disk.list_entries(folder)? {
+        let below = if entry.is_dir { folder_size(disk, &folder.join(&entry.name))? } else { 0 };
+        bytes += entry.length + below;
+    }
+    Ok(bytes)
+}
+
+impl Store {
+    /// Deletes a flight whose every byte is in a copy; says where the proof fails.
+    pub fn prune_flight(&self, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
+        let mut index = self.lock_index();
+        let (disk, root) = (self.disk(), self.root());
+        let proof = verify_copy(disk, root, flight, copy)?;
+        let CopyProof::Verified { sums_sha256, bytes } = &proof else { return Ok(proof) };
+        let line = PrunedFlight {
+            flight: catalogue::read_flight_manifest(disk, flight)?,
+            sums_sha256: sums_sha256.clone(),
+            copy: copy.to_owned(),
+            bytes: *bytes,
+        };
+        let log = root.join(layout::PRUNED_FILE);
+        let line = jsonl::encode_line(&line).map_err(StoreError::io(&log, "write"))?;
+        disk.append(&log, &line).map_err(StoreError::io(&log, "write"))?;
+        self.store_root().ensure_dir(layout::PRUNED)?;
+        disk.sync_directory(root)?;
+        disk.move_durably(&flight.folder, &root.join(layout::PRUNED).join(&flight.id))?;
+        index.unsealed.remove(&flight.id);
+        if index.flight.as_ref() == Some(&flight.id) {
+            index.flight = None;
+        }
+        drop(index);
+        self.remove_pruned()?;
+        Ok(proof)
+    }
+
+    /// Removes what an earlier pruning moved aside and did not come to remove.
+    pub fn remove_pruned(&self) -> Result<(), StoreError> {
+        let (disk, root) = (self.disk(), self.root());
+        let pruned = root.join(layout::PRUNED);
+        if !disk.exists(&pruned) {
+            return Ok(());
+        }
+        for entry in disk.list_entries(&pruned)? {
+            disk.remove_tree(&pruned.join(&entry.name))?;
+        }
+        disk.sync_directory(&pruned)
+    }
+}

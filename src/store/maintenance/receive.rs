@@ -1,0 +1,279 @@
+//! A store's flights into another directory: for `wingd copy` and `wingd fetch`.
+//!
+//! What arrives is checked and made durable below `fetching/`. Only when all of a flight is there it is
+//! moved to its place, and `store.toml` comes last: a directory that was left half is no store, and the
+//! next call goes on where this one ended.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::verify::{self, VerifyReport};
+use crate::store::disk::{Disk, Lock, StoreError};
+use crate::store::format::manifest::Counter;
+use crate::store::format::{layout, sha256_hex};
+use crate::store::read::bundle::{FlightBundle, BundleFile};
+use crate::store::write::opening;
+use crate::store::write::root::StoreRoot;
+
+/// A file that makes a flight's store, as its sender lists it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ListedFile {
+    /// From the store's root, with `/`.
+    pub name: String,
+    /// Bytes.
+    pub length: u64,
+    /// Hex.
+    pub sha256: String,
+    /// Where its bytes begin in the flight's archive.
+    #[serde(default)]
+    pub offset: u64,
+}
+
+impl From<&BundleFile> for ListedFile {
+    fn from(item: &BundleFile) -> Self {
+        Self { name: item.name.clone(), length: item.length, sha256: item.sha256.clone(), offset: 0 }
+    }
+}
+
+/// All the files of a flight in one state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Listing {
+    /// Its name.
+    pub flight: String,
+    /// Of all of it; the archive's ETag.
+    pub digest: String,
+    /// In the archive's order.
+    pub items: Vec<ListedFile>,
+}
+
+impl Listing {
+    /// Of a bundle that is at hand.
+    pub fn from_bundle(flight: &str, bundle: &FlightBundle) -> Self {
+        let items = bundle.items.iter().map(ListedFile::from).collect();
+        Self { flight: flight.to_owned(), digest: bundle.digest.clone(), items }
+    }
+
+    /// Bytes of all files.
+    pub fn total_bytes(&self) -> u64 {
+        self.items.iter().map(|item| item.length).sum()
+    }
+
+    /// What a listing from elsewhere may not hold: names that lead out of the directory, or not one of ours.
+    pub fn foreign_file(&self) -> Option<String> {
+        let here = |item: &&ListedFile| !is_bundle_name(&item.name, &self.flight);
+        let strange = self.items.iter().find(here);
+        strange.map(|item| format!("{:?} is not a file of flight {}", item.name, self.flight))
+    }
+}
+
+/// Whether a name is one that a flight's bundle can hold.
+fn is_bundle_name(name: &str, flight: &str) -> bool {
+    let plain = |part: &str| !part.is_empty() && part != "." && part != ".." && !part.contains(['\\', '\0']);
+    let parts: Vec<&str> = name.split('/').collect();
+    if layout::flight_number(flight).is_none() || !parts.iter().all(|part| plain(part)) {
+        return false;
+    }
+    match parts.as_slice() {
+        [file] => [layout::STORE_FILE, layout::COUNTER_FILE].contains(file),
+        [layout::INSTALLATIONS, digest, _] => {
+            digest.len() == 64 && digest.bytes().all(|b| b.is_ascii_hexdigit())
+        }
+        [layout::FLIGHTS, id, file] => *id == flight && layout::is_flight_file(file),
+        [layout::FLIGHTS, id, series, file] => {
+            let known = [layout::SERIES_FILE, layout::RESULTS_FILE].contains(file);
+            *id == flight && layout::series_number(series).is_some() && (known || layout::is_frame_name(file))
+        }
+        _ => false,
+    }
+}
+
+/// The directory that receives; locked against a recorder and another receiver.
+pub struct Receiver<'a> {
+    disk: &'a dyn Disk,
+    root: PathBuf,
+    _lock: Lock,
+}
+
+impl<'a> Receiver<'a> {
+    /// Opens a directory that is missing, empty, a store, or a half one of ours.
+    pub fn open(disk: &'a dyn Disk, root: &Path) -> Result<Self, StoreError> {
+        let begun = disk.exists(&root.join(layout::FETCHING));
+        if !begun && !disk.exists(&root.join(layout::STORE_FILE)) {
+            opening::make_root(disk, root)?;
+            opening::refuse_foreign(disk, root)?;
+        }
+        let at = StoreRoot { disk, path: root };
+        let lock = opening::lock_store(at)?;
+        at.ensure_dir(layout::FETCHING)?;
+        Ok(Self { disk, root: root.to_owned(), _lock: lock })
+    }
+
+    fn store_root(&self) -> StoreRoot<'_> {
+        StoreRoot { disk: self.disk, path: &self.root }
+    }
+
+    /// Refuses another store's flight. What an attempt at another left below `fetching/` goes.
+    pub fn prepare_flight(&self, listing: &Listing) -> Result<(), StoreError> {
+        let mark = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
+        let other = |path: &Path| {
+            self.disk.read(path).is_ok_and(|bytes| mark.is_none_or(|mark| sha256_hex(&bytes) != mark.sha256))
+        };
+        let (here, staged) = (self.root.join(layout::STORE_FILE), self.staged_path(layout::STORE_FILE));
+        let half = !self.disk.exists(&here) && other(&staged);
+        if other(&here) || half {
+            let what = if half { "half of another store" } else { "another store" };
+            let why = format!("it is {what} than the one that arrives");
+            return Err(StoreError::NotAStore { path: self.root.clone(), why });
+        }
+        if other(&staged) {
+            self.disk.remove_tree(&self.root.join(layout::FETCHING))?;
+            self.store_root().ensure_dir(layout::FETCHING)?;
+        }
+        Ok(())
+    }
+
+    /// Which of the files are not here yet. Frames are compared by their length, for each was checked before it
+    /// got its name; `thorough` reads all of them.
+    pub fn missing_files<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l ListedFile> {
+        let there = |path: &Path, item: &ListedFile| {
+            let frame = path.file_name().is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
+            if frame && !thorough {
+                self.file_length(path) == Some(item.length)
+            } else {
+                self.is_intact(path, item)
+            }
+        };
+        let here = |item: &&ListedFile| {
+            item.name == layout::COUNTER_FILE
+                || there(&self.root.join(&item.name), item)
+                || there(&self.staged_path(&item.name), item)
+        };
+        listing.items.iter().filter(|item| !here(item)).collect()
+    }
+
+    fn is_intact(&self, path: &Path, item: &ListedFile) -> bool {
+        self.file_length(path) == Some(item.length)
+            && self.disk.read(path).is_ok_and(|bytes| sha256_hex(&bytes) == item.sha256)
+    }
+
+    fn file_length(&self, path: &Path) -> Option<u64> {
+        self.disk.file_length(path).ok().flatten()
+    }
+
+    fn staged_path(&self, name: &str) -> PathBuf {
+        self.root.join(layout::FETCHING).join(name)
+    }
+
+    /// Takes a file's bytes; an error where they are not what the listing says.
+    pub fn accept_file(&self, item: &ListedFile, bytes: &[u8]) -> Result<(), StoreError> {
+        let path = self.staged_path(&item.name);
+        if bytes.len() as u64 != item.length || sha256_hex(bytes) != item.sha256 {
+            let what = "arrived with other bytes than its SHA-256 is of".to_owned();
+            let mend = "begin again; if it stays so, `wingd verify` the sender's store";
+            return Err(StoreError::Damaged { path: self.root.join(&item.name), problem: what, remedy: mend });
+        }
+        self.make_dirs(&path)?;
+        self.disk.replace_file(&path, bytes)
+    }
+
+    fn make_dirs(&self, path: &Path) -> Result<(), StoreError> {
+        let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else { return Ok(()) };
+        self.make_dirs(folder)?;
+        self.disk.make_dir(folder)?;
+        self.disk.sync_directory(folder.parent().unwrap_or(Path::new(".")))
+    }
+
+    /// Moves a flight, all of which is here, to its place.
+    pub fn commit_flight(&self, listing: &Listing) -> Result<(), StoreError> {
+        self.refuse_changed(listing)?;
+        let mark = self.root.join(layout::STORE_FILE);
+        let staged_mark = self.staged_path(layout::STORE_FILE);
+        if self.disk.exists(&mark) {
+            self.disk.move_durably(&mark, &staged_mark)?;
+        }
+        self.store_root().ensure_folders()?;
+        let mut touched = BTreeSet::new();
+        for item in listing.items.iter().filter(|i| i.name != layout::STORE_FILE) {
+            let (from, to) = (self.staged_path(&item.name), self.root.join(&item.name));
+            if self.disk.exists(&from) {
+                self.make_dirs(&to)?;
+                self.disk.rename(&from, &to).map_err(StoreError::io(&to, "move to"))?;
+                touched.extend(to.parent().map(Path::to_owned));
+            }
+        }
+        touched.iter().try_for_each(|folder| self.disk.sync_directory(folder))?;
+        self.advance_counter(listing)?;
+        self.disk.move_durably(&staged_mark, &mark)
+    }
+
+    /// Above the ids of this flight and of those that were here.
+    fn advance_counter(&self, listing: &Listing) -> Result<(), StoreError> {
+        let here = self.disk.load_json::<Counter>(&self.root.join(layout::COUNTER_FILE));
+        let mut counter = here.unwrap_or(Counter::FIRST);
+        counter.advance_past(&listing.flight);
+        listing.items.iter().filter_map(|item| item.name.split('/').nth(2)).for_each(|id| counter.advance_past(id));
+        opening::save_counter(self.store_root(), &counter)
+    }
+
+    /// Results that were added here are not written over.
+    fn refuse_changed(&self, listing: &Listing) -> Result<(), StoreError> {
+        let grows = |name: &str| [layout::RESULTS_FILE, layout::CHAIN_FILE].contains(&name);
+        for item in listing.items.iter().filter(|item| item.name.rsplit('/').next().is_some_and(grows)) {
+            let path = self.root.join(&item.name);
+            let Some(here) = self.disk.load_if_exists(&path)? else { continue };
+            let arrived = self.disk.read(&self.staged_path(&item.name)).unwrap_or_else(|_| here.clone());
+            if !arrived.starts_with(&here) {
+                let what =
+                    "was changed here, for instance by `wingd solve`, and is not written over".to_owned();
+                return Err(StoreError::Damaged { path, problem: what, remedy: "copy into another directory" });
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the whole directory; what is sound needs `fetching/` no more.
+    pub fn finish(self) -> Result<VerifyReport, StoreError> {
+        if self.disk.exists(&self.root.join(layout::STORE_FILE)) {
+            self.disk.remove_tree(&self.root.join(layout::FETCHING))?;
+            self.disk.sync_directory(&self.root)?;
+        }
+        Ok(verify::verify_path(self.disk, &self.root))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_names_of_a_flights_bundle_are_taken() {
+        let digest = "ab".repeat(32);
+        for good in [
+            "store.toml",
+            "counter.json",
+            "flights/f0001/SHA256SUMS",
+            "flights/f0001/s000001/0001.jpg",
+            "flights/f0001/s000001/results.jsonl",
+            &format!("installations/{digest}/camera.toml"),
+        ] {
+            assert!(is_bundle_name(good, "f0001"), "{good}");
+        }
+        for bad in [
+            "",
+            "/etc/passwd",
+            "../store.toml",
+            "lock",
+            "flights/f0002/flight.json",
+            "flights/f0001/s000001/../../x",
+            "flights/f0001/s000001/notes.txt",
+            "flights/f0001/s1/0001.jpg",
+            "installations/../camera.toml",
+            &format!("installations/{digest}/.."),
+            "flights/f0001/s000001/0001.jpg/",
+        ] {
+            assert!(!is_bundle_name(bad, "f0001"), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! A store without evidence (format 1) becomes one with it. Nothing of it is changed but `store.toml`.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::verify;
+use crate::store::config::StoreConfig;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::chain::{self, AppendedResults, ClosedFile, ChainEvent};
+use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
+use crate::store::format::{layout, sha256_hex};
+use crate::store::read::catalogue::{self, FlightRef};
+use crate::store::read::installations::InstallationFile;
+use crate::store::write::root::StoreRoot;
+use crate::store::write::store::Store;
+use crate::store::write::{evidence, installations, opening, results};
+
+/// Gives a sound store an id, chains, sums and the installation that its results came from. The mark
+/// comes last: broken off at any step, the store is still of the old format and can be upgraded again.
+pub fn upgrade_store(disk: Arc<dyn Disk>, root: &Path, installation: Option<&[InstallationFile]>) -> Result<(), StoreError> {
+    // Opening takes the lock and recovers what a crash left.
+    let (store, _) = Store::open(disk, StoreConfig::new(root))?;
+    let at = store.store_root();
+    if at.has_evidence() {
+        return Ok(());
+    }
+    let begun = |fault: &verify::InvariantFault| fault.invariant == 1 && fault.path.ends_with(layout::CHAIN_FILE);
+    if let Some(fault) = verify::verify_path(at.disk, root).faults.iter().find(|fault| !begun(fault)) {
+        return Err(StoreError::Damaged {
+            path: fault.path.clone(),
+            problem: fault.what.clone(),
+            remedy: "mend it, or move it out of the store; damage is not sealed as if it were sound",
+        });
+    }
+    let kept = installation.map(|files| installations::keep_installation(at, files)).transpose()?;
+    let id = opening::random_id()?;
+    for flight in catalogue::list_flights(at.disk, root)? {
+        let bytes = build_chain(at, &flight, &id, kept.as_deref())?;
+        let sums = flight.folder.join(layout::SUMS_FILE);
+        if at.disk.exists(&sums) {
+            at.disk.remove(&sums)?;
+        }
+        at.disk.replace_file(&flight.folder.join(layout::CHAIN_FILE), &bytes)?;
+        evidence::update_sums(at.disk, &flight.folder)?;
+    }
+    opening::write_format_file(at, &id)
+}
+
+/// The chain of what there is.
+fn build_chain(
+    root: StoreRoot<'_>,
+    flight: &FlightRef,
+    id: &str,
+    installation: Option<&str>,
+) -> Result<Vec<u8>, StoreError> {
+    let disk = root.disk;
+    let digest = |path: &Path| disk.load_file(path).map(|bytes| (bytes.len() as u64, sha256_hex(&bytes)));
+    let (_, sha256) = digest(&flight.folder.join(layout::FLIGHT_FILE))?;
+    let mut events = vec![ChainEvent::Flight { store: id.to_owned(), flight: flight.id.clone(), sha256 }];
+    events.extend(installation.map(|sha256| ChainEvent::Installation { sha256: sha256.to_owned() }));
+    for kind in APPEND_FILE_KINDS {
+        for file in catalogue::closed_files(disk, flight, kind)? {
+            let (bytes, sha256) = digest(&flight.folder.join(&file))?;
+            events.push((kind.event)(ClosedFile { file, bytes, sha256 }));
+        }
+    }
+    for series in catalogue::list_series(disk, flight)? {
+        let (_, sha256) = digest(&series.folder.join(layout::SERIES_FILE))?;
+        events.push(ChainEvent::Series { series: series.id.clone(), sha256 });
+        let path = series.folder.join(layout::RESULTS_FILE);
+        if disk.exists(&path) {
+            results::repair_tail(root, &series.folder)?;
+            let (bytes, sha256) = digest(&path)?;
+            events.push(ChainEvent::Results(AppendedResults { series: series.id, bytes, sha256 }));
+        }
+    }
+    chain::encode_chain(events).map_err(StoreError::io(&flight.folder.join(layout::CHAIN_FILE), "write"))
+}

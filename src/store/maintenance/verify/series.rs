@@ -1,0 +1,151 @@
+//! Invariants of a finished series, 4 to 12.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::StoreChecker;
+use crate::store::format::manifest::{ResultLine, SeriesManifest, Shot, SeriesState};
+use crate::store::format::{Inputs, jsonl, layout, sha256_hex};
+use crate::store::read::catalogue::SeriesRef;
+
+impl StoreChecker<'_> {
+    pub(super) fn check_series(&mut self, series: &SeriesRef) {
+        self.report.series += 1;
+        if let Some(other) = self.seen.insert(series.id.clone(), series.folder.clone()) {
+            self.report.add_fault(4, &series.folder, format!("has the same id as {}", other.display()));
+        }
+        let path = series.folder.join(layout::SERIES_FILE);
+        let Some(manifest) = self.parse_or_report::<SeriesManifest>(&path, 4) else { return };
+        let digest = self.disk.read(&path).map(|bytes| sha256_hex(&bytes)).unwrap_or_default();
+        self.manifests.insert(series.id.clone(), (digest, manifest.clone()));
+        if manifest.format != layout::SERIES_FORMAT {
+            let what = format!("has format {}, expected {}", manifest.format, layout::SERIES_FORMAT);
+            self.report.add_fault(4, &path, what);
+        }
+        let foreign = !series.flight.is_empty() && manifest.flight != series.flight;
+        if manifest.series != series.id || foreign {
+            let what = format!(
+                "says {}/{}, the folder is {}/{}",
+                manifest.flight, manifest.series, series.flight, series.id
+            );
+            self.report.add_fault(4, &path, what);
+        }
+        if manifest.state == SeriesState::Interrupted {
+            self.report.notes.push(format!("{}: interrupted; its whole frames are kept", series.id));
+        }
+        self.check_frames(series, &manifest);
+        self.check_extra_files(series, &manifest);
+        self.check_shots(&path, &manifest);
+        self.check_times(&path, &manifest);
+        self.check_results(series, &manifest);
+    }
+
+    fn check_frames(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        for entry in manifest.frames() {
+            let path = series.folder.join(&entry.file);
+            if !layout::is_frame_name(&entry.file) {
+                self.report.add_fault(5, &series.folder, format!("{:?} is not a frame's name", entry.file));
+                continue;
+            }
+            let Some(bytes) = self.read_or_report(&path, 5) else { continue };
+            self.report.frames += 1;
+            self.report.bytes += bytes.len() as u64;
+            if bytes.len() as u64 != entry.bytes {
+                let what = format!("has {} bytes, series.json says {}", bytes.len(), entry.bytes);
+                self.report.add_fault(5, &path, what);
+            } else if sha256_hex(&bytes) != entry.sha256 {
+                self.report.add_fault(5, &path, "does not have the SHA-256 of series.json");
+            }
+        }
+    }
+
+    fn check_extra_files(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        let mut names: BTreeSet<&str> = manifest.frames().map(|f| f.file.as_str()).collect();
+        names.extend([layout::SERIES_FILE, layout::RESULTS_FILE]);
+        for entry in self.list_or_report(&series.folder, 6) {
+            let path = series.folder.join(&entry.name);
+            if entry.is_link {
+                self.report_link(&path);
+            } else if entry.is_dir || !names.contains(entry.name.as_str()) {
+                self.report.add_fault(6, &path, "is not named in series.json");
+            }
+        }
+    }
+
+    fn check_shots(&mut self, path: &Path, manifest: &SeriesManifest) {
+        let numbers: Vec<u32> = manifest.shots.iter().map(|shot| shot.shot).collect();
+        if numbers.first().is_some_and(|first| *first == 0) || !numbers.is_sorted_by(|a, b| a < b) {
+            self.report.add_fault(7, path, "its shots are not numbered in order from 1");
+        }
+        if manifest.state == SeriesState::Complete && !numbers.iter().copied().eq(1..=manifest.planned_shots) {
+            let what =
+                format!("is complete, but not every one of its {} shots is in it", manifest.planned_shots);
+            self.report.add_fault(7, path, what);
+        }
+        let empty = |shot: &&Shot| shot.frame.is_none() && shot.failures.is_empty();
+        if let Some(shot) = manifest.shots.iter().find(empty) {
+            self.report.add_fault(7, path, format!("shot {} has neither a frame nor a reason", shot.shot));
+        }
+    }
+
+    /// Time since boot does not go back within a boot, nor from one series to the next. A series that is taken beside
+    /// others is by itself, and may hold shots from before it was begun.
+    fn check_times(&mut self, path: &Path, manifest: &SeriesManifest) {
+        let beside = manifest.cause.is_concurrent();
+        let mut last = if beside { None } else { self.last.take() };
+        let began = manifest.started.iter().filter(|_| !beside);
+        let shots = manifest.shots.iter().map(|shot| &shot.stamp);
+        for stamp in began.chain(shots).chain(manifest.ended.iter()) {
+            let earlier = last.as_ref().filter(|last| last.boot_id == stamp.boot_id);
+            if earlier.is_some_and(|last| stamp.since_boot_s < last.since_boot_s) {
+                let what = format!("time since boot goes back to {:.3} s", stamp.since_boot_s);
+                self.report.add_fault(8, path, what);
+            }
+            last = Some(stamp.clone());
+        }
+        if !beside {
+            self.last = last;
+        }
+    }
+
+    fn check_results(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        let path = series.folder.join(layout::RESULTS_FILE);
+        if !self.disk.exists(&path) {
+            return;
+        }
+        let Some(bytes) = self.read_or_report(&path, 9) else { return };
+        let lines = jsonl::parse_lines::<ResultLine>(&bytes);
+        for number in &lines.damaged {
+            self.report.add_fault(9, &path, format!("line {number} is damaged"));
+        }
+        if lines.good_length < bytes.len() {
+            let count = bytes.len() - lines.good_length;
+            self.report.notes.push(format!(
+                "{}: its last {count} bytes are torn; mended when the frame is solved again",
+                path.display()
+            ));
+        }
+        let mut seen = BTreeSet::new();
+        for (number, line) in lines.good {
+            self.report.results += 1;
+            self.check_result(&path, number, &line, manifest);
+            if !seen.insert((line.frame.clone(), line.inputs.clone())) {
+                let what = format!("line {number}: {} has a result for these inputs already", line.frame);
+                self.report.add_fault(11, &path, what);
+            }
+        }
+    }
+
+    fn check_result(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
+        let mut frames = manifest.frames();
+        let frame = frames.find(|frame| frame.file == line.frame);
+        if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {
+            let what = format!("line {number}: {} with that hash is not in this series", line.frame);
+            self.report.add_fault(10, path, what);
+        }
+        if Inputs::new(line.provenance.clone()).key(&line.frame_sha256) != line.inputs {
+            let what = format!("line {number}: inputs is not the hash of frame and provenance");
+            self.report.add_fault(12, path, what);
+        }
+    }
+}

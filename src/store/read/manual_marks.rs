@@ -1,0 +1,36 @@
+//! What people marked in the frames of a flight.
+
+use std::path::Path;
+
+use super::catalogue::{self, FlightRef};
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::append_file_kinds::MANUAL_MARKS;
+use crate::store::format::manual_marks::parse_marks;
+pub use crate::store::format::manual_marks::{ManualMark, MarkAction, MarkSource, MarkPosition, effective_marks};
+use crate::store::format::sha256_hex;
+
+/// All marks of a flight in the order in which they were made, those of the file being written among them; and what could not
+/// be read.
+pub fn read_marks(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> Result<(Vec<ManualMark>, Vec<String>), StoreError> {
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
+    catalogue::for_each_file(disk, root, flight, &MANUAL_MARKS, |path, bytes| {
+        match parse_marks(bytes) {
+            Some((head, marks)) if head.flight == flight.id => all.extend(marks),
+            Some(_) => {}
+            None => notes.push(format!("{}: its first line is damaged; run `wingd verify`", path.display())),
+        }
+        Ok::<_, StoreError>(())
+    })?;
+    Ok((all, notes))
+}
+
+/// Digest over the marks that count: what results with them follow from. `None` without any.
+pub fn marks_digest(marks: &[ManualMark]) -> Option<String> {
+    let lines: Vec<String> =
+        effective_marks(marks).iter().filter_map(|mark| serde_json::to_string(mark).ok()).collect();
+    (!lines.is_empty()).then(|| sha256_hex(lines.join("\n").as_bytes()))
+}
