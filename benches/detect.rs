@@ -1,13 +1,13 @@
-//! Full and guided detection on a 12 MP picture of 21 discs, full detection on a rendered wing in each light; `make bench` runs
+//! Full and guided detection on a 12 MP image of 21 discs, full detection on a rendered wing in each light; `make bench` runs
 //! it.
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::measure::detect::{MarkerPrediction, detect, detect_guided};
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Light, SceneOptions, Scene, SceneSide};
+use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide};
 
-/// Discs in rows on a shaded, noisy ground.
+/// Discs in rows on a shaded, noisy background.
 fn picture() -> Raster {
     const WIDTH: usize = 4000;
     const HEIGHT: usize = 3000;

@@ -1,4 +1,4 @@
-//! The stages of one real 12 MP frame, beside a plain read of its pixels; `make bench` runs it.
+//! The stages of one real 12 MP frame, compared with a plain read of its pixels; `make bench` runs it.
 #![allow(missing_docs, clippy::unwrap_used, clippy::expect_used)]
 
 use std::path::Path;
@@ -6,16 +6,15 @@ use std::path::Path;
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::installation;
 use wingd::measure::{detect, identify};
-use wingd::pipeline::decode::decode;
+use wingd::pipeline::decode::decode_image;
 
 fn benches(c: &mut Criterion) {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
-    let read =
-        |name: &str| std::fs::read(fixture.join("frames").join(name)).expect("a frame of the fixtures");
+    let read = |name: &str| std::fs::read(fixture.join("frames").join(name)).expect("a frame of the fixtures");
     let (ground, flight) = (read("ground.jpg"), read("flight-1.jpg"));
-    let raster = decode(&flight, None).expect("decodes");
+    let raster = decode_image(&flight, None).expect("decodes");
     let setup = installation::load_without_orientation(&fixture.join("installation")).expect("sound").setup;
-    let on_ground = detect::detect(&decode(&ground, None).expect("decodes")).markers;
+    let on_ground = detect::detect(&decode_image(&ground, None).expect("decodes")).markers;
     let orientation =
         identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
     let markers = detect::detect(&raster).markers;
@@ -26,15 +25,13 @@ fn benches(c: &mut Criterion) {
     group.bench_function("read", |b| {
         b.iter(|| raster.luma().chunks(64).map(|k| k.iter().map(|&v| u32::from(v)).sum::<u32>()).max());
     });
-    group.bench_function("decode", |b| b.iter(|| decode(&flight, None)));
+    group.bench_function("decode", |b| b.iter(|| decode_image(&flight, None)));
     group.bench_function("detect full", |b| b.iter(|| detect::detect(&raster)));
     group.bench_function("detect guided", |b| b.iter(|| detect::detect_guided(&raster, &predictions)));
     group.bench_function("orient", |b| {
         b.iter(|| identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).is_ok());
     });
-    group.bench_function("identify", |b| {
-        b.iter(|| identify::identify_markers(&setup, &orientation, &markers).is_ok())
-    });
+    group.bench_function("identify", |b| b.iter(|| identify::identify_markers(&setup, &orientation, &markers).is_ok()));
     group.bench_function("remove perspective bias", |b| {
         b.iter(|| identify::remove_perspective_bias(&setup, &orientation, &markers, &identities));
     });

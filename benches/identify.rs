@@ -8,7 +8,7 @@ use std::hint::black_box;
 
 use common::synthetic::{Conditions, World};
 use criterion::{Criterion, criterion_group, criterion_main};
-use wingd::measure::identify::{identify_markers, estimate_orientation, predict_next_frame, remove_perspective_bias};
+use wingd::measure::identify::{estimate_orientation, identify_markers, predict_next_frame, remove_perspective_bias};
 use wingd::measure::setup::Orientation;
 
 fn stages(c: &mut Criterion) {
@@ -18,8 +18,7 @@ fn stages(c: &mut Criterion) {
     let ground = vec![world.ground_view(5, &conditions).detections];
     let flight = world.flight_view(2.0, 5, &conditions).detections;
     let setup = &world.setup;
-    let known =
-        Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] };
+    let known = Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] };
     c.bench_function("orient", |b| b.iter(|| estimate_orientation(black_box(setup), black_box(&ground)).unwrap()));
     c.bench_function("identify", |b| {
         b.iter(|| identify_markers(black_box(setup), &known, black_box(&flight)).unwrap())

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Runs a command in the Debian of aarch64-root.sh, in this project's folder; the crates of this machine's cargo are in
-# /cargo, what is built goes to /target, kept in the cache. What the command changes elsewhere is forgotten.
+# /cargo, build results in /target, kept in the cache. Other changes by the command are discarded.
 . "$(dirname "$0")/../tests/machine/common.sh"
 if [ -z "${WINGD_AARCH64:-}" ]; then
     [ "$(id -u)" = 0 ] || die "needs root for a chroot"

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Cross-builds wingd for aarch64 and makes its Debian package, target/package/wingd_VERSION_arm64.deb; prints its path.
 # As root, on Debian 12 for amd64; the first time it fetches a Debian to build in (aarch64-root.sh). The binary is kept
-# in the cache, keyed by what it is made of. With --cached it builds nothing and fails where there is none.
+# in the cache, keyed by its inputs. With --cached it builds nothing and fails if there is none.
 . "$(dirname "$0")/../tests/machine/common.sh"
 cd "$ROOT"
 target=aarch64-unknown-linux-gnu
@@ -13,7 +13,7 @@ binary=$base/wingd-$key
 if [ ! -x "$binary" ]; then
     [ "${1:-}" != --cached ] || exit 1
     say "aarch64: building, 10 to 40 minutes the first time, later a third of that"
-    # The crates come as this machine's cargo is set up to fetch them; the build itself needs no network.
+    # The crates are fetched with the settings of this machine's cargo; the build itself needs no network.
     for system in $target x86_64-unknown-linux-gnu; do
         "${CARGO:-cargo}" fetch --quiet --locked --target $system || die "cargo fetch failed"
     done
@@ -22,7 +22,7 @@ if [ ! -x "$binary" ]; then
         CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
         cargo build --release --locked --offline --target $target --bin wingd >&2
     built=$base/target/$target/release/wingd
-    # Cargo's own list of what went into it.
+    # Cargo's own list of its inputs.
     strange=$(tr ' ' '\n' <"$built.d" | grep "^$ROOT/" | grep -vE "^$ROOT/(src|config|fixtures/demo)/") && die "not in the key: $strange"
     rm -f "$base"/wingd-* # of other sources
     cp "$built" "$binary.part"; mv "$binary.part" "$binary"

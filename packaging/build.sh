@@ -24,7 +24,7 @@ for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/c
     [ ! -f "$page" ] || put 644 "$page" "usr/share/doc/wingd/$(basename "$page")"
 done
 for schema in docs/schema/*.schema.json; do put 644 "$schema" "usr/share/doc/wingd/schema/$(basename "$schema")"; done
-# Man pages and completions come from the program itself; of another processor's, from this machine's build.
+# Man pages and completions come from the program itself, or for another processor from this machine's build.
 pages=$binary
 "$pages" --version >/dev/null 2>&1 || pages=target/release/wingd
 "$pages" --version >/dev/null 2>&1 || { echo "$binary does not run here and $pages is missing; run make build" >&2; exit 1; }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs the Debian packages named as arguments that are not there yet.
+# Installs the Debian packages named as arguments, unless they are installed.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then

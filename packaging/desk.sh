@@ -1,5 +1,5 @@
 #!/bin/sh
-# The desk's Debian package: wingd with `upload`, and the wheel of wingd-fleet. No service, no rules for cameras, no compiler at the desk.
+# Debian package for the workstation: wingd with `upload`, and the wheel of wingd-fleet. No service, no rules for cameras, no compiler needed.
 #   packaging/desk.sh BINARY
 set -eu
 cd "$(dirname "$0")/.."
@@ -31,7 +31,7 @@ Depends: $(sh packaging/needs.sh "$binary")
 Recommends: python3-venv
 Conflicts: wingd
 Provides: wingd
-Description: measures the shape of a wing in flight: the desk's programs
+Description: measures the shape of a wing in flight: programs for the workstation
  wingd with upload into object stores, and the Python package wingd-fleet as a wheel in
  /usr/share/wingd-desk: python3 -m venv venv && venv/bin/pip install /usr/share/wingd-desk/*.whl
 END

@@ -1,5 +1,5 @@
 #!/bin/sh
-# What a binary links, and the newest C library symbol it needs, as a package's dependencies; names of Debian 12, and of 13 and later.
+# Prints the dependencies of a package from the libraries of a binary and the newest C library symbol it needs; names of Debian 12, and of 13 and later.
 set -eu
 binary=$1
 linked=$(objdump -p "$binary")

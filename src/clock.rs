@@ -1,10 +1,9 @@
 //! Time: UTC, time since boot, boot id. Nothing else in the project reads a clock.
 //!
-//! How the daemon's threads use it: the schedule and the gaps between shots are clock time and are
-//! waited for by one thread only, the recorder. Every other thread may read the clock at any moment.
-//! Limits that guard against hardware (the deadline of a shot) are always machine time, because a
-//! hung camera hangs in machine time. [`Simulated`] time therefore moves only while the recorder
-//! waits, and the times of a simulated flight do not depend on the speed of the machine.
+//! The schedule and the gaps between shots are clock time, and only one thread, the recorder, waits for them. Every other
+//! thread may read the clock at any moment. Limits that guard against hardware (the deadline of a shot) are always machine
+//! time, because a hung camera hangs in machine time. [`SimulatedClock`] therefore advances only while the recorder waits,
+//! and the times of a simulated flight do not depend on the speed of the machine.
 
 pub mod exposure;
 pub mod quality;
@@ -14,48 +13,47 @@ use std::time::Duration;
 
 use quality::ClockQuality;
 
-/// A moment as a shot keeps it, so that times can be mended later.
+/// Moment as stored with a shot, so that times can be corrected later.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Stamp {
-    /// UTC as the machine believes it; may be 1970.
+    /// UTC of this machine; may be 1970.
     pub utc: jiff::Timestamp,
-    /// Whether the kernel says that UTC is synchronised.
+    /// True if the kernel reports UTC as synchronised.
     pub utc_synchronised: bool,
-    /// Identifies the boot.
     pub boot_id: String,
-    /// Since boot, s.
+    /// Time since boot, s.
     pub since_boot_s: f64,
 }
 
-/// A source of time. [`System`] is the machine's; [`Simulated`] is driven by a test or by the demo.
+/// Source of time: [`SystemClock`] of the machine, [`SimulatedClock`] of a test or the demo.
 pub trait Clock: Send + Sync {
-    /// Now, in full.
+    /// Returns the current moment.
     fn stamp(&self) -> Stamp;
-    /// Since boot; never goes back.
+    /// Returns the time since boot; never decreases.
     fn since_boot(&self) -> Duration;
-    /// How far UTC may be trusted now.
+    /// Returns the current quality of UTC.
     fn quality(&self) -> ClockQuality;
-    /// How long the machine waits for `duration` to pass on this clock.
+    /// Returns the machine time that `duration` on this clock takes.
     fn machine_time(&self, duration: Duration) -> Duration {
         duration
     }
-    /// Says that `duration` was waited for; moves a simulated clock on.
+    /// Reports that `duration` was waited for; advances a simulated clock.
     fn advance(&self, _duration: Duration) {}
-    /// Waits (or, for a simulated clock, moves time on by) `duration`.
+    /// Waits for `duration`, or advances a simulated clock by it.
     fn sleep(&self, duration: Duration) {
         std::thread::sleep(self.machine_time(duration));
         self.advance(duration);
     }
 }
 
-/// The machine's clock.
+/// Clock of the machine.
 #[derive(Clone, Debug)]
 pub struct SystemClock {
     boot_id: String,
 }
 
 impl SystemClock {
-    /// Reads the boot id once; `unknown` where the kernel does not give one.
+    /// Reads the boot id once; `unknown` if the kernel gives none.
     pub fn new() -> Self {
         let id = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
         let id = id.trim();
@@ -96,28 +94,28 @@ fn read_clock(clock: rustix::time::ClockId) -> Duration {
     Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
-/// The machine's time since boot, s: what cameras stamp with.
+/// Returns the machine's time since boot, s, the time base of cameras.
 pub fn since_boot_s() -> f64 {
     read_clock(rustix::time::ClockId::Boottime).as_secs_f64()
 }
 
-/// The machine's monotonic time, s, which drivers stamp with: it stands still while the machine sleeps.
+/// Returns the machine's monotonic time, s, used in driver stamps: it stops while the machine sleeps.
 pub fn monotonic_s() -> f64 {
     read_clock(rustix::time::ClockId::Monotonic).as_secs_f64()
 }
 
-/// Time since boot of a monotonic time, s.
+/// Converts a monotonic time to time since boot, s.
 pub fn since_boot_from_monotonic(at_s: f64) -> f64 {
     at_s + (since_boot_s() - monotonic_s())
 }
 
-/// systemd-timesyncd leaves this file when it has set the clock since boot, and other services may; it is the only sign
-/// where the kernel may not be asked, or is not informed (chrony without `rtcsync`).
+/// Returns true if systemd-timesyncd or another service left the file that marks a clock set since boot. It is the only
+/// sign if the kernel cannot be queried or is not informed (chrony without `rtcsync`).
 fn utc_was_set() -> bool {
     std::path::Path::new("/run/systemd/timesync/synchronized").exists()
 }
 
-/// A clock that moves only by waiting: at once, or paced by a speed-up factor.
+/// Clock that advances only by waiting: at once, or paced by a speed-up factor.
 #[derive(Debug)]
 pub struct SimulatedClock {
     boot_id: String,
@@ -132,8 +130,8 @@ struct SimulatedTime {
 }
 
 impl SimulatedClock {
-    /// Starts at `start`. Waiting takes no machine time with `speed_up = None`, and `1 / factor` of
-    /// the simulated time otherwise; a factor that is not positive counts as `None`.
+    /// Starts at `start`. Waiting takes no machine time with `speed_up = None`, and `1 / factor` of the simulated time
+    /// otherwise; a factor that is not positive counts as `None`.
     pub fn starting_at(start: &Stamp, speed_up: Option<f64>) -> Self {
         let since_boot = Duration::try_from_secs_f64(start.since_boot_s).unwrap_or_default();
         Self {

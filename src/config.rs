@@ -8,9 +8,9 @@ use serde::Deserialize;
 use crate::camera::section::CameraSection;
 use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
 use crate::http::section::ServeConfig;
-use crate::installation::{Fault, KeyFault, text_of};
-use crate::measure::adjust::{Method, Options};
-use crate::pipeline::Job;
+use crate::installation::{Fault, KeyFault, decode_text};
+use crate::measure::adjust::{AdjustmentMethod, Options};
+use crate::pipeline::SolveJob;
 use crate::store::StoreConfig;
 
 /// Configuration of the recorder.
@@ -67,12 +67,12 @@ pub enum SolveMethod {
 
 impl SolveConfig {
     /// Converts the section to a job of the pipeline.
-    pub fn to_job(&self) -> Job {
+    pub fn to_job(&self) -> SolveJob {
         let method = match self.method {
-            SolveMethod::Spatial => Method::Spatial,
-            SolveMethod::Profile => Method::Profile,
+            SolveMethod::Spatial => AdjustmentMethod::Spatial,
+            SolveMethod::Profile => AdjustmentMethod::Profile,
         };
-        Job { method, options: Options { curvature_terms: self.curvature_terms, ..Options::default() } }
+        SolveJob { method, options: Options { curvature_terms: self.curvature_terms, ..Options::default() } }
     }
 
     fn faults(&self) -> Vec<KeyFault> {
@@ -112,16 +112,16 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
     }
     let text = read_text(file)?;
     let mut camera = toml::from_str::<CameraOnly>(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?.camera;
-    let faults: Vec<Fault> = camera.faults().into_iter().map(|fault| fault.of(file)).collect();
+    let faults: Vec<Fault> = camera.faults().into_iter().map(|fault| fault.into_fault(file)).collect();
     resolve_camera(&mut camera, file.parent().unwrap_or(Path::new("")));
     if faults.is_empty() { Ok(camera) } else { Err(faults) }
 }
 
 fn read_text(file: &Path) -> Result<String, Vec<Fault>> {
     let remedy = "name it with --config; config/wingd.toml is a commented default";
-    let bytes = std::fs::read(file)
-        .map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), remedy)])?;
-    text_of(bytes).map_err(|(problem, remedy)| vec![Fault::new(file, "file", problem, remedy)])
+    let bytes =
+        std::fs::read(file).map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), remedy)])?;
+    decode_text(bytes).map_err(|(problem, remedy)| vec![Fault::new(file, "file", problem, remedy)])
 }
 
 /// Resolves a path relative to the folder of the configuration.
@@ -131,7 +131,7 @@ fn resolve_path(folder: &Path, path: &mut PathBuf) {
 }
 
 fn resolve_camera(camera: &mut CameraSection, folder: &Path) {
-    if let Some(replay) = camera.replay() {
+    if let Some(replay) = camera.replay_mut() {
         replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(|path| resolve_path(folder, path));
     }
 }
@@ -143,7 +143,7 @@ impl Config {
         let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
         optional.into_iter().flatten().for_each(|path| resolve_path(folder, path));
         self.live.socket.iter_mut().for_each(|path| resolve_path(folder, path));
-        self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(|path| resolve_path(folder, path));
+        self.serve.iter_mut().flat_map(ServeConfig::file_paths).for_each(|path| resolve_path(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
     }
@@ -155,7 +155,7 @@ impl Config {
         paths.extend(self.live.socket.iter().map(|path| ("live.socket", path)));
         paths.extend(self.power.file.iter().map(|path| ("power.file", path)));
         paths.extend(self.store.signing_key.iter().map(|path| ("store.signing_key", path)));
-        if let Some(replay) = self.camera.replay() {
+        if let Some(replay) = self.camera.replay_mut() {
             paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
         }
@@ -172,12 +172,12 @@ impl Config {
         keys.extend(self.store.faults());
         keys.extend(self.power.faults());
         keys.extend(self.live.faults());
-        let mut faults: Vec<Fault> = keys.into_iter().map(|fault| fault.of(file)).collect();
+        let mut faults: Vec<Fault> = keys.into_iter().map(|fault| fault.into_fault(file)).collect();
         if let Some(serve) = &self.serve {
             let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
-            faults.extend(serve.open(place).err().unwrap_or_default());
+            faults.extend(serve.resolve(place).err().unwrap_or_default());
         }
-        faults.extend(self.solve.faults().into_iter().map(|fault| fault.of(file)));
+        faults.extend(self.solve.faults().into_iter().map(|fault| fault.into_fault(file)));
         faults
     }
 }

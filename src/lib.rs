@@ -20,7 +20,7 @@
 //! let ground = std::fs::read(dev.join("frames/ground.jpg"))?;
 //! let (seen, _) = pipeline::stages::detect_only("ground.jpg", &ground, None);
 //! let frames = [seen.detections.markers];
-//! let fit = identify::orient(&wing.setup, &frames)?;
+//! let fit = identify::estimate_orientation(&wing.setup, &frames)?;
 //! let ground = pipeline::stages::ground_sights(&wing.setup, &frames, &fit);
 //! wing.orientation = Some(Orientation { ground, ..fit.orientation });
 //!

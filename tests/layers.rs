@@ -43,17 +43,8 @@ const LAYERS: [(&str, usize); 14] = [
 ];
 
 /// What `measure` may not touch.
-const IMPURE: [&str; 9] = [
-    "std::fs",
-    "std::net",
-    "std::time",
-    "std::thread",
-    "std::process",
-    "std::env",
-    "tokio",
-    "tracing",
-    "jiff",
-];
+const IMPURE: [&str; 9] =
+    ["std::fs", "std::net", "std::time", "std::thread", "std::process", "std::env", "tokio", "tracing", "jiff"];
 
 /// The stages of `src/measure/detect`, lowest first: each uses only those before it, and itself.
 const STAGES: [&str; 16] = [
@@ -277,10 +268,7 @@ fn no_imports_of_a_folder_run_in_a_circle() {
 fn no_file_and_no_function_is_too_long() {
     let of = |folder: &&str| {
         let found = too_long(&files(folder));
-        found
-            .into_iter()
-            .map(|(file, what)| format!("{folder}/{file}: {}", what.join("; ")))
-            .collect::<Vec<_>>()
+        found.into_iter().map(|(file, what)| format!("{folder}/{file}: {}", what.join("; "))).collect::<Vec<_>>()
     };
     let found = ["src", "tests", "benches"].iter().flat_map(of).collect::<Vec<_>>();
     assert!(found.is_empty(), "{}", found.join("\n"));
@@ -304,10 +292,7 @@ fn the_checks_of_layers_and_stages_see_a_breach() {
     assert_eq!(up, ["measure::detect::simd::a names measure::detect::image::b::B"]);
     assert_eq!(stages("measure::detect::simd::a", "fn f() { super::super::search::g(); }").len(), 1);
     assert_eq!(stages("measure::detect::image::b", "use super::super::simd::A; use super::c;").len(), 0);
-    assert_eq!(
-        stages("measure::detect::image", "#[cfg(test)] mod tests { use super::super::search; }").len(),
-        0
-    );
+    assert_eq!(stages("measure::detect::image", "#[cfg(test)] mod tests { use super::super::search; }").len(), 0);
 }
 
 #[test]
@@ -315,8 +300,7 @@ fn the_check_of_circles_sees_one_at_every_depth_and_through_what_is_lent_out() {
     let circles = |texts: &[(&str, &str)]| drawn(texts).circles().into_keys().collect::<Vec<_>>();
     let down = [("a::b", "use super::c::C;"), ("a::c", "use super::d;"), ("a::d", "")];
     assert_eq!(circles(&down), [""; 0]);
-    let round =
-        [("a::b", "use super::c::C;"), ("a::c", "use super::d;"), ("a::d", "fn f() { super::b::g() }")];
+    let round = [("a::b", "use super::c::C;"), ("a::c", "use super::d;"), ("a::d", "fn f() { super::b::g() }")];
     assert_eq!(circles(&round), ["a"]);
     assert_eq!(drawn(&round).circles()["a"].len(), 3);
     // A folder is one file, with the file of its name.
@@ -325,8 +309,7 @@ fn the_check_of_circles_sees_one_at_every_depth_and_through_what_is_lent_out() {
     let deep = [("a::b::c", "use super::d;"), ("a::b::d", "use super::{c, e::E};"), ("a::b::e", "")];
     assert_eq!(circles(&deep), ["a/b"]);
     // What the folder's own file lends out, under another name, too.
-    let lent =
-        [("a", "mod b; mod c; pub use b::X as Y;"), ("a::b", "use super::c;"), ("a::c", "use super::Y;")];
+    let lent = [("a", "mod b; mod c; pub use b::X as Y;"), ("a::b", "use super::c;"), ("a::c", "use super::Y;")];
     assert_eq!(circles(&lent), ["a"]);
     let own = [("a", "mod b; fn f() { b::g() } pub struct X;"), ("a::b", "use super::X;")];
     assert_eq!(circles(&own), [""; 0]);
@@ -335,8 +318,7 @@ fn the_check_of_circles_sees_one_at_every_depth_and_through_what_is_lent_out() {
 
 #[test]
 fn the_check_of_length_sees_a_long_file_and_a_long_function() {
-    let function =
-        |lines: usize| format!("    pub async fn f(\n{}    }}\n", "        a();\n".repeat(lines - 2));
+    let function = |lines: usize| format!("    pub async fn f(\n{}    }}\n", "        a();\n".repeat(lines - 2));
     let found = |text: String| too_long(&[("a.rs".to_owned(), text)]).remove("a.rs").unwrap_or_default();
     assert_eq!(found(function(70) + &function(70)), [""; 0]);
     assert_eq!(found(function(71)), ["line 1: a function of 71 lines"]);

@@ -1,1 +1,1 @@
-"""A fleet of two on this machine: an S3 server, two recorders' flights, a solve with another calibration, a report."""
+"""Demonstration of a fleet of two aircraft on this machine: S3 server, flights, a solve with another calibration, report."""

@@ -1,4 +1,4 @@
-"""python -m demo WINGD FOLDER: two aircraft that differ, one of them with both wings, a trial on ground that is withdrawn, an object
+"""python -m demo WINGD FOLDER: two different aircraft, one with both wings, a ground trial that is withdrawn, and an object
 that is damaged and repaired."""
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from .prepare import fly, recalibrated, record, recorder_of, weigh
 from .server import BUCKET, Server
 
 LAKE = f"s3://{BUCKET}/demo"
-# Deflection of the tip by which the second aircraft differs from the first at the same load, m.
+# Difference of tip deflection between the second and the first aircraft at the same load, m.
 DIFFERS_M = 0.15
 
 
 def prepared(wingd: str, folder: Path) -> dict[str, tuple[Path, str, str]]:
-    """Stores of four recorders, with aircraft and wing. Three flew the bundled flight, one a simulated right wing."""
+    """Creates the stores of four recorders, with aircraft and wing: three bundled flights and a simulated right wing."""
     stores = {
         "left": (record(wingd, folder / "recorder-left"), "D-DEMA", "left"),
         "right": (
@@ -38,14 +38,14 @@ def prepared(wingd: str, folder: Path) -> dict[str, tuple[Path, str, str]]:
 
 
 def damage(environment: dict[str, str]) -> None:
-    """As a bad disk of the object store does: a bit of one table."""
+    """Flips one bit of a table, like a bad disk of the object store."""
     os.environ.update(environment)
     lake = Lake(LAKE)
     key = next(key for key in lake.keys("tables") if "/shots/" in key)
     data = bytearray(lake.need(key))
     data[len(data) // 3] ^= 1
     lake.replace(key, bytes(data))
-    print(f"\n(a bit of {key} is flipped)", flush=True)
+    print(f"\n(one bit of {key} was flipped)", flush=True)
 
 
 def main(wingd: str, folder: Path) -> None:
@@ -85,7 +85,7 @@ def main(wingd: str, folder: Path) -> None:
             "--set",
             "aircraft_type=DEMO",
             "--why",
-            "the right wing was sent with a wrong type",
+            "the right wing was uploaded with a wrong type",
         )
         ask("flights")
         ask("define", "--solve", "onboard", "--kept")
@@ -99,9 +99,7 @@ def main(wingd: str, folder: Path) -> None:
         trial = f"{recorder_of(stores['trial'][0])[:8]}/f0001"
         ask("withdraw", trial, "--why", "a trial on ground, not a flight")
         damage(environment)
-        asked = (
-            "SELECT aircraft, wing, flights, round(deflection_m, 3) AS deflection_m FROM deflection_by_aircraft WHERE solve = 'onboard'"
-        )
+        asked = "SELECT aircraft, wing, flights, round(deflection_m, 3) AS deflection_m FROM deflection_by_aircraft WHERE solve = 'onboard'"
         ask("query", asked, check=False)
         ask("verify", check=False)
         ask("repair")
@@ -117,7 +115,7 @@ def main(wingd: str, folder: Path) -> None:
         )
         ask("corrections")
         ask("report", "--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html"))
-    # The lake is of no use without its server.
+    # The lake cannot be used without its server.
     shutil.rmtree(folder / "server")
     print(f"\nReport: {folder / 'fleet.html'} ({time.monotonic() - begun:.0f} s)")
 

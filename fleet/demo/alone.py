@@ -1,5 +1,5 @@
-"""python -m demo.alone COMMAND...: runs it where there is no network but the loopback. Ray listens on every address of
-its machine; here there is one. Linux; elsewhere, or where it is not allowed, it says so and runs the command as it is."""
+"""python -m demo.alone COMMAND...: runs a command in a network namespace with the loopback only, because Ray listens on every
+address of its machine. Linux only; otherwise, or without permission, it prints a warning and runs the command normally."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIOCSIFFLAGS, IFF_UP, IFF_RUNNING = 0x8914, 0x1, 0x40
 
 
 def leave_network() -> None:
-    """Into a network of its own; a user who is not root takes a user namespace for it."""
+    """Enters a new network namespace; a user other than root also needs a user namespace."""
     user, group = os.getuid(), os.getgid()
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(CLONE_NEWNET | (CLONE_NEWUSER if user else 0)) != 0:
@@ -34,6 +34,6 @@ if __name__ == "__main__":
         leave_network()
     except (OSError, AttributeError) as error:
         print(
-            f"no network of its own ({error}): ports are open to this machine's network while it runs", file=sys.stderr
+            f"no separate network ({error}): ports are open to this machine's network during the run", file=sys.stderr
         )
     os.execvp(sys.argv[1], sys.argv[1:])

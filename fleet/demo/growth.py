@@ -1,4 +1,4 @@
-"""python -m demo.growth WINGD FOLDER [FLIGHTS...]: how questions and report grow with the number of (synthetic) flights."""
+"""python -m demo.growth WINGD FOLDER [FLIGHTS...]: how the time of queries and report grows with the number of (synthetic) flights."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ QUESTIONS = {
 
 
 def real(wingd: str, folder: Path) -> Lake:
-    """A lake of two real flights, as recorded: one with aircraft data, one with live results."""
+    """Creates a lake of two real flights, as recorded: one with aircraft data, one with live results."""
     lake = Lake(f"file://{folder / 'lake'}")
     stores = [record(wingd, folder / "recorder-left"), fly(wingd, folder / "recorder-right", *RIGHT)]
     weigh(wingd, stores[0])
@@ -43,7 +43,7 @@ def real(wingd: str, folder: Path) -> Lake:
 
 
 def measure(lake: Lake, output: Path) -> dict[str, float]:
-    """Seconds of each step, as a new process does it: what a question reads first it need not read again."""
+    """Returns seconds of each step in a new process; later queries reuse tables that earlier ones have read."""
     clock = time.perf_counter
     begun = clock()
     asked = desk.Desk(lake)
@@ -65,7 +65,7 @@ def measure(lake: Lake, output: Path) -> dict[str, float]:
 
 
 def child(call: str, *arguments: str) -> dict[str, float]:
-    """Runs in a process of its own: its memory is the measure."""
+    """Runs a call in a process of its own, to measure its memory."""
     code = f"import sys, json; from pathlib import Path; from wingd_fleet.lake import Lake; from demo.growth import *; print(json.dumps({call}))"
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
     if done.returncode:

@@ -1,4 +1,4 @@
-"""What demonstration and tests begin with: recorders' stores, aircraft data, and an installation with another calibration."""
+"""Test data of demonstration and tests: recorders' stores, aircraft data, and an installation with another calibration."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import subprocess
 import time
 from pathlib import Path
 
-# The other calibration: focal lengths longer by a thousandth, what a second calibration may find.
+# Factor on the focal lengths of the other calibration, a plausible difference of a second calibration.
 FACTOR = 1.001
-# A flight in the simulated wing's own time: series, seconds between them, results a second between those.
+# Simulated flight: number of series, interval between them, s, and rate of live results, Hz.
 SERIES, INTERVAL_S, LIVE_HZ = 4, 3, 4
 # The invented aircraft: deflection of the tip, m per t of weight times load factor, and at 60 t.
 SLOPE_M_PER_T, DEFLECTION_AT_60_T_M = 0.060, 1.5
-# Of the simulated flight, kg.
+# Weight in the simulated flight, kg.
 WEIGHT_KG = 72_000
 
 CONFIGURATION = """installation = "installation"
@@ -64,7 +64,7 @@ quantity = "mach"
 
 
 def call(wingd: str, *arguments: str, environment: dict[str, str] | None = None, check: bool = True):
-    """Runs wingd; with `check` an exit other than 0 is an error that says why."""
+    """Runs wingd; with `check`, a non-zero exit status raises an error with the messages of wingd."""
     done = subprocess.run([wingd, *arguments], capture_output=True, text=True, env=environment)
     if check and done.returncode != 0:
         raise RuntimeError(f"wingd {' '.join(arguments)}: exit {done.returncode}: {done.stderr}")
@@ -72,7 +72,7 @@ def call(wingd: str, *arguments: str, environment: dict[str, str] | None = None,
 
 
 def record(wingd: str, folder: Path) -> Path:
-    """A recorder's store with the bundled flight, kept in `folder`."""
+    """Creates a recorder's store with the bundled flight in `folder`, unless it exists."""
     if not (folder / "report.html").exists():
         shutil.rmtree(folder, ignore_errors=True)
         call(wingd, "demo", "--output", str(folder))
@@ -80,7 +80,7 @@ def record(wingd: str, folder: Path) -> Path:
 
 
 def fly(wingd: str, folder: Path, *simulated: str) -> Path:
-    """A recorder's store with a flight of simulated frames, live results between its series, kept in `folder`."""
+    """Creates a recorder's store with a simulated flight, with live results between its series, in `folder`, unless it exists."""
     if (folder / "flown").exists():
         return folder / "store"
     shutil.rmtree(folder, ignore_errors=True)
@@ -95,7 +95,7 @@ def fly(wingd: str, folder: Path, *simulated: str) -> Path:
 
 
 def recorded(wingd: str, folder: Path) -> None:
-    """Lets the recorder run over a folder's frames, beside a feed of aircraft data, until it has its series."""
+    """Runs the recorder on a folder's frames with a feed of aircraft data until it has recorded its series."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
         feed.bind(("127.0.0.1", 0))
         port = feed.getsockname()[1]
@@ -105,15 +105,15 @@ def recorded(wingd: str, folder: Path) -> None:
     )
     end = time.monotonic() + 60 * INTERVAL_S
     while len(list(folder.glob("store/flights/*/*/results.jsonl"))) < SERIES and time.monotonic() < end:
-        tell(port)
+        send_aircraft_data(port)
         time.sleep(0.2)
     recorder.send_signal(signal.SIGINT)
     recorder.wait(60)
     call(wingd, "verify", str(folder / "store"))
 
 
-def tell(port: int) -> None:
-    """A line of the aircraft's data now: IWG1's 33 fields, then weight and load factor."""
+def send_aircraft_data(port: int) -> None:
+    """Sends a line of aircraft data: the 33 fields of IWG1, then weight and load factor."""
     tag = datetime.datetime.now(datetime.UTC).isoformat().replace("+00:00", "")
     fields = ["IWG1", tag, *[""] * 9, "0.78", *[""] * 21, f"{WEIGHT_KG}", "1.0"]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
@@ -121,7 +121,7 @@ def tell(port: int) -> None:
 
 
 def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
-    """Aircraft data for a store's flight: the weight that its deflections follow from, but for so many metres."""
+    """Imports aircraft data for a store's flight: the weight that its deflections imply, up to an offset of `off_m`."""
     if (store.parent / "weighed").exists():
         return
     text = call(wingd, "export", str(store), "--format", "csv", "--table", "shots").stdout
@@ -143,7 +143,7 @@ def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
 
 
 def recalibrated(wingd: str, demo: Path, folder: Path) -> Path:
-    """A recorder's installation with the other calibration, oriented anew."""
+    """Creates a recorder's installation with the other calibration and orients it again."""
     shutil.rmtree(folder, ignore_errors=True)
     source = demo / "input" if (demo / "input").exists() else demo
     ground = next(path for path in (source / "frames/ground.jpg", source / "ground.jpg") if path.exists())
@@ -159,7 +159,7 @@ def recalibrated(wingd: str, demo: Path, folder: Path) -> Path:
 
 
 def recorder_of(store: Path) -> str:
-    """A store's id."""
+    """Reads a store's id."""
     return re.search(r'(?m)^id = "([^"]+)"', (store / "store.toml").read_text())[1]
 
 

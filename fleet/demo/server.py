@@ -1,4 +1,4 @@
-"""An S3 server (SeaweedFS) on the loopback for demonstration and tests; it ends with the process that began it."""
+"""S3 server (SeaweedFS) on the loopback interface for demonstration and tests; it ends with its parent process."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from pathlib import Path
 
 HOST = "127.0.0.1"
 BUCKET = "fleet"
-# SeaweedFS answers its own calls at so many above each port.
+# Offset of the gRPC port of SeaweedFS from each port.
 GRPC_OFFSET = 10_000
 START_S, STOP_S = 60, 3
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports in a row that are free, and those of their calls too."""
+    """Finds consecutive free ports whose gRPC ports are free too."""
     for _ in range(100):
         first = random.randrange(12_000, 22_000 - count)
         ports = [first + k for k in range(count)]
@@ -38,7 +38,7 @@ def free_ports(count: int) -> list[int]:
 
 
 def _end_with_parent() -> None:
-    """Linux: killed when whoever began it ends, however that ends."""
+    """Linux: kills the process when its parent ends for any reason."""
     ctypes.CDLL("libc.so.6").prctl(1, signal.SIGKILL)
 
 
@@ -50,7 +50,7 @@ def _weed() -> str:
 
 
 class Server:
-    """As a context: started, its AWS_* variables in `environment`; stopped at the end."""
+    """A running server as a context manager; its AWS_* variables are in `environment`."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -103,7 +103,7 @@ class Server:
         return self
 
     def catalogue(self, warehouse: str) -> dict[str, str]:
-        """Makes a warehouse of the server's own Iceberg catalogue; pyiceberg's settings for it."""
+        """Creates a warehouse in the server's Iceberg catalogue; returns the pyiceberg settings for it."""
         command = [_weed(), "shell", f"-master={HOST}:{self.master}", f"-filer={HOST}:{self.filer}"]
         make = f"s3tables.bucket -create -name {warehouse} -account admin\n"
         subprocess.run(command, input=make, text=True, check=True, timeout=START_S, capture_output=True)
@@ -116,7 +116,7 @@ class Server:
         return {f"PYICEBERG_CATALOG__FLEET__{name}": value for name, value in settings.items()}
 
     def make(self, bucket: str) -> None:
-        """A bucket is made by its first object."""
+        """Creates a bucket by its first object."""
         import obstore
         from obstore.store import S3Store
 
@@ -132,7 +132,7 @@ class Server:
         obstore.put(store, "started", b"")
 
     def _wait(self) -> None:
-        """Until an object can be put."""
+        """Waits until an object can be put."""
         end = time.monotonic() + START_S
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Two recorders' stores, one server and one lake for all tests. WINGD names the binary, built with upload."""
+"""Two recorders' stores, one server and one lake for all tests. WINGD is the path of the binary, built with upload."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def wingd() -> str:
 
 @pytest.fixture(scope="session")
 def recorders(wingd, tmp_path_factory) -> list[Path]:
-    """The first has aircraft data, the second none."""
+    """Two recorders: the first has aircraft data, the second none."""
     folder = tmp_path_factory.mktemp("recorders")
     stores = [record(wingd, folder / name) for name in ("a", "b")]
     weigh(wingd, stores[0])
@@ -67,7 +67,7 @@ def copy(lake: Lake, folder: Path) -> Lake:
 
 @pytest.fixture(scope="session")
 def uploaded(wingd, recorders, installation, tmp_path_factory) -> Lake:
-    """A directory with both flights and both solves defined, nothing solved; not to be changed."""
+    """A lake with both flights and both solves defined, nothing solved; must not be changed."""
     url = f"file://{tmp_path_factory.mktemp('uploaded') / 'lake'}"
     upload(wingd, recorders, url)
     made = Lake(url)
@@ -77,7 +77,7 @@ def uploaded(wingd, recorders, installation, tmp_path_factory) -> Lake:
 
 @pytest.fixture(scope="session")
 def published(wingd, uploaded, tmp_path_factory) -> Lake:
-    """The same, solved without a fault; not to be changed."""
+    """A lake with both flights solved without errors; must not be changed."""
     folder = tmp_path_factory.mktemp("published")
     made = copy(uploaded, folder / "lake")
     for solve in SOLVES:
@@ -88,24 +88,24 @@ def published(wingd, uploaded, tmp_path_factory) -> Lake:
 
 @pytest.fixture
 def lake(uploaded, tmp_path) -> Lake:
-    """Both flights and both solves, nothing solved, of the test's own."""
+    """A lake of the test's own with both flights and both solves, nothing solved."""
     return copy(uploaded, tmp_path / "lake")
 
 
 @pytest.fixture
 def solved(published, tmp_path) -> Lake:
-    """Both flights in both solves, of the test's own."""
+    """A lake of the test's own with both flights in both solves."""
     return copy(published, tmp_path / "solved")
 
 
 def contents(lake: Lake, *places: str) -> dict[str, bytes]:
-    """Every object below the places."""
+    """Reads every object below the prefixes."""
     return {key: lake.need(key) for place in places or ("tables", "commits") for key in lake.keys(place)}
 
 
 @pytest.fixture(scope="session")
 def faultless(published) -> dict[str, bytes]:
-    """Tables and commits of a run in which nothing failed."""
+    """Tables and commits of a run without failures."""
     return contents(published)
 
 

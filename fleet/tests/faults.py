@@ -1,4 +1,4 @@
-"""Faults on purpose: a lake that dies at its n-th operation, bits that flip; and answers as a thing to compare."""
+"""Fault injection: a lake that dies at its n-th change, flipped bits; and query results in a form to compare."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Callable, Iterator
 from wingd_fleet.desk import Desk
 from wingd_fleet.lake import Lake
 
-# Columns that tell a row, and that must not be wrong.
+# Columns that identify a row, and columns with values that must be right.
 KEYS = {
     "shots": "series, shot",
     "markers": "series, shot, marker",
@@ -21,12 +21,12 @@ VALUES = {"shots": "tip_deflection_m", "markers": "deflection_m", "parameters": 
 
 
 class Died(BaseException):
-    """As when the power goes: no handler of ours sees it."""
+    """Simulated power failure: no exception handler of ours catches it."""
 
 
 class Dying(Lake):
-    """A lake whose process dies at its n-th change, before it is done or after. A death while it reads is as one before the
-    next change."""
+    """A lake whose process dies at its n-th change, before or after it is done. A death during a read equals one before the next
+    change."""
 
     def __init__(self, url: str, at: int, after: bool):
         super().__init__(url)
@@ -62,7 +62,7 @@ class Dying(Lake):
 
 
 def deaths(make: Callable[[], Lake], work: Callable[[Lake], object]) -> Iterator[Lake]:
-    """Lakes on which a work died, at each of its changes in turn, before and after; until it does not die any more."""
+    """Yields lakes on which `work` died, at each of its changes in turn, before and after, until it no longer dies."""
     at = 1
     while True:
         for after in (False, True):
@@ -79,7 +79,7 @@ def deaths(make: Callable[[], Lake], work: Callable[[Lake], object]) -> Iterator
 
 
 def answers(lake: Lake, cache: Path | None = None) -> dict:
-    """What is answered of every table: rows and sum of values by solve, flight and whose it is. No row stands there twice."""
+    """Returns row count and sum of values of every table by solve, flight and aircraft; asserts that no row is duplicated."""
     desk, found = Desk(lake, None, cache), {}
     for table, key in KEYS.items():
         whose = "solve, recorder_id, flight"

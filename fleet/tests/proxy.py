@@ -1,4 +1,4 @@
-"""A connection that breaks, or is slow: a TCP proxy on the loopback."""
+"""TCP proxy on the loopback interface that breaks or slows a connection."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ BUFFER_BYTES = 64 << 10
 
 
 class Proxy:
-    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through. `rate`: bytes a
-    second towards it, over all connections."""
+    """Forwards connections to a port; after `budget` bytes towards it calls `broken` and blocks. `rate`: maximum bytes per second
+    towards it, over all connections."""
 
     def __init__(self, port: int, rate: float | None = None):
         self.target, self.rate, self.free = port, rate, time.monotonic()
@@ -23,7 +23,7 @@ class Proxy:
         self.lock = threading.Lock()
         self.listener = socket.create_server((HOST, 0))
         if rate:
-            # What the machine's buffers would take at once is on no slow link.
+            # Small socket buffers: large ones would hide the slow link.
             self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self.port = self.listener.getsockname()[1]
         threading.Thread(target=self._accept, daemon=True).start()

@@ -1,4 +1,4 @@
-"""A flipped bit in each kind of object, and each kind gone: no wrong answer, the object named, and mended."""
+"""A flipped bit in each kind of object, and each kind missing: no wrong result, the object is named and repaired."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .conftest import copy
 from .faults import answers, flip
 
 SEED = 56
-# Of the kinds of objects, by the beginning and the end of their keys.
+# Kinds of objects, by the beginning and the end of their keys.
 KINDS = [
     "manifests/.*/manifest.json",
     "manifests/.*/results.json",
@@ -39,7 +39,7 @@ KINDS = [
 
 @pytest.fixture(scope="module")
 def full(wingd, published, tmp_path_factory) -> Lake:
-    """A lake with an object of every kind; not to be changed."""
+    """A lake with an object of every kind; must not be changed."""
     folder = tmp_path_factory.mktemp("full")
     lake = copy(published, folder / "lake")
     flight = solves.flights(lake)[0]
@@ -48,7 +48,7 @@ def full(wingd, published, tmp_path_factory) -> Lake:
     assert nobody and records.create_twice(lake, solves.key("nobody"), records.dump(definition))
     with pytest.raises(FleetError, match="no installation"):
         task.run(lake, "nobody", flight, wingd, folder / "work")
-    # The snapshot has one flight's tables alone: the other one's are read themselves.
+    # The snapshot has the tables of one flight only; those of the other are read directly.
     other = solves.flights(lake)[1]
     corrections.add(lake, "withdraw", {"recorder": other.recorder, "flight": other.flight}, "tests", "to see")
     snapshot.make(lake, folder / "work")
@@ -71,7 +71,7 @@ def test_what_is_damaged_or_gone_is_named_and_never_answered_from(
     path.unlink() if gone else flip(path, random.Random(f"{SEED} {kind} {gone}"))
     _answers_rightly_or_names(lake, key, wanted)
     faults = damage.verify(lake)
-    # That a snapshot is not there is no fault, nor why a task gave up: the rest says what is.
+    # A missing snapshot or failure record is not a fault.
     silent = gone and re.match("snapshots/.*manifest|failures", key)
     assert silent or any(_names(str(fault), key) for fault in faults), faults
     left = damage.repair(lake, faults, wingd, tmp_path / "work")
@@ -86,7 +86,7 @@ def test_what_is_damaged_or_gone_is_named_and_never_answered_from(
 
 
 def _names(text: str, key: str) -> bool:
-    """An installation is named as a whole, a lost commit by its place."""
+    """Returns whether a text names the object: an installation as a whole, a lost commit by its key."""
     return key in text or (key.startswith("installations/") and key.rsplit("/", 1)[0] in text)
 
 
@@ -97,7 +97,7 @@ def _answers_rightly_or_names(lake: Lake, key: str, wanted: dict) -> None:
         assert _names(str(error), key), error
         return
     if found != wanted:
-        # Fewer rows, never others; and which flight has no tables is said.
+        # Fewer rows, never wrong ones; and the flight without tables is reported.
         from wingd_fleet.desk import Desk
 
         for table, rows in found.items():
@@ -127,11 +127,11 @@ def test_frames_that_a_rule_has_aged_are_no_damage_to_what_is_kept(wingd, solved
     assert damage.verify(solved, frames=False) == []
     assert len(damage.verify(solved)) == 20
     said = call(wingd, "upload", str(recorders[0]), "--to", solved.url)
-    assert "10 frames aged there" in said.stdout and solved.keys("frames") == []
+    assert "10 frames expired at the destination" in said.stdout and solved.keys("frames") == []
 
 
 def test_another_processors_rounding_is_another_commit(wingd, solved, tmp_path, monkeypatch):
-    """The tables cannot be made again to the bit: what is made is published as the next commit, and read alone."""
+    """The tables cannot be recreated bit for bit: new ones are published as the next commit, and only they are read."""
     import numpy as np
     import pyarrow as pa
 

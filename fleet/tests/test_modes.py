@@ -1,4 +1,4 @@
-"""Modes from live results: two known ones are found again within their standard deviations, by day and by window."""
+"""Modes from live results: two known modes are identified within their standard deviations, by day and by window."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRUE = ((1.3, 0.03, 0.10), (3.7, 0.02, 0.03))
 
 
 def swing(hz: float, damping: float, rms_m: float, count: int, random) -> np.ndarray:
-    """A mode that white noise excites, in its steady state."""
+    """Simulates a mode excited by white noise, in its steady state."""
     omega = 2 * np.pi * hz / RATE_HZ
     decay = np.exp(-damping * omega)
     first, second = 2 * decay * np.cos(omega * np.sqrt(1 - damping**2)), decay**2
@@ -34,7 +34,7 @@ def swing(hz: float, damping: float, rms_m: float, count: int, random) -> np.nda
 
 
 def shapes() -> list[np.ndarray]:
-    """The bending of an even load, and a uniform cantilever's second mode; 1 at the tip."""
+    """Returns the bending shape of a uniform load and the second mode of a uniform cantilever, 1 at the tip."""
     eta = np.linspace(0, 1, STATIONS)
     root = 4.694091
     free = (np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
@@ -44,7 +44,7 @@ def shapes() -> list[np.ndarray]:
 
 
 def export(path: Path, seed: int, seconds: float = 300, true=TRUE, skipped: float = 0.0, hole: bool = False) -> Path:
-    """As `wingd export --table live` writes it, of a curve with correlated noise of 2 mm at the tip."""
+    """Creates a table as `wingd export --table live`, from a curve with correlated noise of 2 mm at the tip."""
     random, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
     deflections = 2.0 + sum(np.outer(swing(*one, count, random), shape) for one, shape in zip(true, shapes()))
     deflections += 0.002 * random.standard_normal((count, 2)) @ np.vstack(shapes())
@@ -61,7 +61,10 @@ def export(path: Path, seed: int, seconds: float = 300, true=TRUE, skipped: floa
     }
     columns["exposure_time"] = pa.array((1e6 * times).astype(int), pa.timestamp("us", "UTC"))
     for k in range(STATIONS):
-        columns[f"deflection_s{k + 1:02}_m"], columns[f"arc_length_s{k + 1:02}_m"] = deflections[:, k], np.full(count, arcs[k])
+        columns[f"deflection_s{k + 1:02}_m"], columns[f"arc_length_s{k + 1:02}_m"] = (
+            deflections[:, k],
+            np.full(count, arcs[k]),
+        )
     columns |= {"mach": np.full(count, 0.78), "sigma_mach": np.full(count, 0.002)}
     columns |= {"fuel_kg": np.linspace(20000, 19000, count), "sigma_fuel_kg": np.full(count, 50.0)}
     pq.write_table(pa.table(columns).filter(pa.array(kept)), path)
@@ -82,7 +85,7 @@ def _is_number(text: str) -> bool:
 
 
 def check(rows: list[dict], true=TRUE) -> list[float]:
-    """Frequency to 1 %, shape's MAC 0.99; the errors in standard deviations come back."""
+    """Frequency to 1 %, shape's MAC 0.99; the normalised errors are consistent."""
     off = []
     for row, (hz, damping, _), shape in zip(rows, true, shapes(), strict=True):
         assert abs(row["frequency_hz"] / hz - 1) < 0.01, row
@@ -125,7 +128,7 @@ def test_noise_has_no_modes_and_wrong_exports_say_what_to_do(tmp_path, capsys):
     pq.write_table(pa.table({"since_boot_s": [1.0, 2.0]}), tmp_path / "other.parquet")
     assert cli.main(["modes", str(tmp_path / "other.parquet")]) == 1
     assert "no deflections of stations" in capsys.readouterr().err
-    with pytest.raises(FleetError, match="less than 20 swings"):
+    with pytest.raises(FleetError, match="less than 20 periods"):
         modes.rows(pa.table({"since_boot_s": [1.0]}), 10, 1.0, 3, "stations")
     (tmp_path / "live.txt").write_text("")
     assert cli.main(["modes", str(tmp_path / "live.txt")]) == 1

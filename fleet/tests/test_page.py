@@ -1,4 +1,4 @@
-"""The `sh` blocks of docs/fleet.md, line by line as they stand there: a recorder's page, the S3 server, both tables' tools."""
+"""The `sh` blocks of docs/fleet.md, line by line: a recorder's page, the S3 server, both tables' tools."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from wingd_fleet.state import State
 
 PAGE = Path(__file__).parents[2] / "docs/fleet.md"
 LAKE = "s3://wings/fleet"
-# The page speaks of a cluster; this is one machine.
+# The page assumes a cluster; this is one machine.
 SMALLER = {"--workers 8": "--workers 2", "-P 8 ": "-P 2 "}
 
 
 @pytest.fixture
 def recorder(wingd, recorders):
-    """The page of a recorder's store: its port."""
+    """Serves the page of a recorder's store; yields its port."""
     port = free_ports(1)[0]
     serving = subprocess.Popen([wingd, "serve", str(recorders[0]), "--listen", f"{HOST}:{port}"])
     try:
@@ -46,7 +46,7 @@ def recorder(wingd, recorders):
 def blocks(port: int) -> list[str]:
     text = PAGE.read_text().replace("seat12a.local:8080", f"{HOST}:{port}")
     for large, small in SMALLER.items():
-        assert large in text, f"{large} stands in the page no more"
+        assert large in text, f"{large} is no longer in the page"
         text = text.replace(large, small)
     return re.findall(r"^```sh\n(.*?)^```$", text, re.M | re.S)
 
@@ -57,7 +57,7 @@ def test_every_command_of_the_page_runs(wingd, recorders, recorder, server, tmp_
         (tmp_path / folder).parent.mkdir(exist_ok=True)
         recalibrated(wingd, recorders[0].parent, tmp_path / folder)
     server.make("wings")
-    # The other wing's flight is in the lake already, and its store on the desk.
+    # The flight of the other wing is already in the lake, and its store on the workstation.
     shutil.copytree(recorders[1], tmp_path / "incoming/D-ABCE")
     call(
         wingd,

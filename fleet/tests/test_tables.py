@@ -1,4 +1,4 @@
-"""The tables as questions, engines and Iceberg see them, also when newer files have more columns; live results; the report."""
+"""Tables as seen by queries, engines and Iceberg, also if newer files have more columns; live results; the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .faults import answers
 
 
 def newer(lake: Lake, change) -> Flight:
-    """A further flight whose tables are of a newer program: `change` makes its columns."""
+    """Adds a flight whose tables are from a newer program: `change` creates its columns."""
     template = State(lake).published(["onboard"])[0]
     flight = Flight(template.flight.recorder, "f0002")
     lake.create(flight.manifest, lake.need(template.flight.manifest))
@@ -48,7 +48,7 @@ def gusty(content: pa.Table) -> pa.Table:
 
 
 def test_every_engine_reads_old_and_new_flights_the_same(solved, tmp_path, capsys):
-    """As docs/fleet.md says: the files of a snapshot."""
+    """Returns the files of a snapshot, as in docs/fleet.md."""
     newer(solved, gusty)
     snapshot.make(solved, tmp_path / "work")
     assert engines.compare(solved, "onboard", tmp_path / "cache")
@@ -68,7 +68,7 @@ def test_a_snapshot_answers_as_the_flights_do(solved, tmp_path):
     first = snapshot.make(solved, tmp_path / "work")
     assert answers(solved) == whole
     assert snapshot.make(solved, tmp_path / "work") == first
-    # A flight that came after it is read beside it.
+    # A flight uploaded later is read in addition.
     newer(solved, gusty)
     assert Desk(solved).rows("SELECT count(*) AS n, count(gust_m_s) AS g FROM shots") == [{"n": 50, "g": 10}]
     second = snapshot.make(solved, tmp_path / "work", prune=True)
@@ -104,7 +104,7 @@ def test_iceberg_is_the_current_snapshot_and_nothing_else(solved, tmp_path):
 
 
 def test_columns_follow_the_rule(solved):
-    """Added ones are kept, missing ones are null, another type is refused; those that identify a row must be there."""
+    """Additional columns are kept, missing ones are null, another type is rejected; identifying columns are required."""
     one = State(solved).published(["onboard"])[0]
     content = parquet.read(solved.need(one.tables["shots"].key)).drop_columns(["solve"])
     whole = parquet.completed(content.append_column("gust_m_s", content["tip_deflection_m"]), "shots", "s")
@@ -142,9 +142,11 @@ def test_live_results_have_tables(wingd, tmp_path):
     assert task.run(lake, "onboard", flight, wingd, tmp_path / "work") == "done"
     exported = call(wingd, "export", str(store), "--format", "csv", "--table", "live").stdout.splitlines()
     desk = Desk(lake)
-    (row,) = desk.rows("SELECT count(*) AS n, count(tip_deflection_m) AS deflections, any_value(status) AS status FROM live")
+    (row,) = desk.rows(
+        "SELECT count(*) AS n, count(tip_deflection_m) AS deflections, any_value(status) AS status FROM live"
+    )
     assert row["n"] == len(exported) - 1 > 3 and row["deflections"] > 3
-    # Rows of stations and markers agree with the columns that the export has for each.
+    # Rows of stations and markers agree with the columns of the export.
     header = exported[0].split(",")
     column, arc = "deflection_s05_m", "arc_length_s05_m"
     label = next(value for line in exported[1:] if (value := line.split(",")[header.index(arc)]))
@@ -152,13 +154,14 @@ def test_live_results_have_tables(wingd, tmp_path):
         float(line.split(",")[header.index(column)]) for line in exported[1:] if line.split(",")[header.index(column)]
     ]
     found = desk.rows(
-        "SELECT deflection_m FROM live_span WHERE arc_length_m = ? AND deflection_m IS NOT NULL ORDER BY number", [float(label)]
+        "SELECT deflection_m FROM live_span WHERE arc_length_m = ? AND deflection_m IS NOT NULL ORDER BY number",
+        [float(label)],
     )
     assert [row["deflection_m"] for row in found] == pytest.approx(values, rel=1e-6)
     markers = sum(name.startswith("u_") for name in header)
     assert desk.rows("SELECT count(DISTINCT marker) AS n FROM live_markers") == [{"n": markers}]
     assert desk.rows("SELECT results FROM live_by_flight") == [{"results": row["n"]}]
-    # The aircraft's data at the instant of each, and what it follows from, as of frames.
+    # Aircraft data at the time of each result, and its provenance, as for frames.
     for table in ("live", "live_markers", "live_span", "shots"):
         asked = f"SELECT count(weight_kg) > 0.5 * count(*) AS most, min(weight_kg) AS w, max(mach) AS m FROM {table}"
         assert desk.rows(asked) == [{"most": True, "w": WEIGHT_KG, "m": 0.78}], table
@@ -169,7 +172,7 @@ def test_live_results_have_tables(wingd, tmp_path):
 
 
 def test_live_exports_of_old_and_new_programs_make_the_same_rows():
-    """Stations by their arc length in a name, and by round names with the arc length in a column."""
+    """Stations named by arc length, and numbered stations with the arc length in a column."""
     once = {
         "recorder_id": ["r", "r"],
         "flight": ["f0001"] * 2,
@@ -265,7 +268,7 @@ def test_a_bucket_is_read_as_a_directory_is(wingd, solved, server, tmp_path):
     wanted = answers(solved)
     cache = tmp_path / "cache"
     assert answers(lake, cache) == wanted
-    # Also from what is kept here, unless it is damaged.
+    # Also from the cache, unless it is damaged.
     for path in cache.rglob("*.parquet"):
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 4
@@ -279,7 +282,7 @@ def test_a_bucket_is_read_as_a_directory_is(wingd, solved, server, tmp_path):
 
 
 def test_a_rest_catalogue_does_as_well(solved, server, tmp_path):
-    """The S3 server's own one; its metadata lie in its own bucket, the data where they are."""
+    """Catalogue of the S3 server: metadata in its own bucket, data in place."""
     lake = Lake("s3://fleet/rest")
     for key in solved.keys(""):
         lake.create(key, solved.need(key))

@@ -1,4 +1,4 @@
-"""One flight, one task, by whatever queue: the tables are those of a run without faults."""
+"""One flight, one task, by any queue: the tables equal those of a run without faults."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FLEET = str(Path(sys.executable).with_name("wingd-fleet"))
 
 
 def test_killed_workers_give_the_same(wingd, recorders, installation, server, tmp_path, faultless):
-    """Through the S3 server, as xargs does it. Workers are killed at random while they have work; who is left goes on."""
+    """Tasks through the S3 server, as with xargs. Workers are killed at random while busy; the others continue."""
     url = "s3://fleet/killed"
     upload(wingd, recorders, url)
     lake = Lake(url)
@@ -37,7 +37,7 @@ def test_killed_workers_give_the_same(wingd, recorders, installation, server, tm
     environment = {**os.environ, "WINGD": wingd, "HOME": str(tmp_path)}
     for solve in ("onboard", "recalibrated"):
         while flights := State(lake).missing(solve):
-            # Each flight twice: as when a lost node's task is begun anew and the node was not lost.
+            # Each flight twice, as if the task of a seemingly lost node was started again.
             commands = [
                 [FLEET, "task", "--lake", url, "--solve", solve, "--work", str(work), "--flight", str(f)]
                 for f in flights * 2
@@ -58,7 +58,7 @@ def test_killed_workers_give_the_same(wingd, recorders, installation, server, tm
 
 
 def test_any_queue_does(wingd, lake, tmp_path, faultless):
-    """The lines of docs/fleet.md: xargs, and an array whose elements know their number."""
+    """Command lines of docs/fleet.md: xargs, and an array job whose elements know their number."""
     environment = {
         **os.environ,
         "WINGD": wingd,
@@ -146,7 +146,7 @@ def test_another_program_is_not_mixed_in(wingd, lake, installation, tmp_path):
 
 
 def test_the_tables_are_of_the_results_that_were_asked_for(wingd, lake, recorders, tmp_path):
-    """Also where the flight came with results of another installation that are newer."""
+    """Also if the flight was uploaded with newer results of another installation."""
     flight = next(one for one in solves.flights(lake) if one.recorder == recorder_of(recorders[1]))
     own = [({"recorder": flight.recorder, "from": None}, recorders[1].parent / "input/installation")]
     solves.define(lake, "own", own, [], program.version(wingd))
@@ -168,14 +168,14 @@ SAID = {
     "secret": ({"AWS_SECRET_ACCESS_KEY": "secret-of-a-user"}, "AWS_SECRET_ACCESS_KEY"),
     "endpoint": ({"AWS_ENDPOINT_URL": "http://127.0.0.1:9"}, "AWS_ENDPOINT_URL"),
     "name": ({"AWS_ENDPOINT_URL": "http://no-such-host.invalid"}, "AWS_ENDPOINT_URL"),
-    "bucket": ({}, "no such bucket"),
+    "bucket": ({}, "bucket does not exist"),
     "nothing": ({"AWS_ACCESS_KEY_ID": "", "AWS_SECRET_ACCESS_KEY": ""}, "not both set"),
 }
 
 
 @pytest.mark.parametrize("what", SAID)
 @pytest.mark.parametrize("who", ["wingd", "wingd-fleet"])
-def test_what_is_wrong_with_a_bucket_is_told_apart_within_3_s(wingd, recorders, server, what, who):
+def test_errors_of_a_bucket_are_distinguished_within_3_s(wingd, recorders, server, what, who):
     changed, words = SAID[what]
     environment = {**os.environ, **server.environment, **changed}
     place = "s3://no-such-bucket/x" if what == "bucket" else "s3://fleet/x"
@@ -185,7 +185,7 @@ def test_what_is_wrong_with_a_bucket_is_told_apart_within_3_s(wingd, recorders, 
     begun = time.monotonic()
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     took = time.monotonic() - begun
-    # SeaweedFS makes a bucket that is asked for by who may.
+    # SeaweedFS creates a requested bucket if the key permits it.
     if what != "bucket" or done.returncode:
         assert done.returncode in (1, 78) and words in done.stderr, done.stderr
     assert took < 3, f"{took:.1f} s"
@@ -226,7 +226,7 @@ def test_nobody_reading_on_is_no_fault(solved, tmp_path):
 
 
 def test_no_metadata_address_is_asked_unless_wished_for(wingd, recorders, tmp_path):
-    """Without credentials the libraries would ask it for some."""
+    """Without credentials the libraries would request some from the metadata address."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("AWS_")} | {"HOME": str(tmp_path)}
     for command in ([FLEET, "flights", "--lake", "s3://b/x"], [wingd, "upload", str(recorders[0]), "--to", "s3://b/x"]):
         begun = time.monotonic()

@@ -1,5 +1,5 @@
-"""What is published is said once: doubled runs, kills between any two steps, renamed aircraft, two wings, withdrawals. No row of an
-answer is wrong or doubled."""
+"""Published rows are right and unique: duplicate runs, kills between any two steps, renamed aircraft, two wings, withdrawals. No
+row of a result is wrong or duplicated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BY = ("tests", "to see")
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Exports from memory: the steps between are what is tested here, not wingd."""
+    """Serves exports from memory, because these tests cover the steps around wingd, not wingd itself."""
     kept, export = {}, program.export
 
     def remembered(wingd, store, flight, table, inputs):
@@ -43,7 +43,7 @@ def quick(monkeypatch):
 
 
 def fresh(source: Lake, folder: Path):
-    """Makes copies of a lake, the one before removed."""
+    """Creates copies of a lake and removes the previous one."""
 
     def make() -> Lake:
         shutil.rmtree(folder, ignore_errors=True)
@@ -157,7 +157,7 @@ def test_doubled_tasks_give_the_same(wingd, lake, tmp_path, faultless):
 
 
 def test_everything_run_twice_at_once_is_there_once(wingd, lake, tmp_path, faultless):
-    """Two processes each: runs, snapshots, Iceberg, the same withdrawal."""
+    """Two concurrent processes each: runs, snapshots, Iceberg, the same withdrawal."""
     environment = {**os.environ, "WINGD": wingd, "HOME": str(tmp_path)}
 
     def twice(*command: str) -> None:
@@ -194,7 +194,7 @@ def test_an_aircraft_under_another_name_is_no_other_flight(wingd, recorders, sol
     for rows in answers(solved).values():
         assert {row[3] for row in rows if row[1] == flight.recorder} == {"DDEMA"}
         assert sorted(row[6:] for row in rows) == sorted(row[6:] for row in before[_table(rows, before)])
-    # An aircraft's type, wherever it is one by now; and in a snapshot made before and after.
+    # The type of an aircraft after correction; in snapshots written before and after.
     corrections.add(solved, "set", {"aircraft": "DDEMA"}, *BY, {"aircraft_type": "A321"})
     corrections.add(solved, "set", {"aircraft": "D-DEMA"}, *BY, {"aircraft_type": "WRONG"})
     for _ in range(2):
@@ -229,7 +229,9 @@ def test_two_wings_of_an_aircraft_have_their_own_installations(wingd, lake, reco
         task.run(lake, "wings", flight, wingd, tmp_path / "work")
     rows = Desk(lake, ["wings"]).rows("SELECT aircraft, wing, deflection_m FROM deflection_by_aircraft ORDER BY wing")
     assert [(row["aircraft"], row["wing"]) for row in rows] == [("D-TWO", "left"), ("D-TWO", "right")]
-    assert abs(rows[0]["deflection_m"] - rows[1]["deflection_m"]) > 1e-4, "the other calibration is of the left one alone"
+    assert abs(rows[0]["deflection_m"] - rows[1]["deflection_m"]) > 1e-4, (
+        "the other calibration is of the left one alone"
+    )
 
 
 def test_a_re_survey_holds_from_a_flight_or_a_date_on(uploaded):
@@ -300,7 +302,7 @@ def test_a_solve_is_withdrawn_as_a_whole_or_of_a_flight(wingd, solved, lake, tmp
     assert found == {("onboard", one.recorder), ("onboard", other.recorder), ("recalibrated", other.recorder)}
     corrections.add(solved, "withdraw", {"solve": "recalibrated"}, *BY)
     assert {row[0] for row in answers(solved)["shots"]} == {"onboard"}
-    # Of a flight that has no tables yet: no task makes any.
+    # No task creates tables of a withdrawn flight without tables.
     corrections.add(lake, "withdraw", {"recorder": one.recorder, "flight": one.flight}, *BY)
     assert State(lake).missing("onboard") == [other]
     assert task.run(lake, "onboard", one, wingd, tmp_path / "work") == "withdrawn"
@@ -338,7 +340,7 @@ def test_a_driver_that_is_ended_leaves_no_process_and_no_folder(wingd, lake, tmp
 
 
 def _below(work: Path) -> list[str]:
-    """Processes that name a folder."""
+    """Returns processes whose command line contains a folder."""
     found = []
     for place in Path("/proc").glob("[0-9]*/cmdline"):
         try:

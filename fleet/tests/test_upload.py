@@ -1,4 +1,4 @@
-"""`wingd upload`: every object once, whatever breaks off; nothing written over; nothing told that is secret."""
+"""`wingd upload`: every object once despite interruptions; nothing overwritten; no secret printed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_broken_off_twenty_times_every_object_is_there_once(wingd, recorders, se
     ]
     for number in range(BREAKS):
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        # Every other time the program is killed, else its connections are.
+        # The program and its connections are killed alternately.
         proxy.broken = process.kill if number % 2 else lambda: None
         proxy.budget = chance.randrange(1_000, 160_000)
         assert process.wait(60) != 0, f"attempt {number} was to break off"
@@ -73,7 +73,7 @@ def test_broken_off_twenty_times_every_object_is_there_once(wingd, recorders, se
 
 
 def _marks_are_true(lake: Lake) -> None:
-    """A stage is said to be there only when it is."""
+    """A stage is reported as uploaded only if it is."""
     state = State(lake)
     for flight in state.flights:
         for entry in state.manifest(flight)["files"]:
@@ -83,7 +83,7 @@ def _marks_are_true(lake: Lake) -> None:
 
 
 def test_what_exists_comes_first_then_results_then_frames(wingd, recorders, server):
-    """Also over several flights' frames: a link that breaks early leaves what is asked first."""
+    """Results first, also for several flights: a link that breaks early has transferred what is needed first."""
     proxy = Proxy(server.s3)
     environment = {**os.environ, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{proxy.port}"}
     lake, order = Lake(f"s3://{BUCKET}/order"), []
@@ -127,11 +127,11 @@ def test_what_is_there_with_other_bytes_is_neither_written_over_nor_taken(wingd,
     length = len(Lake(f"file://{tmp_path}/model").need(frame))
     lake.create(frame, b"x" * length)
     done = put(wingd, recorders[0], url)
-    assert done.returncode == 1 and "other bytes" in done.stderr and "0001.jpg" in done.stderr
+    assert done.returncode == 1 and "different content" in done.stderr and "0001.jpg" in done.stderr
     assert lake.need(frame) == b"x" * length
     assert State(lake).arrived(flight) == "results"
     done = put(wingd, recorders[0], url, "--repair")
-    assert done.returncode == 0 and "1 in place of damaged ones" in done.stdout, done.stderr
+    assert done.returncode == 0 and "1 replacing damaged ones" in done.stdout, done.stderr
     assert objects(lake) == objects(Lake(f"file://{tmp_path}/model"))
 
 
@@ -174,7 +174,7 @@ def test_a_damaged_flight_does_not_become_whole(wingd, recorders, tmp_path):
 
 
 def test_long_files_go_in_parts_and_come_back(wingd, recorders, tmp_path):
-    """A frame of 9 MB is three objects, each with its digest."""
+    """A frame of 9 MB is stored as three objects, each with its digest."""
     store = long_frames(wingd, recorders[0], tmp_path / "recorder", 9_000_000)
     lake = Lake(f"file://{tmp_path}/lake")
     assert put(wingd, store, lake.url).returncode == 0
@@ -187,7 +187,7 @@ def test_long_files_go_in_parts_and_come_back(wingd, recorders, tmp_path):
 
 
 def long_frames(wingd: str, template: Path, folder: Path, length: int) -> Path:
-    """A recorder's store of eight frames that are so long: pictures with bytes behind their end."""
+    """Creates a recorder's store of eight long frames: images with extra bytes after their end."""
     shutil.copytree(template.parent / "input/installation", folder / "installation")
     (folder / "frames").mkdir()
     for number, frame in enumerate(sorted((template.parent / "input/frames").glob("flight-*.jpg"))[:8]):
@@ -238,7 +238,7 @@ def test_a_limit_of_the_rate_is_kept(wingd, recorders, server):
 
 @pytest.mark.skipif("FLEET_SLOW_LINK" in os.environ, reason="the long one runs")
 def test_a_slow_link_that_breaks_all_the_time_finishes(wingd, recorders, server, tmp_path):
-    """The long one, ten times as fast: 60 MB over 20 Mbit/s, killed every 2 to 12 s."""
+    """Long upload at ten times the speed: 60 MB over 20 Mbit/s, killed every 2 to 12 s."""
     slow_link(wingd, recorders[0], server, tmp_path, 60e6, 2.5e6, (2, 12))
 
 

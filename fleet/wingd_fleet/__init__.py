@@ -1,3 +1,3 @@
-"""Many flights of many aircraft: solved again, kept as tables, asked. docs/fleet.md says how."""
+"""Many flights of many aircraft: solve them again, store the results as tables, query them. See docs/fleet.md."""
 
 __version__ = "0.2.0"

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Iterable, Sequence
 
-# Colours that stay apart for the colour-blind (Okabe and Ito), dark enough on white.
+# Colours distinguishable by colour-blind readers (Okabe and Ito), dark enough on white.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#a0522d", "#cc79a7", "#56718a", "#b8860b", "#444444")
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 640, 340, 62, 46, 14, 12
 STEPS = 5
@@ -15,7 +15,7 @@ STEPS = 5
 
 @dataclass
 class Series:
-    """Points of one name: x, y, and half the bar's length or None."""
+    """Named points: x, y, and half the bar length or None."""
 
     name: str
     points: Sequence[tuple[float, float, float | None]]
@@ -24,7 +24,7 @@ class Series:
 
 
 def ticks(low: float, high: float, least: float = 0.0, count: int = STEPS) -> list[float]:
-    """Round values between two, at least so far apart."""
+    """Returns round values between `low` and `high`, at least `least` apart."""
     span = (high - low) or abs(high) or 1.0
     raw = span / count
     base = 10 ** math.floor(math.log10(raw))
@@ -39,13 +39,13 @@ def plain(value: float) -> str:
 
 
 def chart(series: Iterable[Series], x: str, y: str, label: str, times: bool = False) -> str:
-    """A figure; `label` says in words what it shows, for those who do not see it."""
+    """Returns a figure as SVG; `label` describes it for screen readers."""
     series = [one for one in series if one.points]
     if not series:
-        return '<p class="soft">Nothing to draw.</p>'
+        return '<p class="soft">No data to plot.</p>'
     xs = [p[0] for one in series for p in one.points]
     ys = [p[1] + s * (p[2] or 0) for one in series for p in one.points for s in (-1, 1)]
-    # One day alone would have a margin of years.
+    # For a single day the relative margin would be years.
     (x0, x1), (y0, y1) = _bounds(xs, 1.0 if times else 0.0), _bounds(ys)
 
     def at(px: float, py: float) -> tuple[float, float]:

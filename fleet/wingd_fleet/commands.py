@@ -1,4 +1,4 @@
-"""What the words of `wingd-fleet` do; each returns the exit status, None for 0."""
+"""Commands of `wingd-fleet`; each returns the exit status, None for 0."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .state import State
 
 
 def _work(args) -> Path:
-    """A user's own place: another one's folder of the same name could not be written."""
+    """Returns a work folder per user, because another user's folder is not writable."""
     return args.work or Path(tempfile.gettempdir()) / f"wingd-fleet-{os.getuid()}"
 
 
@@ -48,8 +48,8 @@ def define(args) -> None:
     installations = None if args.kept else solves.rules(lake, args.installation)
     version = "as recorded" if args.kept else program.version(program.find(args.wingd))
     definition = solves.define(lake, args.solve, installations, args.arguments, version)
-    of = "the results that came along" if args.kept else f"{version}, {len(definition['installations'])} installations"
-    print(f"{args.solve}: {of}")
+    source = "the uploaded results" if args.kept else f"{version}, {len(definition['installations'])} installations"
+    print(f"{args.solve}: {source}")
 
 
 def task_of(args) -> None:
@@ -66,11 +66,11 @@ def run(args) -> int:
     flights, wingd = State(lake, _default_cache()).missing(args.solve), program.find(args.wingd)
     if args.part:
         flights = local.part(flights, args.part)
-    # Before the workers find it out one by one.
+    # Checked here once, before each worker would fail.
     if definition["installations"] != solves.KEPT and program.version(wingd) != definition["program"]:
-        raise FleetError(f"{wingd} is {program.version(wingd)}, solve {args.solve} is of {definition['program']}")
+        raise FleetError(f"{wingd} is {program.version(wingd)}, solve {args.solve} needs {definition['program']}")
     if not flights:
-        print("every flight that has arrived has its tables")
+        print("every uploaded flight has its tables")
         return 0
     if args.ray:
         from . import ray_driver
@@ -85,7 +85,7 @@ def run(args) -> int:
 def fetch(args) -> None:
     lake, flight = Lake(args.lake), Flight.parse(args.flight)
     if args.to.exists() and any(args.to.iterdir()):
-        raise FleetError(f"--to {args.to}: is not empty; name another directory")
+        raise FleetError(f"--to {args.to}: is not empty; give another directory")
     manifest = records.read(lake, flight.manifest)
     task.needs(lake, flight, "frames")
     task.fetch(lake, flight, manifest, args.to)
@@ -100,7 +100,7 @@ def _target(lake: Lake, args) -> dict:
         solves.read(lake, args.solve)
         of["solve"] = args.solve
     if not of:
-        raise FleetError("say what: RECORDER/FLIGHT, RECORDER, aircraft=NAME, or --solve NAME")
+        raise FleetError("give a target: RECORDER/FLIGHT, RECORDER, aircraft=NAME, or --solve NAME")
     return of
 
 
@@ -117,7 +117,7 @@ def _add(args, what: str, values: dict | None = None) -> None:
     after = {(one.solve, one.flight): one.about for one in State(lake, _default_cache()).published()}
     changed = sum(before.get(key) != after.get(key) for key in before | after)
     print(
-        f"correction {number}: tables of {changed} flights change; `wingd-fleet compact` brings other engines up to it"
+        f"correction {number}: changes the tables of {changed} flights; run `wingd-fleet compact` to update other engines"
     )
 
 
@@ -156,7 +156,7 @@ def verify(args) -> int:
     faults = damage.verify(Lake(args.lake), not args.without_frames)
     for fault in faults:
         print(fault)
-    print(f"{len(faults)} faults" if faults else "all objects are what they were", file=sys.stderr)
+    print(f"{len(faults)} faults" if faults else "all objects are intact", file=sys.stderr)
     return 1 if faults else 0
 
 
@@ -167,9 +167,10 @@ def repair(args) -> int:
     faults = damage.verify(lake, not args.without_frames)
     left = damage.repair(lake, faults, program.find(args.wingd), _work(args), print) if faults else []
     for fault in left:
-        print(f"left: {fault}")
+        print(f"not repaired: {fault}")
     print(
-        f"{len(faults) - len(left)} of {len(faults)} faults mended" if faults else "nothing is damaged", file=sys.stderr
+        f"{len(faults) - len(left)} of {len(faults)} faults repaired" if faults else "nothing is damaged",
+        file=sys.stderr,
     )
     return 1 if left else 0
 

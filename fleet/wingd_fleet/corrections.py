@@ -1,4 +1,4 @@
-"""What was withdrawn or corrected, by whom and why: a log that only grows. Its last word on a flight counts."""
+"""Withdrawals and corrections with name and reason: an append-only log. The last entry for a flight is valid."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .lake import NAME, Damaged, FleetError, Flight, Lake
 ATTRIBUTES = ("aircraft", "aircraft_type", "wing")
 DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 FLIGHT = re.compile(r"f\d+")
-# Characters of a recorder's id that may stand for it where no other begins so.
+# Minimum number of leading characters that may identify a recorder, if they are unique.
 SHORT_ID = 4
 
 
 @dataclass(frozen=True)
 class About:
-    """Whose wing it is, as first said and since corrected."""
+    """Aircraft, type and wing of a flight, as uploaded or as corrected."""
 
     aircraft: str
     aircraft_type: str | None
@@ -31,16 +31,16 @@ class About:
 
 
 def recorder(known: list[str], text: str) -> str:
-    """A recorder by its id or what it begins with."""
+    """Finds a recorder by its id or the beginning of its id."""
     found = [one for one in sorted(set(known)) if one == text or (len(text) >= SHORT_ID and one.startswith(text))]
     if len(found) != 1:
-        what = "is no recorder of this lake" if not found else "begins the ids of several recorders"
+        what = "is not a recorder of this lake" if not found else "is the beginning of several recorder ids"
         raise FleetError(f"{text!r} {what}; `wingd-fleet flights` lists them")
     return found[0]
 
 
 def from_whence(text: str | None) -> str | None:
-    """From a flight or a date on; None: always."""
+    """Parses the start of validity: a flight or a date; None: always."""
     if text is None or FLIGHT.fullmatch(text):
         return text
     try:
@@ -50,7 +50,7 @@ def from_whence(text: str | None) -> str | None:
 
 
 def reached(since: str | None, flight: Flight, started: str) -> bool:
-    """Whether a flight is at or after a flight's number or a date (UTC)."""
+    """Returns whether a flight is at or after a flight number or a date (UTC)."""
     if since is None:
         return True
     if FLIGHT.fullmatch(since):
@@ -59,13 +59,13 @@ def reached(since: str | None, flight: Flight, started: str) -> bool:
 
 
 def target(known: list[str], text: str) -> dict:
-    """`RECORDER/FLIGHT`, `RECORDER`, `RECORDER@f0012`, `RECORDER@2026-11-01` or `aircraft=NAME`."""
+    """Parses a target: `RECORDER/FLIGHT`, `RECORDER`, `RECORDER@f0012`, `RECORDER@2026-11-01` or `aircraft=NAME`."""
     if text.startswith("aircraft="):
         return {"aircraft": text.removeprefix("aircraft=")}
     who, slash, flight = text.partition("/")
     if slash:
         if not FLIGHT.fullmatch(flight):
-            raise FleetError(f"{text!r}: give RECORDER/FLIGHT as `wingd-fleet flights` does")
+            raise FleetError(f"{text!r}: give RECORDER/FLIGHT as listed by `wingd-fleet flights`")
         return {"recorder": recorder(known, who), "flight": flight}
     who, at, since = text.partition("@")
     return {"recorder": recorder(known, who)} | ({"from": from_whence(since)} if at else {})
@@ -76,12 +76,12 @@ def key(number: int) -> str:
 
 
 def add(lake: Lake, what: str, of: dict, by: str, why: str, values: dict | None = None) -> int:
-    """Writes the next correction; `what` is `withdraw`, `restore` or `set`. Its number."""
+    """Writes the next correction and returns its number; `what` is `withdraw`, `restore` or `set`."""
     for name, value in (values or {}).items():
         if name not in ATTRIBUTES or not (value is None or NAME.fullmatch(value)):
             raise FleetError(f"{name}={value}: give {', '.join(ATTRIBUTES)} = letters, digits, '.', '_', '-'")
     if not why.strip():
-        raise FleetError("--why: say why, for those who ask later")
+        raise FleetError("--why: give a reason; it is stored with the correction")
     at = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     record = {"what": what, "of": of, "set": values or {}, "by": by, "why": why, "at": at}
     number = len(Corrections.read(lake).records) + 1
@@ -92,7 +92,7 @@ def add(lake: Lake, what: str, of: dict, by: str, why: str, values: dict | None 
 
 @dataclass(frozen=True)
 class Corrections:
-    """All of them, in their order."""
+    """All corrections, in order."""
 
     records: tuple[dict, ...]
 
@@ -102,11 +102,11 @@ class Corrections:
         wanted = [key(number + 1) for number in range(len(keys))]
         if keys != wanted:
             gone = sorted(set(wanted) - set(keys))
-            raise Damaged([f"{lake.url}/{one}: is gone, its copy too" for one in gone or keys])
+            raise Damaged([f"{lake.url}/{one}: is missing, and its copy too" for one in gone or keys])
         return cls(tuple(records.read_twice(lake, one) for one in keys))
 
     def about(self, flight: Flight, first: About) -> About:
-        """Whose wing it is, after all corrections."""
+        """Returns aircraft, type and wing of a flight after all corrections."""
         now = first
         for record in self.records:
             if record["what"] == "set" and _meets(record["of"], flight, now):
@@ -114,7 +114,7 @@ class Corrections:
         return now
 
     def withdrawn(self, solve: str | None, flight: Flight, first: About) -> dict | None:
-        """The withdrawal that holds for a flight in a solve (None: in all), or None."""
+        """Returns the valid withdrawal of a flight in a solve (None: in all solves), or None."""
         now, last = first, None
         for record in self.records:
             of = record["of"]

@@ -1,4 +1,4 @@
-"""Questions to the tables, by DuckDB in this process: no server."""
+"""Queries of the tables by DuckDB in this process, without a server."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .corrections import ATTRIBUTES
 from .lake import Damaged, FleetError, Flight, Lake
 from .state import Published, State, at_once, chosen, clean, part_of
 
-# Of DuckDB, MB: what it cannot hold it writes to the disk meanwhile.
+# Memory limit of DuckDB, MB; it writes the rest to disk.
 MEMORY_MB = 400
-# Rows written at a time.
+# Rows written at once.
 FETCHED = 10_000
-# A fresh connection's `frames` reads these of `shots`.
+# Columns of `shots` in the table `frames`.
 _FRAMES = """
 CREATE TABLE frames AS
 SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight, series, shot, image, utc, status, reason, camera_failures,
@@ -29,7 +29,7 @@ SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight, series, shot, 
        weight_kg, load_factor, mach, weight_kg * load_factor / 1000 AS load_t
 FROM shots
 """
-# File -> the table that it reads, and what it makes.
+# File -> the table that it reads, and the views that it creates.
 _ON_DEMAND = {
     "mount.sql": ("parameters", {"rotations", "mount_by_flight", "mount_by_aircraft"}),
     "detection.sql": ("markers", {"marks", "detection", "marker_reasons"}),
@@ -38,7 +38,7 @@ _ON_DEMAND = {
 
 
 class Desk:
-    """A connection with the tables of the chosen solves (all without a choice) and the views of views.sql."""
+    """A connection with the tables of the chosen solves (default: all) and the views of views.sql."""
 
     def __init__(self, lake: Lake, solves: list[str] | None = None, cache: Path | None = None):
         self.lake = lake
@@ -49,9 +49,9 @@ class Desk:
         self.snapshot = snapshot.newest(lake)
         self.published = self.state.published(self.solves, snapshot.covered(self.snapshot, self.state))
         self.connection = duckdb.connect()
-        # The bar would stand among the answers.
+        # A progress bar would be mixed with the output.
         self.connection.execute("SET enable_progress_bar = false")
-        # Days are of UTC wherever the desk is.
+        # Days are UTC in every time zone.
         self.connection.execute("SET TimeZone = 'UTC'")
         self.connection.execute(f"SET memory_limit = '{MEMORY_MB}MB'")
         self.connection.execute("SET preserve_insertion_order = false")
@@ -59,12 +59,12 @@ class Desk:
         self._place_published()
         self._need("shots")
         self.connection.execute(_FRAMES)
-        # The columns are there without an aircraft's data too, and empty.
+        # Without aircraft data the columns exist but are empty.
         self.has_load = self.rows("SELECT count(load_t) > 0 AS some FROM frames")[0]["some"]
         self._views("views.sql")
 
     def _place_published(self) -> None:
-        """A table of the published flights: whose they are by now, and which lie in the snapshot."""
+        """Creates the table of published flights: current aircraft and wing, and whether the snapshot contains them."""
         inside = set(self.snapshot.commits) if self.snapshot else set()
         names = ("solve", "recorder_id", "flight", *ATTRIBUTES, "inside")
         rows = [
@@ -84,7 +84,7 @@ class Desk:
         self.connection.unregister("published_now")
 
     def _need(self, sql: str) -> None:
-        """Makes what a question names and nothing else: opening thousands of files takes seconds."""
+        """Creates only the views that a query names, because opening thousands of files takes seconds."""
         words = set(re.findall(r"\w+", sql)) - self.made
         for file, (table, names) in _ON_DEMAND.items():
             if words & names:
@@ -96,7 +96,7 @@ class Desk:
             self.connection.execute(f"CREATE VIEW {table} AS {' UNION ALL BY NAME '.join(self._parts(table))}")
 
     def _parts(self, table: str) -> list[str]:
-        """Selections that give each row of each published flight once."""
+        """Returns selections that yield each row of each published flight once."""
         inside = set(self.snapshot.commits) if self.snapshot else set()
         about = ", ".join(ATTRIBUTES)
         parts = [_empty(table)]
@@ -112,7 +112,7 @@ class Desk:
         return parts
 
     def _grouped(self, objects: list[tuple[str, str, str]]) -> list[str]:
-        """Local files of objects, each held against its digest, grouped by their columns."""
+        """Returns local files of objects, digests verified, grouped by their columns."""
         paths, faults = [], []
         for object, path in zip(objects, at_once(partial(self.local, self.lake, self.cache), objects)):
             if isinstance(path, str):
@@ -128,7 +128,7 @@ class Desk:
 
     @staticmethod
     def local(lake: Lake, cache: Path, object: tuple[str, str, str]) -> Path | str:
-        """A file with an object's bytes, or what is wrong: in place where the lake is a directory, else brought once."""
+        """Returns a file with an object's bytes, or an error text: in place if the lake is a directory, else downloaded once."""
         key, digest, _ = object
         path = lake.folder / key if lake.folder else cache / "objects" / f"{digest}.parquet"
         found = snapshot.digest_of(path)
@@ -140,20 +140,20 @@ class Desk:
                 if found != digest:
                     raise _Wrong
                 return path
-        return f"{lake.url}/{key}: {'is not there' if found is None else 'is damaged: its digest does not fit'}"
+        return f"{lake.url}/{key}: {'is missing' if found is None else 'is damaged: its digest does not match'}"
 
     def _views(self, file: str) -> None:
         self.connection.execute(resources.files(__package__).joinpath(file).read_text())
 
     def rows(self, sql: str, parameters: list | None = None) -> list[dict]:
-        """A question's answer."""
+        """Returns the rows of a query."""
         self._need(sql)
         result = self.connection.execute(sql, parameters or [])
         names = [column[0] for column in result.description]
         return [dict(zip(names, row)) for row in result.fetchall()]
 
     def show(self, sql: str) -> None:
-        """Prints a question's answer as a table; nothing where the statement has none."""
+        """Prints the result of a query as a table; nothing if the statement has no result."""
         with _said():
             self._need(sql)
             answer = self.connection.sql(sql)
@@ -161,7 +161,7 @@ class Desk:
                 answer.show(max_width=200, max_rows=10_000)
 
     def write_csv(self, sql: str, output) -> None:
-        """Writes all rows of a question's answer."""
+        """Writes all rows of a query as CSV."""
         writer = csv.writer(output, lineterminator="\n")
         with _said():
             self._need(sql)
@@ -171,23 +171,21 @@ class Desk:
                 writer.writerows(rows)
 
     def incomplete(self) -> list[str]:
-        """What an answer lacks, in sentences."""
+        """Returns sentences about flights that the result lacks."""
         said = []
         for solve in self.solves:
             if missing := self.state.missing(solve):
                 named = ", ".join(map(str, missing[:3])) + (" …" if len(missing) > 3 else "")
                 said.append(
-                    f"solve {solve}: no tables yet of {len(missing)} flights: {named}; `wingd-fleet run` makes them"
+                    f"solve {solve}: no tables yet of {len(missing)} flights: {named}; `wingd-fleet run` creates them"
                 )
         coming = [flight for flight in self.state.flights if self.state.arrived(flight) != "whole"]
         if coming:
-            said.append(
-                f"{len(coming)} flights have not arrived as a whole; `wingd-fleet flights` says how far they are"
-            )
+            said.append(f"{len(coming)} flights are not completely uploaded; `wingd-fleet flights` shows their state")
         return said
 
     def withdrawn(self) -> list[tuple[Flight, str, dict]]:
-        """Flights of the chosen solves that were withdrawn, and by which record."""
+        """Returns the withdrawn flights of the chosen solves, with their withdrawals."""
         found = []
         for solve in self.solves:
             for flight in self.state.flights if self.state.corrections.records else []:
@@ -200,16 +198,16 @@ class Desk:
 
 
 class _Wrong(Exception):
-    """What came is not what was asked for."""
+    """The downloaded bytes do not match their digest."""
 
 
 @contextmanager
 def _said():
-    """What is wrong with a question, in a line."""
+    """Reports an error in a query in one line."""
     try:
         yield
     except duckdb.Error as error:
-        raise FleetError(f"the question: {' '.join(str(error).split())[:600]}") from None
+        raise FleetError(f"query: {' '.join(str(error).split())[:600]}") from None
 
 
 _JOIN = "JOIN published p ON t.solve = p.solve AND t.recorder_id = p.recorder_id AND t.flight = p.flight"
@@ -221,7 +219,7 @@ def _prefixed(about: str) -> str:
 
 
 def _empty(table: str) -> str:
-    """A table's columns of this version, without rows: a question may name them where no flight has any."""
+    """Returns an empty table with the columns of this version, so that a query may name them although no flight has any."""
     kinds = dict.fromkeys(ATTRIBUTES, "VARCHAR")
     kinds |= {name: _KINDS.get(kind, "TIMESTAMPTZ") for name, kind in parquet.schema(table).items()}
     return f"SELECT {', '.join(f'NULL::{kind} AS {name}' for name, kind in kinds.items())} WHERE false"

@@ -1,5 +1,5 @@
--- Of all markers, read once: by aircraft and by why a marker was not used; numbers in reasons are left out so that equal
--- ones are one.
+-- All markers, read once, by aircraft and by the reason why a marker was not used; numbers in reasons are replaced so that
+-- equal reasons are grouped.
 CREATE TABLE marks AS
 SELECT solve, aircraft, wing, recorder_id, used,
        CASE WHEN NOT used THEN regexp_replace(marker_reason, '[0-9]+([.][0-9]+)?', '#', 'g') END AS reason,

@@ -1,4 +1,4 @@
-"""The same answer from several engines, each reading the files of the current snapshot by its own code, as docs/fleet.md says."""
+"""Comparison of several engines, each reading the files of the current snapshot by its own code (docs/fleet.md)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ from .state import State
 
 
 def files(lake: Lake, table: str, solves: list[str] | None, cache: Path) -> list[Path]:
-    """Local files with all published rows of a table, each held against its digest. A directory's are in place."""
+    """Returns local files with all published rows of a table, digests verified. Files of a directory are used in place."""
     from .desk import Desk
 
     now = snapshot.current(State(lake))
     if now is None:
-        raise FleetError(
-            f"{lake.url}: there is no snapshot of what is published now; make one with `wingd-fleet compact`"
-        )
+        raise FleetError(f"{lake.url}: there is no snapshot of the current state; write one with `wingd-fleet compact`")
     listed = now.files.get(table, {})
     wanted = [file for solve in (solves or sorted(listed)) for file in listed.get(solve, [])]
     found = [Desk.local(lake, cache, (file["key"], file["sha256"], file["columns"])) for file in wanted]
@@ -44,7 +42,9 @@ def _polars(files: list[str]):
     frame = (
         polars.scan_parquet(files, hive_partitioning=False).filter(polars.col("status") == "ok").group_by("aircraft")
     )
-    mean = frame.agg(polars.col("tip_deflection_m").count().alias("n"), polars.col("tip_deflection_m").mean().alias("m"))
+    mean = frame.agg(
+        polars.col("tip_deflection_m").count().alias("n"), polars.col("tip_deflection_m").mean().alias("m")
+    )
     return mean.collect().iter_rows()
 
 
@@ -63,7 +63,8 @@ def _pyarrow(files: list[str]):
     content = ds.dataset(files).to_table(["aircraft", "tip_deflection_m"], filter=pc.field("status") == "ok")
     grouped = content.group_by("aircraft").aggregate([("tip_deflection_m", "count"), ("tip_deflection_m", "mean")])
     return [
-        tuple(row.values()) for row in grouped.select(["aircraft", "tip_deflection_m_count", "tip_deflection_m_mean"]).to_pylist()
+        tuple(row.values())
+        for row in grouped.select(["aircraft", "tip_deflection_m_count", "tip_deflection_m_mean"]).to_pylist()
     ]
 
 
@@ -71,7 +72,7 @@ ENGINES = {"pandas": _pandas, "polars": _polars, "duckdb": _duckdb, "pyarrow": _
 
 
 def compare(lake: Lake, solve: str, cache: Path, said=print) -> bool:
-    """Frames and mean deflection of each aircraft by each engine; whether they agree."""
+    """Prints frames and mean deflection by each engine; returns whether they agree for each aircraft."""
     listed = [str(path) for path in files(lake, "shots", [solve], cache)]
     answers = {}
     said(f"{'engine':12} {'version':10} {'aircraft':>8} {'frames':>8} {'mean deflection, m':>13} {'seconds':>8}")
@@ -85,7 +86,7 @@ def compare(lake: Lake, solve: str, cache: Path, said=print) -> bool:
         said(f"{name:12} {_version(name):10} {len(rows):8} {frames:8} {mean:13.6f} {took:8.2f}")
     first = answers["duckdb"]
     same = all(_same(first, rows) for rows in answers.values())
-    said("all agree" if same else "THEY DO NOT AGREE")
+    said("all engines agree" if same else "THE ENGINES DISAGREE")
     return same
 
 
@@ -96,7 +97,7 @@ def _version(name: str) -> str:
 
 
 def _same(one: dict, other: dict) -> bool:
-    """Sums in another order differ in their last digits."""
+    """Compares with a tolerance: sums in another order differ in their last digits."""
 
     def value(mean):
         return math.nan if mean is None else mean

@@ -1,5 +1,5 @@
-"""Iceberg tables over the files of the current snapshot, for engines that want them: derived, and derived anew. An extra of the
-package. No byte of data is copied, nothing is believed because a catalogue says it."""
+"""Iceberg tables over the files of the current snapshot, for engines that need them. An extra of the package. No data is copied,
+and the catalogue is never the source of truth."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .lake import FleetError, Lake
 from .state import State
 
 NAMESPACE = "wingd"
-# In an Iceberg snapshot's summary: which of our snapshots it is.
+# Property of an Iceberg snapshot's summary: id of the wingd snapshot.
 STATE = "wingd.snapshot"
-# Attempts where another call commits at the same time. pyiceberg's own repeats add the files to what the other one added.
+# Attempts if another call commits at the same time. pyiceberg's own retries would add the files a second time.
 ATTEMPTS = 5
 PROPERTIES = {"format-version": "2", "commit.retry.num-retries": "0"}
 
 
 def catalogue(lake: Lake, uri: str):
-    """`sqlite:///FILE` (or another database of SQLAlchemy's), or the URL of a REST catalogue, whose further settings are
-    pyiceberg's own: PYICEBERG_CATALOG__FLEET__..."""
+    """Opens a catalogue: `sqlite:///FILE` (or another SQLAlchemy database), or the URL of a REST catalogue, which is configured
+    by the variables of pyiceberg: PYICEBERG_CATALOG__FLEET__..."""
     os.environ.setdefault("AWS_EC2_METADATA_DISABLED", "true")
     try:
         from pyiceberg.catalog import load_catalog
@@ -39,15 +39,15 @@ def catalogue(lake: Lake, uri: str):
         if os.environ.get(variable):
             properties[name] = os.environ[variable]
     try:
-        return _beside_others(lambda: load_catalog("fleet", type=kind, **properties))
+        return _with_concurrent_creation(lambda: load_catalog("fleet", type=kind, **properties))
     except ModuleNotFoundError as error:
         what = "wingd-fleet[iceberg-rest]" if kind == "rest" else "wingd-fleet[iceberg]"
         raise FleetError(f"{uri}: {error.name} is not installed; pip install '{what}'") from None
 
 
-def _beside_others(call):
-    """A call that makes something in the catalogue's database where it is missing; another process may make it at the same
-    instant, and then it is there the second time."""
+def _with_concurrent_creation(call):
+    """Runs a call that creates something in the catalogue's database; if another process creates it at the same instant, the
+    second attempt finds it."""
     try:
         from sqlalchemy.exc import IntegrityError, OperationalError
     except ImportError:
@@ -59,17 +59,15 @@ def _beside_others(call):
 
 
 def update(lake: Lake, catalog) -> dict[str, int]:
-    """Makes each table the current snapshot, in one transaction; the files of each that is new. Called twice at once, or killed
-    and called again, it ends the same."""
+    """Sets each table to the current snapshot in one transaction; returns the number of files of each updated table. Concurrent or
+    repeated calls give the same state."""
     from pyiceberg.exceptions import NamespaceAlreadyExistsError
 
     now = snapshot.current(State(lake))
     if now is None:
-        raise FleetError(
-            f"{lake.url}: there is no snapshot of what is published now; make one with `wingd-fleet compact`"
-        )
+        raise FleetError(f"{lake.url}: there is no snapshot of the current state; write one with `wingd-fleet compact`")
     try:
-        _beside_others(lambda: catalog.create_namespace(NAMESPACE))
+        _with_concurrent_creation(lambda: catalog.create_namespace(NAMESPACE))
     except NamespaceAlreadyExistsError:
         pass
     return {table: _tried(lake, catalog, table, now) for table in parquet.TABLES if table in now.files}
@@ -83,7 +81,7 @@ def _tried(lake: Lake, catalog, name: str, now: snapshot.Snapshot) -> int:
             return _update(lake, catalog, name, now)
         except (CommitFailedException, TableAlreadyExistsError) as error:
             if attempt == ATTEMPTS - 1:
-                raise FleetError(f"table {name}: other calls commit all the time: {error}") from error
+                raise FleetError(f"table {name}: other calls keep committing: {error}") from error
     raise AssertionError("unreachable")
 
 
@@ -121,7 +119,7 @@ def _table(lake: Lake, catalog, name: str, key: str):
     try:
         return catalog.load_table((NAMESPACE, name))
     except NoSuchTableError:
-        # A REST catalogue has places of its own for its metadata.
+        # A REST catalogue chooses the location of its metadata.
         place = None if catalog.properties.get("type") == "rest" else f"{lake.url}/iceberg/{name}"
         how = {"schema": _schema(lake, key), "location": place, "properties": PROPERTIES}
         return catalog.create_table((NAMESPACE, name), **how)

@@ -1,19 +1,19 @@
-"""The object store: a bucket of S3's kind or a directory, and what lies where in it.
+"""The object store: an S3 bucket or a directory, and its layout.
 
-    manifests/recorder=R/flight=F/manifest.json      `wingd upload`: the flight exists; results.json, frames.json: they came
-    flights/recorder=R/flight=F/...                  its files: together a store
-    frames/recorder=R/flight=F/...                   its frames, which a rule of the bucket may age
-    installations/DIGEST/...                         what solves compute from
-    solves/NAME.json                                 what a solve is
-    corrections/000001.json                          what was withdrawn or corrected, by whom and why
-    copies/...                                       the same again of what has no other source
+    manifests/recorder=R/flight=F/manifest.json      written by `wingd upload`; results.json, frames.json: that stage is uploaded
+    flights/recorder=R/flight=F/...                  its files, which form a store
+    frames/recorder=R/flight=F/...                   its frames, which a rule of the bucket may expire
+    installations/DIGEST/...                         installations used by solves
+    solves/NAME.json                                 definition of a solve
+    corrections/000001.json                          a withdrawal or correction, with name and reason
+    copies/...                                       copies of records that have no other source
     tables/v3/TABLE/solve=S/recorder=R/flight=F/DIGEST.parquet
-    commits/v3/solve=S/recorder=R/flight=F/0001.json which tables are a flight's; the highest number counts
-    failures/v3/solve=S/recorder=R/flight=F/DIGEST.json   why a task gave up
-    snapshots/v3/NUMBER-DIGEST/...                   all that is published, again in few files
+    commits/v3/solve=S/recorder=R/flight=F/0001.json the tables of a flight; the highest number is valid
+    failures/v3/solve=S/recorder=R/flight=F/DIGEST.json   reason why a task failed
+    snapshots/v3/NUMBER-DIGEST/...                   all published rows in a few files
 
-What is published is what commits and corrections say, and nothing else. An object is created where there is none; only
-where its bytes are not the ones that its name or seal tells are they replaced by those.
+Commits and corrections alone define what is published. An object is created if it does not exist; it is replaced only if its
+bytes do not match its name or seal.
 """
 
 from __future__ import annotations
@@ -30,54 +30,54 @@ import obstore
 from obstore.exceptions import AlreadyExistsError, BaseError, GenericError
 from obstore.store import LocalStore, S3Store
 
-# Of layout and columns: columns may be added to it, never changed or removed.
+# Version of layout and columns: columns may be added, never changed or removed.
 VERSION = "v3"
 NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}")
-# Repeats of a request after the first one that was answered, and the first pause between them, s.
+# Retries of a request once the server has answered at all, and the first pause between them, s.
 REPEATS, PAUSE_S = 5, 0.25
-# A wrong endpoint is said within 3 s; a file of a snapshot, 100 MB, takes a quarter of an hour at 1 Mbit/s.
+# A wrong endpoint is reported within 3 s; a snapshot file of 100 MB takes 15 min at 1 Mbit/s.
 CONNECT_TIMEOUT, TIMEOUT = "2500ms", "3600s"
 SECRETS = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
-ELSEWHERE = (
+CREDENTIAL_VARIABLES = (
     "AWS_WEB_IDENTITY_TOKEN_FILE",
     "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
 )
-# What servers of S3's kind answer (https://docs.aws.amazon.com/AmazonS3/latest/API/ErrorResponses.html).
-ANSWERS = {
-    "InvalidAccessKeyId": "the server does not know this access key; look at AWS_ACCESS_KEY_ID",
-    "SignatureDoesNotMatch": "the secret is not that of the access key; look at AWS_SECRET_ACCESS_KEY (or AWS_REGION)",
+# Error codes of S3 servers with explanation and remedy, as in src/upload/bucket.rs (https://docs.aws.amazon.com/AmazonS3/latest/API/ErrorResponses.html).
+SERVER_ERRORS = {
+    "InvalidAccessKeyId": "the server does not know this access key; check AWS_ACCESS_KEY_ID",
+    "SignatureDoesNotMatch": "the secret does not match the access key; check AWS_SECRET_ACCESS_KEY (or AWS_REGION)",
     "RequestTimeTooSkewed": "this machine's clock and the server's differ too much; set the clock",
     "RequestExpired": "this machine's clock and the server's differ too much; set the clock",
-    "ExpiredToken": "the session token has run out; get a new AWS_SESSION_TOKEN",
-    "InvalidToken": "the session token is not one of the server's; look at AWS_SESSION_TOKEN",
-    "NoSuchBucket": "there is no such bucket; make it, or name another",
-    "AccessDenied": "the access key may not do this; let it list, get and put below the prefix, and look at the bucket's name",
-    "AuthorizationHeaderMalformed": "the bucket is in another region; look at AWS_REGION",
+    "ExpiredToken": "the session token has expired; get a new AWS_SESSION_TOKEN",
+    "InvalidToken": "the server does not accept the session token; check AWS_SESSION_TOKEN",
+    "NoSuchBucket": "the bucket does not exist; create it, or name another in --lake",
+    "AccessDenied": "the access key has no permission for this; permit list, get and put below the prefix; check the name of the bucket",
+    "AuthorizationHeaderMalformed": "the bucket is in another region; check AWS_REGION",
 }
 
 T = TypeVar("T")
 
 
 class FleetError(Exception):
-    """What a person has to mend; the text says how."""
+    """An error that the user has to correct; the text gives the remedy."""
 
 
 class Passing(FleetError):
-    """What may do when tried again."""
+    """An error that may disappear if the operation is repeated."""
 
 
 class Damaged(FleetError):
-    """Objects that are not what they were, or are gone: no answer is given from them."""
+    """Damaged or missing objects: no result is computed from them."""
 
     def __init__(self, faults: list[str]):
         self.faults = faults
         more = f" and {len(faults) - 5} more" if len(faults) > 5 else ""
-        super().__init__(f"{'; '.join(faults[:5])}{more}; see `wingd-fleet verify`, then `wingd-fleet repair`")
+        super().__init__(f"{'; '.join(faults[:5])}{more}; run `wingd-fleet verify`, then `wingd-fleet repair`")
 
 
 def redacted(text: str) -> str:
-    """A text in one line, without the secrets that the environment holds: servers repeat keys."""
+    """Returns a text in one line without the secrets of the environment: servers repeat keys in their answers."""
     for name in SECRETS:
         secret = os.environ.get(name, "")
         text = text.replace(secret, "***") if len(secret) > 3 else text
@@ -85,20 +85,20 @@ def redacted(text: str) -> str:
 
 
 def said(place: str, error: Exception) -> FleetError:
-    """A store's error in words, with what to look at."""
+    """Describes an error of the object store, with a remedy."""
     text = str(error)
-    for code, words in ANSWERS.items():
+    for code, words in SERVER_ERRORS.items():
         if code in text:
             return FleetError(f"{place}: {words} ({code})")
     if isinstance(error, GenericError) and "S3" in text:
-        what = "nobody answers there as a store does; look at the network, AWS_ENDPOINT_URL and AWS_REGION"
+        what = "no S3 server answers there; check the network, AWS_ENDPOINT_URL and AWS_REGION"
         return Passing(f"{place}: {what} ({redacted(text)[:300]})")
-    return Passing(f"{place}: {redacted(text)[:300] or 'no word'}; look at the place and at what may be done there")
+    return Passing(f"{place}: {redacted(text)[:300] or 'no message'}; check the location and its permissions")
 
 
 @dataclass(frozen=True, order=True)
 class Flight:
-    """A flight of a recorder. Numbers count per recorder: alone they name nothing. The aircraft is no part of it."""
+    """A flight of a recorder. Flight numbers are unique per recorder only. The aircraft is not part of the name."""
 
     recorder: str
     flight: str
@@ -107,7 +107,7 @@ class Flight:
     def parse(cls, text: str) -> "Flight":
         parts = text.strip().split("/")
         if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
-            raise FleetError(f"{text!r} is no flight; give RECORDER/FLIGHT as `wingd-fleet flights` does")
+            raise FleetError(f"{text!r} is not a flight; give RECORDER/FLIGHT as listed by `wingd-fleet flights`")
         return cls(*parts)
 
     def __str__(self) -> str:
@@ -152,7 +152,7 @@ def solve_of(key: str) -> str | None:
 
 
 def is_frame(name: str) -> bool:
-    """As `wingd upload` tells frames: what lies in a series and is a numbered picture."""
+    """Returns whether a file is a frame, as in `wingd upload`: a numbered image in a series."""
     parts = name.split("/")
     return len(parts) == 4 and parts[0] == "flights" and parts[3].split(".")[0].isdigit()
 
@@ -160,14 +160,14 @@ def is_frame(name: str) -> bool:
 def _bucket(url: str) -> S3Store:
     bucket, _, prefix = url.removeprefix("s3://").partition("/")
     if not re.fullmatch(r"[A-Za-z0-9._-]+", bucket):
-        # The text is not repeated: what stands before an @ may be a secret.
+        # The text is not repeated: the part before an @ may be a secret.
         raise FleetError("--lake names no bucket; give s3://BUCKET/PREFIX, credentials in AWS_* variables")
     pair = os.environ.get("AWS_ACCESS_KEY_ID") and os.environ.get("AWS_SECRET_ACCESS_KEY")
     metadata = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() == "false"
-    if not pair and not any(os.environ.get(name) for name in ELSEWHERE) and not metadata:
+    if not pair and not any(os.environ.get(name) for name in CREDENTIAL_VARIABLES) and not metadata:
         raise FleetError(
             "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY are not both set, and no other credentials are in the "
-            "environment; export them, or AWS_EC2_METADATA_DISABLED=false where the machine's role counts"
+            "environment; export them, for the role of an EC2 machine set AWS_EC2_METADATA_DISABLED=false"
         )
     options = {"connect_timeout": CONNECT_TIMEOUT, "timeout": TIMEOUT}
     if os.environ.get("AWS_ALLOW_HTTP", "").lower() == "true":
@@ -175,7 +175,7 @@ def _bucket(url: str) -> S3Store:
     return S3Store(bucket, prefix=prefix or None, client_options=options, retry_config={"max_retries": 0})
 
 
-# Says of a lake that its flights are synthetic.
+# Object that marks a lake of synthetic flights.
 SYNTHETIC = "synthetic.json"
 
 
@@ -194,7 +194,7 @@ class Lake:
             raise said(self.url, error) from error
 
     def _again(self, place: str, work: Callable[[], T]) -> T:
-        """What may pass is tried again, once somebody has answered at all."""
+        """Runs an operation and retries transient errors, once the server has answered at all."""
         for attempt in range(REPEATS + 1):
             try:
                 done = work()
@@ -215,11 +215,11 @@ class Lake:
         raise AssertionError("unreachable")
 
     def is_synthetic(self) -> bool:
-        """Whether its flights are synthetic."""
+        """Returns whether the flights are synthetic."""
         return self.get(SYNTHETIC) is not None
 
     def get(self, key: str) -> bytes | None:
-        """An object's bytes; None where there is none."""
+        """Returns an object's bytes; None if it does not exist."""
         try:
             return self._again(key, lambda: bytes(obstore.get(self.store, key).bytes()))
         except FileNotFoundError:
@@ -228,11 +228,11 @@ class Lake:
     def need(self, key: str) -> bytes:
         data = self.get(key)
         if data is None:
-            raise Damaged([f"{self.url}/{key}: is not there"])
+            raise Damaged([f"{self.url}/{key}: is missing"])
         return data
 
     def download(self, key: str, path: Path) -> str | None:
-        """Writes an object into a file, piece by piece; its SHA-256. None where there is none."""
+        """Writes an object into a file piece by piece and returns its SHA-256; None if it does not exist."""
 
         def copied() -> str:
             digest = hashlib.sha256()
@@ -248,20 +248,20 @@ class Lake:
             return None
 
     def create(self, key: str, data: bytes) -> bool:
-        """Puts an object where there is none; False where another one is, and that stays."""
+        """Creates an object; False if another one exists, which is kept."""
         try:
             self._again(key, lambda: obstore.put(self.store, key, data, mode="create", use_multipart=False))
             return True
         except AlreadyExistsError:
-            # It may be ours, of an attempt whose answer was lost.
+            # It may be our own, from an attempt whose answer was lost.
             return self.get(key) == data
 
     def replace(self, key: str, data: bytes) -> None:
-        """Puts the right bytes in place of wrong ones, in one step."""
+        """Replaces the bytes of an object in one step."""
         self._again(key, lambda: obstore.put(self.store, key, data, mode="overwrite", use_multipart=False))
 
     def settle(self, key: str, data: bytes) -> None:
-        """Sees to it that an object has the bytes that its name tells."""
+        """Ensures that an object has the bytes that its name requires."""
         if not self.create(key, data):
             self.replace(key, data)
 
@@ -273,7 +273,7 @@ class Lake:
                 pass
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """Keys below a place with their lengths, in their order."""
+        """Returns the keys below a prefix with their sizes in bytes, sorted."""
 
         def listed() -> dict[str, int]:
             found = [item for chunk in obstore.list(self.store, prefix) for item in chunk]

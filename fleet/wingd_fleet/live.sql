@@ -1,4 +1,4 @@
--- Live results by flight: how many, how often solved, what the tip did. The installation's constants hold for them.
+-- Live results by flight: number, fraction solved, tip deflection. They use the installation's constants.
 CREATE VIEW live_by_flight AS
 SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight, min(utc) AS began, count(*) AS results,
        count(*) FILTER (solved = 1) / count(*) AS solved_share,

@@ -1,8 +1,8 @@
 """Modes of a wing from an export of live results: frequency, damping and shape with standard deviations, window by window.
 
-Stochastic subspace identification is pyOMA2's. Standard deviations are those of a jackknife over blocks of time (Kuensch, 1989,
-The jackknife and the bootstrap for general stationary observations, Annals of Statistics 17): what it propagates itself was three to
-four times too small for frequencies in simulations (docs/fleet/modes.md)."""
+Stochastic subspace identification is by pyOMA2. Standard deviations are from a jackknife over blocks of time (Kuensch, 1989, The
+jackknife and the bootstrap for general stationary observations, Annals of Statistics 17): the standard deviations that pyOMA2
+propagates were 3 to 4 times too small for frequencies in simulations (docs/fleet/modes.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from .lake import FleetError
 from .parquet import schema
 
-# Its progress bars are for a notebook.
+# Progress bars of pyOMA2 are for notebooks.
 os.environ.setdefault("TQDM_DISABLE", "1")
 
 try:
@@ -32,34 +32,34 @@ try:
 except ImportError as missing:
     raise FleetError(f"{missing.name} is not installed; pip install 'wingd-fleet[modes]'") from None
 
-# It says each step of each run.
+# pyOMA2 logs each step of each run.
 logging.getLogger("pyoma2").setLevel(logging.ERROR)
-# Points of the shape: the curve has some ten terms, so that more of them say the same again.
+# Number of points of the shape: the curve has about ten terms, so more points add no information.
 POINTS = 6
-# Blocks that the jackknife leaves out in turn.
+# Number of blocks that the jackknife omits in turn.
 BLOCKS = 12
-# Orders of the state-space model; two for a mode, the rest for the gusts' own spectrum and noise.
+# Orders of the state-space model: two per mode, the rest for the gust spectrum and noise.
 ORDERS = range(4, 17, 2)
-# A pole is stable where further orders have it again: differences of frequency and damping, as shares; least MAC.
+# A pole is stable if higher orders reproduce it: maximum relative differences of frequency and damping, minimum MAC.
 STABLE = (0.02, 0.3, 0.98)
-# What is one mode in two orders or two parts of the data: difference of frequency as a share, and MAC.
+# Criteria for the same mode in two orders or two parts of the data: maximum relative frequency difference, minimum MAC.
 SAME = (0.1, 0.8)
-# Two poles that are no two modes, since those have different shapes: the same.
-BESIDE = (0.5, 0.95)
-# A mode of a wing in air is damped by less than this, and all its points swing together: modal phase collinearity.
+# Criteria for a duplicate pole, whose shape is similar to that of a mode: maximum relative frequency difference, minimum MAC.
+DUPLICATE = (0.5, 0.95)
+# Maximum damping of a wing mode in air, and minimum modal phase collinearity: all points move in phase or in antiphase.
 MOST_DAMPING, LEAST_COLLINEARITY = 0.3, 0.8
-# A frequency, or a shape as a whole, that is told worse than this share of itself is no mode that anybody could compare.
+# Maximum relative standard deviation of frequency and of shape; a less precise mode is not reported.
 MOST_SIGMA, MOST_SIGMA_SHAPE = 0.05, 0.3
-# Missing results in a row that an interpolation bridges; a longer gap parts the data.
+# Consecutive missing results that are interpolated; a longer gap splits the data.
 BRIDGED = 3
-# Part of a window that is identified at least.
+# Minimum fraction of a window with data.
 LEAST_SHARE = 0.2
 WHOSE = ("recorder_id", "flight", "boot_id", "program", "installation_sha256", "inputs")
 
 
 @dataclass
 class Mode:
-    """Frequency in Hz, damping as a ratio, shape by point with 1 at the outermost; and their standard deviations."""
+    """Frequency in Hz, damping ratio, shape per point with 1 at the outermost; and their standard deviations."""
 
     hz: float
     damping: float
@@ -70,34 +70,40 @@ class Mode:
 
 
 def mac(one: np.ndarray, other: np.ndarray) -> float:
-    """Modal assurance criterion of two shapes, 0 to 1."""
+    """Returns the modal assurance criterion of two shapes, 0 to 1."""
     return float(abs(np.vdot(one, other)) ** 2 / (np.vdot(one, one).real * np.vdot(other, other).real))
 
 
 def read(path: Path) -> pa.Table:
-    """An export of live results, by its name's ending."""
+    """Reads an export of live results; the file extension determines the format."""
     readers = {".parquet": pq.read_table, ".csv": pa.csv.read_csv, ".jsonl": pa.json.read_json}
     if path.suffix not in readers:
-        raise FleetError(f"{path}: is none of .parquet, .csv, .jsonl; see wingd export --table live")
+        raise FleetError(
+            f"{path}: has none of the extensions .parquet, .csv, .jsonl; create it with wingd export --table live"
+        )
     try:
         return readers[path.suffix](path)
     except pa.ArrowInvalid as error:
-        raise FleetError(f"{path}: cannot be read: {error}; make it with wingd export --table live") from None
+        raise FleetError(f"{path}: cannot be read: {error}; create it with wingd export --table live") from None
 
 
 def points(names: list[str], kind: str) -> dict[str, str]:
-    """Label -> column of the deflections of stations (`deflection_s01_m`), or of markers."""
-    station = {name[5:-2] for name in names if re.fullmatch(r"deflection_s\d\d_m", name) and f"arc_length{name[4:]}" in names}
+    """Returns label -> deflection column of the stations (`deflection_s01_m`) or of the markers."""
+    station = {
+        name[5:-2] for name in names if re.fullmatch(r"deflection_s\d\d_m", name) and f"arc_length{name[4:]}" in names
+    }
     label = re.compile(r"deflection_(.+)_m")
     all_of = {match[1]: name for name in names if (match := label.fullmatch(name))}
     wanted = station if kind == "stations" else {name for name in all_of if f"u_{name}_px" in names}
     if len(wanted) < 2:
-        raise FleetError(f"the export has no deflections of {kind}; make it with wingd export --table live of this version")
+        raise FleetError(
+            f"the export has no deflections of {kind}; create it with wingd export --table live of this version"
+        )
     return {name: all_of[name] for name in sorted(wanted)}
 
 
 def _poles(deflections: np.ndarray, rate_hz: float, lowest_hz: float) -> dict[int, list[Mode]]:
-    """By order of the model the modes that may be some."""
+    """Returns candidate modes by model order."""
     rows = max(10, round(2 * rate_hz / lowest_hz))
     setup = SingleSetup(deflections, rate_hz)
     run = SSI(name="live", method="dat", br=rows, ordmin=ORDERS[0], ordmax=ORDERS[-1], step=2)
@@ -119,7 +125,7 @@ def _of_order(found, column: int, rate_hz: float, lowest_hz: float) -> list[Mode
 
 
 def _collinearity(shape: np.ndarray) -> float:
-    """1 where all points swing in phase or against it, 0 where their phases are spread."""
+    """Returns the modal phase collinearity: 1 if all points move in phase or antiphase, 0 if their phases are spread."""
     x, y = shape.real, shape.imag
     both = np.array([[x @ x, x @ y], [x @ y, y @ y]])
     least, most = np.linalg.eigvalsh(both)
@@ -127,14 +133,14 @@ def _collinearity(shape: np.ndarray) -> float:
 
 
 def _real(shape: np.ndarray) -> np.ndarray:
-    """Turned to the phase in which it swings most, 1 at the outermost point."""
+    """Returns the real shape in the phase of maximum amplitude, normalised to 1 at the outermost point."""
     turned = (shape * np.exp(-0.5j * np.angle(np.sum(shape**2)))).real
     return turned / turned[-1] if turned[-1] else turned
 
 
 def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
-    """Modes that two of the next three orders have again, at every order that has them so."""
-    far, damped, alike = STABLE
+    """Returns modes that at least two of the next three orders reproduce, with their order."""
+    far, damped, min_mac = STABLE
     accepted = []
     for order in ORDERS[:-2]:
         for mode in poles[order]:
@@ -142,7 +148,7 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
                 any(
                     abs(other.hz / mode.hz - 1) < far
                     and abs(other.damping - mode.damping) < damped * mode.damping
-                    and mac(other.shape, mode.shape) > alike
+                    and mac(other.shape, mode.shape) > min_mac
                     for other in poles[further]
                 )
                 for further in ORDERS
@@ -154,12 +160,12 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
 
 
 def _same(one: Mode, other: Mode, within: tuple[float, float] = SAME) -> bool:
-    far, alike = within
-    return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
+    far, min_mac = within
+    return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > min_mac
 
 
 def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
-    """The mode in a part of the data: at its order, or at the first one after that has it."""
+    """Finds the mode in a part of the data, at its order or at the first higher order that has it."""
     for further in range(order, ORDERS[-1] + 1, 2):
         if same := [one for one in poles[further] if _same(one, mode)]:
             return max(same, key=lambda one: mac(one.shape, mode.shape))
@@ -167,30 +173,30 @@ def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
 
 
 def identify(deflections: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
-    """The first `count` modes of deflections, m, in rows of equal intervals, the points from the root outwards."""
-    # Differences have the same poles and shapes; in deflections the first mode hides the others, and manoeuvres hide both.
+    """Identifies the first `count` modes of deflections, m: rows at equal intervals, columns from the root outwards."""
+    # Differences have the same poles and shapes; in the deflections, the first mode and manoeuvres mask the other modes.
     deflections = np.diff(deflections[:, deflections.std(axis=0) > 0], 2, axis=0)
     deflections = deflections - deflections.mean(axis=0)
     stable = _stable(_poles(deflections, rate_hz, lowest_hz))
     parts = np.array_split(np.arange(len(deflections)), BLOCKS)
     without = [_poles(np.delete(deflections, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
-    told = [mode for order, mode in stable if _measure(mode, order, without)]
+    measured = [mode for order, mode in stable if _measure(mode, order, without)]
     modes: list[Mode] = []
-    # Of one mode at several orders the one that is told best; a pole beside it that swings alike is a part of it.
-    for mode in sorted(told, key=lambda one: one.sigma_hz / one.hz):
-        if not any(_same(one, mode) or _same(one, mode, BESIDE) for one in modes):
+    # If several orders have a mode, the most precise one is used; a nearby pole with a similar shape is a duplicate.
+    for mode in sorted(measured, key=lambda one: one.sigma_hz / one.hz):
+        if not any(_same(one, mode) or _same(one, mode, DUPLICATE) for one in modes):
             modes.append(mode)
     return sorted(modes, key=lambda one: one.hz)[:count]
 
 
 def _measure(mode: Mode, order: int, without: list[dict[int, list[Mode]]]) -> bool:
-    """Sets a mode's standard deviations from the parts of the data; whether it is in all of them and told well enough."""
+    """Sets a mode's standard deviations from the parts of the data; returns whether all parts have it and it is precise enough."""
     found = [_again(one, order, mode) for one in without]
     if None in found:
         return False
 
-    def sigma(of):
-        values = np.array([of(one) for one in found])
+    def sigma(value_of):
+        values = np.array([value_of(one) for one in found])
         return np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
 
     mode.sigma_hz, mode.sigma_damping = float(sigma(lambda m: m.hz)), float(sigma(lambda m: m.damping))
@@ -200,7 +206,7 @@ def _measure(mode: Mode, order: int, without: list[dict[int, list[Mode]]]) -> bo
 
 
 def even(times_s: np.ndarray, deflections: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, int]]:
-    """Pieces without a gap that cannot be bridged, at equal intervals: times, deflections, rate in Hz, results that were missing."""
+    """Splits at long gaps and interpolates to equal intervals: times in s, deflections, rate in Hz, number of missing results."""
     order = np.argsort(times_s)
     times_s, deflections = times_s[order], deflections[order]
     step = np.diff(times_s, prepend=-np.inf) > 0
@@ -220,7 +226,7 @@ def even(times_s: np.ndarray, deflections: np.ndarray) -> list[tuple[np.ndarray,
 
 
 def _aircraft(content: pa.Table) -> dict[str, float | None]:
-    """Means of the aircraft's data with the scatter in the window and what the data themselves state."""
+    """Returns means of the aircraft data, with standard deviations from the scatter in the window and the data's own sigma."""
     said = {}
     for name in schema("live"):
         sigma = f"sigma_{name}"
@@ -242,10 +248,10 @@ AIRCRAFT = (
 
 
 def rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
-    """A row for each mode in each window of so many seconds."""
+    """Returns a row for each mode in each window of `seconds` s."""
     if seconds * lowest_hz < 20:
         raise FleetError(
-            f"--seconds {seconds:g}: is less than 20 swings of {lowest_hz:g} Hz; give more, or a higher --lowest-hz"
+            f"--seconds {seconds:g}: is less than 20 periods of {lowest_hz:g} Hz; give more, or a higher --lowest-hz"
         )
     found = []
     whose = [name for name in WHOSE if name in content.column_names]
@@ -259,19 +265,19 @@ def rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: 
 
 
 def _seconds(content: pa.Table) -> np.ndarray:
-    """Instants of the exposures, s: since boot, which no correction of the clock makes jump."""
+    """Returns the times of the exposures, s: since boot if available, because clock corrections do not affect it."""
     if "since_boot_s" in content.column_names:
         return content["since_boot_s"].to_numpy().astype(float)
     if "exposure_time" in content.column_names:
         return content["exposure_time"].cast(pa.timestamp("us")).cast(pa.int64()).to_numpy() / 1e6
-    raise FleetError("the export lacks since_boot_s and exposure_time; make it with wingd export --table live")
+    raise FleetError("the export lacks since_boot_s and exposure_time; create it with wingd export --table live")
 
 
 def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
     columns = points(content.column_names, kind)
     deflections = np.column_stack([content[name].to_numpy().astype(float) for name in columns.values()])
     times = _seconds(content)
-    # Points that the table has of another installation are empty here.
+    # Points of another installation in the same table are empty here.
     there = np.isfinite(deflections).any(axis=0)
     labels, deflections = [label for label, is_there in zip(columns, there) if is_there], deflections[:, there]
     whole = np.isfinite(times) & np.isfinite(deflections).all(axis=1)
@@ -333,7 +339,7 @@ def _numbers(number: int, mode: Mode, arcs: dict[str, float | None]) -> dict:
 
 
 def write(found: list[dict], output: Path | None, stream) -> None:
-    """As CSV, or as the output's ending says."""
+    """Writes CSV, or the format given by the output's extension."""
     names = list(dict.fromkeys(name for row in found for name in row))
     content = pa.table({name: [row.get(name) for row in found] for name in names})
     if output is None:
@@ -345,19 +351,19 @@ def write(found: list[dict], output: Path | None, stream) -> None:
     elif output.suffix == ".csv":
         pa.csv.write_csv(content, output)
     else:
-        raise FleetError(f"{output}: give a name that ends in .csv or .parquet")
+        raise FleetError(f"{output}: give a name with the extension .csv or .parquet")
 
 
 def run(
     exports: list[Path], seconds: float, lowest_hz: float, count: int, kind: str, output: Path | None, stream
 ) -> int:
-    """What the command does; 1 where no mode was found."""
+    """Runs the command; raises FleetError if no mode was found."""
     found = []
     for path in exports:
         found += rows(read(path), seconds, lowest_hz, count, kind)
     if not found:
         raise FleetError(
-            f"no mode above {lowest_hz:g} Hz in windows of {seconds:g} s; longer windows, a higher rate of live results or rougher air may show some"
+            f"no mode above {lowest_hz:g} Hz in windows of {seconds:g} s; try longer windows, a higher rate of live results, or data from rougher air"
         )
     write(found, output, stream)
     return 0

@@ -1,4 +1,4 @@
--- Rotation of the camera against its ground frame, mrad.
+-- Rotation of the camera relative to its ground frame, mrad.
 CREATE TABLE rotations AS
 SELECT solve, aircraft, wing, recorder_id, flight, series, shot, min(utc) AS utc,
        max(value) FILTER (index = 1) * pi() / 0.18 AS x_mrad, max(value) FILTER (index = 2) * pi() / 0.18 AS y_mrad,
@@ -7,7 +7,7 @@ SELECT solve, aircraft, wing, recorder_id, flight, series, shot, min(utc) AS utc
 FROM parameters WHERE parameter = 'mount_rotation_deg' AND status = 'ok'
 GROUP BY solve, aircraft, wing, recorder_id, flight, series, shot;
 
--- Of one frame or flight alone no scatter is told: null. Within a flight it creeps, between flights it is taken down and put up.
+-- The scatter of a single frame or flight is null. Within a flight the mounting creeps, between flights it is removed and remounted.
 CREATE VIEW mount_by_flight AS
 SELECT solve, aircraft, wing, recorder_id, flight, min(utc) AS began, count(*) AS frames,
        avg(x_mrad) AS x_mrad, avg(y_mrad) AS y_mrad, avg(z_mrad) AS z_mrad,

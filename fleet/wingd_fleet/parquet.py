@@ -1,4 +1,4 @@
-"""The tables: what their columns are, and how an export of `wingd` becomes one of them."""
+"""Tables: their columns, and the conversion of an export of `wingd` to a table."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ import pyarrow.parquet as pq
 from .lake import VERSION, FleetError
 from .records import sha256
 
-# Exported as they are; `live` becomes three.
+# Exported unchanged; `live` is split into three tables.
 EXPORTED = ("shots", "markers", "parameters", "span")
 LIVE = ("live", "live_markers", "live_span")
 TABLES = (*EXPORTED, *LIVE)
-# Whose wing it is: not in a flight's tables, for it may be corrected; in snapshots and answers.
+# Aircraft and wing: not in a flight's tables, because they may be corrected; in snapshots and query results.
 ABOUT = ("aircraft", "aircraft_type", "wing")
-# Without them a row says nothing.
+# Columns that identify a row.
 REQUIRED = ("recorder_id", "flight")
-# Rows of a row group: what is in memory of a table while a snapshot is written.
+# Rows of a row group, which is the part of a table in memory while a snapshot is written.
 ROW_GROUP = 32 * 1024
-# Live results taken at a time: of 40 stations 40,000 rows.
+# Live results converted at once: 40,000 rows for 40 stations.
 RESULTS = 1024
 _TYPES = {
     "string": pa.string(),
@@ -40,15 +40,15 @@ _TYPES = {
 
 @lru_cache(maxsize=None)
 def schema(table: str) -> dict[str, str]:
-    """Column -> type, of this version: every file has them, newer ones may have more."""
+    """Returns column -> type of this version: every file has these columns, newer files may have more."""
     text = resources.files(__package__).joinpath(f"schema/{VERSION}.json").read_text()
     return json.loads(text)[table]
 
 
 def completed(content: pa.Table, table: str, solve: str) -> pa.Table:
-    """An export with the columns of this version, in their order, what it lacks as null; further ones after them."""
+    """Returns an export with the columns of this version, in order, missing ones as null, further ones at the end."""
     if missing := [name for name in REQUIRED if name not in content.column_names]:
-        raise FleetError(f"table {table}: lacks {', '.join(missing)}; use a wingd that fits {VERSION}")
+        raise FleetError(f"table {table}: lacks {', '.join(missing)}; use a wingd that matches {VERSION}")
     rows, columns = len(content), {}
     for name, kind in schema(table).items():
         if name == "solve":
@@ -58,7 +58,7 @@ def completed(content: pa.Table, table: str, solve: str) -> pa.Table:
         elif str(content.schema.field(name).type) != kind:
             have = content.schema.field(name).type
             raise FleetError(
-                f"table {table}: column {name} is {have}, not {kind} as in {VERSION}; use a wingd that fits"
+                f"table {table}: column {name} is {have}, not {kind} as in {VERSION}; use a matching wingd"
             )
         else:
             columns[name] = content[name]
@@ -68,7 +68,7 @@ def completed(content: pa.Table, table: str, solve: str) -> pa.Table:
 
 
 def weighed(content: pa.Table, shots: pa.Table, table: str) -> pa.Table:
-    """A frame's table with the aircraft's data of its shot."""
+    """Adds the aircraft data of each shot to a table of frames."""
     data = [name for name in schema("shots") if name in schema(table) and name not in content.column_names]
     data = [name for name in data if name in shots.column_names]
     if not data or not len(content):
@@ -82,8 +82,8 @@ def weighed(content: pa.Table, shots: pa.Table, table: str) -> pa.Table:
 
 
 def live(export: Path, solve: str) -> dict[str, Path]:
-    """Live results, whose export has a column for each marker and station of its installation, as three tables beside it: a row
-    per result, per marker, per station of the span. Some thousand results at a time."""
+    """Splits an export of live results, with a column for each marker and station, into three tables next to it: a row per result,
+    per marker and per station. Converts some thousand results at once."""
     writers: dict[str, pq.ParquetWriter] = {}
     paths = {name: export.with_name(f"{name}.parquet") for name in LIVE}
     source = export.with_name("export-of-live.parquet")
@@ -103,9 +103,9 @@ def live(export: Path, solve: str) -> dict[str, Path]:
 
 
 def live_rows(content: pa.Table) -> dict[str, pa.Table]:
-    """The three tables of so many results. Stations have round names and their arc length beside them (`deflection_s01_m`,
-    `arc_length_s01_m`), in exports of programs before schema_version 2 their arc length as a name (`deflection_31.5_m`)."""
-    # Torsion pairs are named as fleets have them since v3 began.
+    """Returns the three tables of a batch of results. Stations have numbered names and an arc length column (`deflection_s01_m`,
+    `arc_length_s01_m`); before schema_version 2 the name was the arc length (`deflection_31.5_m`)."""
+    # Column names of torsion pairs as in v3.
     pair = re.compile(r"torsion_(.+)_((?:sigma_)?(?:angle|twist))_deg")
     content = content.rename_columns([pair.sub(r"\2_\1_deg", name) for name in content.column_names])
     names = content.column_names
@@ -141,7 +141,7 @@ def _rows(content: pa.Table, labels: list[str], table: str) -> pa.Table:
             if "used" in one.column_names:
                 one = one.set_column(one.column_names.index("used"), "used", one["used"].cast(pa.bool_()))
         elif "arc_length_m" in one.column_names:
-            # Rows of an installation with fewer stations have none here.
+            # Installations with fewer stations have null here.
             one = one.filter(pc.is_valid(one["arc_length_m"]))
         else:
             one = one.append_column("arc_length_m", pa.array([float(label)] * len(one), pa.float64()))
@@ -156,14 +156,14 @@ def _rows(content: pa.Table, labels: list[str], table: str) -> pa.Table:
 
 
 def write(content: pa.Table) -> bytes:
-    """As bytes that follow from the content alone."""
+    """Returns Parquet bytes that depend on the content alone."""
     output = io.BytesIO()
     pq.write_table(content, output, compression="zstd", row_group_size=ROW_GROUP)
     return output.getvalue()
 
 
 def facts(data: bytes) -> dict:
-    """Rows and columns of a file."""
+    """Returns the number of rows and the columns digest of a file."""
     head = pq.read_metadata(io.BytesIO(data))
     return {"rows": head.num_rows, "columns": columns(head.schema.to_arrow_schema())}
 
@@ -173,5 +173,5 @@ def read(data: bytes) -> pa.Table:
 
 
 def columns(content: pa.Schema) -> str:
-    """Names and types as a digest: files of one can be read together."""
+    """Returns a digest of column names and types: files with the same digest can be read together."""
     return sha256("\n".join(f"{field.name} {field.type}" for field in content).encode())[:16]

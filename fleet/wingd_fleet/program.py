@@ -1,4 +1,4 @@
-"""The `wingd` binary, as a task calls it."""
+"""Calls of the `wingd` binary."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 
 from .lake import FleetError, Passing
 
-# A flight of 1,000 frames takes minutes; what takes a day hangs.
+# A flight of 1,000 frames takes minutes; a call that takes a day hangs.
 TIMEOUT_S = 24 * 3600
-# Exit status for configuration or installation at fault.
+# Exit status for errors in configuration or installation.
 AT_FAULT = 78
-# Of a Rust program that panicked.
+# Exit status of a Rust program that panicked.
 PANICKED = 101
 # linux/prctl.h
 PR_SET_PDEATHSIG = 1
@@ -32,27 +32,27 @@ _RUNNING: set[subprocess.Popen] = set()
 
 
 def find(name: str | None = None) -> str:
-    """The binary: as named, or WINGD, or on the path."""
+    """Finds the binary: the given name, WINGD, or `wingd` on the path."""
     wanted = name or os.environ.get("WINGD") or "wingd"
     found = shutil.which(wanted)
     if not found:
-        raise FleetError(f"{wanted}: no such program; name it with --wingd or the variable WINGD")
+        raise FleetError(f"{wanted}: program not found; give it with --wingd or the variable WINGD")
     return str(Path(found).resolve())
 
 
 def version(wingd: str) -> str:
-    """`wingd 0.1.0`."""
+    """Returns the version text, e.g. `wingd 0.1.0`."""
     return call(wingd, ["--version"])[1].strip()
 
 
 def end_with_parent() -> None:
-    """Linux: a child is killed when whoever began it ends, however that ends."""
+    """Linux: kills a child process when its parent ends for any reason."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def call(wingd: str, arguments: list[str]) -> tuple[int, str, str]:
-    """Exit status, output, and what was said. A signal or a panic may pass with the machine: it is tried again."""
+    """Returns exit status, standard output and standard error. Raises Passing after a signal or a panic, so that it is retried."""
     how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "preexec_fn": end_with_parent}
     with subprocess.Popen([wingd, *arguments], **how) as done:
         _RUNNING.add(done)
@@ -62,19 +62,19 @@ def call(wingd: str, arguments: list[str]) -> tuple[int, str, str]:
             done.kill()
             _RUNNING.discard(done)
     if done.returncode < 0 or done.returncode == PANICKED:
-        last = said.strip().splitlines()[-1:] or ["no word"]
+        last = said.strip().splitlines()[-1:] or ["no message"]
         raise Passing(f"wingd {arguments[0]} ended by {done.returncode}: {last[0]}")
     return done.returncode, output, said
 
 
 def end_all() -> None:
-    """Ends what runs now, for a driver that is told to stop."""
+    """Kills the running calls when the driver is stopped."""
     for running in list(_RUNNING):
         running.kill()
 
 
 def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: list[str], jobs: int) -> None:
-    """Solves a flight's frames beside their old results. That frames fail is a result."""
+    """Solves a flight's frames and adds the results to the old ones. Frames that cannot be solved are results too."""
     what = ["solve", str(store), f"--flight={flight}", "--installation", str(installation), "--json"]
     status, _, said = call(wingd, [*what, f"--jobs={jobs}", *arguments])
     if status not in (0, 1) or (status == 1 and not any(store.glob(f"flights/{flight}/*/results.jsonl"))):
@@ -82,12 +82,12 @@ def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: l
 
 
 def export(wingd: str, store: Path, flight: str, table: str, inputs: str | None) -> pa.Table:
-    """A table of a flight."""
+    """Exports a table of a flight."""
     return pq.read_table(export_file(wingd, store, flight, table, inputs))
 
 
 def export_file(wingd: str, store: Path, flight: str, table: str, inputs: str | None = None) -> Path:
-    """The same as a Parquet file: hours of live results are not for the memory."""
+    """Exports a table of a flight to a Parquet file: hours of live results would not fit in memory."""
     output = store.parent / f"{table}.parquet"
     what = ["export", str(store), f"--flight={flight}", "--format=parquet", f"--table={table}"]
     what += [f"--inputs={inputs}"] if inputs else []
@@ -98,7 +98,7 @@ def export_file(wingd: str, store: Path, flight: str, table: str, inputs: str | 
 
 
 def results(store: Path, flight: str) -> list[dict]:
-    """Provenance of every result, in the order written; numbers as they are spelt."""
+    """Returns the provenance of every result, in the order written, with numbers as spelt in the file."""
     found = []
     for file in sorted(store.glob(f"flights/{flight}/*/results.jsonl")):
         for line in file.read_text().splitlines():
@@ -107,7 +107,7 @@ def results(store: Path, flight: str) -> list[dict]:
 
 
 class Spelt(str):
-    """A number as its file spells it."""
+    """A number as spelt in its file."""
 
 
 def _canonical(value) -> str:
@@ -123,12 +123,12 @@ def _canonical(value) -> str:
 
 
 def key(provenance: dict) -> str:
-    """The name that `--inputs` takes: SHA-256 over the inputs, sorted and without spaces."""
+    """Returns the key for `--inputs`: SHA-256 of the inputs as sorted JSON without spaces."""
     return hashlib.sha256(("\n" + _canonical(provenance)).encode()).hexdigest()
 
 
 def chosen(before: list[dict], after: list[dict], installation: dict[str, bytes], program: str) -> str:
-    """Key of the results that follow from this installation and program, also where none of them is new."""
+    """Returns the key of the results of this installation and program, even if none of them is new."""
     digests = {f"{name}.sha256": hashlib.sha256(data).hexdigest() for name, data in installation.items()}
 
     def fits(provenance: dict) -> bool:
@@ -143,5 +143,5 @@ def chosen(before: list[dict], after: list[dict], installation: dict[str, bytes]
     found = new or set(now)
     if len(found) != 1:
         what = "no results" if not found else f"results of {len(found)} kinds of parameters"
-        raise FleetError(f"the flight has {what} of this installation and {program}; upload it without them")
+        raise FleetError(f"the flight has {what} of this installation and {program}; upload it without its results")
     return found.pop()

@@ -1,4 +1,5 @@
-"""The same on a Ray cluster that runs already: one task per flight, begun again where its worker was lost. An extra of the package."""
+"""A solve over many flights on an existing Ray cluster: one task per flight, restarted if its worker is lost. An extra of the
+package."""
 
 from __future__ import annotations
 
@@ -23,15 +24,15 @@ def run(
     jobs: int = 1,
     said: Callable[[str], None] = print,
 ) -> Counter:
-    """Counts of `done`, `there`, `failed`."""
+    """Returns the numbers of flights `done`, `there`, `failed`."""
     try:
         import ray
     except ImportError:
         raise FleetError(
-            "Ray is not installed; pip install 'wingd-fleet[ray]', or use run --part with any other queue"
+            "Ray is not installed; pip install 'wingd-fleet[ray]', or use run --part with another queue"
         ) from None
     ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-    # Credentials go as the workers' own environment, not as an argument, which Ray would show.
+    # Workers take credentials from their own environment; Ray would show an argument.
     remote = ray.remote(num_cpus=jobs, max_retries=RETRIES, retry_exceptions=[Passing])(_one)
     try:
         pending = {remote.remote(url, solve, str(one), wingd, str(work), jobs): one for one in flights}

@@ -1,5 +1,5 @@
-"""Small JSON objects that say what is so. Each holds its own digest, so that a changed one is told from a whole one; those that
-nothing else could give again lie there twice."""
+"""Small JSON records. Each contains its own digest, so that a changed record is detected; records that cannot be derived from
+others are stored twice."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ def sha256(data: bytes) -> str:
 
 
 def dump(value: dict) -> bytes:
-    """JSON, the same bytes for the same value, with its seal: the digest of this text with the seal's digits as zeros."""
+    """Returns canonical JSON with a seal: the SHA-256 of this text with the seal's digits set to zero."""
     text = json.dumps({**value, "seal": _OPEN}, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
     data = text.encode()
     return data.replace(f'"seal": "{_OPEN}"'.encode(), f'"seal": "{sha256(data)}"'.encode(), 1)
 
 
 def load(place: str, data: bytes) -> dict:
-    """A record that its seal fits."""
+    """Parses a record and checks its seal."""
     try:
         value = json.loads(data)
         seal = value["seal"].encode()
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise Damaged([f"{place}: is damaged: it is no sealed record"]) from None
+        raise Damaged([f"{place}: is damaged: it is not a sealed record"]) from None
     if sha256(data.replace(b'"seal": "' + seal, b'"seal": "' + _OPEN.encode(), 1)).encode() != seal:
-        raise Damaged([f"{place}: is damaged: its seal does not fit"])
+        raise Damaged([f"{place}: is damaged: its seal does not match"])
     return value
 
 
@@ -43,7 +43,7 @@ def twin(key: str) -> str:
 
 
 def create_twice(lake: Lake, key: str, data: bytes) -> bool:
-    """Creates a record and its copy; False where another one has the name. The copy is made where a killed call left none."""
+    """Creates a record and its copy; False if another record has the name. Adds a copy that a killed call did not write."""
     made = lake.create(key, data)
     if made or lake.get(key) == data:
         lake.create(twin(key), data)
@@ -51,7 +51,7 @@ def create_twice(lake: Lake, key: str, data: bytes) -> bool:
 
 
 def read_twice(lake: Lake, key: str) -> dict | None:
-    """A record by itself or its copy; None where there is neither."""
+    """Reads a record or its copy; None if neither exists."""
     faults = []
     for place in (key, twin(key)):
         data = lake.get(place)
@@ -67,6 +67,6 @@ def read_twice(lake: Lake, key: str) -> dict | None:
 
 
 def names_twice(lake: Lake, prefix: str) -> list[str]:
-    """Keys below a place that are there themselves or as a copy."""
+    """Returns the keys below a prefix that exist themselves or as a copy."""
     copies = [key.removeprefix("copies/") for key in lake.keys(twin(prefix))]
     return sorted({*lake.keys(prefix), *copies})

@@ -12,17 +12,17 @@ from .charts import Series, chart
 from .desk import Desk
 from .lake import FleetError
 
-# Rows of a long table; further ones are counted, and there for `wingd-fleet query`.
+# Rows shown of a long table; further rows are counted and available by `wingd-fleet query`.
 ROWS = 25
-# Wings of a figure, the worst of what it shows; a figure of more cannot be read.
+# Maximum number of wings in a figure, so that it stays readable: those with the largest differences.
 DRAWN = 8
-# Points of load in a figure, per aircraft.
+# Number of load classes per aircraft in a figure.
 BINS = 10
 SECONDS_A_DAY = 86_400.0
 
 
 def write(desk: Desk, output: Path, solve: str | None = None, against: str | None = None, made: bool = False) -> None:
-    """The report of one solve (the last by name without a choice), held against another."""
+    """Writes the report of one solve (default: the last by name), compared with another."""
     solve = solve or desk.solves[-1]
     if solve not in desk.solves or (against and against not in desk.solves):
         raise FleetError(f"solve {solve} or {against} is not among: {', '.join(desk.solves)}")
@@ -47,7 +47,7 @@ def _number(value, digits: int) -> str:
 
 
 def table(rows: list[dict], columns: Sequence[tuple[str, str, int | None, float]], limit: int = ROWS) -> str:
-    """Rows as a table. A column: key, heading, digits (None: words), factor."""
+    """Renders rows as a table. A column: key, heading, digits (None: text), factor."""
     if not rows:
         return '<p class="soft">None.</p>'
     head = "".join(
@@ -83,12 +83,12 @@ def _head(desk: Desk, solve: str, made: bool) -> str:
         (facts["aircraft"], "aircraft"),
         (facts["recorders"], "recorders"),
         (facts["frames"], "frames"),
-        (f"{share:.1f} %", "of them solved"),
+        (f"{share:.1f} %", "of frames solved"),
     ]
     shown = "".join(f"<li><b>{value}</b>{name}</li>" for value, name in tiles)
     warning = (
-        '<p class="warning">These flights are synthetic: made from the results of a few real ones, to show how '
-        "questions grow with their number. Nothing in them was measured.</p>"
+        '<p class="warning">These flights are synthetic: derived from a few real ones, to test how query time '
+        "grows with the number of flights. Nothing in them was measured.</p>"
         if made
         else ""
     )
@@ -108,9 +108,9 @@ def _deflection(desk: Desk, solve: str) -> str:
         ("flights", "flights", 0, 1),
         ("frames", "frames", 0, 1),
         ("deflection_m", "mean deflection of the tip, m", 3, 1),
-        ("sigma_mean_m", "its sigma by the flights' scatter, mm", 1, 1000),
-        ("least_m", "least, m", 3, 1),
-        ("most_m", "most, m", 3, 1),
+        ("sigma_mean_m", "its sigma from the scatter of flights, mm", 1, 1000),
+        ("least_m", "minimum, m", 3, 1),
+        ("most_m", "maximum, m", 3, 1),
         ("sigma_frame_m", "sigma of a frame, mm", 1, 1000),
     ]
     text = _load(desk, solve) if desk.has_load else _without_load(desk, solve)
@@ -118,7 +118,7 @@ def _deflection(desk: Desk, solve: str) -> str:
 
 
 def _worst(desk: Desk, solve: str, sql: str) -> list[tuple[str, str]]:
-    """Aircraft and wing of those that a figure shows: the first by `sql`, in the order of their names."""
+    """Returns aircraft and wing of the wings in a figure: the first rows of `sql`, sorted by name."""
     rows = desk.rows(f"SELECT aircraft, wing FROM ({sql}) LIMIT {DRAWN}", [solve])
     return sorted((row["aircraft"], row["wing"]) for row in rows)
 
@@ -150,8 +150,8 @@ def _without_load(desk: Desk, solve: str) -> str:
         )
         series.append(Series(_name((aircraft, wing)), [(r["x"], r["y"], r["s"]) for r in rows]))
     return (
-        '<p class="warning">The results have no weight and load factor (weight_kg and load_factor): a deflection cannot be held '
-        "against its load, nor one aircraft against another. Below, deflection over the hours of each flight. Record aircraft data, "
+        '<p class="warning">The results have no weight and load factor (weight_kg and load_factor): deflections cannot be compared '
+        "with the load, nor aircraft with each other. Below, deflection over the hours of each flight. Record aircraft data "
         "and solve the flights again.</p>"
         + chart(
             series,
@@ -159,7 +159,9 @@ def _without_load(desk: Desk, solve: str) -> str:
             "deflection of the tip, m",
             "Deflection over the hours of a flight, by wing",
         )
-        + _caption("Bars: one standard deviation of a frame.", series, "whose mean deflection is farthest from the usual")
+        + _caption(
+            "Bars: one standard deviation of a frame.", series, "whose mean deflection is farthest from the median"
+        )
     )
 
 
@@ -181,14 +183,19 @@ def _load(desk: Desk, solve: str) -> str:
         slope = _number(line["slope_m_per_t"] and 1000 * line["slope_m_per_t"], 2)
         parts.append(
             f"<h3>{html.escape(kind)}: deflection against weight times load factor</h3>"
-            + chart(series, "weight times load factor, t", "deflection of the tip, m", f"Deflection against load, {kind}, by wing")
+            + chart(
+                series,
+                "weight times load factor, t",
+                "deflection of the tip, m",
+                f"Deflection against load, {kind}, by wing",
+            )
             + _caption(
                 f"Means of {BINS} classes of load; bars: standard deviation of the class's frames about the line's slope. Line of all frames of "
-                f"the type: {slope} mm a tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
+                f"the type: {slope} mm per tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
                 series[:DRAWN],
-                "farthest from their type's line, in sigmas",
+                "farthest from their type's line, relative to sigma",
             )
-            + _beside(line, series)
+            + _off_line(line, series)
         )
     rows = desk.rows(
         "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing",
@@ -199,20 +206,23 @@ def _load(desk: Desk, solve: str) -> str:
         ("wing", "wing", None, 1),
         ("aircraft_type", "type", None, 1),
         ("flights", "flights", 0, 1),
-        ("mean_m", "from its type's line, mm", 1, 1000),
-        ("scatter_m", "sigma by the flights' scatter, mm", 1, 1000),
-        ("common_m", "common to its flights, mm", 1, 1000),
-        ("over_sigma", "in sigmas", 1, 1),
+        ("mean_m", "offset from its type's line, mm", 1, 1000),
+        ("scatter_m", "sigma from the scatter of flights, mm", 1, 1000),
+        ("common_m", "sigma common to its flights, mm", 1, 1000),
+        ("over_sigma", "offset over sigma", 1, 1),
     ]
     caption = (
-        "Survey, camera and axis are common to an aircraft's flights, and no number of flights averages them: the whole "
-        "standard deviation of a frame is taken as common."
+        "Errors of survey, camera and axis are common to an aircraft's flights and do not average out: the full "
+        "standard deviation of a frame is treated as common."
     )
-    return "".join(parts) + f'<h3>Which aircraft differs</h3>{table(rows, columns)}<p class="caption">{caption}</p>'
+    return (
+        "".join(parts)
+        + f'<h3>Aircraft compared with their type</h3>{table(rows, columns)}<p class="caption">{caption}</p>'
+    )
 
 
-def _beside(line: dict, series: list[Series]) -> str:
-    """The same points, held against the type's line: what differs is seen there."""
+def _off_line(line: dict, series: list[Series]) -> str:
+    """Plots the same points relative to the type's line, which shows the differences."""
     if line["slope_m_per_t"] is None:
         return ""
     off = [
@@ -226,8 +236,8 @@ def _beside(line: dict, series: list[Series]) -> str:
         for one in series
         if not one.line
     ]
-    what = f"Deflection beside the line of {line['aircraft_type']}, by wing"
-    return chart(off, "weight times load factor, t", "deflection beside the line, mm", what)
+    what = f"Deflection relative to the line of {line['aircraft_type']}, by wing"
+    return chart(off, "weight times load factor, t", "deflection relative to the line, mm", what)
 
 
 def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
@@ -275,14 +285,16 @@ def _mount(desk: Desk, solve: str) -> str:
     figure = chart(
         series,
         "day of the flight (month-day, UTC)",
-        "turned from the ground frame, mrad",
+        "rotation from the ground frame, mrad",
         "Rotation of the camera against its ground frame, flight by flight",
         times=True,
     )
     if not any(one.points for one in series):
         figure = '<p class="soft">These results have no rotation of the mount (method profile).</p>'
-    caption = "A flight's mean rotation of the camera against the ground frame; bars: how far it moved within the flight (rms)."
-    return f"<h2>The mount</h2>{figure}{_caption(caption, series, 'whose camera moved most')}{table(rows, columns)}"
+    caption = "A flight's mean rotation of the camera against the ground frame; bars: motion within the flight (rms)."
+    return (
+        f"<h2>Camera mounting</h2>{figure}{_caption(caption, series, 'whose camera moved most')}{table(rows, columns)}"
+    )
 
 
 def _detection(desk: Desk, solve: str) -> str:
@@ -303,7 +315,7 @@ def _detection(desk: Desk, solve: str) -> str:
         [solve],
     )
     why = [
-        ("reason", "why a marker was not used", None, 1),
+        ("reason", "reason", None, 1),
         ("markers", "markers", 0, 1),
         ("aircraft", "aircraft", 0, 1),
     ]
@@ -318,15 +330,15 @@ def _failing(desk: Desk, solve: str) -> str:
         ("flight", "flight", None, 1),
         ("shots", "shots", 0, 1),
         ("ok", "solved", 0, 1),
-        ("reason", "most often", None, 1),
+        ("reason", "most frequent reason", None, 1),
     ]
     said = desk.state.failures(solve)
     lost = [
-        {"flight": str(flight), "why": said[flight][-1] if flight in said else "no task has come to its end yet"}
+        {"flight": str(flight), "why": said[flight][-1] if flight in said else "no task has finished yet"}
         for flight in desk.state.missing(solve)
     ]
     coming = [
-        {"flight": str(flight), "why": f"{desk.state.arrived(flight)}: the rest has not arrived yet"}
+        {"flight": str(flight), "why": f"{desk.state.arrived(flight)}: not completely uploaded yet"}
         for flight in desk.state.flights
         if desk.state.arrived(flight) != "whole"
     ]
@@ -335,11 +347,11 @@ def _failing(desk: Desk, solve: str) -> str:
         for flight, one, record in desk.withdrawn()
         if one == solve
     ]
-    why = [("flight", "flight", None, 1), ("why", "why", None, 1)]
+    why = [("flight", "flight", None, 1), ("why", "reason", None, 1)]
     return (
-        f"<h2>What failed</h2><h3>Flights with shots that gave no number</h3>{table(rows, columns)}"
+        f"<h2>Failures</h2><h3>Flights with shots without a result</h3>{table(rows, columns)}"
         f"<h3>Flights without tables of this solve</h3>{table(lost + coming, why)}"
-        f"<h3>Withdrawn flights, in no figure above</h3>{table(withdrawn, why)}"
+        f"<h3>Withdrawn flights (excluded above)</h3>{table(withdrawn, why)}"
     )
 
 
@@ -353,32 +365,32 @@ def _live(desk: Desk, solve: str) -> str:
         ("wing", "wing", None, 1),
         ("flight", "flight", None, 1),
         ("results", "results", 0, 1),
-        ("rate_hz", "a second", 2, 1),
+        ("rate_hz", "results per second", 2, 1),
         ("solved_share", "solved, %", 1, 100),
         ("deflection_m", "mean deflection of the tip, m", 3, 1),
         ("scatter_m", "its scatter, mm", 1, 1000),
         ("sigma_m", "sigma of a result, mm", 1, 1000),
     ]
-    caption = "As they came along: live results are not solved again."
+    caption = "Live results as uploaded; they are not solved again."
     return f'<h2>Live results</h2>{table(rows, columns)}<p class="caption">{caption}</p>'
 
 
 def _compared(desk: Desk, one: str | None, other: str) -> str:
     if one is None:
-        return "<h2>Two solves</h2><p class=soft>There is one solve only.</p>"
+        return "<h2>Two solves</h2><p class=soft>There is only one solve.</p>"
     rows = desk.rows(
         "FROM compared_by_aircraft(?, ?) ORDER BY abs(mean_m) DESC NULLS LAST, aircraft, wing", [one, other]
     )
     columns = [
         ("aircraft", "aircraft", None, 1),
         ("wing", "wing", None, 1),
-        ("frames", "frames of both", 0, 1),
+        ("frames", "common frames", 0, 1),
         ("mean_m", "mean difference, mm", 2, 1000),
         ("rms_m", "rms, mm", 2, 1000),
-        ("most_m", "most, mm", 2, 1000),
+        ("most_m", "maximum, mm", 2, 1000),
         ("over_sigma", "rms over sigma", 2, 1),
-        ("won", "solved now", 0, 1),
-        ("lost", "no longer", 0, 1),
+        ("won", "newly solved", 0, 1),
+        ("lost", "no longer solved", 0, 1),
     ]
     drawn = [(row["aircraft"], row["wing"]) for row in rows[:DRAWN]]
     points = desk.rows(
@@ -391,7 +403,10 @@ def _compared(desk: Desk, one: str | None, other: str) -> str:
         Series(_name(a), [(r["x"], r["y"], r["s"]) for r in points if _name(r) == _name(a)]) for a in sorted(drawn)
     ]
     figure = chart(
-        series, f"deflection in {one}, m", f"{other} minus {one}, mm", f"Difference of deflection between {one} and {other}"
+        series,
+        f"deflection in {one}, m",
+        f"{other} minus {one}, mm",
+        f"Difference of deflection between {one} and {other}",
     )
-    caption = "Deflection of the tip frame by frame; bars: the larger of the two standard deviations. 1,500 frames at most are drawn."
+    caption = "Deflection of the tip frame by frame; bars: the larger of the two standard deviations. At most 1,500 frames are drawn."
     return f"<h2>Two solves: {html.escape(other)} against {html.escape(one)}</h2>{figure}{_caption(caption, series, 'that differ most')}{table(rows, columns)}"

@@ -1,4 +1,4 @@
-"""A solve over many flights on this machine. On many machines any queue does that calls `wingd-fleet task` or `run --part`."""
+"""A solve over many flights on this machine. For several machines, any queue that calls `wingd-fleet task` or `run --part` works."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ATTEMPTS, PAUSE_S = 4, 1.0
 
 
 def part(flights: list[Flight], text: str) -> list[Flight]:
-    """`I/N`: the share of element I, from 0, of N that run side by side; which flight is whose follows from its name."""
+    """Returns part `I/N` of the flights, I from 0, for N parallel runs; the name of a flight determines its part."""
     index, _, count = text.partition("/")
     if not (index.isdigit() and count.isdigit() and int(index) < int(count)):
         raise FleetError(f"--part {text}: give I/N with I from 0 to N - 1, as 3/100")
@@ -35,7 +35,7 @@ def run(
     jobs: int = 1,
     said: Callable[[str], None] = print,
 ) -> Counter:
-    """Counts of `done`, `there`, `withdrawn`, `failed`."""
+    """Returns the numbers of flights `done`, `there`, `withdrawn`, `failed`."""
     counts, stop, flights = Counter(), threading.Event(), list(flights)
 
     def one(flight: Flight) -> str:

@@ -1,5 +1,5 @@
-"""All that is published, once more in few sorted files: for questions to many flights, and for other engines. It follows from
-commits and corrections alone; it may be deleted and made again, and is never what is believed."""
+"""Snapshots: all published rows in a few sorted files, for queries over many flights and for other engines. A snapshot follows from
+commits and corrections alone; it may be deleted and written again, and is never the source of truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ID = re.compile(rf"{PLACE}/(\d+-[0-9a-f]{{16}})/manifest\.json")
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A snapshot that is whole."""
+    """A complete snapshot."""
 
     id: str
     corrections: int
@@ -45,7 +45,7 @@ def manifest(id: str) -> str:
 
 
 def ids(lake: Lake) -> list[str]:
-    """Whole snapshots, the newest last: commits and corrections only grow in number."""
+    """Returns the complete snapshots, the newest last: the numbers of commits and corrections only grow."""
     return sorted((match[1] for key in lake.keys(PLACE) if (match := _ID.fullmatch(key))), key=_age)
 
 
@@ -54,14 +54,14 @@ def _age(id: str) -> tuple[int, str]:
 
 
 def id_of(state: State) -> str:
-    """What a snapshot of a state is called."""
+    """Returns the name of the snapshot of a state."""
     corrections = len(state.corrections.records)
     text = "\n".join([*sorted(state.commits.values()), f"corrections {corrections}"])
     return f"{state.commit_count + corrections}-{sha256(text.encode())[:16]}"
 
 
 def current(state: State) -> Snapshot | None:
-    """The snapshot of exactly this state."""
+    """Returns the snapshot of exactly this state, or None."""
     id = id_of(state)
     return Snapshot.read(state.lake, id) if id in ids(state.lake) else None
 
@@ -72,7 +72,7 @@ def newest(lake: Lake) -> Snapshot | None:
 
 
 def make(lake: Lake, work: Path, prune: bool = False, said: Callable[[str], None] = lambda text: None) -> str:
-    """Writes the snapshot of the state as it is now; what is there of it is not written again. Its name."""
+    """Writes the snapshot of the current state and returns its name; existing parts are not written again."""
     state = State(lake)
     id = id_of(state)
     if id not in ids(lake):
@@ -98,12 +98,12 @@ def _unsealed(record: dict) -> dict:
 
 
 def _all(lake: Lake) -> list[str]:
-    """Half ones too."""
+    """Returns all snapshots, including incomplete ones."""
     return sorted({key.split("/")[2] for key in lake.keys(PLACE)})
 
 
 def remove(lake: Lake, names: list[str]) -> None:
-    """The manifest first: what is half is no snapshot."""
+    """Removes snapshots, the manifest first: a snapshot without a manifest is incomplete."""
     for id in names:
         lake.delete([manifest(id)])
         lake.delete(lake.keys(f"{PLACE}/{id}"))
@@ -137,7 +137,7 @@ def _write(lake: Lake, id: str, table: str, solve: str, own: list[Published], fo
 
 
 def _types(lake: Lake, table: str, own: list[Published]) -> pa.Schema:
-    """All columns that any of the flights has; the aircraft's first."""
+    """Returns all columns of the flights, those of the aircraft first."""
     kinds: dict[str, Table] = {}
     for one in own:
         kinds.setdefault(one.tables[table].columns, one.tables[table])
@@ -148,9 +148,9 @@ def _types(lake: Lake, table: str, own: list[Published]) -> pa.Schema:
 
 
 def _groups(lake: Lake, table: str, own: list[Published], types: pa.Schema) -> Iterator[pa.Table]:
-    """The flights' rows in their order, about a row group at a time."""
+    """Yields the flights' rows in order, about one row group at a time."""
     waiting: list[pa.Table] = []
-    for part in _together(table, own):
+    for part in _batches(table, own):
         if part[0].tables[table].rows > parquet.ROW_GROUP:
             if waiting:
                 yield pa.concat_tables(waiting)
@@ -167,8 +167,8 @@ def _groups(lake: Lake, table: str, own: list[Published], types: pa.Schema) -> I
         yield pa.concat_tables(waiting)
 
 
-def _together(table: str, own: list[Published]) -> Iterator[list[Published]]:
-    """Flights that are read at a time: a row group of them, or one that is longer."""
+def _batches(table: str, own: list[Published]) -> Iterator[list[Published]]:
+    """Yields the flights that are read at once: together about one row group, or a single longer flight."""
     part, rows = [], 0
     for one in own:
         length = one.tables[table].rows
@@ -194,15 +194,15 @@ def _conformed(content: pa.Table, one: Published, types: pa.Schema) -> pa.Table:
 
 
 def bytes_of(lake: Lake, table: Table) -> bytes:
-    """A table's bytes, held against the commit's digest."""
+    """Reads a table's bytes and verifies the digest of its commit."""
     data = lake.need(table.key)
     if sha256(data) != table.sha256:
-        raise Damaged([f"{lake.url}/{table.key}: is damaged: not the bytes that its commit names"])
+        raise Damaged([f"{lake.url}/{table.key}: is damaged: its digest does not match the commit"])
     return data
 
 
 def digest_of(path: Path) -> str | None:
-    """SHA-256 of a file; None where there is none."""
+    """Returns the SHA-256 of a file; None if it does not exist."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -211,6 +211,6 @@ def digest_of(path: Path) -> str | None:
 
 
 def covered(snapshot: Snapshot | None, state: State) -> dict[str, dict]:
-    """The commits of a snapshot that still count."""
+    """Returns the commits of a snapshot that are still valid."""
     now = set(state.commits.values())
     return {key: record for key, record in (snapshot.commits if snapshot else {}).items() if key in now}

@@ -1,5 +1,5 @@
-"""What a solve is: a name for one choice of program, installations and arguments. Installations are a recorder's, each valid from
-a flight or a date on: two wings of an aircraft have two, and a new survey does not change older flights."""
+"""Definitions of solves: a solve names one choice of program, installations and arguments. An installation belongs to a recorder
+and is valid from a flight or a date onwards: two wings have two installations, and a new survey does not change older flights."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from .corrections import FLIGHT, from_whence, reached, recorder
 from .lake import NAME, Damaged, FleetError, Flight, Lake
 from .records import sha256
 
-# In place of installations: the results that came with the flight, nothing computed.
+# Value in place of installations: use the uploaded results, compute nothing.
 KEPT = "kept"
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """The files that an installation consists of: installation.toml and what it names."""
+    """Reads the files of an installation: installation.toml and the files that it names."""
     main = folder / "installation.toml"
     try:
         table = tomllib.loads(main.read_text())
     except (OSError, tomllib.TOMLDecodeError) as error:
-        raise FleetError(f"{main}: cannot be read ({error}); name a prepared installation") from error
+        raise FleetError(f"{main}: cannot be read ({error}); give the folder of a prepared installation") from error
     names = ["installation.toml", "orientation.toml"]
     for section, entry in (("camera", "calibration"), ("wing", "survey"), ("cad", "tie_points")):
         name = table.get(section, {}).get(entry)
         names += [name] if isinstance(name, str) else []
     missing = [name for name in names if not (folder / name).is_file()]
     if missing:
-        raise FleetError(f"{folder}: lacks {', '.join(missing)}; `wingd check --installation` says more")
-    # Other tables of the folder may be named too; pictures are none of it.
+        raise FleetError(f"{folder}: lacks {', '.join(missing)}; run `wingd check --installation` for details")
+    # Other tables of the folder may be referenced too; images are not part of an installation.
     more = [path.name for path in folder.iterdir() if path.is_file() and path.suffix in {".toml", ".csv"}]
     return {name: (folder / name).read_bytes() for name in sorted({*names, *more})}
 
 
 def digest_of(files: dict[str, bytes]) -> str:
-    """SHA-256 over the lines `<sha256>  <file>` in the names' order."""
+    """Returns the SHA-256 of the lines `<sha256>  <file>`, sorted by name."""
     return sha256("".join(f"{sha256(data)}  {name}\n" for name, data in sorted(files.items())).encode())
 
 
@@ -44,7 +44,7 @@ def key(name: str) -> str:
 
 
 def rules(lake: Lake, texts: list[str]) -> list[tuple[dict, Path]]:
-    """`RECORDER=DIR`, `RECORDER@f0012=DIR`, `RECORDER@2026-11-01=DIR`, as rules with their folders."""
+    """Parses `RECORDER=DIR`, `RECORDER@f0012=DIR`, `RECORDER@2026-11-01=DIR` to rules with their folders."""
     known, found = [flight.recorder for flight in flights(lake)], []
     for text in texts:
         who, equals, folder = text.partition("=")
@@ -54,7 +54,7 @@ def rules(lake: Lake, texts: list[str]) -> list[tuple[dict, Path]]:
         try:
             of = recorder(known, who)
         except FleetError as error:
-            hint = "installations are a recorder's, for an aircraft has two wings and is surveyed anew"
+            hint = "installations belong to recorders: an aircraft has two wings and may be surveyed again"
             raise FleetError(f"--installation {text}: {error} ({hint})") from None
         found.append(({"recorder": of, "from": from_whence(since if at else None)}, Path(folder)))
     _refuse_unclear([rule for rule, _ in found])
@@ -66,17 +66,17 @@ def _refuse_unclear(all_of: list[dict]) -> None:
         same = [one["from"] for one in all_of if one["recorder"] == rule["recorder"]]
         if len(set(same)) < len(same):
             raise FleetError(
-                f"--installation: recorder {rule['recorder']} has two from {rule['from'] or 'the start'} on"
+                f"--installation: recorder {rule['recorder']} has two from {rule['from'] or 'the start'} onwards"
             )
         if len({bool(FLIGHT.fullmatch(since)) for since in same if since}) > 1:
             raise FleetError(
-                f"--installation: recorder {rule['recorder']} has some from a flight and some from a date on; "
-                "give all of one kind, for which comes first is not known"
+                f"--installation: recorder {rule['recorder']} has some from a flight and some from a date onwards; "
+                "use one kind only, because their order is unknown"
             )
 
 
 def flights(lake: Lake) -> list[Flight]:
-    """Flights that exist."""
+    """Returns all flights."""
     from .lake import flight_of
 
     return sorted({flight for name in lake.keys("manifests") if (flight := flight_of(name))})
@@ -85,12 +85,12 @@ def flights(lake: Lake) -> list[Flight]:
 def define(
     lake: Lake, name: str, installations: list[tuple[dict, Path]] | None, arguments: list[str], program: str
 ) -> dict:
-    """Writes what a solve is, once. `installations`: rules with folders; None: the results that came along.
+    """Writes the definition of a solve, once. `installations`: rules with folders; None: the uploaded results.
 
-    A name stands for one definition for good: with another one it is refused, and what differs is said.
+    A name has one definition permanently: another definition is refused, and the difference is reported.
     """
     if not NAME.fullmatch(name):
-        raise FleetError(f"{name!r} is no name of a solve; give letters, digits, '.', '_', '-'")
+        raise FleetError(f"{name!r} is not a valid name of a solve; use letters, digits, '.', '_', '-'")
     known = []
     for rule, folder in installations or []:
         files = files_of(folder)
@@ -112,7 +112,7 @@ def define(
             part = differing[0]
             raise FleetError(
                 f"{lake.url}/{key(name)}: is another solve already: {part} {_short(there[part])}, not "
-                f"{_short(wanted[part])}; nothing was changed: choose another name"
+                f"{_short(wanted[part])}; nothing was changed; choose another name"
             )
     return read(lake, name)
 
@@ -126,7 +126,7 @@ def _short(value) -> str:
 def read(lake: Lake, name: str) -> dict:
     found = records.read_twice(lake, key(name))
     if found is None:
-        raise FleetError(f"{lake.url}/{key(name)}: is not there; define it with `wingd-fleet define`")
+        raise FleetError(f"{lake.url}/{key(name)}: does not exist; define it with `wingd-fleet define`")
     return found
 
 
@@ -135,24 +135,24 @@ def names(lake: Lake) -> list[str]:
 
 
 def choose(definition: dict, flight: Flight, started: str) -> str:
-    """Digest of the installation that is valid for a flight."""
+    """Returns the digest of the installation that is valid for a flight."""
     own = [rule for rule in definition["installations"] if rule["recorder"] == flight.recorder]
     valid = [rule for rule in own if reached(rule["from"], flight, started)]
     if not valid:
         since = f" before {min(rule['from'] for rule in own)}" if own else ""
         raise FleetError(
             f"solve {definition['solve']} has no installation for recorder {flight.recorder}{since}; "
-            "define another solve that has"
+            "define another solve that has one"
         )
-    # `f0012` and dates sort as they follow one another; none is the first.
+    # `f0012` and dates sort chronologically; None comes first.
     return max(valid, key=lambda rule: (rule["from"] is not None, len(rule["from"] or ""), rule["from"]))["digest"]
 
 
 def installation(lake: Lake, digest: str) -> dict[str, bytes]:
-    """The files of an installation; what is missing or changed is said."""
+    """Reads the files of an installation; raises Damaged if any is missing or changed."""
     files = {name.rsplit("/", 1)[1]: lake.need(name) for name in lake.keys(f"installations/{digest}")}
     if digest_of(files) != digest:
         raise Damaged(
-            [f"{lake.url}/installations/{digest}: is not whole; define the solve once more with the same folders"]
+            [f"{lake.url}/installations/{digest}: is incomplete; define the solve again with the same folders"]
         )
     return files

@@ -1,4 +1,4 @@
-"""What is published: the commits that no correction took back. Everything that answers begins here."""
+"""Published state of a lake: commits that no correction has withdrawn. Every query starts from it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from . import records, solves
 from .corrections import About, Corrections
 from .lake import VERSION, Damaged, FleetError, Flight, Lake, flight_of, solve_of
 
-# Requests at a time.
+# Number of concurrent requests.
 AT_ONCE = 16
 DAY_S = 86_400
 
@@ -32,7 +32,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Published:
-    """A flight's tables of a solve, and whose wing it is by now."""
+    """A flight's tables of a solve, with its current aircraft and wing."""
 
     solve: str
     flight: Flight
@@ -52,7 +52,7 @@ def at_once(work, items: list) -> list:
 
 
 class State:
-    """The lake as it is now: read once, then asked."""
+    """State of the lake, read once."""
 
     def __init__(self, lake: Lake, cache: Path | None = None):
         self.lake = lake
@@ -60,14 +60,14 @@ class State:
         self.corrections = Corrections.read(lake)
         self.marks = _marks(lake)
         keys = lake.keys(f"commits/{VERSION}")
-        # Superseded ones too: it only grows.
+        # Includes superseded commits, so the number only grows.
         self.commit_count = len(keys)
         self.commits = _last(keys)
         self._read: dict[str, dict] = {}
 
     @property
     def flights(self) -> list[Flight]:
-        """Flights that exist, withdrawn ones too."""
+        """All flights, including withdrawn ones."""
         return sorted(self.marks)
 
     @property
@@ -81,18 +81,18 @@ class State:
         return self.corrections.about(flight, About.of(self.manifest(flight)))
 
     def arrived(self, flight: Flight) -> str:
-        """How far a flight has come: `announced`, `results`, `whole`."""
+        """Returns the upload state of a flight: `announced`, `results`, `whole`."""
         marks = self.marks.get(flight, set())
         return "whole" if "frames" in marks else "results" if "results" in marks else "announced"
 
     def withdrawn(self, flight: Flight, solve: str | None = None) -> dict | None:
-        """The withdrawal of a flight in a solve, or in all."""
+        """Returns the withdrawal of a flight in a solve (None: in all solves), or None."""
         key = self.commits.get((solve, flight)) if solve else None
         first = About.of(self._record(key) if key else self.manifest(flight))
         return self.corrections.withdrawn(solve, flight, first)
 
     def missing(self, solve: str) -> list[Flight]:
-        """Flights that have come as far as a solve needs, have no tables of it, and are not withdrawn."""
+        """Returns flights uploaded as far as a solve needs, without its tables and not withdrawn."""
         kept = solves.read(self.lake, solve)["installations"] == solves.KEPT
         if self.corrections.records:
             self.read_manifests()
@@ -106,20 +106,20 @@ class State:
         ]
 
     def read_manifests(self) -> None:
-        """Reads all manifests at once: one after the other takes a minute for thousands in a bucket."""
+        """Reads all manifests concurrently: one by one, thousands in a bucket take a minute."""
         for found in at_once(self._read_or_fault, [flight.manifest for flight in self.flights]):
             if isinstance(found, Damaged):
                 raise found
 
     def _first(self, flight: Flight) -> About:
-        # Without corrections nobody asks whose it is.
+        # Without corrections the aircraft is not needed.
         return About.of(self.manifest(flight)) if self.corrections.records else About("", None, None, "")
 
     def published(self, wanted: list[str] | None = None, known: dict[str, dict] | None = None) -> list[Published]:
-        """The published flights of solves (None: all), in the order of aircraft, day, wing, recorder and flight. Where nobody
-        said which wing it is, each recorder's is one of its own.
+        """Returns the published flights of solves (None: all), sorted by aircraft, day, wing, recorder and flight. If the
+        wing is not given, each recorder counts as a wing of its own.
 
-        `known`: commits by their keys that need not be read again.
+        `known`: commits by key that need not be read again.
         """
         self._read.update(known or {})
         keys = [key for (solve, _), key in sorted(self.commits.items()) if wanted is None or solve in wanted]
@@ -129,7 +129,7 @@ class State:
             if isinstance(record, Damaged):
                 faults += record.faults
             elif record["definition"] != definitions[record["solve"]]:
-                faults.append(f"{self.lake.url}/{key}: is of another definition of solve {record['solve']}")
+                faults.append(f"{self.lake.url}/{key}: belongs to another definition of solve {record['solve']}")
             else:
                 first, flight = About.of(record), flight_of(key)
                 if not self.corrections.withdrawn(record["solve"], flight, first):
@@ -147,7 +147,7 @@ class State:
             return damage
 
     def _record(self, key: str) -> dict:
-        """A record; of a bucket it is kept, for records do not change."""
+        """Reads a record; records of a bucket are cached, because records do not change."""
         if key in self._read:
             return self._read[key]
         place = self.cache / self.lake.url.removeprefix("s3://") / key if self.cache and not self.lake.folder else None
@@ -168,7 +168,7 @@ class State:
         return self._record(key)
 
     def failures(self, solve: str) -> dict[Flight, list[str]]:
-        """Why tasks gave up, of flights that have no tables."""
+        """Returns the reasons of failed tasks, for flights without tables."""
         found: dict[Flight, list[str]] = {}
         for key in self.lake.keys(f"failures/{VERSION}/solve={solve}"):
             flight = flight_of(key)
@@ -176,13 +176,13 @@ class State:
                 try:
                     found.setdefault(flight, []).append(records.read(self.lake, key)["reason"])
                 except Damaged:
-                    found.setdefault(flight, []).append("the record of why is damaged itself")
+                    found.setdefault(flight, []).append("the record of the reason is damaged")
         return found
 
 
 @contextmanager
 def part_of(path: Path) -> Iterator[Path]:
-    """A place to write a file of the cache, which then appears in one step; the file is gone where the writing failed."""
+    """Yields a temporary file that replaces a cache file in one step; it is removed if writing fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     os.close(handle)
@@ -195,7 +195,7 @@ def part_of(path: Path) -> Iterator[Path]:
 
 
 def clean(cache: Path) -> None:
-    """Removes halves that killed calls left a day ago."""
+    """Removes partial files that killed calls left more than a day ago."""
     for half in cache.rglob("*.part"):
         try:
             if time.time() - half.stat().st_mtime > DAY_S:
@@ -217,7 +217,7 @@ def _marks(lake: Lake) -> dict[Flight, set[str]]:
 
 
 def _last(keys: list[str]) -> dict[tuple[str, Flight], str]:
-    """The last commit of each flight and solve; keys are in their order, the highest number last."""
+    """Returns the last commit of each flight and solve; keys are sorted, the highest number last."""
     found = {}
     for key in keys:
         flight, solve = flight_of(key), solve_of(key)
@@ -227,10 +227,10 @@ def _last(keys: list[str]) -> dict[tuple[str, Flight], str]:
 
 
 def chosen(state: State, wanted: list[str] | None) -> list[str]:
-    """The solves that are asked about, each with tables."""
+    """Returns the requested solves, each of which must have tables."""
     names = wanted or state.solves
     unknown = [name for name in names if name not in state.solves]
     if unknown or not names:
         known = ", ".join(state.solves) or "none"
-        raise FleetError(f"{state.lake.url}: no tables of {', '.join(unknown) or 'any solve'}; there are: {known}")
+        raise FleetError(f"{state.lake.url}: no tables of {', '.join(unknown) or 'any solve'}; available: {known}")
     return names

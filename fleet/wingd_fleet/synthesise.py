@@ -1,7 +1,7 @@
-"""Synthetic flights, made from the tables of real ones: to see how questions grow with the number of flights.
+"""Synthetic flights, derived from the tables of real ones, to test how query time grows with the number of flights.
 
-A synthetic flight is a real one's table with other identities, another day, and deflections that follow an invented weight and
-load factor. Nothing in it was measured. The lake says so: in `synthetic.json`, in its aircraft's names and the report.
+A synthetic flight is a table of a real one with another identity and day, and deflections that follow an invented weight and
+load factor. Nothing in it was measured. This is marked in `synthetic.json`, in the names of the aircraft and in the report.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from .state import State
 
 SOLVES = ("onboard", "recalibrated")
 SEED = 20261125
-# Aircraft, and types of them; each aircraft has one recorder, and every tenth a second one.
+# Number of aircraft, and their types; each aircraft has one recorder, every tenth a second one.
 AIRCRAFT, TYPES = 40, ("SYN-A", "SYN-B")
-# Weights, t, at take-off, and what of it a flight burns.
+# Range of take-off weights, t, and the fraction that a flight burns.
 WEIGHTS_T, BURNT = (58.0, 78.0), 0.2
 # Deflection of the tip, m per t and load factor, by type; how aircraft differ, m; turbulence in load factor.
 SLOPES_M_PER_T, AIRCRAFT_SIGMA_M, GUST_SIGMA = (0.030, 0.026), 0.015, 0.04
-# Copies of the template's series: a long flight has more.
+# Copies of the template's series, to lengthen the flight.
 SERIES = 5
-# Flights with live results, of each template that has some.
+# Flights with live results per template that has some.
 LIVE_FLIGHTS = 2
-# Every so many flights a dark one, whose frames fail.
+# Every n-th flight is dark: its frames fail.
 DARK_EVERY = 50
-# Of a second solve against the first, m and its scatter by frame.
+# Shift of the second solve relative to the first and its scatter per frame, m.
 SHIFT_M, SHIFT_SIGMA_M = 0.004, 0.001
 
 
 def make(source: Lake, target: Lake, count: int) -> None:
-    """So many flights, each in two solves; live results where the template has some."""
+    """Writes `count` flights, each in two solves, with live results if the template has some."""
     if source.is_synthetic():
-        raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
+        raise FleetError(f"{source.url}: is synthetic itself; give a lake of real flights")
     published = State(source).published()
     if not published:
-        raise FleetError(f"{source.url}: has no tables to make flights from")
+        raise FleetError(f"{source.url}: has no tables to derive flights from")
     own = [one for one in published if one.solve == published[0].solve]
     target.create(SYNTHETIC, records.dump({"synthetic": True, "made_from": sorted(str(one.flight) for one in own)}))
     definitions = {solve: solves.define(target, solve, None, [], "synthetic")["seal"] for solve in SOLVES}
@@ -86,7 +86,7 @@ def _flight(target: Lake, tables: dict[str, pa.Table], number: int, definitions:
 
 
 def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
-    """What happens in a flight: frame by frame its weight, load factor, deflection beyond the template's."""
+    """Returns the course of a flight: per frame weight, load factor and deflection added to the template's."""
     frames = len(shots) * SERIES
     weight = random.uniform(*WEIGHTS_T) * (1 - BURNT * np.linspace(0, 1, frames))
     factor = 1 + GUST_SIGMA * random.standard_normal(frames)
@@ -127,7 +127,7 @@ def _table(content: pa.Table, table: str, whose: dict, story: dict, shift: float
 
 
 def _live(content: pa.Table, whose: dict, story: dict) -> pa.Table:
-    """Live results as they are, of another flight on another day."""
+    """Returns live results unchanged, but of another flight on another day."""
     for name, word in whose.items():
         content = _put(content, name, pa.array([word] * len(content), pa.string()))
     days = pa.scalar(int(story["days"] * 24 * 3.6e9), pa.duration("us"))
@@ -135,14 +135,14 @@ def _live(content: pa.Table, whose: dict, story: dict) -> pa.Table:
 
 
 def _numbers(content: pa.Table) -> np.ndarray:
-    """The frame of each row, from 0, in the order of the table."""
+    """Returns the frame index of each row, from 0, in the order of the table."""
     names = [f"{s}/{n}" for s, n in zip(content["series"].to_pylist(), content["shot"].to_pylist())]
     order = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([order[name] for name in names])
 
 
 def _series(content: pa.Table, frame: np.ndarray, k: int, story: dict, shift: float) -> pa.Table:
-    """The template's rows as the k-th part of the flight."""
+    """Returns the template's rows as the k-th part of the flight."""
     place = np.minimum(frame + k * (frame.max(initial=0) + 1), story["frames"] - 1)
     name = [f"s{int(text[1:]) + 100 * k:06d}" for text in content["series"].to_pylist()]
     content = _put(content, "series", pa.array(name, pa.string()))
@@ -150,21 +150,23 @@ def _series(content: pa.Table, frame: np.ndarray, k: int, story: dict, shift: fl
     content = _put(content, "result_id", pa.array(key, pa.string()))
     hours = pa.scalar(int((story["days"] * 24 + k * 1.5) * 3.6e9), pa.duration("us"))
     content = _put(content, "utc", pc.add(content["utc"], hours).cast(content["utc"].type))
-    # Half of the template's own deflection, so that its course shows and the load leads.
+    # Only 5 % of the template's own deflection is kept, so that the load dominates.
     for column in ("tip_deflection_m", "deflection_m"):
         if column in content.column_names:
-            deflection = pa.array(story["deflection"][place] + shift + (SHIFT_SIGMA_M if shift else 0) * story["noise"][place])
+            deflection = pa.array(
+                story["deflection"][place] + shift + (SHIFT_SIGMA_M if shift else 0) * story["noise"][place]
+            )
             content = _put(content, column, pc.add(pc.multiply(content[column], 0.05), deflection))
     content = _put(content, "weight_kg", pa.array(1000 * story["weight"][place]))
     return _put(content, "load_factor", pa.array(story["factor"][place]))
 
 
 def _darkened(content: pa.Table) -> pa.Table:
-    """As a flight at night: nothing solved."""
+    """Turns a table into that of a flight at night: nothing solved."""
     rows = len(content)
     content = _put(content, "status", pa.array(["failed"] * rows, pa.string()))
     content = _put(
-        content, "reason", pa.array(["synthetic: no marker was found, the picture is dark"] * rows, pa.string())
+        content, "reason", pa.array(["synthetic: no marker was found, the image is dark"] * rows, pa.string())
     )
     for name in ("tip_deflection_m", "tip_sigma_deflection_m", "deflection_m", "value"):
         if name in content.column_names:

@@ -1,7 +1,7 @@
-"""One flight, one task: fetch, solve, export, publish. Done twice, or half and again, it gives the same tables.
+"""One flight, one task: fetch, solve, export, publish. Repeated or interrupted tasks give the same tables.
 
-What makes it so: a task changes nothing but its own folder until it publishes; tables are named by their digest; the commit is
-created where none is and comes last, and readers look at commits alone. So any queue that calls it often enough does.
+A task changes nothing outside its own folder until it publishes; tables are named by their digest; the commit is written last
+and only if none exists, and readers use commits alone. Therefore any queue works that calls a task often enough.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .lake import VERSION, Damaged, FleetError, Flight, Lake, Passing, is_frame
 from .records import sha256
 from .state import at_once
 
-# As `wingd upload` cuts long files.
+# Part size of long files, as in `wingd upload`.
 PART_BYTES = 4 << 20
 
 
 def run(lake: Lake, solve: str, flight: Flight, wingd: str, work: Path, jobs: int = 1) -> str:
-    """Publishes the tables of a flight; `there` where they were, `done` where this task made them, `withdrawn`.
+    """Publishes the tables of a flight. Returns `there` if they existed, `done` if this task created them, or `withdrawn`.
 
     `work` is a folder for frames and tables, emptied at the end.
     """
@@ -48,12 +48,12 @@ def run(lake: Lake, solve: str, flight: Flight, wingd: str, work: Path, jobs: in
 
 
 def commits(lake: Lake, solve: str, flight: Flight) -> list[str]:
-    """Keys of a flight's commits, the one that counts last."""
+    """Returns the keys of a flight's commits; the last one is valid."""
     return lake.keys(f"commits/{VERSION}/solve={solve}/{flight.place}")
 
 
 def make(lake: Lake, solve: str, flight: Flight, manifest: dict, wingd: str, folder: Path, jobs: int) -> dict:
-    """Puts a flight's tables into the lake; what its commit says."""
+    """Writes a flight's tables into the lake; returns the content of its commit."""
     definition = solves.read(lake, solve)
     kept = definition["installations"] == solves.KEPT
     store = folder / "store"
@@ -82,13 +82,13 @@ def make(lake: Lake, solve: str, flight: Flight, manifest: dict, wingd: str, fol
 
 def needs(lake: Lake, flight: Flight, stage: str) -> None:
     if lake.get(flight.mark(stage)) is None:
-        raise Passing(f"{flight}: its {stage} have not arrived yet; try again when `wingd upload` is through")
+        raise Passing(f"{flight}: its {stage} have not arrived yet; try again after `wingd upload` has finished")
 
 
 def _tables(
     wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool
 ) -> Iterator[tuple[str, bytes]]:
-    """Tables with rows. Live results are not solved again: they belong to the results that came along."""
+    """Yields tables with rows. Live results are not solved again: they belong to the uploaded results."""
     found = {name: program.export(wingd, store, flight.flight, name, inputs) for name in parquet.EXPORTED}
     for name, content in found.items():
         whole = content if name == "shots" else parquet.weighed(content, found["shots"], name)
@@ -100,7 +100,7 @@ def _tables(
 
 
 def keys_of(flight: Flight, entry: dict) -> list[tuple[str, str, int]]:
-    """Objects of a file: key, SHA-256, bytes."""
+    """Returns the objects of a file: key, SHA-256, size in bytes."""
     key, length = flight.file(entry["name"]), entry["length"]
     if not entry.get("parts"):
         return [(key, entry["sha256"], length)]
@@ -109,22 +109,22 @@ def keys_of(flight: Flight, entry: dict) -> list[tuple[str, str, int]]:
 
 
 def fetch(lake: Lake, flight: Flight, manifest: dict, store: Path, frames: bool = True) -> None:
-    """A published flight as a store; each file is held against the manifest. Without frames where none is solved."""
+    """Downloads a flight as a store and verifies each file against the manifest; `frames` False skips the frames."""
     faults: list[str] = []
 
     def bring(entry: dict) -> None:
         name = PurePosixPath(entry["name"])
         if name.is_absolute() or ".." in name.parts:
-            raise FleetError(f"{flight.manifest}: names {entry['name']!r}, which lies outside of the flight")
+            raise FleetError(f"{flight.manifest}: names {entry['name']!r}, which is outside the flight")
         path = store / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("wb") as file:
             for key, digest, _ in keys_of(flight, entry):
                 data = lake.get(key)
                 if data is None or sha256(data) != digest:
-                    what = "is not there" if data is None else "is damaged"
+                    what = "is missing" if data is None else "is damaged"
                     faults.append(
-                        f"{lake.url}/{key}: {what}; `wingd upload --repair` from a copy of the store mends it"
+                        f"{lake.url}/{key}: {what}; repair it by `wingd upload --repair` from a copy of the store"
                     )
                     return
                 file.write(data)
@@ -139,7 +139,7 @@ def fetch(lake: Lake, flight: Flight, manifest: dict, store: Path, frames: bool 
 def _solve(lake, definition, flight, manifest, wingd, store, folder, jobs) -> str | None:
     digest = solves.choose(definition, flight, manifest["started"])
     if (now := program.version(wingd)) != definition["program"]:
-        raise Passing(f"solve {definition['solve']} is of {definition['program']}, this worker has {now}")
+        raise Passing(f"solve {definition['solve']} is of {definition['program']}, but this worker has {now}")
     files = solves.installation(lake, digest)
     folder.mkdir()
     for name, data in files.items():
@@ -151,10 +151,10 @@ def _solve(lake, definition, flight, manifest, wingd, store, folder, jobs) -> st
 
 
 class Folder:
-    """A task's own folder, removed at its end; those that killed tasks left are removed with the next one.
+    """A task's own folder, removed at its end; folders of killed tasks are removed by the next task.
 
-    A lock file beside it says that its task lives. It is ours when it is locked and still there: another task may have taken a
-    file that nobody had locked yet for a dead one's.
+    A lock file next to the folder shows that its task is running. It is ours once it is locked and still exists: before, another
+    task may have mistaken it for that of a dead task and removed it.
     """
 
     def __init__(self, work: Path):
@@ -167,7 +167,7 @@ class Folder:
             try:
                 handle, name = tempfile.mkstemp(prefix="task-", suffix=".lock", dir=self.work)
             except FileNotFoundError:
-                # Its end took the empty place away.
+                # Another task removed the empty folder at its end.
                 continue
             fcntl.flock(handle, fcntl.LOCK_EX)
             if os.path.exists(name):
@@ -187,7 +187,7 @@ class Folder:
 
 
 def sweep(work: Path) -> None:
-    """Removes folders whose task lives no more: nobody holds their lock."""
+    """Removes folders of dead tasks, whose lock is free."""
     for lock in work.glob("task-*.lock"):
         with suppress(OSError), lock.open() as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

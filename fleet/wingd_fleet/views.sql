@@ -1,9 +1,9 @@
--- What the report asks, as views that anybody may ask too: wingd-fleet query --lake LAKE "SELECT ... FROM deflection_by_aircraft".
--- shots, markers, parameters, span, live, live_markers, live_span are the tables of all chosen solves; `frames` is shots with what
--- most questions need. More views stand in mount.sql, detection.sql and live.sql. A wing is an aircraft's left or right one; where it
--- is not said, each recorder's is one of its own.
+-- Views of the report, also open to queries: wingd-fleet query --lake LAKE "SELECT ... FROM deflection_by_aircraft".
+-- shots, markers, parameters, span, live, live_markers, live_span are the tables of all chosen solves; `frames` holds the columns of
+-- shots that most queries need. More views are in mount.sql, detection.sql and live.sql. A wing is the left or right wing of an
+-- aircraft; if it is not given, each recorder counts as a wing of its own.
 
--- A flight's own mean and scatter about its line against the load (weight times load factor), or about its mean.
+-- Mean, minimum and maximum deflection of a flight, with mean weight and load (weight times load factor).
 CREATE VIEW deflection_by_flight AS
 SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
        min(utc) AS began, count(*) AS frames, avg(tip_deflection_m) AS deflection_m, min(tip_deflection_m) AS least_m, max(tip_deflection_m) AS most_m,
@@ -18,7 +18,7 @@ SELECT solve, aircraft, wing, any_value(aircraft_type) AS aircraft_type, count(*
        min(least_m) AS least_m, max(most_m) AS most_m, sqrt(avg(sigma_m ** 2)) AS sigma_frame_m
 FROM deflection_by_flight GROUP BY solve, aircraft, wing;
 
--- Deflection = a + b load, by type: the line that an aircraft is held against; none where all loads are one.
+-- Deflection = a + b load, by type: the line with which an aircraft is compared; null if all loads are equal.
 CREATE VIEW line_of_type AS
 SELECT solve, coalesce(aircraft_type, 'unknown') AS aircraft_type, count(*) AS frames,
        CASE WHEN min(load_t) < max(load_t) THEN regr_slope(tip_deflection_m, load_t) END AS slope_m_per_t,
@@ -29,9 +29,9 @@ SELECT solve, coalesce(aircraft_type, 'unknown') AS aircraft_type, count(*) AS f
 FROM frames WHERE status = 'ok' AND tip_deflection_m IS NOT NULL AND load_t IS NOT NULL
 GROUP BY ALL;
 
--- How far an aircraft lies from its type's line. Frames of a flight share a mounting: flights are what is counted. An
--- aircraft's frames share its survey, camera and axis too, which no number of flights averages: the whole standard deviation
--- of a frame is taken as common to them, beside the flights' scatter.
+-- Offset of an aircraft from its type's line. Frames of a flight share a mounting, so flights are counted. The frames of an
+-- aircraft also share survey, camera and axis, whose errors do not average out: the full standard deviation of a frame is
+-- treated as common to them, in addition to the scatter of flights.
 CREATE VIEW aircraft_against_type AS
 WITH residuals AS (
     SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
@@ -45,7 +45,7 @@ FROM (SELECT solve, aircraft, aircraft_type, wing, count(*) AS flights, avg(resi
              stddev_samp(residual_m) / sqrt(count(*)) AS scatter_m, sqrt(avg(sigma_m ** 2)) AS common_m
       FROM residuals GROUP BY ALL);
 
--- Shots that gave no number, by what was said; numbers in it are left out so that equal reasons are one.
+-- Shots without a result, by reason; numbers in reasons are replaced so that equal reasons are grouped.
 CREATE VIEW failing AS
 SELECT solve, aircraft, recorder_id, flight, status, count(*) AS shots,
        regexp_replace(coalesce(reason, camera_failures, status), '[0-9]+([.][0-9]+)?', '#', 'g') AS reason
@@ -56,7 +56,7 @@ SELECT solve, aircraft, recorder_id, flight, count(*) AS shots, count(*) FILTER 
        mode(reason) FILTER (status <> 'ok') AS reason
 FROM frames GROUP BY ALL HAVING count(*) FILTER (status = 'ok') < count(*);
 
--- The same frames in two solves. Standard deviations of the two are not independent: the difference is held against
+-- The same frames in two solves. Their standard deviations are not independent: the difference is compared with
 -- the larger one.
 CREATE MACRO compared(one, other) AS TABLE
 SELECT a.aircraft, a.wing, recorder_id, flight, series, shot, a.status AS status_one, b.status AS status_other,

@@ -1,96 +1,95 @@
-//! A layout says where the fields of a line stand, and reads the line as a sample. Pure.
+//! Layout of a feed's lines: positions of the fields, and conversion of a line into a sample. Pure.
 
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
 use super::times::TimeFormat;
-use super::{QUANTITIES, Quantity};
-use crate::installation::rows;
+use super::{QUANTITY_COUNT, Quantity};
+use crate::installation::parse_rows;
 
-/// How a feed's lines are made.
+/// Format of a feed's lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// IWG1: 33 fields in a fixed order, a platform's own after them.
+pub enum LineFormat {
+    /// IWG1: 33 fields in a fixed order, followed by those of the platform.
     #[default]
     Iwg1,
-    /// Text with separators, as `column` says.
+    /// Text with separators and the fields given as `column`.
     Text,
 }
 
-/// A field that is taken.
+/// Field that holds a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Column {
-    /// From 1.
+pub struct QuantityColumn {
+    /// Number of the field, from 1.
     pub field: usize,
-    /// What it is.
     pub quantity: Quantity,
-    /// Value = scale * field + offset.
-    #[serde(default = "one")]
+    /// Factor: value = scale * field + offset.
+    #[serde(default = "default_scale")]
     pub scale: f64,
-    /// As above.
+    /// Offset: value = scale * field + offset.
     #[serde(default)]
     pub offset: f64,
 }
 
-pub(super) fn one() -> f64 {
+pub(super) fn default_scale() -> f64 {
     1.0
 }
 
-pub(super) fn point() -> char {
+pub(super) fn default_decimal() -> char {
     '.'
 }
 
-/// Where the fields of a line stand.
+/// Positions and formats of the fields of a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
-    /// Lines that do not have this as their first field are not read.
+    /// Required first field; other lines are not read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub begins_with: Option<String>,
-    /// Between the fields.
+    /// Character between the fields.
     pub separator: char,
-    /// The time tag's field, from 1.
+    /// Number of the time tag's field, from 1.
     pub time_field: usize,
-    /// How it is written.
-    #[serde(default, skip_serializing_if = "is_usual")]
+    /// Format of the time tag.
+    #[serde(default, skip_serializing_if = "is_default_format")]
     pub time_format: TimeFormat,
-    /// The date of seconds of a day.
+    /// Date of seconds of a day.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub date: Option<jiff::civil::Date>,
-    /// The decimal sign.
-    #[serde(default = "point", skip_serializing_if = "is_point")]
+    /// Decimal sign.
+    #[serde(default = "default_decimal", skip_serializing_if = "is_default_decimal")]
     pub decimal: char,
-    /// What is taken; of two with one quantity the later.
-    pub column: Vec<Column>,
+    /// Fields that hold quantities; of two with the same quantity the later counts.
+    pub column: Vec<QuantityColumn>,
 }
 
-fn is_usual(format: &TimeFormat) -> bool {
+fn is_default_format(format: &TimeFormat) -> bool {
     *format == TimeFormat::default()
 }
 
-fn is_point(decimal: &char) -> bool {
-    *decimal == point()
+fn is_default_decimal(decimal: &char) -> bool {
+    *decimal == default_decimal()
 }
 
-/// What stands in a cell.
+/// Content of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cell {
-    /// A value in the quantity's unit.
+    /// Value in the quantity's unit.
     Value(f64),
-    /// Nothing.
+    /// Empty cell.
     Blank,
-    /// A text that is no number.
+    /// Text that is not a number.
     Text,
-    /// A number that cannot be true, in the quantity's unit.
-    OutOfReason(f64),
+    /// Impossible number, in the quantity's unit.
+    OutOfRange(f64),
 }
 
 const M_PER_FOOT: f64 = 0.3048;
 
-/// IWG1's own fields (www.eol.ucar.edu/raf/Software/IWG1_Def.html), each with a word of its name there.
+/// Fields of IWG1 that are read (www.eol.ucar.edu/raf/Software/IWG1_Def.html), each with a word of its name there.
 pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
     (7, Quantity::PressureAltitudeM, M_PER_FOOT, "alt"),
     (12, Quantity::Mach, 1.0, "mach"),
@@ -101,42 +100,42 @@ pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
 ];
 
 impl Layout {
-    /// Text with a column each.
-    pub fn text(separator: char, time_field: usize, column: Vec<Column>) -> Self {
-        let (time_format, date, decimal) = (TimeFormat::default(), None, point());
+    /// Creates a layout of separated fields.
+    pub fn separated(separator: char, time_field: usize, column: Vec<QuantityColumn>) -> Self {
+        let (time_format, date, decimal) = (TimeFormat::default(), None, default_decimal());
         Self { begins_with: None, separator, time_field, time_format, date, decimal, column }
     }
 
-    /// IWG1 with a platform's own fields.
-    pub fn iwg1(own: &[Column]) -> Self {
-        let fixed = IWG1.map(|(field, quantity, scale, _)| Column { field, quantity, scale, offset: 0.0 });
+    /// Creates the layout of IWG1 with a platform's own fields.
+    pub fn iwg1(own: &[QuantityColumn]) -> Self {
+        let fixed = IWG1.map(|(field, quantity, scale, _)| QuantityColumn { field, quantity, scale, offset: 0.0 });
         let column = fixed.iter().chain(own).copied().collect();
-        Self { begins_with: Some("IWG1".to_owned()), ..Self::text(',', 2, column) }
+        Self { begins_with: Some("IWG1".to_owned()), ..Self::separated(',', 2, column) }
     }
 
-    /// The fields of a line, without quotes and the blanks about them.
+    /// Splits a line into its fields, without quotes and surrounding blanks.
     pub fn fields<'a>(&self, line: &'a str) -> Vec<Cow<'a, str>> {
         let line = line.trim_end_matches(['\r', '\n']);
-        let quoted = if line.contains('"') { rows(line, self.separator).ok() } else { None };
+        let quoted = if line.contains('"') { parse_rows(line, self.separator).ok() } else { None };
         match quoted.and_then(|rows| rows.into_iter().next()) {
             Some(row) => row.cells.into_iter().map(Cow::Owned).collect(),
             None => line.split(self.separator).map(|field| Cow::Borrowed(field.trim())).collect(),
         }
     }
 
-    /// A line as a sample; `None` where it is none of these lines or has no time.
+    /// Converts a line into a sample; `None` if it does not fit the layout or has no time.
     pub fn read(&self, line: &str) -> Option<Sample> {
         self.sample(&self.fields(line))
     }
 
-    /// The same of its fields.
+    /// Converts the fields of a line into a sample; `None` if they do not fit the layout or have no time.
     pub fn sample(&self, fields: &[impl AsRef<str>]) -> Option<Sample> {
         let begins = self.begins_with.as_deref();
         if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
-        let time = self.time_format.seconds(field(fields, self.time_field)?, self.date)?;
-        let mut sample = Sample { time_s: time, values: [None; QUANTITIES] };
+        let time = self.time_format.seconds(field_text(fields, self.time_field)?, self.date)?;
+        let mut sample = Sample { time_s: time, values: [None; QUANTITY_COUNT] };
         for column in &self.column {
             let value = if let Cell::Value(value) = self.cell(fields, column) { Some(value) } else { None };
             sample.values[column.quantity.index()] = value;
@@ -144,13 +143,13 @@ impl Layout {
         Some(sample)
     }
 
-    /// What stands in a column's cell.
-    pub fn cell(&self, fields: &[impl AsRef<str>], column: &Column) -> Cell {
-        let Some(text) = field(fields, column.field).filter(|text| !text.is_empty()) else {
+    /// Returns the content of a column's cell.
+    pub fn cell(&self, fields: &[impl AsRef<str>], column: &QuantityColumn) -> Cell {
+        let Some(text) = field_text(fields, column.field).filter(|text| !text.is_empty()) else {
             return Cell::Blank;
         };
         let text = match self.decimal {
-            // A point beside decimal commas parts thousands, or the column has points: which is not said.
+            // With decimal commas, a point may separate thousands or be a decimal point: this is ambiguous.
             ',' if text.contains('.') => return Cell::Text,
             ',' => text.replace(',', "."),
             _ => text.to_owned(),
@@ -158,25 +157,25 @@ impl Layout {
         match text.parse::<f64>() {
             Ok(number) => {
                 let value = column.scale * number + column.offset;
-                column.quantity.believable(value).map_or(Cell::OutOfReason(value), Cell::Value)
+                column.quantity.plausible(value).map_or(Cell::OutOfRange(value), Cell::Value)
             }
             Err(_) => Cell::Text,
         }
     }
 }
 
-/// A field by its number from 1.
-fn field(fields: &[impl AsRef<str>], number: usize) -> Option<&str> {
+/// Returns a field by its number, from 1.
+fn field_text(fields: &[impl AsRef<str>], number: usize) -> Option<&str> {
     fields.get(number.checked_sub(1)?).map(AsRef::as_ref)
 }
 
-/// What a line says.
+/// Values of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Its time tag, UTC, seconds since 1970.
+    /// Time tag, UTC, seconds since 1970.
     pub time_s: f64,
-    /// By [`Quantity::ALL`]; `None` where the line does not say.
-    pub values: [Option<f64>; QUANTITIES],
+    /// Values in the order of [`Quantity::ALL`]; `None` for one that the line does not have.
+    pub values: [Option<f64>; QUANTITY_COUNT],
 }
 
 #[cfg(test)]
@@ -188,7 +187,7 @@ mod tests {
 
     #[test]
     fn an_iwg1_line_gives_its_fields_in_our_units() {
-        let own = [Column { field: 34, quantity: Quantity::WeightKg, scale: 1.0, offset: 0.0 }];
+        let own = [QuantityColumn { field: 34, quantity: Quantity::WeightKg, scale: 1.0, offset: 0.0 }];
         let sample = Layout::iwg1(&own).read(LINE).unwrap();
         let of = |q: Quantity| sample.values[q.index()];
         assert_eq!(sample.time_s, 1_772_344_800.5);
@@ -201,19 +200,19 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_value_is_none_and_what_is_no_line_is_left() {
+    fn invalid_values_are_none_and_invalid_lines_are_skipped() {
         let layout = Layout::iwg1(&[]);
         let empty = layout.read("IWG1,20260301T060000,,,,,-9999,,,,,NaN,,,,,,,,,,,,,,\r\n").unwrap();
-        assert_eq!((empty.time_s, empty.values), (1_772_344_800.0, [None; QUANTITIES]));
+        assert_eq!((empty.time_s, empty.values), (1_772_344_800.0, [None; QUANTITY_COUNT]));
         for bad in ["", "IWG1", "IWG1,yesterday,1,2", "IWG2,2026-03-01T06:00:00,1", "\u{fffd},,,"] {
             assert_eq!(layout.read(bad), None, "{bad}");
         }
     }
 
     #[test]
-    fn text_is_read_as_its_columns_say() {
-        let kelvin = Column { field: 3, quantity: Quantity::TotalTemperatureC, scale: 1.0, offset: -273.15 };
-        let layout = Layout::text(';', 1, vec![kelvin]);
+    fn text_is_read_by_its_columns() {
+        let kelvin = QuantityColumn { field: 3, quantity: Quantity::TotalTemperatureC, scale: 1.0, offset: -273.15 };
+        let layout = Layout::separated(';', 1, vec![kelvin]);
         let sample = layout.read("1772344800.25;x;250.15").unwrap();
         assert_eq!(sample.time_s, 1_772_344_800.25);
         assert!((sample.values[Quantity::TotalTemperatureC.index()].unwrap() + 23.0).abs() < 1e-9);
@@ -223,25 +222,22 @@ mod tests {
 
     #[test]
     fn quotes_blank_first_cells_and_decimal_commas_are_read() {
-        let mach = Column { field: 3, quantity: Quantity::Mach, scale: 1.0, offset: 0.0 };
+        let mach = QuantityColumn { field: 3, quantity: Quantity::Mach, scale: 1.0, offset: 0.0 };
         let of = |layout: &Layout, line: &str| layout.read(line).unwrap().values[Quantity::Mach.index()];
-        let tabs = Layout::text('\t', 2, vec![mach]);
+        let tabs = Layout::separated('\t', 2, vec![mach]);
         assert_eq!(of(&tabs, "\t1772344800\t0.78\r\n"), Some(0.78));
-        let commas = Layout::text(',', 2, vec![mach]);
+        let commas = Layout::separated(',', 2, vec![mach]);
         assert_eq!(of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""), Some(0.78));
-        let decimal = Layout { decimal: ',', ..Layout::text(';', 2, vec![mach]) };
-        assert_eq!(
-            (of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")),
-            (Some(0.78), None)
-        );
-        assert_eq!(of(&Layout::text(';', 2, vec![mach]), "x;1772344800;0,78"), None);
+        let decimal = Layout { decimal: ',', ..Layout::separated(';', 2, vec![mach]) };
+        assert_eq!((of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")), (Some(0.78), None));
+        assert_eq!(of(&Layout::separated(';', 2, vec![mach]), "x;1772344800;0,78"), None);
         let kept = serde_json::to_value(&commas).unwrap();
         assert_eq!(kept.as_object().unwrap().len(), 3, "as layouts of older stores: {kept}");
     }
 
     proptest::proptest! {
         #[test]
-        fn any_text_is_survived(text in ".{0,200}") {
+        fn any_text_is_accepted_without_a_panic(text in ".{0,200}") {
             let _ = Layout::iwg1(&[]).read(&text);
             let _ = Layout::iwg1(&[]).read(&format!("IWG1,2026-03-01T06:00:00,{text}"));
         }

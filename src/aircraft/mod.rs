@@ -1,15 +1,15 @@
-//! The aircraft's own data: lines of a feed or a file, joined with frames by their time tags (docs/aircraft-data.md).
+//! Aircraft data: lines of a feed or a file, joined with frames by their time tags (docs/aircraft-data.md).
 //!
 //! | file | from | to |
 //! |---|---|---|
-//! | `mapping` | the file that a user writes about a table | which column is which quantity |
-//! | `table`, `iwg1`, `units` | a table's text, its mapping | layout and lines, what the cells hold, what is to be mended |
-//! | `times` | a time tag | seconds since 1970; what tags are that are none |
-//! | `layout` | a line of text, where its fields stand | sample: time tag and quantities |
-//! | `tags` | tags and when their lines came | which tags cannot be true |
-//! | `between` | a quantity's values about an instant | its value there, and what may lie between the tags |
-//! | `join` | samples, a frame's instant | state with standard deviations |
-//! | `air` | state | air on both sides of the window, the wing's temperature |
+//! | `mapping` | mapping file written by the user | quantity of each column |
+//! | `table`, `iwg1`, `units` | text of a table, its mapping | layout and lines, contents of the cells, errors |
+//! | `times` | time tag | seconds since 1970; likely format of an unreadable tag |
+//! | `layout` | line of text, positions of its fields | sample: time tag and quantities |
+//! | `tags` | tags and receipt times of their lines | impossible tags |
+//! | `interpolate` | values of a quantity around a time | value at that time, possible change between the tags |
+//! | `join` | samples, time of a frame | state with standard deviations |
+//! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
 mod interpolate;
@@ -22,21 +22,20 @@ mod tags;
 mod times;
 mod units;
 
-pub use air::{conditions, contradiction};
-pub use join::{Joined, Received, State, Track, Unused, named};
-pub use layout::{Cell, Column, Kind, Layout, Sample};
-pub use mapping::{Mapping, Named};
-pub use table::{Contents, Table, Tally};
-pub use tags::impossible;
-pub use times::{DAY_S, TimeFormat, likeliest, shown};
+pub use air::{flight_conditions, pressure_contradiction};
+pub use join::{AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json};
+pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
+pub use mapping::{MappedColumn, Mapping};
+pub use table::{AircraftTable, ColumnTally, TableContents};
+pub use tags::impossible_delay_s;
+pub use times::{DAY_S, TimeFormat, format_time, guess_format};
 
 use serde::{Deserialize, Serialize};
 
-/// What is taken from the aircraft's data; the name bears the unit.
+/// Quantity of the aircraft data; its name has the unit as its suffix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
-    /// Mach number.
     Mach,
     /// Pressure altitude, m.
     PressureAltitudeM,
@@ -58,32 +57,32 @@ pub enum Quantity {
     FlapDeg,
 }
 
-/// How many there are.
-pub const QUANTITIES: usize = 10;
+/// Number of quantities.
+pub const QUANTITY_COUNT: usize = 10;
 
-/// What is believed of a quantity.
-struct Belief {
+/// Name, range and standard deviation of a quantity.
+struct QuantityTraits {
     name: &'static str,
     low: f64,
     high: f64,
-    /// Standard deviation as an absolute and as a share of the value.
+    /// Standard deviation: a constant and a fraction of the value.
     sigma: (f64, f64),
 }
 
-/// How a quantity changes on an aircraft in service, as a standard deviation.
+/// Typical change of a quantity on an aircraft in service, as standard deviations.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
-    /// Of its rate, per s.
+    /// Standard deviation of the rate, per s.
     rate: f64,
-    /// Of the rate's own rate, per s^2.
-    bend: f64,
-    /// Of the quantity about its mean over a minute.
+    /// Standard deviation of the change of the rate, per s^2.
+    acceleration: f64,
+    /// Standard deviation of the quantity from its mean over a minute.
     spread: f64,
 }
 
 impl Quantity {
-    /// In the order of exports.
-    pub const ALL: [Self; QUANTITIES] = [
+    /// Quantities in the order of exports.
+    pub const ALL: [Self; QUANTITY_COUNT] = [
         Self::Mach,
         Self::PressureAltitudeM,
         Self::StaticTemperatureC,
@@ -96,9 +95,12 @@ impl Quantity {
         Self::FlapDeg,
     ];
 
-    /// Widths are assumptions: what air data computers, cabin pressure controllers, fuel gauges and flight management
-    /// hold in service, rounded up. Values out of the range are what feeds write for none (-9999 and the like).
-    fn belief(self) -> Belief {
+    /// Returns name, range and standard deviation.
+    ///
+    /// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges
+    /// and flight management systems in service, rounded up. Feeds write values outside the range for missing ones (-9999
+    /// and the like).
+    fn traits(self) -> QuantityTraits {
         let (name, low, high, sigma) = match self {
             Self::Mach => ("mach", 0.0, 3.0, (0.005, 0.0)),
             Self::PressureAltitudeM => ("pressure_altitude_m", -1000.0, 30_000.0, (20.0, 0.002)),
@@ -111,28 +113,30 @@ impl Quantity {
             Self::LoadFactor => ("load_factor", -5.0, 10.0, (0.02, 0.0)),
             Self::FlapDeg => ("flap_deg", -20.0, 90.0, (0.5, 0.0)),
         };
-        Belief { name, low, high, sigma }
+        QuantityTraits { name, low, high, sigma }
     }
 
-    /// As in files.
+    /// Returns the name used in files.
     pub fn name(self) -> &'static str {
-        self.belief().name
+        self.traits().name
     }
 
-    /// The value, where it can be true.
-    fn believable(self, value: f64) -> Option<f64> {
-        let belief = self.belief();
+    /// Returns the value if it is in the possible range.
+    fn plausible(self, value: f64) -> Option<f64> {
+        let belief = self.traits();
         (belief.low..=belief.high).contains(&value).then_some(value)
     }
 
-    /// Standard deviation of a value as such feeds give it.
+    /// Returns the standard deviation of a value in such feeds.
     fn sigma(self, value: f64) -> f64 {
-        let (absolute, share) = self.belief().sigma;
+        let (absolute, share) = self.traits().sigma;
         absolute.hypot(share * value)
     }
 
-    /// Assumptions: climbs of 3000 ft/min with level-offs of 0.05 g, accelerations of 1 m/s^2 and what they do to temperatures
-    /// and pressures up to the ground's, two large engines, turns and gusts, flaps on their way.
+    /// Returns the typical change.
+    ///
+    /// Assumptions: climbs of 3000 ft/min with level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on
+    /// temperatures and pressures down to the ground, two large engines, turns and gusts, flaps in motion.
     fn motion(self) -> Motion {
         let (rate, bend, spread) = match self {
             Self::Mach => (0.003, 0.001, 0.1),
@@ -145,10 +149,10 @@ impl Quantity {
             Self::LoadFactor => (0.1, 0.1, 0.2),
             Self::FlapDeg => (2.0, 1.0, 15.0),
         };
-        Motion { rate, bend, spread }
+        Motion { rate, acceleration: bend, spread }
     }
 
-    /// Place in [`Quantity::ALL`].
+    /// Returns the index in [`Quantity::ALL`].
     fn index(self) -> usize {
         Self::ALL.iter().position(|q| *q == self).unwrap_or(0)
     }

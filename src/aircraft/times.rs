@@ -1,14 +1,14 @@
-//! Time tags: which way of writing a moment they are, and which one they most likely are where they are none.
+//! Formats of time tags, and detection of the likely format of unreadable ones.
 
 use jiff::civil::{Date, DateTime};
 use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
 
-/// How a table or a feed writes its moments.
+/// Format of the times in a table or feed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TimeFormat {
-    /// ISO 8601 (UTC where it has no zone), or seconds since 1970.
+    /// ISO 8601 (UTC if it has no zone), or seconds since 1970.
     #[default]
     Utc,
     /// Milliseconds since 1970.
@@ -17,39 +17,39 @@ pub enum TimeFormat {
     UnixUs,
     /// Nanoseconds since 1970.
     UnixNs,
-    /// Days of a spreadsheet, with 1900 as its first year.
+    /// Day numbers of a spreadsheet that begins with 1900.
     ExcelDays,
-    /// Days of a spreadsheet, with 1904 as its first year.
+    /// Day numbers of a spreadsheet that begins with 1904.
     Excel1904Days,
-    /// Days of MATLAB's `datenum`, with year 0 as the first.
+    /// Day numbers of MATLAB's `datenum`, which begin with year 0.
     MatlabDays,
     /// Julian dates.
     JulianDays,
     /// Seconds since 6 January 1980, without leap seconds.
     GpsSeconds,
-    /// Seconds since midnight of a date that is stated, or `07:59:50`.
+    /// Seconds since midnight of a given date, or `07:59:50`.
     SecondsOfDay,
     /// `20260601075950`.
     Compact,
 }
 
-/// Seconds of a day.
+/// Length of a day, s.
 pub const DAY_S: f64 = 86_400.0;
-/// 1 January 1970, midnight, as days are counted: by a spreadsheet (1 January 1900 is 1, and 1900 is taken for a leap year),
-/// by one that begins with 1904 (1 January 1904 is 0), by `datenum` (1 January of year 0 is 1), and as a Julian date.
+/// Day number of 1 January 1970, midnight: in a spreadsheet (1 January 1900 is 1, and 1900 counts as a leap year), in one
+/// that begins with 1904 (1 January 1904 is 0), in `datenum` (1 January of year 0 is 1), and as a Julian date.
 const EXCEL_1970: f64 = 25_569.0;
 const EXCEL1904_1970: f64 = 24_107.0;
 const MATLAB_1970: f64 = 719_529.0;
 const JULIAN_1970: f64 = 2_440_587.5;
-/// From 1 January 1970 to 6 January 1980, where GPS time begins (IS-GPS-200), s.
+/// Time from 1 January 1970 to 6 January 1980, the origin of GPS time (IS-GPS-200), s.
 const GPS_EPOCH_S: f64 = 315_964_800.0;
-/// GPS time less UTC since 1 January 2017 (IERS Bulletin C 52; no leap second has come since), s.
+/// GPS time minus UTC since 1 January 2017 (IERS Bulletin C 52; no leap second since), s.
 const GPS_LESS_UTC_S: f64 = 18.0;
-/// 1 January 2017 in GPS time, s: earlier the difference is another.
+/// GPS time of 1 January 2017, s; the difference to UTC was smaller before.
 const GPS_2017_S: f64 = 1_167_264_018.0;
 
 impl TimeFormat {
-    /// All of them.
+    /// List of the formats.
     pub const ALL: [Self; 11] = [
         Self::Utc,
         Self::UnixMs,
@@ -64,7 +64,7 @@ impl TimeFormat {
         Self::Compact,
     ];
 
-    /// As in a mapping.
+    /// Returns the name used in a mapping.
     pub fn name(self) -> &'static str {
         match self {
             Self::Utc => "utc",
@@ -81,8 +81,8 @@ impl TimeFormat {
         }
     }
 
-    /// In words.
-    pub fn words(self) -> &'static str {
+    /// Returns a description for messages.
+    pub fn description(self) -> &'static str {
         match self {
             Self::Utc => "ISO 8601 or seconds since 1970",
             Self::UnixMs => "milliseconds since 1970",
@@ -98,12 +98,13 @@ impl TimeFormat {
         }
     }
 
-    /// Seconds since 1970, UTC; `date` is that of [`TimeFormat::SecondsOfDay`]. `None` where the text is no such moment.
+    /// Converts a time into seconds since 1970, UTC; `date` is that of [`TimeFormat::SecondsOfDay`]. `None` if the text
+    /// does not have this format.
     pub fn seconds(self, text: &str, date: Option<Date>) -> Option<f64> {
         let number = || text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
         let days = |of_1970: f64| number().filter(|n| *n >= of_1970).map(|n| (n - of_1970) * DAY_S);
         match self {
-            Self::Utc => number().filter(|s| *s > 0.0).or_else(|| civil(text)),
+            Self::Utc => number().filter(|s| *s > 0.0).or_else(|| parse_iso(text)),
             Self::UnixMs => number().map(|n| n * 1e-3),
             Self::UnixUs => number().map(|n| n * 1e-6),
             Self::UnixNs => number().map(|n| n * 1e-9),
@@ -111,69 +112,70 @@ impl TimeFormat {
             Self::Excel1904Days => days(EXCEL1904_1970),
             Self::MatlabDays => days(MATLAB_1970),
             Self::JulianDays => days(JULIAN_1970),
-            Self::GpsSeconds => {
-                number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S)
-            }
+            Self::GpsSeconds => number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S),
             Self::SecondsOfDay => {
                 let midnight = date?.to_zoned(TimeZone::UTC).ok()?.timestamp();
                 let of_day = number().filter(|n| *n <= DAY_S).or_else(|| time_of_day(text));
-                of_day.map(|n| n + seconds(midnight))
+                of_day.map(|n| n + unix_seconds(midnight))
             }
             Self::Compact => {
                 let (day, time) = text.split_at_checked(8)?;
                 let digits = day.bytes().all(|b| b.is_ascii_digit()) && time.len() >= 6;
-                digits.then(|| civil(&format!("{day}T{time}")))?
+                digits.then(|| parse_iso(&format!("{day}T{time}")))?
             }
         }
     }
 }
 
-/// ISO 8601; UTC where it has no zone.
-fn civil(text: &str) -> Option<f64> {
+/// Parses ISO 8601; UTC if it has no zone.
+fn parse_iso(text: &str) -> Option<f64> {
     let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).map(|z| z.timestamp());
     let stamp = text.parse::<jiff::Timestamp>().ok();
-    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok()).map(seconds)
+    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok()).map(unix_seconds)
 }
 
-/// Seconds of a day of `07:59:50`, which has no date.
+/// Parses a time of day such as `07:59:50` into seconds since midnight.
 fn time_of_day(text: &str) -> Option<f64> {
     let time = text.parse::<jiff::civil::Time>().ok().filter(|_| text.get(2..3) == Some(":"))?;
     Some(time.duration_since(jiff::civil::Time::midnight()).as_secs_f64())
 }
 
-/// Seconds since 1970.
-pub(super) fn seconds(stamp: jiff::Timestamp) -> f64 {
+/// Converts a timestamp into seconds since 1970.
+pub(super) fn unix_seconds(stamp: jiff::Timestamp) -> f64 {
     stamp.as_microsecond() as f64 * 1e-6
 }
 
-/// A moment for people; the number where it is beyond any calendar.
-pub fn shown(time_s: f64) -> String {
+/// Formats a time for display; the number if it is beyond any calendar.
+pub fn format_time(time_s: f64) -> String {
     let stamp = jiff::Timestamp::from_second(time_s.floor() as i64);
     stamp.map_or_else(|_| format!("{time_s} s"), |stamp| stamp.to_string())
 }
 
-/// What tags are, where read as `declared` they do not lie about a flight: the way of writing that puts most of them
-/// between its first and last frame (seconds since 1970), with a day's rest for seconds of a day. `None` where no way does.
-pub fn likeliest(tags: &[&str], declared: TimeFormat, frames: (f64, f64)) -> Option<TimeFormat> {
+/// Returns the likely format of tags that, read as `declared`, are not near a flight.
+///
+/// It is the format that places most of them between the flight's first and last frame (seconds since 1970), with the
+/// flight's date for seconds of a day. `None` if no format places more than half of them.
+pub fn guess_format(tags: &[&str], declared: TimeFormat, frames: (f64, f64)) -> Option<TimeFormat> {
     let date = jiff::Timestamp::from_second(frames.0 as i64).ok()?.to_zoned(TimeZone::UTC).date();
     let within = |format: &TimeFormat| {
         let about = |tag: &&&str| {
             let time_s = format.seconds(tag, Some(date));
-            time_s.is_some_and(|t| t > frames.0 - ABOUT_S && t < frames.1 + ABOUT_S)
+            time_s.is_some_and(|t| t > frames.0 - MAX_DISTANCE_S && t < frames.1 + MAX_DISTANCE_S)
         };
         tags.iter().filter(about).count()
     };
     let others = TimeFormat::ALL.into_iter().filter(|f| *f != declared);
-    let (count, format) = others.map(|f| (within(&f), f)).max_by_key(|(count, f)| (*count, f.certainty()))?;
+    let (count, format) = others.map(|f| (within(&f), f)).max_by_key(|(count, f)| (*count, f.specificity()))?;
     (2 * count > tags.len()).then_some(format)
 }
 
-/// A table begins at most so long before the first frame and ends so long after the last, s.
-const ABOUT_S: f64 = 6.0 * 3600.0;
+/// Largest time by which a table begins before the first frame or ends after the last, s.
+const MAX_DISTANCE_S: f64 = 6.0 * 3600.0;
 
 impl TimeFormat {
-    /// Of two that fit the same tags the one with more to go wrong: any number up to 86,400 is a second of a day.
-    fn certainty(self) -> usize {
+    /// Returns a rank that prefers, of two formats that fit the same tags, the stricter one: any number up to 86,400 is a
+    /// second of a day.
+    fn specificity(self) -> usize {
         usize::from(self != Self::SecondsOfDay)
     }
 }
@@ -187,7 +189,7 @@ mod tests {
     const BEGIN_S: f64 = 1_780_300_790.0;
 
     #[test]
-    fn one_moment_in_every_way_of_writing_it() {
+    fn every_notation_of_a_time_gives_the_same_instant() {
         let date = Some("2026-06-01".parse().unwrap());
         for (format, text, within_s) in [
             (TimeFormat::Utc, "2026-06-01T07:59:50", 0.0),
@@ -209,14 +211,14 @@ mod tests {
             let found = format.seconds(text, date).unwrap();
             assert!((found - BEGIN_S).abs() <= within_s, "{format:?} {text}: {}", found - BEGIN_S);
             let read = TimeFormat::Utc.seconds(text, None).is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
-            let told = likeliest(&[text], TimeFormat::Utc, (BEGIN_S, BEGIN_S + 60.0));
-            assert_eq!(told, Some(format).filter(|f| *f != TimeFormat::Utc), "{text}");
-            assert_eq!(read, told.is_none(), "{text}");
+            let guess = guess_format(&[text], TimeFormat::Utc, (BEGIN_S, BEGIN_S + 60.0));
+            assert_eq!(guess, Some(format).filter(|f| *f != TimeFormat::Utc), "{text}");
+            assert_eq!(read, guess.is_none(), "{text}");
         }
         assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None), None);
         assert_eq!(TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date), None);
         assert_eq!(TimeFormat::GpsSeconds.seconds("1", None), None);
         assert_eq!(TimeFormat::Compact.seconds("2026060107595", None), None);
-        assert_eq!(likeliest(&["2026-06-02T07:59:50Z"], TimeFormat::Utc, (BEGIN_S, BEGIN_S)), None);
+        assert_eq!(guess_format(&["2026-06-02T07:59:50Z"], TimeFormat::Utc, (BEGIN_S, BEGIN_S)), None);
     }
 }

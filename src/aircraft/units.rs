@@ -1,8 +1,8 @@
-//! Units as headers and rows of units name them, held against a mapping's scale.
+//! Units in headers and rows of units, compared with a mapping's scale.
 
 use super::Quantity;
 
-/// What units are of.
+/// Physical dimension of a unit.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Dimension {
     Length,
@@ -14,8 +14,8 @@ enum Dimension {
     None,
 }
 
-/// Names in small letters, value = scale * number + offset in the unit of our quantities (m, degrees Celsius, hPa, kg, g,
-/// degrees): the international foot and pound, and the conventional inch of mercury.
+/// Unit names in lower case, with value = scale * number + offset in the unit of our quantities (m, degrees Celsius, hPa,
+/// kg, g, degrees): the international foot and pound, and the conventional inch of mercury.
 const UNITS: [(&str, Dimension, f64, f64); 33] = [
     ("m", Dimension::Length, 1.0, 0.0),
     ("km", Dimension::Length, 1000.0, 0.0),
@@ -52,12 +52,12 @@ const UNITS: [(&str, Dimension, f64, f64); 33] = [
     ("mach", Dimension::None, 1.0, 0.0),
 ];
 
-/// Scales that differ by more are of different units.
-const SAME: f64 = 0.01;
-/// Offsets that differ by more, degrees.
-const SAME_OFFSET: f64 = 1.0;
+/// Largest relative difference between scales of the same unit.
+const SCALE_TOLERANCE: f64 = 0.01;
+/// Largest difference between offsets of the same unit, degrees.
+const OFFSET_TOLERANCE: f64 = 1.0;
 
-fn dimension(quantity: Quantity) -> Dimension {
+fn quantity_dimension(quantity: Quantity) -> Dimension {
     match quantity {
         Quantity::Mach => Dimension::None,
         Quantity::PressureAltitudeM => Dimension::Length,
@@ -69,39 +69,39 @@ fn dimension(quantity: Quantity) -> Dimension {
     }
 }
 
-/// How a unit's name and a scale go together.
+/// Result of comparing a unit with a scale.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Agreement {
-    /// They do, or the name says nothing.
+pub(super) enum UnitAgreement {
+    /// The scale is that of the unit, or there is no unit.
     Same,
-    /// Nobody knows the name.
+    /// The unit is unknown.
     Unknown,
-    /// The unit asks for this scale and offset.
-    Other(f64, f64),
-    /// The unit is none of the quantity.
-    NoneOfIt,
+    /// The unit requires this scale and offset.
+    Different(f64, f64),
+    /// The unit is not one of the quantity.
+    WrongDimension,
 }
 
-/// Whether the scale and offset of a quantity are those of the unit that a table names.
-pub(super) fn agreement(quantity: Quantity, unit: &str, scale: f64, offset: f64) -> Agreement {
+/// Compares scale and offset of a quantity with the unit that a table names.
+pub(super) fn compare_unit(quantity: Quantity, unit: &str, scale: f64, offset: f64) -> UnitAgreement {
     let unit = unit.trim().to_lowercase();
     if ["", "-", "1", "[-]", "n/a"].contains(&unit.as_str()) {
-        return Agreement::Same;
+        return UnitAgreement::Same;
     }
-    let wanted = dimension(quantity);
+    let wanted = quantity_dimension(quantity);
     let known: Vec<_> = UNITS.iter().filter(|(name, ..)| *name == unit).collect();
     match known.iter().find(|(_, dimension, ..)| *dimension == wanted) {
-        None if known.is_empty() => Agreement::Unknown,
-        None => Agreement::NoneOfIt,
-        Some((_, _, s, o)) if (scale / s - 1.0).abs() < SAME && (offset - o).abs() < SAME_OFFSET => {
-            Agreement::Same
+        None if known.is_empty() => UnitAgreement::Unknown,
+        None => UnitAgreement::WrongDimension,
+        Some((_, _, s, o)) if (scale / s - 1.0).abs() < SCALE_TOLERANCE && (offset - o).abs() < OFFSET_TOLERANCE => {
+            UnitAgreement::Same
         }
-        Some((_, _, s, o)) => Agreement::Other(*s, *o),
+        Some((_, _, s, o)) => UnitAgreement::Different(*s, *o),
     }
 }
 
-/// The unit in a column's name: `ALT [ft]`, `ALT (ft)`.
-pub(super) fn in_name(name: &str) -> Option<&str> {
+/// Returns the unit in a column's name: `ALT [ft]`, `ALT (ft)`.
+pub(super) fn unit_in_name(name: &str) -> Option<&str> {
     let pairs = [('[', ']'), ('(', ')')];
     pairs.into_iter().find_map(|(open, close)| {
         let (_, rest) = name.split_once(open)?;
@@ -114,16 +114,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_unit_that_is_not_the_mappings_is_noticed() {
-        let of = |unit: &str, scale: f64| agreement(Quantity::PressureAltitudeM, unit, scale, 0.0);
-        assert_eq!(of("ft", 0.3048), Agreement::Same);
-        assert_eq!(of("FT", 1.0), Agreement::Other(0.3048, 0.0));
-        assert_eq!(of("kg", 1.0), Agreement::NoneOfIt);
-        assert_eq!((of("furlong", 1.0), of("-", 1.0)), (Agreement::Unknown, Agreement::Same));
-        let kelvin = agreement(Quantity::StaticTemperatureC, "K", 1.0, 0.0);
-        assert_eq!(kelvin, Agreement::Other(1.0, -273.15));
+    fn a_unit_that_differs_from_the_mapping_is_noticed() {
+        let of = |unit: &str, scale: f64| compare_unit(Quantity::PressureAltitudeM, unit, scale, 0.0);
+        assert_eq!(of("ft", 0.3048), UnitAgreement::Same);
+        assert_eq!(of("FT", 1.0), UnitAgreement::Different(0.3048, 0.0));
+        assert_eq!(of("kg", 1.0), UnitAgreement::WrongDimension);
+        assert_eq!((of("furlong", 1.0), of("-", 1.0)), (UnitAgreement::Unknown, UnitAgreement::Same));
+        let kelvin = compare_unit(Quantity::StaticTemperatureC, "K", 1.0, 0.0);
+        assert_eq!(kelvin, UnitAgreement::Different(1.0, -273.15));
         assert_eq!(
-            (in_name("ALT [ft]"), in_name("SAT (degC) x"), in_name("MACH")),
+            (unit_in_name("ALT [ft]"), unit_in_name("SAT (degC) x"), unit_in_name("MACH")),
             (Some("ft"), Some("degC"), None)
         );
     }

@@ -1,11 +1,10 @@
-//! A moment by which a device must have answered. Hardware does not follow a simulated clock, hence
-//! the machine's own monotonic one.
+//! Deadline for the answer of a device, in the machine's monotonic time: hardware does not follow a simulated clock.
 
 use std::time::{Duration, Instant};
 
 use crate::camera::CameraError;
 
-/// Counts down from its start.
+/// Time limit that counts from its creation.
 #[derive(Clone, Copy, Debug)]
 pub struct Deadline {
     start: Instant,
@@ -13,12 +12,15 @@ pub struct Deadline {
 }
 
 impl Deadline {
-    /// `span` from now.
+    /// Starts a limit of `span` from now.
     pub fn new(span: Duration) -> Self {
         Self { start: Instant::now(), span }
     }
 
-    /// What is left; past the deadline the error says `what` was waited for.
+    /// Returns the remaining time.
+    ///
+    /// # Errors
+    /// Returns an error that names `what` was waited for if the deadline has passed.
     pub fn remaining(&self, what: &str) -> Result<Duration, CameraError> {
         match self.span.checked_sub(self.start.elapsed()) {
             Some(left) if !left.is_zero() => Ok(left),
@@ -26,7 +28,7 @@ impl Deadline {
         }
     }
 
-    /// The error for `what` not having come in time.
+    /// Builds the error for `what` not arriving in time.
     pub fn timeout_error(&self, what: &str) -> CameraError {
         CameraError::Timeout { after_s: self.span.as_secs_f64(), what: what.to_owned() }
     }

@@ -1,23 +1,23 @@
-//! A picture says when it was taken, by the camera's own clock, and with what.
+//! Capture metadata of an image: time by the camera's own clock, and camera settings.
 
 use exif::{Exif, In, Reader, Tag, Value};
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
-/// What a picture says of itself.
+/// Capture metadata of an image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct CaptureMetadata {
-    /// By the camera's clock, in the camera's zone, with what it says of the second's parts.
-    pub local: Option<DateTime>,
-    /// Digits of the second's parts: 0 where it counts whole seconds.
-    pub digits: u32,
-    /// The camera's zone, where it says so.
+    /// Time of the camera's clock in the camera's zone, with fractions of a second if given.
+    pub local_time: Option<DateTime>,
+    /// Number of digits of the fraction of a second: 0 for whole seconds.
+    pub subsecond_digits: u32,
+    /// Time zone of the camera, if given.
     pub offset: Option<Offset>,
-    /// Camera, exposure and the like, by name, as text.
+    /// Camera and exposure settings, by name, as text.
     pub settings: Vec<(&'static str, String)>,
 }
 
-/// The tags that are kept, by the name they are kept under.
+/// Tags that are kept, by name.
 const SETTINGS: [(&str, Tag); 8] = [
     ("make", Tag::Make),
     ("model", Tag::Model),
@@ -29,7 +29,7 @@ const SETTINGS: [(&str, Tag); 8] = [
     ("orientation", Tag::Orientation),
 ];
 
-/// Digits of a second's parts that count: nanoseconds.
+/// Maximum number of digits of a fraction of a second: nanoseconds.
 const MAX_TIME_DIGITS: usize = 9;
 
 fn read_exif(bytes: &[u8]) -> Option<Exif> {
@@ -45,13 +45,13 @@ fn original_time(exif: &Exif) -> Option<DateTime> {
     DateTime::strptime("%Y:%m:%d %H:%M:%S", ascii_value(exif, Tag::DateTimeOriginal)?).ok()
 }
 
-/// `DateTimeOriginal` of a JPEG file: whole seconds in an unknown zone. `None` where there is none.
+/// Reads `DateTimeOriginal` of a JPEG file: whole seconds in an unknown zone. `None` if there is none.
 pub fn capture_time(bytes: &[u8]) -> Option<DateTime> {
     original_time(&read_exif(bytes)?)
 }
 
-/// All that a JPEG, PNG or TIFF file says of when and how it was taken: `DateTimeOriginal` with `SubSecTimeOriginal` and
-/// `OffsetTimeOriginal` (Exif 2.31). Empty where it says nothing.
+/// Reads time and settings of a JPEG, PNG or TIFF file: `DateTimeOriginal` with `SubSecTimeOriginal` and
+/// `OffsetTimeOriginal` (Exif 2.31). Empty if there are none.
 pub fn read_metadata(bytes: &[u8]) -> CaptureMetadata {
     let Some(exif) = read_exif(bytes) else { return CaptureMetadata::default() };
     let parts = ascii_value(&exif, Tag::SubSecTimeOriginal).filter(|t| t.bytes().all(|b| b.is_ascii_digit()));
@@ -68,14 +68,14 @@ pub fn read_metadata(bytes: &[u8]) -> CaptureMetadata {
         (!text.is_empty()).then_some((*name, text))
     };
     CaptureMetadata {
-        local,
-        digits: parts.map_or(0, |t| t.len() as u32),
+        local_time: local,
+        subsecond_digits: parts.map_or(0, |t| t.len() as u32),
         offset: ascii_value(&exif, Tag::OffsetTimeOriginal).and_then(parse_offset),
         settings: SETTINGS.iter().filter_map(setting).collect(),
     }
 }
 
-/// A zone as Exif and people write it: `+02:00`, `-03:30`, `Z`.
+/// Parses a zone as written by Exif and people: `+02:00`, `-03:30`, `Z`.
 pub fn parse_offset(text: &str) -> Option<Offset> {
     if text == "Z" {
         return Some(Offset::UTC);
@@ -86,14 +86,13 @@ pub fn parse_offset(text: &str) -> Option<Offset> {
         _ => return None,
     };
     let (hours, minutes) = rest.split_once(':').unwrap_or((rest, "0"));
-    let number =
-        |t: &str| t.parse::<i32>().ok().filter(|_| t.len() <= 2 && t.bytes().all(|b| b.is_ascii_digit()));
+    let number = |t: &str| t.parse::<i32>().ok().filter(|_| t.len() <= 2 && t.bytes().all(|b| b.is_ascii_digit()));
     let (hours, minutes) = (number(hours)?, number(minutes)?);
     let sound = hours <= 14 && minutes < 60;
     Offset::from_seconds(sign * (3600 * hours + 60 * minutes)).ok().filter(|_| sound)
 }
 
-/// That clock less UTC, s: the zone, the camera's error, and up to a second.
+/// Returns the camera's clock less UTC, s: the zone, the camera's error, and up to a second.
 pub fn camera_clock_offset_s(bytes: &[u8], utc: jiff::Timestamp) -> Option<f64> {
     let read = capture_time(bytes)?.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp();
     Some(read.duration_since(utc).as_secs_f64())
@@ -104,7 +103,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// The smallest file with the tag: SOI, APP1 with an Exif block, EOI.
+    /// Builds the smallest file with the tag: SOI, APP1 with an Exif block, EOI.
     fn picture(text: &str) -> Vec<u8> {
         let mut tiff = b"MM\0\x2a\0\0\0\x08".to_vec();
         // One entry: the Exif directory, at 26.
@@ -116,15 +115,15 @@ mod tests {
         [&[0xFF, 0xD8, 0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff, &[0xFF, 0xD9]].concat()
     }
 
-    /// The same with parts of a second and a zone: three entries, and the long texts behind them.
-    fn finer(parts: [u8; 4]) -> Vec<u8> {
+    /// Builds a file with a fraction of a second and a zone: three entries, followed by the long texts.
+    fn picture_with_zone(fraction: [u8; 4]) -> Vec<u8> {
         let mut tiff = b"MM\0\x2a\0\0\0\x08".to_vec();
         tiff.extend([0, 1, 0x87, 0x69, 0, 4, 0, 0, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0]);
         tiff.extend([0, 3]);
         tiff.extend([0x90, 0x03, 0, 2, 0, 0, 0, 20, 0, 0, 0, 68]);
         tiff.extend([0x90, 0x11, 0, 2, 0, 0, 0, 7, 0, 0, 0, 88]);
         tiff.extend([0x92, 0x91, 0, 2, 0, 0, 0, 4]);
-        tiff.extend(parts);
+        tiff.extend(fraction);
         tiff.extend([0, 0, 0, 0]);
         tiff.extend(b"2026:03:01 09:00:02\0+02:00\0");
         let length = u16::try_from(tiff.len() + 8).unwrap().to_be_bytes();
@@ -132,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cameras_clock_is_read_where_it_is() {
+    fn the_camera_clock_is_read_if_present() {
         let bytes = picture("2026:03:01 07:00:02");
         assert_eq!(capture_time(&bytes).unwrap().to_string(), "2026-03-01T07:00:02");
         assert_eq!(camera_clock_offset_s(&bytes, "2026-03-01T06:00:00.5Z".parse().unwrap()), Some(3601.5));
@@ -143,17 +142,22 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_second_and_the_zone_are_read_where_they_are() {
-        let read = read_metadata(&finer(*b"250\0"));
-        assert_eq!((read.local.unwrap().to_string().as_str(), read.digits), ("2026-03-01T09:00:02.25", 3));
-        let utc = read.offset.unwrap().to_timestamp(read.local.unwrap()).unwrap();
+    fn fractions_of_a_second_and_the_zone_are_read_if_present() {
+        let read = read_metadata(&picture_with_zone(*b"250\0"));
+        assert_eq!(
+            (read.local_time.unwrap().to_string().as_str(), read.subsecond_digits),
+            ("2026-03-01T09:00:02.25", 3)
+        );
+        let utc = read.offset.unwrap().to_timestamp(read.local_time.unwrap()).unwrap();
         assert_eq!(utc, "2026-03-01T07:00:02.25Z".parse().unwrap());
-        let coarse = read_metadata(&finer(*b"   \0"));
-        assert_eq!((coarse.local.unwrap().to_string().as_str(), coarse.digits), ("2026-03-01T09:00:02", 0));
+        let coarse = read_metadata(&picture_with_zone(*b"   \0"));
+        assert_eq!(
+            (coarse.local_time.unwrap().to_string().as_str(), coarse.subsecond_digits),
+            ("2026-03-01T09:00:02", 0)
+        );
         assert_eq!(read_metadata(&picture("2026:03:01 07:00:02")).offset, None);
         assert_eq!(read_metadata(b"\xFF\xD8\xFF\xD9"), CaptureMetadata::default());
-        for (text, seconds) in
-            [("+05:45", Some(20_700)), ("-03:30", Some(-12_600)), ("Z", Some(0)), ("+2", Some(7200))]
+        for (text, seconds) in [("+05:45", Some(20_700)), ("-03:30", Some(-12_600)), ("Z", Some(0)), ("+2", Some(7200))]
         {
             assert_eq!(parse_offset(text).map(Offset::seconds), seconds, "{text}");
         }
@@ -165,7 +169,7 @@ mod tests {
     proptest::proptest! {
         #[test]
         fn any_flipped_byte_is_survived(at in 0usize..127, with in proptest::num::u8::ANY) {
-            for mut bytes in [picture("2026:03:01 07:00:02"), finer(*b"250\0")] {
+            for mut bytes in [picture("2026:03:01 07:00:02"), picture_with_zone(*b"250\0")] {
                 let length = bytes.len();
                 bytes[at % length] = with;
                 let _ = (capture_time(&bytes), read_metadata(&bytes));

@@ -1,4 +1,4 @@
-//! A camera may answer well and deliver an old picture; its bytes and its name say whether a frame is new.
+//! Detection of repeated frames by their bytes and names: a camera may answer normally and deliver an old image.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,29 +7,32 @@ use sha2::{Digest, Sha256};
 
 use crate::camera::CameraError;
 
-/// How many frames are remembered. Two views of a real scene never agree in every byte.
-const REMEMBERED: usize = 16;
+/// Number of frames that are remembered. Two images of a real scene never agree in every byte.
+const FRAME_HISTORY: usize = 16;
 
-/// The last frames, by their bytes.
+/// Hashes of the last frames.
 #[derive(Debug)]
 pub struct Freshness {
     hashes: VecDeque<[u8; 32]>,
-    remembered: usize,
+    capacity: usize,
 }
 
 impl Default for Freshness {
     fn default() -> Self {
-        Self::with_capacity(REMEMBERED)
+        Self::with_capacity(FRAME_HISTORY)
     }
 }
 
 impl Freshness {
-    /// Remembers so many frames.
+    /// Creates a history of `remembered` frames.
     pub fn with_capacity(remembered: usize) -> Self {
-        Self { hashes: VecDeque::new(), remembered }
+        Self { hashes: VecDeque::new(), capacity: remembered }
     }
 
-    /// Accepts a frame that differs from all that are remembered.
+    /// Accepts a frame that differs from all remembered ones.
+    ///
+    /// # Errors
+    /// Returns an error if the frame is empty or a repetition.
     pub fn check(&mut self, bytes: &[u8]) -> Result<(), CameraError> {
         if bytes.is_empty() {
             return Err(CameraError::BadFrame("it is empty".to_owned()));
@@ -37,26 +40,32 @@ impl Freshness {
         let hash: [u8; 32] = Sha256::digest(bytes).into();
         if let Some(age) = self.hashes.iter().position(|old| *old == hash) {
             return Err(CameraError::BadFrame(format!(
-                "it is the same, byte for byte, as the one taken {} before; the camera repeats itself",
+                "it is the same, byte for byte, as the one taken {} before; the camera repeats an old frame",
                 if age == 0 { "just".to_owned() } else { format!("{} shots", age + 1) }
             )));
         }
         self.hashes.push_front(hash);
-        self.hashes.truncate(self.remembered);
+        self.hashes.truncate(self.capacity);
         Ok(())
     }
 }
 
-/// The camera's own name for its last shot. Clones share it, so that it outlives one camera object.
+/// Camera's own name for its last shot. Clones share it, so that it outlives one camera object.
 #[derive(Clone, Debug, Default)]
 pub struct LastName(Arc<Mutex<String>>);
 
 impl LastName {
-    /// Accepts a shot whose name differs from that of the one before.
+    /// Accepts a shot whose name differs from that of the previous one.
+    ///
+    /// # Errors
+    /// Returns an error if the name is the same.
     pub fn check(&self, name: &str) -> Result<(), CameraError> {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if *last == name {
-            return Err(CameraError::BadFrame(format!("the camera names it {name}, as the shot before")));
+            return Err(CameraError::BadFrame(format!(
+                "it has the name of the previous shot, {name}; the \
+                                                      camera repeats an old frame"
+            )));
         }
         name.clone_into(&mut last);
         Ok(())

@@ -1,34 +1,34 @@
-//! A JPEG file is whole or not, which shows without decoding it.
+//! Completeness check of JPEG files, without decoding.
 
-/// What a JPEG file lacks.
+/// Reason why a JPEG file is not complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum JpegError {
-    /// It does not begin as one; its bytes.
-    #[error("not a JPEG file: {0} bytes without its first marker")]
-    Foreign(usize),
-    /// Its end, after so many bytes.
-    #[error("JPEG file ends early, after {0} bytes")]
-    Cut(usize),
-    /// A marker at this byte.
+    /// Missing first marker; number of bytes.
+    #[error("not a JPEG file: {0} bytes without a start marker")]
+    NotJpeg(usize),
+    /// Missing end; number of bytes.
+    #[error("JPEG file is truncated after {0} bytes")]
+    Truncated(usize),
+    /// Missing marker at this byte.
     #[error("JPEG file is damaged at byte {0}")]
     Damaged(usize),
-    /// A scan.
-    #[error("JPEG file holds no picture")]
+    /// Missing scan.
+    #[error("JPEG file contains no image")]
     Empty,
 }
 
-/// Walks the markers from SOI to EOI (ITU-T T.81, annex B). Bytes after EOI are allowed: cameras pad, and append
-/// previews; zeros before SOI are, as the decoder skips them.
+/// Walks the markers from SOI to EOI (ITU-T T.81, annex B). Bytes after EOI are allowed, as cameras pad and append
+/// previews, and zeros before SOI, as the decoder skips them.
 ///
 /// # Errors
-/// Where it is not whole.
+/// Returns an error if the file is not complete.
 pub fn check_complete(bytes: &[u8]) -> Result<(), JpegError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     let bytes = &bytes[zeros..];
     if !bytes.starts_with(&[0xFF, 0xD8]) {
-        return Err(JpegError::Foreign(bytes.len()));
+        return Err(JpegError::NotJpeg(bytes.len()));
     }
-    let cut = || JpegError::Cut(bytes.len());
+    let cut = || JpegError::Truncated(bytes.len());
     let mut at = 2;
     let mut scans = 0;
     loop {
@@ -59,7 +59,7 @@ pub fn check_complete(bytes: &[u8]) -> Result<(), JpegError> {
     }
 }
 
-/// The next marker after entropy-coded data that is neither a stuffed byte nor a restart.
+/// Finds the next marker after entropy-coded data that is neither a stuffed byte nor a restart.
 fn find_scan_end(bytes: &[u8], from: usize) -> Option<usize> {
     let data = bytes.get(from..)?;
     let is_marker = |at: &usize| data.get(at + 1).is_some_and(|next| !matches!(next, 0 | 0xD0..=0xD7 | 0xFF));
@@ -74,14 +74,12 @@ mod tests {
     fn picture() -> Vec<u8> {
         let mut bytes = Vec::new();
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i * 7 % 251) as u8).collect();
-        jpeg_encoder::Encoder::new(&mut bytes, 90)
-            .encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma)
-            .unwrap();
+        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
         bytes
     }
 
     #[test]
-    fn a_file_is_whole_only_at_its_full_length() {
+    fn a_file_is_complete_only_at_its_full_length() {
         let bytes = picture();
         assert_eq!(check_complete(&bytes), Ok(()));
         for length in 0..bytes.len() {

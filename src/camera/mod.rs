@@ -1,5 +1,5 @@
-//! Cameras. One interface, [`Camera`], and what works behind it: files replayed, Video for Linux, a still camera on USB, and
-//! any of them on a remote release.
+//! Cameras behind one interface, [`Camera`]: replayed files, Video for Linux, a still camera on USB, and any of them on a
+//! remote release.
 
 pub mod deadline;
 #[cfg(any(feature = "v4l", feature = "gpio"))]
@@ -23,59 +23,56 @@ use serde_json::{Map, Value};
 
 use crate::clock::exposure::ExposureEvidence;
 
-/// A frame as the camera delivered it.
+/// Frame as delivered by the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraFrame {
-    /// The camera's own bytes, untouched.
+    /// Bytes of the camera, unchanged.
     pub bytes: Vec<u8>,
-    /// How to read them.
     pub format: Format,
-    /// What the camera says of the shot: exposure, counter, its own time. Kept in `series.json`.
+    /// Settings of the shot from the camera: exposure, counter, its own time. Stored in `series.json`.
     pub settings: Map<String, Value>,
-    /// What the camera knows of when it exposed; `None`: between asking and delivery.
+    /// Evidence for the time of exposure; `None`: between request and delivery.
     pub exposed: Option<ExposureEvidence>,
 }
 
-/// How a frame's bytes are to be read; also gives the file's ending.
+/// Format of a frame's bytes; also determines the file extension.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
 pub enum Format {
-    /// A whole JPEG file (MJPEG frames too).
+    /// Complete JPEG file (MJPEG frames too).
     Jpeg,
-    /// A whole PNG, PNM or TIFF file; the ending is kept.
+    /// Complete PNG, PNM or TIFF file; the extension is kept.
     File {
-        /// Without the dot.
+        /// Extension without the dot.
         extension: String,
     },
-    /// Bare samples of a V4L2 device.
+    /// Raw samples of a V4L2 device.
     Raw {
         /// FourCC such as `GREY`, `YUYV`, `BA81`, `RG10`, `RG12`.
         fourcc: String,
-        /// px.
         width: u32,
-        /// px.
         height: u32,
-        /// Bytes from one row to the next.
+        /// Number of bytes from one row to the next.
         stride: u32,
     },
 }
 
 impl Format {
-    /// As a series' manifest keeps it.
+    /// Reads the format from a series' manifest.
     ///
     /// # Errors
-    /// Where it is none.
+    /// Returns an error if the value is no format.
     pub fn from_manifest(kept: &Value) -> Result<Self, UnknownFormat> {
         Ok(serde_json::from_value(kept.clone())?)
     }
 }
 
-/// A manifest that does not say how to read a frame.
+/// Missing or invalid format in a manifest.
 #[derive(Debug, thiserror::Error)]
-#[error("series.json does not say how to read it: {0}")]
+#[error("series.json has no valid format for the frame: {0}")]
 pub struct UnknownFormat(#[from] serde_json::Error);
 
-/// Of a file with such bytes, without the dot.
+/// Returns the file extension for a format, without the dot.
 pub fn file_extension(format: &Format) -> &str {
     match format {
         Format::Jpeg => "jpg",
@@ -84,74 +81,73 @@ pub fn file_extension(format: &Format) -> &str {
     }
 }
 
-/// Why a camera did not deliver, cut by what the caller does about it.
+/// Reason why a camera did not deliver, classified by the caller's action.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum CameraError {
-    /// Try again soon.
+    /// Temporary; try again soon.
     #[error("camera is busy: {0}")]
     Busy(String),
-    /// Reopen, and look for it again.
+    /// Disconnected; search and reopen.
     #[error("camera is gone: {0}")]
     Gone(String),
     /// No answer within the deadline; close and reopen.
     #[error("camera did not answer within {after_s:.1} s: {what}")]
     Timeout {
-        /// The deadline that passed, s.
+        /// Deadline, s.
         after_s: f64,
-        /// What was waited for.
+        /// Event that was waited for.
         what: String,
     },
-    /// The camera refuses what is asked; a person must act.
+    /// Refused by the camera; the operator must act.
     #[error("camera refuses: {0}")]
     Refused(String),
-    /// A frame came, but it is damaged or an old one.
+    /// Damaged or repeated frame.
     #[error("camera delivered a bad frame: {0}")]
     BadFrame(String),
 }
 
 impl CameraError {
-    /// Of a camera that is asked while it is not open.
+    /// Builds the error of a camera that is not open.
     pub fn closed() -> Self {
         Self::Gone("the camera is not open".to_owned())
     }
 }
 
-/// What a camera says of itself when opened.
+/// Camera's description of itself when opened.
 #[derive(Clone, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct CameraInfo {
     /// Maker, model, serial number as far as known.
     pub name: String,
-    /// Settings in force. Kept in `series.json`.
+    /// Settings in force. Stored in `series.json`.
     pub settings: Map<String, Value>,
-    /// Settings that are not as configured; logged and recorded.
+    /// Settings that differ from the configuration; logged and stored.
     pub warnings: Vec<String>,
 }
 
-/// A camera. It lives on a thread of its own; every call may block up to its deadline and no longer
-/// by design, yet the daemon keeps a hard limit of its own.
+/// Camera, used by one thread of its own. Every call returns by its deadline; the daemon enforces a hard limit in addition.
 pub trait Camera: Send {
-    /// Opens and prepares for a series; may be called again after `close`.
+    /// Opens the camera and prepares a series; may be called again after `close`.
     fn open(&mut self) -> Result<CameraInfo, CameraError>;
-    /// The next frame that an interrupted series left on the camera's card, `None` when there is none.
-    /// To be asked after `open` until `None`; `release_last` follows each, as after a shot.
+    /// Returns the next frame that an interrupted series left on the camera's card, `None` if there is none. Called after
+    /// `open` until `None`; `release_last` follows each, as after a shot.
     fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let _ = deadline;
         Ok(None)
     }
     /// Takes one shot.
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError>;
-    /// The next frame of a stream that goes on until the next shot of a series or `close`: newly exposed, and without what a
-    /// shot costs beside.
+    /// Returns the next frame of a stream that runs until the next shot of a series or `close`: newly exposed, without the
+    /// overhead of a shot.
     fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.shoot(deadline)
     }
-    /// Tells the camera that our copy of its last frame is durable (it may now delete its own).
+    /// Informs the camera that our copy of its last frame is durable, so that it may delete its own.
     fn release_last(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
-    /// Closes; errors are of no interest any more.
+    /// Closes the camera; errors are ignored.
     fn close(&mut self);
 }
 
-/// Makes a camera, closed; called anew as often as one had to be given up.
+/// Factory of closed cameras; called again whenever one had to be given up.
 pub type CameraFactory = Arc<dyn Fn() -> Box<dyn Camera> + Send + Sync>;

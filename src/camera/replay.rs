@@ -1,5 +1,5 @@
-//! A camera that delivers frames from files, with faults on request. It is a real camera of the
-//! product: the demo flies with it, and tests use it to be hard on the daemon.
+//! Camera that delivers frames from files, with faults on request. It is part of the product: the demo flies with it, and
+//! tests use it to stress the daemon.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,27 +8,27 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Camera, CameraError, CameraInfo, Format, CameraFrame};
+use super::{Camera, CameraError, CameraFrame, CameraInfo, Format};
 use crate::clock::Clock;
 use crate::installation::KeyFault;
 
 mod items;
 
-pub use items::format_of;
-use items::{Item, read_items};
+pub use items::format_from_path;
+use items::{ReplayItem, read_items};
 
 /// `[camera] kind = "replay"` of the configuration.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayConfig {
-    /// A folder whose pictures are delivered in order of their names.
+    /// Folder whose images are delivered in order of their names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub folder: Option<PathBuf>,
-    /// Or a list: TOML with `[[frame]] file = "…"` and optionally `at = "1h"`.
+    /// List instead of a folder: TOML with `[[frame]] file = "…"` and optionally `at = "1h"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub list: Option<PathBuf>,
-    /// Begin again after the last frame; otherwise the camera is gone then.
-    #[serde(default = "yes", rename = "loop")]
+    /// Start again after the last frame; otherwise the camera is then gone.
+    #[serde(default = "default_repeat", rename = "loop")]
     pub repeat: bool,
     /// Machine time from trigger to delivery.
     #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
@@ -38,64 +38,63 @@ pub struct ReplayConfig {
     pub fault: Vec<ScriptedFault>,
 }
 
-fn yes() -> bool {
+fn default_repeat() -> bool {
     true
 }
 
-/// A fault and the call it befalls.
+/// Fault and the call in which it occurs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScriptedFault {
-    /// Which call for a shot, from 1, repeats included.
+    /// Number of the call for a shot, from 1, including repetitions.
     pub shot: u64,
-    /// What happens.
     pub kind: FaultKind,
-    /// How long a hang lasts, machine time.
-    #[serde(default = "an_hour", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    /// Duration of a hang, machine time.
+    #[serde(default = "default_hang", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub lasting: Duration,
 }
 
-fn an_hour() -> Duration {
+fn default_hang() -> Duration {
     Duration::from_secs(3600)
 }
 
-/// What can go wrong.
+/// Kind of a simulated fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FaultKind {
-    /// Answers that it is busy.
+    /// Busy answer.
     Busy,
     /// Unplugged: answers so until it is opened again.
     Gone,
-    /// Refuses.
+    /// Refusal.
     Refused,
-    /// Gives up at the deadline.
+    /// Timeout at the deadline.
     Timeout,
-    /// Does not return, deadline or not.
+    /// Call that does not return by the deadline.
     Hang,
-    /// Delivers the first half of a frame.
+    /// First half of a frame.
     Truncated,
-    /// Delivers the last frame again.
+    /// Repetition of the last frame.
     Stale,
-    /// The driver panics.
+    /// Panic of the driver.
     Panic,
 }
 
 impl ReplayConfig {
     /// Replays a folder, endlessly and without faults.
-    pub fn folder(folder: impl Into<PathBuf>) -> Self {
+    pub fn from_folder(folder: impl Into<PathBuf>) -> Self {
         Self { folder: Some(folder.into()), repeat: true, ..Self::default() }
     }
 
     /// Replays a list, endlessly and without faults.
-    pub fn list(list: impl Into<PathBuf>) -> Self {
+    pub fn from_list(list: impl Into<PathBuf>) -> Self {
         Self { list: Some(list.into()), repeat: true, ..Self::default() }
     }
 
-    /// Every fault, at its key of the section.
+    /// Returns every fault, at its key of the section.
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        let mut fault = |key: &str, what: &str| faults.push(KeyFault::new(key, what, "correct it"));
+        let mut fault = |key: &str, problem: &str| faults.push(KeyFault::new(key, problem, "correct it"));
         if self.folder.is_some() == self.list.is_some() {
             fault("folder", "a replay camera needs either folder = \"…\" or list = \"….toml\"");
         }
@@ -106,45 +105,45 @@ impl ReplayConfig {
     }
 }
 
-/// What outlives one camera object, so that a camera made anew after a hang goes on where it was.
+/// State that outlives one camera object, so that a new camera after a hang continues at the same frame.
 #[derive(Default)]
-struct Progress {
+struct ReplayProgress {
     calls: u64,
-    /// Frames delivered of the present group.
+    /// Number of frames delivered of the present group.
     position: usize,
     group: Option<Duration>,
     last: Option<CameraFrame>,
 }
 
-/// Makes replay cameras that share their progress.
+/// Factory of replay cameras that share their progress.
 #[derive(Clone)]
 pub struct ReplayFactory {
     config: ReplayConfig,
     clock: Arc<dyn Clock>,
     origin: Duration,
-    progress: Arc<Mutex<Progress>>,
+    progress: Arc<Mutex<ReplayProgress>>,
 }
 
 impl ReplayFactory {
-    /// `at` of a list counts from `origin`, a time since boot.
+    /// Creates the factory; `at` of a list counts from `origin`, a time since boot.
     pub fn new(config: ReplayConfig, clock: Arc<dyn Clock>, origin: Duration) -> Self {
         Self { config, clock, origin, progress: Arc::default() }
     }
 
-    /// A camera, closed.
-    pub fn make(&self) -> Replay {
-        Replay { shared: self.clone(), items: Vec::new(), open: false }
+    /// Creates a closed camera.
+    pub fn make(&self) -> ReplayCamera {
+        ReplayCamera { shared: self.clone(), items: Vec::new(), open: false }
     }
 }
 
-/// The camera.
-pub struct Replay {
+/// Camera that replays files.
+pub struct ReplayCamera {
     shared: ReplayFactory,
-    items: Vec<Item>,
+    items: Vec<ReplayItem>,
     open: bool,
 }
 
-impl Camera for Replay {
+impl Camera for ReplayCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         if let Some(fault) = self.shared.config.faults().first() {
             return Err(CameraError::Refused(format!("{}: {}", fault.key, fault.problem)));
@@ -163,18 +162,18 @@ impl Camera for Replay {
             return Err(CameraError::Gone("the replay camera is not open".to_owned()));
         }
         let config = &self.shared.config;
-        let call = self.progress(|progress| {
+        let call = self.with_progress(|progress| {
             progress.calls += 1;
             progress.calls
         });
         if config.delay > deadline {
             std::thread::sleep(deadline);
-            return Err(timeout(deadline));
+            return Err(timeout_error(deadline));
         }
         std::thread::sleep(config.delay);
         match config.fault.iter().find(|fault| fault.shot == call) {
-            Some(fault) => self.fail(fault.kind, fault.lasting, deadline),
-            None => self.deliver(),
+            Some(fault) => self.inject_fault(fault.kind, fault.lasting, deadline),
+            None => self.deliver_frame(),
         }
     }
 
@@ -183,66 +182,71 @@ impl Camera for Replay {
     }
 }
 
-fn timeout(deadline: Duration) -> CameraError {
+fn timeout_error(deadline: Duration) -> CameraError {
     CameraError::Timeout { after_s: deadline.as_secs_f64(), what: "the replayed frame".to_owned() }
 }
 
-impl Replay {
-    fn progress<T>(&self, f: impl FnOnce(&mut Progress) -> T) -> T {
+impl ReplayCamera {
+    fn with_progress<T>(&self, f: impl FnOnce(&mut ReplayProgress) -> T) -> T {
         f(&mut self.shared.progress.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     #[allow(clippy::panic)] // asked for by the script
-    fn fail(&mut self, kind: FaultKind, lasting: Duration, deadline: Duration) -> Result<CameraFrame, CameraError> {
+    fn inject_fault(
+        &mut self,
+        kind: FaultKind,
+        lasting: Duration,
+        deadline: Duration,
+    ) -> Result<CameraFrame, CameraError> {
         match kind {
-            FaultKind::Busy => Err(CameraError::Busy("as the script asks".to_owned())),
-            FaultKind::Refused => Err(CameraError::Refused("as the script asks".to_owned())),
+            FaultKind::Busy => Err(CameraError::Busy("as requested by the script".to_owned())),
+            FaultKind::Refused => Err(CameraError::Refused("as requested by the script".to_owned())),
             FaultKind::Gone => {
                 self.open = false;
-                Err(CameraError::Gone("as the script asks".to_owned()))
+                Err(CameraError::Gone("as requested by the script".to_owned()))
             }
             FaultKind::Timeout => {
                 std::thread::sleep(deadline);
-                Err(timeout(deadline))
+                Err(timeout_error(deadline))
             }
             FaultKind::Hang => {
                 std::thread::sleep(lasting);
-                self.deliver()
+                self.deliver_frame()
             }
             FaultKind::Truncated => {
-                let mut frame = self.deliver()?;
+                let mut frame = self.deliver_frame()?;
                 frame.bytes.truncate(frame.bytes.len() / 2);
                 Ok(frame)
             }
-            FaultKind::Stale => match self.progress(|progress| progress.last.clone()) {
+            FaultKind::Stale => match self.with_progress(|progress| progress.last.clone()) {
                 Some(frame) => Ok(frame),
-                None => self.deliver(),
+                None => self.deliver_frame(),
             },
-            FaultKind::Panic => panic!("the replay camera panics, as the script asks"),
+            FaultKind::Panic => panic!("the replay camera panics, as requested by the script"),
         }
     }
 
-    fn deliver(&mut self) -> Result<CameraFrame, CameraError> {
+    fn deliver_frame(&mut self) -> Result<CameraFrame, CameraError> {
         let item = self.next_item()?;
         let bytes = std::fs::read(&item.file)
             .map_err(|error| CameraError::BadFrame(format!("{}: {error}", item.file.display())))?;
-        let format = format_of(&item.file).unwrap_or(Format::Jpeg);
+        let format = format_from_path(&item.file).unwrap_or(Format::Jpeg);
         let mut settings = Map::new();
         let name = item.file.file_name().unwrap_or_default().to_string_lossy();
         settings.insert("source".to_owned(), Value::from(name.into_owned()));
         let frame = CameraFrame { bytes, format, settings, exposed: None };
-        self.progress(|progress| progress.last = Some(frame.clone()));
+        self.with_progress(|progress| progress.last = Some(frame.clone()));
         Ok(frame)
     }
 
-    /// The next item of the group whose time has come last.
-    fn next_item(&mut self) -> Result<Item, CameraError> {
+    /// Returns the next item of the group whose time came last.
+    fn next_item(&mut self) -> Result<ReplayItem, CameraError> {
         let elapsed = self.shared.clock.since_boot().saturating_sub(self.shared.origin);
-        let due = |item: &&Item| item.at.is_none_or(|at| at <= elapsed);
+        let due = |item: &&ReplayItem| item.at.is_none_or(|at| at <= elapsed);
         let group = self.items.iter().filter(due).map(|item| item.at.unwrap_or_default()).max();
-        let of_group: Vec<&Item> =
+        let of_group: Vec<&ReplayItem> =
             self.items.iter().filter(|item| Some(item.at.unwrap_or_default()) == group).collect();
-        let position = self.progress(|progress| {
+        let position = self.with_progress(|progress| {
             if progress.group != group {
                 (progress.group, progress.position) = (group, 0);
             }
@@ -251,7 +255,7 @@ impl Replay {
         });
         let index = if self.shared.config.repeat { position % of_group.len().max(1) } else { position };
         of_group.get(index).map(|item| (*item).clone()).ok_or_else(|| {
-            CameraError::Gone("all frames are replayed (set loop = true to begin again)".to_owned())
+            CameraError::Gone("all frames have been replayed (set loop = true to start again)".to_owned())
         })
     }
 }
@@ -274,7 +278,7 @@ mod tests {
         Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None))
     }
 
-    fn shots(camera: &mut Replay, count: usize) -> Vec<Result<u8, String>> {
+    fn shots(camera: &mut ReplayCamera, count: usize) -> Vec<Result<u8, String>> {
         let shoot = |_| camera.shoot(Duration::from_millis(10));
         let name = |frame: CameraFrame| frame.bytes[2];
         (0..count).map(shoot).map(|r| r.map(name).map_err(|e| e.to_string())).collect()
@@ -283,7 +287,7 @@ mod tests {
     #[test]
     fn frames_come_in_order_and_begin_again_or_end() {
         let dir = folder(2);
-        let mut config = ReplayConfig::folder(dir.path());
+        let mut config = ReplayConfig::from_folder(dir.path());
         let mut camera = ReplayFactory::new(config.clone(), clock(), Duration::ZERO).make();
         camera.open().unwrap();
         assert_eq!(shots(&mut camera, 3), [Ok(0), Ok(1), Ok(0)]);
@@ -294,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_befall_the_shot_they_name_and_survive_a_new_camera() {
+    fn faults_occur_at_their_shot_and_persist_in_a_new_camera() {
         let dir = folder(4);
         let script = r#"
             folder = "?"
@@ -331,8 +335,7 @@ mod tests {
         let path = dir.path().join("list.toml");
         std::fs::write(&path, list).unwrap();
         let clock = clock();
-        let mut camera =
-            ReplayFactory::new(ReplayConfig::list(&path), clock.clone(), clock.since_boot()).make();
+        let mut camera = ReplayFactory::new(ReplayConfig::from_list(&path), clock.clone(), clock.since_boot()).make();
         camera.open().unwrap();
         assert_eq!(shots(&mut camera, 2), [Ok(0), Ok(0)]);
         clock.sleep(Duration::from_secs(3600));
@@ -341,13 +344,13 @@ mod tests {
 
     #[test]
     fn faulty_settings_are_refused_with_the_name() {
-        let missing = ReplayConfig::folder("/nonexistent/frames");
+        let missing = ReplayConfig::from_folder("/nonexistent/frames");
         let error = ReplayFactory::new(missing, clock(), Duration::ZERO).make().open().unwrap_err();
         assert!(error.to_string().contains("/nonexistent/frames"), "{error}");
         let dir = folder(1);
         let list = dir.path().join("list.toml");
         std::fs::write(&list, "[[frame]]\nfile = \"f9.jpg\"\n").unwrap();
-        let config = ReplayConfig::list(&list);
+        let config = ReplayConfig::from_list(&list);
         let error = ReplayFactory::new(config, clock(), Duration::ZERO).make().open().unwrap_err();
         assert!(error.to_string().contains("f9.jpg does not exist"), "{error}");
     }

@@ -107,10 +107,7 @@ impl CameraBench<'_> {
         let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
         std::fs::write(&path, &frame.bytes).map_err(|error| {
-            CameraError::Refused(format!(
-                "{} cannot be written ({error}); name another --output",
-                path.display()
-            ))
+            CameraError::Refused(format!("{} cannot be written ({error}); name another --output", path.display()))
         })?;
         self.camera.release_last()
     }

@@ -83,24 +83,23 @@ fn print_json(reported: &[Finding], faults: &[Fault]) -> Result<Completion, Fail
 
 /// Findings on cabin rules: radio transmitters, heat, supply, time to stop. None is an error: the operator decides.
 fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
-    let radios = machine::radios(sys);
-    let open: Vec<String> =
-        radios.iter().filter(|r| !r.blocked).map(|r| format!("{} ({})", r.name, r.kind)).collect();
+    let radios = machine::list_radios(sys);
+    let open: Vec<String> = radios.iter().filter(|r| !r.blocked).map(|r| format!("{} ({})", r.name, r.kind)).collect();
     let radios = match (radios.len(), open.is_empty()) {
         (0, _) => "none known to the kernel".to_owned(),
         (n, true) => format!("{n}, all blocked"),
         (_, false) => format!("NOT BLOCKED: {}; block them: rfkill block all", open.join(", ")),
     };
-    let machine = machine::line(sys).unwrap_or("unknown to the kernel".to_owned());
+    let machine = machine::describe_machine(sys).unwrap_or("unknown to the kernel".to_owned());
     let power = &config.power;
-    let hold_up = match power.watches() {
+    let hold_up = match power.is_configured() {
         false => "; no line or file to report a power failure is configured".to_owned(),
         true => format!("; after a power failure all data are durable within {:?}", power.hold_up),
     };
     vec![
         ("radios", radios),
         ("machine", machine),
-        ("time to stop", format!("at most {:?}{hold_up}", power.stop_within)),
+        ("a stop takes", format!("at most {:?}{hold_up}", power.stop_within)),
     ]
 }
 
@@ -114,7 +113,7 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     if setup.markers.iter().all(|m| !m.fixed) {
         let how = "none: camera rotation and shift since the ground frame can only be estimated from the wing itself; \
                    `wingd plan` shows the gain from fixed targets";
-        all.push(("fixed targets", how.to_owned()));
+        all.push(("fixed marks", how.to_owned()));
     }
     let span = setup.span_direction.try_normalize(0.0);
     let normal = setup.window.as_ref().and_then(|w| w.normal);
@@ -131,8 +130,7 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     all
 }
 
-/// Maximum angle between window normal and span, degrees. Neither sweep nor a tapering fuselage explains a larger
-/// one.
+/// Maximum angle between window normal and span, degrees. Neither sweep nor a tapering fuselage explains a larger one.
 const MAX_NORMAL_TO_SPAN_DEG: f64 = 60.0;
 
 /// Findings and errors collected by the checks.
@@ -147,15 +145,13 @@ impl Findings {
         self.reported.push(("configuration", file.display().to_string()));
         match &config.installation {
             Some(directory) => self.check_installation(directory, true),
-            None => {
-                self.reported.push(("installation", "none configured: frames are recorded but not solved".into()))
-            }
+            None => self.reported.push(("installation", "none configured: frames are recorded but not solved".into())),
         }
         self.check_store(config, file);
         if !args.no_camera {
             self.check_camera(config, file);
         }
-        self.reported.extend(cabin_findings(config, Path::new(machine::SYS)));
+        self.reported.extend(cabin_findings(config, Path::new(machine::SYSFS)));
     }
 
     /// Checks an installation; with `flies` it must have an orientation, because it will solve frames.
@@ -173,8 +169,9 @@ impl Findings {
                 self.reported.push(("installation", how));
                 self.reported.extend(advisory_findings(&installation.setup));
                 super::print_warnings(&installation);
-                let prior = installation.learnt.as_ref();
-                self.reported.extend(prior.map(|prior| ("flight_prior", format!("from {}", prior.counted()))));
+                let prior = installation.flight_prior.as_ref();
+                self.reported
+                    .extend(prior.map(|prior| ("flight_prior", format!("from {}", prior.flight_count_text()))));
                 match installation.require_orientation() {
                     Ok(_) => self.reported.push(("orientation", "present".into())),
                     Err(fault) if flies => self.faults.push(fault),

@@ -6,9 +6,9 @@ use serde_json::json;
 
 use super::store_access::select_flights;
 use super::{Completion, Failure, print_line};
-use crate::report::compare::{self, Change, Side, Summary};
+use crate::report::compare::{self, ChangeSummary, ComparedFlight, FrameChange};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fields, fixed};
+use crate::report::number::{NONE, format_fixed, json_fields};
 use crate::store::result_sets::{self, ResultSet, ResultSets};
 use crate::store::{FlightRef, RealDisk};
 
@@ -43,7 +43,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
     for flight in &ours {
         let Some((old, new)) = select_sides(args, flight)? else { continue };
         compared += 1;
-        let changes = compare::changes(&RealDisk, &old, &new);
+        let changes = compare::compare_frames(&RealDisk, &old, &new);
         print_comparison(args, &old, &new, &changes?)?;
     }
     if compared == 0 {
@@ -56,7 +56,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
 }
 
 /// Selects the two result sets to compare; `None` if a flight has only one.
-fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Side, Side)>, Failure> {
+fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(ComparedFlight, ComparedFlight)>, Failure> {
     let sets = result_sets::flight_result_sets(&RealDisk, flight)?;
     if let Some(other) = &args.other {
         let Some(there) = find_flight(other, flight)? else { return Ok(None) };
@@ -64,7 +64,7 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Side, 
         let old = select_set(&sets, args.from.as_deref(), flight)?;
         let new = select_set(&theirs, args.to.as_deref(), &there)?;
         let side = |(flight, set): (&FlightRef, Option<ResultSet>)| {
-            set.map(|set| Side { flight: flight.clone(), set })
+            set.map(|set| ComparedFlight { flight: flight.clone(), set })
         };
         return Ok(side((flight, old)).zip(side((&there, new))));
     }
@@ -73,7 +73,7 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Side, 
         None => Ok(sets.sets.iter().rev().nth(from_end).cloned()),
     };
     let (old, new) = (newest(&args.from, 1)?, newest(&args.to, 0)?);
-    let side = |set| Side { flight: flight.clone(), set };
+    let side = |set| ComparedFlight { flight: flight.clone(), set };
     Ok(old.zip(new).map(|(old, new)| (side(old), side(new))))
 }
 
@@ -91,45 +91,50 @@ fn select_set(sets: &ResultSets, wanted: Option<&str>, flight: &FlightRef) -> Re
     Ok(found)
 }
 
-fn print_comparison(args: &CompareArgs, old: &Side, new: &Side, changes: &[Change]) -> Result<(), Failure> {
+fn print_comparison(
+    args: &CompareArgs,
+    old: &ComparedFlight,
+    new: &ComparedFlight,
+    changes: &[FrameChange],
+) -> Result<(), Failure> {
     if args.json {
         for change in changes {
-            let mut line = fields(&json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}));
-            line.extend(fields(change));
+            let mut line = json_fields(&json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}));
+            line.extend(json_fields(change));
             print_line(&json!(line).to_string())?;
         }
         return Ok(());
     }
     print_line(&format!("Flight {}: from {}, to {}", new.flight.id, old.set.description(), new.set.description()))?;
-    for (name, was, is) in compare::inputs(&old.set, &new.set) {
+    for (name, was, is) in compare::differing_inputs(&old.set, &new.set) {
         print_line(&format!("  {name}: {was} -> {is}"))?;
     }
-    print_line(change_table(changes).text_at(args.wide).trim_end())?;
-    print_line(&summary_text(&Summary::of(changes)))
+    print_line(change_table(changes).text_with_width(args.wide).trim_end())?;
+    print_line(&summary_text(&ChangeSummary::from_changes(changes)))
 }
 
-fn change_table(changes: &[Change]) -> Grid {
-    let largest = |c: &Change| c.marker.as_ref().map(|(id, m)| format!("{id} {}", fixed(Some(*m), 4)));
-    Grid::each(changes).columns(&[
+fn change_table(changes: &[FrameChange]) -> Grid {
+    let largest = |c: &FrameChange| c.marker.as_ref().map(|(id, m)| format!("{id} {}", format_fixed(Some(*m), 4)));
+    Grid::for_rows(changes).columns(&[
         ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
         ("~<status", &|c| c.status_text()),
-        ("tip deflection / m", &|c| fixed(c.tip_deflection_m.0, 4)),
-        ("now / m", &|c| fixed(c.tip_deflection_m.1, 4)),
-        ("change / m", &|c| fixed(c.change_m, 4)),
-        ("sigma / m", &|c| fixed(c.sigma_m, 4)),
-        ("change / sigma", &|c| fixed(c.change_sigmas, 2)),
+        ("tip deflection / m", &|c| format_fixed(c.tip_deflection_m.0, 4)),
+        ("now / m", &|c| format_fixed(c.tip_deflection_m.1, 4)),
+        ("change / m", &|c| format_fixed(c.change_m, 4)),
+        ("sigma / m", &|c| format_fixed(c.sigma_m, 4)),
+        ("change / sigma", &|c| format_fixed(c.change_sigmas, 2)),
         ("largest marker change / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
     ])
 }
 
-fn summary_text(s: &Summary) -> String {
+fn summary_text(s: &ChangeSummary) -> String {
     format!(
         "{} frames with a tip deflection (relative to the survey) on both sides: largest change {} m ({} sigma), root mean square {} m; \
          {} solved only now, {} solved only before; {} frames on one side only",
         s.both,
-        fixed(s.largest_m, 4),
-        fixed(s.largest_sigmas, 2),
-        fixed(s.root_mean_square_m, 4),
+        format_fixed(s.largest_m, 4),
+        format_fixed(s.largest_sigmas, 2),
+        format_fixed(s.root_mean_square_m, 4),
         s.gained,
         s.lost,
         s.one_side

@@ -52,7 +52,7 @@ impl From<CameraFormatName> for CameraFormat {
 }
 
 pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
-    let to = args.to.map(CameraFormat::from).or_else(|| installation::format_of_name(&args.output));
+    let to = args.to.map(CameraFormat::from).or_else(|| installation::output_format(&args.output));
     let to = to.ok_or_else(|| {
         Failure::Usage(format!("the name {} does not determine its format; give --to", args.output.display()))
     })?;
@@ -67,8 +67,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
 fn conversion_text(args: &ConvertArgs, read: &ReadCamera, to: CameraFormat) -> String {
     let l = &read.lens;
     let name = read.name.as_ref().map_or(String::new(), |name| format!(", {name}"));
-    let mut text =
-        format!("{}: {}{name}, {}\n", installation::shown_path(&args.input), read.format, read.model);
+    let mut text = format!("{}: {}{name}, {}\n", installation::printable_path(&args.input), read.format, read.model);
     text += &format!("  {} x {} px, fx {} fy {} cx {} cy {} px\n", l.width, l.height, l.fx, l.fy, l.cx, l.cy);
     text += &format!("  k1 {} k2 {} p1 {} p2 {} k3 {}", l.k1, l.k2, l.p1, l.p2, l.k3);
     if l.denominator != [0.0; 3] {
@@ -78,5 +77,5 @@ fn conversion_text(args: &ConvertArgs, read: &ReadCamera, to: CameraFormat) -> S
     let dropped = if read.left.is_empty() { "nothing".to_owned() } else { read.left.join(", ") };
     text += &format!("\n  dropped: {dropped}\n");
     read.remarks.iter().for_each(|remark| text += &format!("  warning: {remark}\n"));
-    text + &format!("{}: written, {to}", installation::shown_path(&args.output))
+    text + &format!("{}: written, {to}", installation::printable_path(&args.output))
 }

@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::store_access::select_flights;
 use super::{Completion, Failure, image_batch, print_line};
-use crate::report::number::count;
+use crate::report::number::count_text;
 use crate::store::bundle::{self, BundleContent};
 use crate::store::receive::{Listing, Receiver};
 use crate::store::verify::VerifyReport;
 use crate::store::{Disk, FlightRef, RealDisk, StoreError};
 
-/// Copy a store's flights to another directory, disk or USB stick; an interrupted copy is resumed, and the result
-/// verified.
+/// Copy a store's flights to another directory, disk or USB stick; an interrupted copy is resumed, and the result verified.
 #[derive(clap::Args)]
 pub struct CopyArgs {
     /// Store
@@ -107,11 +106,11 @@ pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -
     print_line(&format!(
         "{}: {verdict}, verified: {}, {} series, {} ({:.1} MB), {}",
         directory.display(),
-        count(report.flights, "flight"),
+        count_text(report.flights, "flight"),
         report.series,
-        count(report.frames, "frame"),
+        count_text(report.frames, "frame"),
         report.bytes as f64 / 1e6,
-        count(report.results, "result")
+        count_text(report.results, "result")
     ))?;
     Ok(Completion::from_success(report.is_sound()))
 }

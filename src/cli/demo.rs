@@ -93,11 +93,11 @@ fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
     let failure = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
     let bytes = std::fs::read(ground).map_err(|e| failure(&e))?;
-    let frame = orienting::sight("ground.jpg", &bytes, &installation);
+    let frame = orienting::process_ground_frame("ground.jpg", &bytes, &installation);
     let mut frames = [frame.map_err(|e| failure(&e))?];
-    let fit = orienting::orient(&installation.setup, &mut frames).map_err(|e| failure(&e))?;
+    let fit = orienting::orient_frames(&installation.setup, &mut frames).map_err(|e| failure(&e))?;
     let [frame] = frames;
-    let images = [(frame.sighting.image, frame.sighting.digest)];
+    let images = [(frame.processed.image, frame.processed.digest)];
     installation::write_orientation(&installation, &fit, &images).map_err(|e| failure(&e))
 }
 
@@ -105,7 +105,7 @@ fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
 fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     let config = Config {
         installation: Some(directory.to_owned()),
-        camera: CameraSection::Replay(ReplayConfig::list(input.join("frames.toml"))),
+        camera: CameraSection::Replay(ReplayConfig::from_list(input.join("frames.toml"))),
         series: SeriesConfig {
             interval: SERIES_INTERVAL,
             shots: SHOTS_PER_SERIES,
@@ -149,10 +149,10 @@ fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Fail
     let store = output.join("store");
     let checked = verify::verify_path(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
-    let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
+    let data = source::read_flight(&store, source::ResultChoice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::page(&data)).map_err(write_failure(&page, "free space"))?;
-    print_line(table::series(&summary::summaries(&data.series), false).trim_end())?;
+    std::fs::write(&page, html::report_page(&data)).map_err(write_failure(&page, "free space"))?;
+    print_line(table::series_text(&summary::summarise_series(&data.series), false).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }

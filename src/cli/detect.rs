@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Completion, Failure, image_batch, print_line};
 use crate::installation::Installation;
-use crate::measure::detect::{Detection, Rejected, CovarianceSource};
+use crate::measure::detect::{CovarianceSource, Detection, Rejected};
 use crate::measure::raster::Raster;
 use crate::pipeline::{ProcessedFrame, recording, stages};
 use crate::record::Reason;
@@ -49,9 +49,7 @@ pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
     }
     let overlay = args.overlay.as_deref().map(|directory| OverlayOptions { directory, rejected: args.rejected });
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
-        eprintln!(
-            "wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first"
-        );
+        eprintln!("wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first");
     }
     let mut all_well = true;
     let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
@@ -64,14 +62,20 @@ pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
         },
         Err(reason) => ProcessedFrame::failed(name, reason),
     };
-    image_batch::for_each_image(&super::image_files::expand_folders(&args.images)?, args.jobs, "detecting", work, |processed| {
-        all_well &= processed.failure.is_none();
-        print_line(&if args.json {
-            json_line(&processed, installation.as_ref(), args.rejected).to_string()
-        } else {
-            result_text(&processed, installation.as_ref(), args.wide)
-        })
-    })?;
+    image_batch::for_each_image(
+        &super::image_files::expand_folders(&args.images)?,
+        args.jobs,
+        "detecting",
+        work,
+        |processed| {
+            all_well &= processed.failure.is_none();
+            print_line(&if args.json {
+                json_line(&processed, installation.as_ref(), args.rejected).to_string()
+            } else {
+                result_text(&processed, installation.as_ref(), args.wide)
+            })
+        },
+    )?;
     Ok(Completion::from_success(all_well))
 }
 
@@ -104,7 +108,7 @@ fn draw_overlay(
     installation: Option<&Installation>,
     OverlayOptions { directory, rejected }: &OverlayOptions,
 ) -> Result<(), Reason> {
-    let picture = overlay::overlay(raster, &processed.detections, &marker_ids(processed, installation), *rejected);
+    let picture = overlay::draw_overlay(raster, &processed.detections, &marker_ids(processed, installation), *rejected);
     // Names of images from several folders contain their folder.
     let name = processed.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
@@ -112,9 +116,8 @@ fn draw_overlay(
     let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
     let drawn = picture.write_with_encoder(encoder);
     let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
-    let text = |e: &image::ImageError| {
-        format!("{} cannot be written ({e}); free space, or name another DIR", file.display())
-    };
+    let text =
+        |e: &image::ImageError| format!("{} cannot be written ({e}); free space, or name another DIR", file.display());
     written.map_err(|e| Reason::new(text(&e), e))
 }
 
@@ -128,7 +131,10 @@ fn marker_ids(processed: &ProcessedFrame, installation: Option<&Installation>) -
 }
 
 /// Selects the detections to list: if markers were identified, only those with an id.
-fn listed_detections(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
+fn listed_detections(
+    processed: &ProcessedFrame,
+    installation: Option<&Installation>,
+) -> Vec<(Option<String>, Detection)> {
     let all = marker_ids(processed, installation).into_iter().zip(processed.detections.markers.iter().cloned());
     all.filter(|(id, _)| id.is_some() || processed.identities.is_none()).collect()
 }
@@ -136,7 +142,9 @@ fn listed_detections(processed: &ProcessedFrame, installation: Option<&Installat
 fn result_text(processed: &ProcessedFrame, installation: Option<&Installation>, wide: bool) -> String {
     match &processed.failure {
         Some(reason) => format!("{}: failed: {reason}\n", processed.image),
-        None => table::detections(&processed.image, &processed.detections, &marker_ids(processed, installation), wide),
+        None => {
+            table::detections_text(&processed.image, &processed.detections, &marker_ids(processed, installation), wide)
+        }
     }
 }
 
@@ -161,7 +169,7 @@ fn json_line(processed: &ProcessedFrame, installation: Option<&Installation>, wi
     if with_rejected {
         line.insert("rejected".into(), processed.detections.rejected.iter().map(rejected_json).collect());
     }
-    line.insert("timing_ms".into(), json!(recording::timing(&processed.stages)));
+    line.insert("timing_ms".into(), json!(recording::stage_timing(&processed.stages)));
     line.into()
 }
 

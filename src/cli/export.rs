@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use self::sink::{FileMetadata, RowSink, write_failure, finish_export};
+use self::sink::{FileMetadata, RowSink, finish_export, write_failure};
 use super::{Completion, Failure, print_line, store_access};
 use crate::installation;
 use crate::record::TorsionRecord;
-use crate::report::export::{self, Common, Table};
-use crate::report::source::{self, Choice};
-use crate::report::{GroundMarker, ReportData, SeriesData, Site, distinct, summary};
+use crate::report::export::{self, ExportContext, ExportTable};
+use crate::report::source::{self, ResultChoice};
+use crate::report::{GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary};
 use crate::store::{FlightRef, RealDisk, catalogue, layout, result_summary};
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -45,13 +45,13 @@ enum TableName {
     Live,
 }
 
-impl From<TableName> for Option<Table> {
+impl From<TableName> for Option<ExportTable> {
     fn from(name: TableName) -> Self {
         match name {
-            TableName::Markers => Some(Table::Markers),
-            TableName::Span => Some(Table::Span),
-            TableName::Parameters => Some(Table::Parameters),
-            TableName::Shots => Some(Table::Shots),
+            TableName::Markers => Some(ExportTable::Markers),
+            TableName::Span => Some(ExportTable::Span),
+            TableName::Parameters => Some(ExportTable::Parameters),
+            TableName::Shots => Some(ExportTable::Shots),
             TableName::Live => None,
         }
     }
@@ -71,8 +71,8 @@ pub struct ExportArgs {
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
-    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest
-    /// complete solve]
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
+    /// solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
     /// Installation, for the ground shape of vtk output [default: the one kept in the store]
@@ -84,13 +84,13 @@ pub struct ExportArgs {
 }
 
 impl ExportArgs {
-    fn result_choice(&self) -> Choice<'_> {
-        Choice { flight: self.flight.as_deref(), inputs: self.inputs.as_deref() }
+    fn result_choice(&self) -> ResultChoice<'_> {
+        ResultChoice { flight: self.flight.as_deref(), inputs: self.inputs.as_deref() }
     }
 }
 
 pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
-    let Some(table) = Option::<Table>::from(args.table) else { return live::export_live_results(args) };
+    let Some(table) = Option::<ExportTable>::from(args.table) else { return live::export_live_results(args) };
     let data = match args.format {
         FormatName::Csv | FormatName::Parquet => export_rows(args, table)?,
         FormatName::Vtk => export_vtk(args)?,
@@ -103,29 +103,29 @@ pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
 }
 
 /// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.
-fn read_common_facts(args: &ExportArgs) -> Result<Common, Failure> {
+fn read_common_facts(args: &ExportArgs) -> Result<ExportContext, Failure> {
     let mut names: Vec<String> = Vec::new();
-    for flight in source::chosen(&args.store, args.flight.as_deref())? {
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         for series in catalogue::list_series(&RealDisk, &flight)? {
             let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
             for head in result_summary::parse_summaries(&bytes, &["torsion"]) {
                 let torsion = head.record.into_values().next().map(serde_json::from_value);
                 let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
-                names = distinct(names.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
+                names = distinct_values(names.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
             }
         }
     }
-    Ok(Common { store_id: catalogue::store_id(&RealDisk, &args.store), pairs: names })
+    Ok(ExportContext { store_id: catalogue::store_id(&RealDisk, &args.store), pairs: names })
 }
 
 /// Exports a table, series by series.
-fn export_rows(args: &ExportArgs, table: Table) -> Result<ReportData, Failure> {
+fn export_rows(args: &ExportArgs, table: ExportTable) -> Result<ReportData, Failure> {
     let common = read_common_facts(args)?;
-    let empty = export::columns(table, &SeriesData::default(), &common);
+    let empty = export::table_columns(table, &SeriesData::default(), &common);
     let written = || {
         let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
-        let data = source::each(&args.store, args.result_choice(), |series| {
-            sink.add_rows(args, export::columns(table, &series, &common))
+        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
+            sink.add_rows(args, export::table_columns(table, &series, &common))
         })?;
         sink.finish(args)?;
         Ok(data)
@@ -137,8 +137,9 @@ fn export_jsonl(args: &ExportArgs) -> Result<ReportData, Failure> {
     let id = catalogue::store_id(&RealDisk, &args.store);
     let written = || {
         let mut output = args.text_output()?;
-        let data = source::each(&args.store, args.result_choice(), |series| {
-            export::lines(&mut output, &series, id.as_deref()).map_err(|error| args.classify_io_error(&error))
+        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
+            export::write_json_lines(&mut output, &series, id.as_deref())
+                .map_err(|error| args.classify_io_error(&error))
         })?;
         output.flush().map_err(|error| args.classify_io_error(&error))?;
         Ok(data)
@@ -158,10 +159,12 @@ fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
 }
 
 /// Metadata of a file: recorder, and provenance of the results by the key in column `inputs`.
-fn file_metadata(args: &ExportArgs, common: &Common) -> Result<FileMetadata, Failure> {
+fn file_metadata(args: &ExportArgs, common: &ExportContext) -> Result<FileMetadata, Failure> {
     let mut notes = recorder_metadata(common.store_id.as_deref());
-    for flight in source::chosen(&args.store, args.flight.as_deref())? {
-        if let Some(set) = crate::store::result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref()) {
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
+        if let Some(set) =
+            crate::store::result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref())
+        {
             let provenance = serde_json::to_string(&set.provenance).unwrap_or_default();
             let note = (format!("inputs {}", set.key), provenance);
             if !notes.contains(&note) {
@@ -175,7 +178,7 @@ fn file_metadata(args: &ExportArgs, common: &Common) -> Result<FileMetadata, Fai
 fn export_vtk(args: &ExportArgs) -> Result<ReportData, Failure> {
     let folder = args.output.as_deref().unwrap_or(Path::new("export-vtk"));
     let mut data = ReportData::default();
-    for flight in source::chosen(&args.store, args.flight.as_deref())? {
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         let one = export_vtk_flight(args, &flight, folder)?;
         data.notes.extend(one.notes);
         data.warnings.extend(one.warnings);
@@ -197,7 +200,7 @@ fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> Result<Vec<GroundMar
         return Ok(Vec::new());
     };
     let installation = installation::load_without_orientation(&directory)?;
-    Ok(Site::from(&installation.setup).ground)
+    Ok(ReportSite::from(&installation.setup).ground)
 }
 
 fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Result<ReportData, Failure> {
@@ -205,33 +208,33 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Re
     let below = folder.join(&flight.id);
     fs::create_dir_all(&below).map_err(|e| write_failure(&below, &e))?;
     if !ground.is_empty() {
-        write_file(&folder.join(format!("{}-ground.vtp", flight.id)), &export::ground_shape(&ground).vtp(None))?;
+        write_file(&folder.join(format!("{}-ground.vtp", flight.id)), &export::ground_shape(&ground).to_vtp(None))?;
     }
     let (mut files, mut first) = (Vec::new(), None);
-    let choice = Choice { flight: Some(&flight.id), inputs: args.inputs.as_deref() };
-    let data = source::each(&args.store, choice, |series| {
-        if summary::solved(&series).is_empty() {
+    let choice = ResultChoice { flight: Some(&flight.id), inputs: args.inputs.as_deref() };
+    let data = source::for_each_series(&args.store, choice, |series| {
+        if summary::solved_records(&series).is_empty() {
             eprintln!("wingd: {}/{}: no solved frame, skipped", series.flight, series.name);
             return Ok(());
         }
         let name = format!("{}-{}", series.flight, series.name);
-        if let Some(text) = export::vtk(&series) {
+        if let Some(text) = export::series_vtk(&series) {
             write_file(&folder.join(format!("{name}.vtk")), &text)?;
         }
-        write_file(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).vtu())?;
-        for record in summary::solved(&series) {
-            let Some(stamp) = series.shot_of(record).and_then(|s| s.stamp.clone()) else { continue };
+        write_file(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).to_vtu())?;
+        for record in summary::solved_records(&series) {
+            let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else { continue };
             let began = first.get_or_insert_with(|| stamp.clone());
             let time_s = 3600.0 * summary::hours_between(began, &stamp);
             let stem = record.image.split('.').next().unwrap_or_default();
             let file = format!("{}-{stem}.vtp", series.name);
             let shape = export::frame_shape(record, &ground);
-            fs::write(below.join(&file), shape.vtp(Some(time_s))).map_err(|e| write_failure(&below, &e))?;
+            fs::write(below.join(&file), shape.to_vtp(Some(time_s))).map_err(|e| write_failure(&below, &e))?;
             files.push((time_s, format!("{}/{file}", flight.id)));
         }
         Result::<(), Failure>::Ok(())
     })?;
-    write_file(&folder.join(format!("{}.pvd", flight.id)), &export::collection(&files))?;
+    write_file(&folder.join(format!("{}.pvd", flight.id)), &export::time_collection(&files))?;
     Ok(data)
 }
 

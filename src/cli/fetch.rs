@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::copy::{byte_progress, report_copy, read_back};
+use super::copy::{byte_progress, read_back, report_copy};
 use super::{Completion, Failure};
 use crate::http::access;
 use crate::http::client::Client;
@@ -11,8 +11,8 @@ use crate::installation::Fault;
 use crate::store::RealDisk;
 use crate::store::receive::Receiver;
 
-/// Download flights from the page of a recorder or of `wingd serve`; an interrupted download is resumed, and the
-/// result verified.
+/// Download flights from the page of a recorder or of `wingd serve`; an interrupted download is resumed, and the result
+/// verified.
 #[derive(clap::Args)]
 pub struct FetchArgs {
     /// Page, for example http://192.168.4.1:8080
@@ -35,14 +35,15 @@ pub struct FetchArgs {
 }
 
 pub(super) fn run(args: &FetchArgs) -> Result<Completion, Failure> {
-    let token = args.token_file.as_deref().map(|file| {
-        access::read_token(file).map_err(|(problem, remedy)| Fault::new(file, "token", problem, remedy))
-    });
+    let token = args
+        .token_file
+        .as_deref()
+        .map(|file| access::read_token(file).map_err(|(problem, remedy)| Fault::new(file, "token", problem, remedy)));
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
     let mut client = client.map_err(|e| Failure::Failed(e.to_string()))?;
     let flights = match &args.flight {
         Some(flight) => vec![flight.clone()],
-        None => fetch::flights(&mut client).map_err(|e| fetch_failure(args, e))?,
+        None => fetch::fetch_flight_names(&mut client).map_err(|e| fetch_failure(args, e))?,
     };
     let report = fetch_all(args, &mut client, &flights, false)?;
     let report = if report.is_sound() { report } else { fetch_all(args, &mut client, &flights, true)? };
@@ -62,7 +63,7 @@ fn fetch_all(
             bar.set_length(total);
             bar.set_position(done);
         };
-        fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| fetch_failure(args, e))?;
+        fetch::fetch_flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| fetch_failure(args, e))?;
         bar.finish_and_clear();
     }
     Ok(read_back(receiver)?)

@@ -6,33 +6,12 @@ use clap::Command;
 const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     (
         "Prepare an aircraft",
-        &[
-            "init",
-            "plan",
-            "calibrate",
-            "convert",
-            "orient",
-            "mount-check",
-            "check",
-            "camera-test",
-            "time-check",
-        ],
+        &["init", "plan", "calibrate", "convert", "orient", "mount-check", "check", "camera-test", "time-check"],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
     (
         "Evaluate",
-        &[
-            "import",
-            "detect",
-            "mark",
-            "solve",
-            "learn",
-            "compare",
-            "report",
-            "export",
-            "aircraft-data",
-            "stress",
-        ],
+        &["import", "detect", "mark", "solve", "learn", "compare", "report", "export", "aircraft-data", "stress"],
     ),
     ("Store and transfer", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Demo and utilities", &["demo", "simulate", "completions", "man"]),
@@ -48,10 +27,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
         ],
     ),
-    (
-        "calibrate",
-        &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"],
-    ),
+    ("calibrate", &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"]),
     ("convert", &["wingd convert installation/camera.toml wing.cameramodel"]),
     ("orient", &["wingd orient --installation installation frames/ground.jpg"]),
     ("mount-check", &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"]),
@@ -149,7 +125,7 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn every_command_stands_in_one_group_has_an_example_and_fits_a_terminal() {
+    fn every_command_is_in_one_group_has_an_example_and_fits_a_terminal() {
         let command = super::super::Arguments::command();
         for known in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = known.get_name();

@@ -8,8 +8,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 use super::{Failure, stop_signal};
-use crate::installation::shown_path;
-use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::installation::printable_path;
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::Reason;
 use crate::store::FrameRef;
 
@@ -26,8 +26,7 @@ pub fn progress_bar(total: usize, what: &str) -> indicatif::ProgressBar {
     bar
 }
 
-/// Shows a running task and its elapsed time on standard error until dropped; invisible unless that is a
-/// terminal.
+/// Shows a running task and its elapsed time on standard error until dropped; invisible unless that is a terminal.
 #[must_use]
 pub fn show_busy(what: &str) -> BusyIndicator {
     let style = indicatif::ProgressStyle::with_template("{msg} {elapsed}");
@@ -46,8 +45,8 @@ impl Drop for BusyIndicator {
     }
 }
 
-/// Runs `work` on the files, `jobs` at a time (0: number of cores), and returns the results in the order of the
-/// files. If a file cannot be read, `work` receives the reason, a sentence with the remedy.
+/// Runs `work` on the files, `jobs` at a time (0: number of cores), and returns the results in the order of the files. If a
+/// file cannot be read, `work` receives the reason, a sentence with the remedy.
 pub fn process_images<T: Send>(
     files: &[PathBuf],
     jobs: usize,
@@ -62,8 +61,8 @@ pub fn process_images<T: Send>(
     Ok(results)
 }
 
-/// Runs `work` on the files and passes each result to `take` as soon as it and those before it are done. An error
-/// of `take` ends the run.
+/// Runs `work` on the files and passes each result to `take` as soon as it and those before it are done. An error of `take`
+/// ends the run.
 pub fn for_each_image<T: Send>(
     files: &[PathBuf],
     jobs: usize,
@@ -86,8 +85,7 @@ pub fn run_jobs<I: Sync, T: Send>(
 ) -> Result<(), Failure> {
     let jobs = job_count(jobs, inputs.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
-    let pool =
-        pool.map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
+    let pool = pool.map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
     let bar = progress_bar(inputs.len(), what);
     let ended = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
@@ -121,9 +119,7 @@ pub fn run_jobs<I: Sync, T: Send>(
             if stopped.load(Ordering::Relaxed) {
                 ended.store(true, Ordering::Relaxed);
                 let n = inputs.len();
-                return Err(Failure::Failed(format!(
-                    "stopped: {next} of {n} images were processed"
-                )));
+                return Err(Failure::Failed(format!("stopped: {next} of {n} images were processed")));
             }
         }
         Ok(())
@@ -132,8 +128,8 @@ pub fn run_jobs<I: Sync, T: Send>(
     outcome
 }
 
-/// Returns a flag that Ctrl-C or SIGTERM sets, so that finished results are written; a second signal ends the
-/// program at once.
+/// Returns a flag that Ctrl-C or SIGTERM sets, so that finished results are written; a second signal ends the program at
+/// once.
 fn stop_flag() -> Arc<AtomicBool> {
     let stopped = Arc::new(AtomicBool::new(false));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -166,23 +162,23 @@ pub fn for_each_stored_frame<T: Send>(
     take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let one = |frame: &FrameRef| {
-        let bytes = store.read_frame(frame).map_err(Reason::of);
+        let bytes = store.read_frame(frame).map_err(Reason::from_error);
         let readable = bytes.as_deref().map_err(Clone::clone);
-        guarded(|| work(frame, readable)).unwrap_or_else(|| work(frame, Err(BROKE_OFF.into())))
+        catch_panic(|| work(frame, readable)).unwrap_or_else(|| work(frame, Err(PANIC_REASON.into())))
     };
     run_jobs(frames, jobs, "solving", one, take)
 }
 
 fn process_file<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) -> T + Sync)) -> T {
-    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", shown_path(file));
+    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", printable_path(file));
     let bytes = std::fs::read(file).map_err(|e| Reason::new(text(&e), e));
     let readable = bytes.as_deref().map_err(Clone::clone);
-    guarded(|| work(name, readable)).unwrap_or_else(|| work(name, Err(BROKE_OFF.into())))
+    catch_panic(|| work(name, readable)).unwrap_or_else(|| work(name, Err(PANIC_REASON.into())))
 }
 
 /// Returns the name of a file as used in results; bytes that are not UTF-8 are written as `\xfc`.
 pub fn image_name(file: &Path) -> String {
-    file.file_name().map_or_else(|| shown_path(file), shown_path)
+    file.file_name().map_or_else(|| printable_path(file), printable_path)
 }
 
 /// Returns the names of files as used in results: each with the shortest part of its path that makes it unique.
@@ -207,7 +203,7 @@ fn path_tail(file: &Path, parts: usize) -> String {
     }
     let all: Vec<Component> = file.components().collect();
     let last: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
-    shown_path(&last)
+    printable_path(&last)
 }
 
 #[cfg(test)]
@@ -218,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_have_as_much_of_the_path_as_it_takes() {
+    fn names_include_as_much_of_the_path_as_needed() {
         let of = |files: &[&str]| image_names(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
         assert_eq!(of(&["/x/a/1.jpg", "/x/a/2.jpg"]), ["1.jpg", "2.jpg"]);
         assert_eq!(of(&["/x/a/1.jpg", "/x/b/1.jpg", "/x/b/2.jpg"]), ["a/1.jpg", "b/1.jpg", "2.jpg"]);
@@ -228,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_no_utf8_stay_two() {
+    fn names_that_are_not_utf8_stay_distinct() {
         let of = |bytes: &[u8]| PathBuf::from(OsStr::from_bytes(bytes));
         let files = [of(b"/x/fl\xfcgel.jpg"), of(b"/x/fl\xe4gel.jpg"), of("/x/fl\u{fc}gel.jpg".as_bytes())];
         assert_eq!(image_names(&files), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg", "fl\u{fc}gel.jpg"]);
@@ -236,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn results_come_in_order_and_as_they_are_done() {
+    fn results_are_delivered_in_order_as_soon_as_they_are_done() {
         let files: Vec<PathBuf> = (0..20).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
         let number = |name: &str| name.trim_end_matches(".jpg").parse::<usize>().unwrap_or(99);
         let mut seen = vec![];
@@ -258,7 +254,7 @@ mod tests {
     fn a_panic_costs_one_picture() {
         let files: Vec<PathBuf> = (0..5).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
         let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
-            Err(reason) if reason.text() == BROKE_OFF => None,
+            Err(reason) if reason.text() == PANIC_REASON => None,
             _ if name == "3.jpg" => panic!("inside"),
             _ => Some(name.to_owned()),
         };
@@ -268,11 +264,9 @@ mod tests {
     }
 
     #[test]
-    fn jobs_are_no_more_than_files_and_some_a_core() {
+    fn jobs_are_limited_by_files_and_per_core() {
         assert_eq!(job_count(1_000_000, 3), 3);
-        assert!(
-            job_count(1_000_000, 1_000_000) <= 4 * std::thread::available_parallelism().map_or(1, usize::from)
-        );
+        assert!(job_count(1_000_000, 1_000_000) <= 4 * std::thread::available_parallelism().map_or(1, usize::from));
         assert_eq!(job_count(0, 0), 1);
     }
 }

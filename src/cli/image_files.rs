@@ -10,8 +10,8 @@ use serde_json::{Map, Value};
 
 use super::{Failure, image_batch};
 use crate::camera::exif::{self, CaptureMetadata};
-use crate::camera::replay::format_of;
-use crate::installation::shown_path;
+use crate::camera::replay::format_from_path;
+use crate::installation::printable_path;
 use crate::pipeline::decode;
 use crate::store::sha256_hex;
 
@@ -68,18 +68,18 @@ pub struct DatedImage {
 impl DatedImage {
     /// Returns whether the time is from the image's own metadata.
     pub fn has_own_time(&self) -> bool {
-        self.taken.local.is_some()
+        self.taken.local_time.is_some()
     }
 
     /// Resolution of the camera's clock, s.
     pub fn clock_step_s(&self) -> f64 {
-        0.1f64.powi(self.taken.digits as i32)
+        0.1f64.powi(self.taken.subsecond_digits as i32)
     }
 
     /// Returns the file name given by the camera and the settings of the shot.
     pub fn settings(&self) -> Map<String, Value> {
         let mut all = Map::from_iter([("source".to_owned(), image_batch::image_name(&self.file).into())]);
-        all.extend(self.taken.local.map(|t| ("camera_time".to_owned(), t.to_string().into())));
+        all.extend(self.taken.local_time.map(|t| ("camera_time".to_owned(), t.to_string().into())));
         all.extend(self.taken.settings.iter().map(|(k, v)| ((*k).to_owned(), v.clone().into())));
         all
     }
@@ -97,13 +97,15 @@ pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
             continue;
         }
         let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
-            list_files(argument)?.into_iter().partition(|f| format_of(f).is_some());
+            list_files(argument)?.into_iter().partition(|f| format_from_path(f).is_some());
         if let Some(what) = unsupported_images_note(&pictures, &others) {
-            eprintln!("wingd: {}: {what}", shown_path(argument));
+            eprintln!("wingd: {}: {what}", printable_path(argument));
         }
         if pictures.is_empty() {
-            let what =
-                format!("{}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does", shown_path(argument));
+            let what = format!(
+                "{}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does",
+                printable_path(argument)
+            );
             return Err(Failure::Failed(what));
         }
         all.extend(pictures);
@@ -113,12 +115,11 @@ pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 
 /// Extensions of image formats that are not supported.
 const UNSUPPORTED_EXTENSIONS: [&str; 16] = [
-    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef", "srw",
-    "bmp", "jxl",
+    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef", "srw", "bmp", "jxl",
 ];
 
-/// Describes images of unsupported formats in a folder, except those next to a supported one, such as a raw file
-/// next to its JPEG.
+/// Describes images of unsupported formats in a folder, except those next to a supported one, such as a raw file next to
+/// its JPEG.
 fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<String> {
     let ending = |file: &Path| file.extension().map(|e| e.to_string_lossy().to_lowercase());
     let readable: BTreeSet<PathBuf> = pictures.iter().map(|picture| picture.with_extension("")).collect();
@@ -129,21 +130,18 @@ fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<S
     let alone: Vec<&PathBuf> = others.iter().filter(alone).collect();
     let first = image_batch::image_name(alone.first()?);
     let count = alone.len();
-    Some(format!(
-        "{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"
-    ))
+    Some(format!("{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"))
 }
 
 /// Returns whether a folder contains an image, at any depth.
 pub fn contains_images(folder: &Path) -> bool {
-    list_files(folder).is_ok_and(|all| all.iter().any(|file| format_of(file).is_some()))
+    list_files(folder).is_ok_and(|all| all.iter().any(|file| format_from_path(file).is_some()))
 }
 
 /// Lists the files in a folder and below, ordered by name, without hidden files and links to folders.
 fn list_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let unreadable = |e: std::io::Error| {
-        Failure::Failed(format!("{} cannot be read ({e}); check the path", shown_path(folder)))
-    };
+    let unreadable =
+        |e: std::io::Error| Failure::Failed(format!("{} cannot be read ({e}); check the path", printable_path(folder)));
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
@@ -222,14 +220,14 @@ pub fn read_collection(arguments: &[PathBuf], dating: &DatingOptions, jobs: usiz
 }
 
 fn read_image(file: &Path) -> Result<DatedImage, String> {
-    if format_of(file).is_none() {
+    if format_from_path(file).is_none() {
         return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
     }
     let bytes = std::fs::read(file).map_err(|e| format!("cannot be read ({e}); check the card"))?;
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());
     }
-    if let Some(why) = decode::unread(&bytes) {
+    if let Some(why) = decode::unreadable_cause(&bytes) {
         return Err(why.to_string());
     }
     Ok(DatedImage { file: file.to_owned(), digest: sha256_hex(&bytes), taken: exif::read_metadata(&bytes), utc: None })
@@ -240,7 +238,7 @@ fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<(Stri
     let mut undated: u32 = 0;
     let mut zoneless = 0;
     for picture in pictures.iter_mut() {
-        let Some(local) = picture.taken.local else {
+        let Some(local) = picture.taken.local_time else {
             let since = dating.every.checked_mul(undated);
             picture.utc = dating.start.zip(since).and_then(|(start, since)| start.checked_add(since).ok());
             undated += 1;
@@ -278,9 +276,7 @@ fn split_into_series(mut pictures: Vec<DatedImage>, gap: Duration) -> Vec<Vec<Da
     for picture in pictures {
         let last = series.last().and_then(|s| s.last());
         let goes_on = last.is_some_and(|last| match (last.utc, picture.utc) {
-            (Some(a), Some(b)) => {
-                b.duration_since(a) <= jiff::SignedDuration::try_from(gap).unwrap_or_default()
-            }
+            (Some(a), Some(b)) => b.duration_since(a) <= jiff::SignedDuration::try_from(gap).unwrap_or_default(),
             (None, None) => true,
             _ => false,
         });
@@ -312,8 +308,7 @@ mod tests {
             at(None, "y"),
         ];
         let series = split_into_series(pictures, Duration::from_secs(60));
-        let names: Vec<Vec<&str>> =
-            series.iter().map(|s| s.iter().map(|p| p.digest.as_str()).collect()).collect();
+        let names: Vec<Vec<&str>> = series.iter().map(|s| s.iter().map(|p| p.digest.as_str()).collect()).collect();
         assert_eq!(names, [vec!["a", "b"], vec!["c"], vec!["z", "y"]]);
     }
 
@@ -330,10 +325,7 @@ mod tests {
     fn names_are_ordered_by_their_numbers() {
         let mut names = ["IMG_10.JPG", "IMG_9.JPG", "IMG_009b.JPG", "A.JPG", "99999999999999999999999.JPG"];
         names.sort_by_key(|n| natural_sort_key(n));
-        assert_eq!(
-            names,
-            ["99999999999999999999999.JPG", "A.JPG", "IMG_9.JPG", "IMG_009b.JPG", "IMG_10.JPG"]
-        );
+        assert_eq!(names, ["99999999999999999999999.JPG", "A.JPG", "IMG_9.JPG", "IMG_009b.JPG", "IMG_10.JPG"]);
     }
 
     #[test]

@@ -78,8 +78,7 @@ fn write_new_file(path: &Path, text: &str) -> std::io::Result<()> {
 /// Finds cameras by their persistent device names; metadata devices are excluded.
 fn find_cameras(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut found: Vec<PathBuf> =
-        entries.filter(|path| path.to_string_lossy().ends_with("-video-index0")).collect();
+    let mut found: Vec<PathBuf> = entries.filter(|path| path.to_string_lossy().ends_with("-video-index0")).collect();
     found.sort();
     found
 }
@@ -90,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_are_found_by_their_lasting_names() {
+    fn cameras_are_found_by_their_persistent_names() {
         let dir = tempfile::tempdir().unwrap();
         for name in ["usb-Maker_Model_123-video-index0", "usb-Maker_Model_123-video-index1", "other"] {
             std::fs::write(dir.path().join(name), "").unwrap();

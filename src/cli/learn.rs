@@ -5,14 +5,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::{Completion, Failure, CHECK_WRITE_ACCESS, default_paths, image_batch, print_line, stored_frames, store_access, write_failure};
-use crate::installation::{self, Installation, LEARNT_FILE, Learnt, Source};
+use super::{
+    CHECK_WRITE_ACCESS, Completion, Failure, default_paths, image_batch, print_line, store_access, stored_frames,
+    write_failure,
+};
+use crate::installation::{self, FLIGHT_PRIOR_FILE, Installation, PriorFlight, StoredFlightPrior};
 use crate::measure::adjust::Estimate;
 use crate::measure::adjust::flight_prior::{FlightContribution, InvariantParameter};
-use crate::pipeline::guard::{BROKE_OFF, guarded};
-use crate::pipeline::{self, Job, ProcessedFrame};
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
+use crate::pipeline::{self, ProcessedFrame, SolveJob};
 use crate::record::Reason;
-use crate::report::number::{count, rounded};
+use crate::report::number::{count_text, format_rounded};
 use crate::store::{self, FrameRef, RealDisk, catalogue};
 
 /// Estimate flight-invariant parameters of wing, camera and survey from several flights, and write them into the
@@ -58,7 +61,7 @@ pub(super) fn run(args: &LearnArgs) -> Result<Completion, Failure> {
     let directory = default_paths::resolve_installation(args.installation.as_deref())?;
     let mut installation = super::load_installation(&directory)?;
     installation.require_orientation()?;
-    let before = installation.learnt.as_ref().map_or(vec![], |prior| prior.sources.clone());
+    let before = installation.flight_prior.as_ref().map_or(vec![], |prior| prior.flights.clone());
     let (mut outcomes, mut candidates) = (vec![], vec![]);
     for root in &args.stores {
         gather_candidates(args, root, &installation, &before, &mut outcomes, &mut candidates)?;
@@ -67,29 +70,29 @@ pub(super) fn run(args: &LearnArgs) -> Result<Completion, Failure> {
         refine_contributions(&mut candidates, &before, &mut installation, &mut outcomes)?;
     }
     outcomes.extend(candidates.iter().map(|candidate| candidate.outcome("added", None)));
-    let sources: Vec<Source> =
+    let sources: Vec<PriorFlight> =
         before.into_iter().chain(candidates.iter().filter_map(Candidate::to_source)).collect();
     let count = sources.len();
     if !candidates.is_empty() {
         let prior = combine_sources(sources, &installation)?;
-        let file = installation.directory.join(LEARNT_FILE);
-        installation::write_learnt(&installation, &prior).map_err(write_failure(&file, CHECK_WRITE_ACCESS))?;
+        let file = installation.directory.join(FLIGHT_PRIOR_FILE);
+        installation::write_flight_prior(&installation, &prior).map_err(write_failure(&file, CHECK_WRITE_ACCESS))?;
     }
-    let known = candidates.last().and_then(|candidate| candidate.contribution.as_ref()).map_or(vec![], estimated_differences);
+    let known =
+        candidates.last().and_then(|candidate| candidate.contribution.as_ref()).map_or(vec![], estimated_differences);
     let output = if args.json { outcome_json } else { outcome_text };
-    print_line(&output(&installation.directory.join(LEARNT_FILE), &outcomes, count, &known))?;
+    print_line(&output(&installation.directory.join(FLIGHT_PRIOR_FILE), &outcomes, count, &known))?;
     Ok(Completion::from_success(outcomes.iter().all(|outcome| outcome.status != "refused")))
 }
 
-/// Rounds of linearisation. Each flight is linearised first given the flights before it, then given all others:
-/// normal equations that are added must refer to the same point.
+/// Rounds of linearisation. Each flight is linearised first given the flights before it, then given all others: normal
+/// equations that are added must refer to the same point.
 const LEARNING_ROUNDS: usize = 2;
 
-/// Estimates the contribution of each candidate given the others, and removes those that contradict the model or
-/// the prior.
+/// Estimates the contribution of each candidate given the others, and removes those that contradict the model or the prior.
 fn refine_contributions(
     candidates: &mut Vec<Candidate>,
-    before: &[Source],
+    before: &[PriorFlight],
     installation: &mut Installation,
     outcomes: &mut Vec<FlightOutcome>,
 ) -> Result<(), Failure> {
@@ -97,7 +100,8 @@ fn refine_contributions(
     while k < candidates.len() {
         let others = candidates.iter().enumerate().filter(|(other, _)| *other != k);
         let others = others.filter_map(|(_, candidate)| candidate.to_source());
-        installation.learnt = Some(combine_sources(before.iter().cloned().chain(others).collect(), installation)?);
+        installation.flight_prior =
+            Some(combine_sources(before.iter().cloned().chain(others).collect(), installation)?);
         match candidates[k].estimate_contribution(installation) {
             Ok(()) => k += 1,
             Err(reason) => outcomes.push(candidates.remove(k).outcome("refused", Some(reason.to_string()))),
@@ -106,17 +110,17 @@ fn refine_contributions(
     Ok(())
 }
 
-fn combine_sources(sources: Vec<Source>, installation: &Installation) -> Result<Learnt, Failure> {
-    let file = installation.directory.join(LEARNT_FILE);
+fn combine_sources(sources: Vec<PriorFlight>, installation: &Installation) -> Result<StoredFlightPrior, Failure> {
+    let file = installation.directory.join(FLIGHT_PRIOR_FILE);
     let failure = |error| Failure::Failed(format!("{}: {error}", file.display()));
-    Learnt::of(sources, &installation.setup).map_err(failure)
+    StoredFlightPrior::from_flights(sources, &installation.setup).map_err(failure)
 }
 
 impl Candidate {
     /// Returns the contribution as stored in the prior; `None` before the first estimate.
-    fn to_source(&self) -> Option<Source> {
+    fn to_source(&self) -> Option<PriorFlight> {
         let contribution = self.contribution.as_ref()?;
-        Some(Source {
+        Some(PriorFlight {
             store: self.store.clone(),
             flight: self.flight.clone(),
             program: format!("wingd {}", env!("CARGO_PKG_VERSION")),
@@ -128,7 +132,7 @@ impl Candidate {
     fn estimate_contribution(&mut self, installation: &Installation) -> Result<(), Reason> {
         let busy = image_batch::show_busy(&format!("estimating from {}", self.flight));
         let orientation = installation.orientation.as_ref().ok_or("there is no orientation")?;
-        let contribution = pipeline::learn_flight(&self.processed, installation, orientation, &Job::default());
+        let contribution = pipeline::learn_flight(&self.processed, installation, orientation, &SolveJob::default());
         drop(busy);
         self.contribution = Some(contribution?);
         Ok(())
@@ -150,7 +154,7 @@ fn gather_candidates(
     args: &LearnArgs,
     root: &Path,
     installation: &Installation,
-    before: &[Source],
+    before: &[PriorFlight],
     outcomes: &mut Vec<FlightOutcome>,
     candidates: &mut Vec<Candidate>,
 ) -> Result<(), Failure> {
@@ -176,9 +180,8 @@ fn gather_candidates(
         match processed_frames.iter().all(|processed| processed.failure.is_some()) {
             true => {
                 let first = processed_frames.iter().find_map(|processed| processed.failure.as_ref());
-                let reason = first.map_or("no frames".into(), |failure| {
-                    format!("none of its frames can be processed: {failure}")
-                });
+                let reason = first
+                    .map_or("no frames".into(), |failure| format!("none of its frames can be processed: {failure}"));
                 outcomes.push(candidate.outcome("refused", Some(reason)));
             }
             false => candidates.push(Candidate { processed: processed_frames, ..candidate }),
@@ -199,12 +202,15 @@ fn measure_frames(
     let mountings: BTreeMap<_, _> = stored_frames::frame_mountings(&RealDisk, flight)?;
     let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
         let mounting = mountings.get(&frame.entry.sha256).copied();
-        ProcessedFrame { mounting, ..stored_frames::process_stored_frame(frame, bytes, installation, orientation, &track) }
+        ProcessedFrame {
+            mounting,
+            ..stored_frames::process_stored_frame(frame, bytes, installation, orientation, &track)
+        }
     };
     let one = |frame: &FrameRef| {
-        let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::of);
+        let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::from_error);
         let readable = bytes.as_deref().map_err(Clone::clone);
-        guarded(|| process(frame, readable)).unwrap_or_else(|| process(frame, Err(BROKE_OFF.into())))
+        catch_panic(|| process(frame, readable)).unwrap_or_else(|| process(frame, Err(PANIC_REASON.into())))
     };
     let mut processed_frames = Vec::with_capacity(list.len());
     image_batch::run_jobs(list, args.jobs, "measuring", one, |processed| {
@@ -228,7 +234,7 @@ const REPORTED_PARAMETERS: [(&str, f64, &str, usize); 8] = [
 
 /// Estimated minus specified value of the reported parameters.
 fn estimated_differences(contribution: &FlightContribution) -> Vec<(&'static str, Estimate)> {
-    let all = || contribution.normals.unknowns.iter().zip(&contribution.known);
+    let all = || contribution.normals.unknowns.iter().zip(&contribution.posterior);
     let of = |(name, factor, term, index): (&'static str, f64, &str, usize)| {
         let is = |(l, _): &(&InvariantParameter, &Estimate)| l.term == term && l.index == index;
         let (_, found) = all().find(is)?;
@@ -237,20 +243,13 @@ fn estimated_differences(contribution: &FlightContribution) -> Vec<(&'static str
     REPORTED_PARAMETERS.into_iter().filter_map(of).collect()
 }
 
-fn outcome_json(
-    file: &Path,
-    outcomes: &[FlightOutcome],
-    sources: usize,
-    known: &[(&'static str, Estimate)],
-) -> String {
+fn outcome_json(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: &[(&'static str, Estimate)]) -> String {
     let flight = |t: &FlightOutcome| {
         let FlightOutcome { store, flight, frames, status, reason } = t;
         json!({"store": store, "flight": flight, "frames": frames, "status": status, "reason": reason})
     };
-    let known: serde_json::Map<String, Value> = known
-        .iter()
-        .map(|(name, e)| ((*name).to_owned(), json!({"value": e.value, "sigma": e.sigma})))
-        .collect();
+    let known: serde_json::Map<String, Value> =
+        known.iter().map(|(name, e)| ((*name).to_owned(), json!({"value": e.value, "sigma": e.sigma}))).collect();
     json!({
         "file": file,
         "flights_in_prior": sources,
@@ -263,19 +262,14 @@ fn outcome_json(
 fn outcome_text(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: &[(&'static str, Estimate)]) -> String {
     let flight = |t: &FlightOutcome| {
         let why = t.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
-        format!(
-            "{}  {} frames  {}{why}\n",
-            t.flight,
-            t.frames,
-            if t.status == "known" { "skipped" } else { t.status }
-        )
+        format!("{}  {} frames  {}{why}\n", t.flight, t.frames, if t.status == "known" { "skipped" } else { t.status })
     };
     let flights: String = outcomes.iter().map(flight).collect();
     let difference = |(name, e): &(&'static str, Estimate)| {
-        let (value, sigma) = rounded(Some(e.value), e.sigma, 4);
+        let (value, sigma) = format_rounded(Some(e.value), e.sigma, 4);
         format!("\n{name:<24}{value} ± {sigma}")
     };
     let differences: String = known.iter().map(difference).collect();
     let head = if known.is_empty() { "" } else { "\nEstimated minus specified value:" };
-    format!("{flights}{}: prior from {}{head}{differences}", file.display(), count(sources, "flight"))
+    format!("{flights}{}: prior from {}{head}{differences}", file.display(), count_text(sources, "flight"))
 }

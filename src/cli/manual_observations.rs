@@ -25,11 +25,7 @@ impl ManualPoints {
         };
         if files.len() > 1 && points.iter().any(|p| p.image.is_none()) {
             let problem = format!("does not name the image of every point, but {} images are given", files.len());
-            return Err(fault(
-                "column image",
-                problem,
-                "name the image of every point as in the results",
-            ));
+            return Err(fault("column image", problem, "name the image of every point as in the results"));
         }
         let is_unknown = |p: &&ManualObservation| p.image.as_ref().is_some_and(|name| !names.contains(name));
         let unknown: Vec<&ManualObservation> = points.iter().filter(is_unknown).collect();
@@ -37,18 +33,11 @@ impl ManualPoints {
         if let Some(name) = first {
             if unknown.len() == points.len() {
                 let problem = format!("\"{name}\" is not one of the images");
-                return Err(fault(
-                    "column image",
-                    problem,
-                    "name it as in the results, or omit its points",
-                ));
+                return Err(fault("column image", problem, "name it as in the results, or omit its points"));
             }
             // One file may contain the marks of a whole folder of images.
             let count = unknown.len();
-            eprintln!(
-                "wingd: {}: {count} points are in images that were not given, first {name}",
-                file.display()
-            );
+            eprintln!("wingd: {}: {count} points are in images that were not given, first {name}", file.display());
         }
         Ok(Self { points })
     }

@@ -5,29 +5,27 @@ use std::path::{Path, PathBuf};
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, default_paths, image_batch, stop_signal, image_files, store_access};
+use super::{Completion, Failure, default_paths, image_batch, image_files, stop_signal, store_access};
 use crate::http::access::Access;
-use crate::http::mark::{Kept, Picture, Source, Workplace, serve};
+use crate::http::mark::{ImageSource, MarkStorage, MarkableImage, Workplace, serve_marking};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Installation};
-use crate::pipeline::marking::HAND_SIGMA_PX;
+use crate::pipeline::marking::MANUAL_SIGMA_PX;
 use crate::store::{FlightRef, RealDisk, layout, manual_marks};
 
 /// Mark undetected markers manually in a browser on this machine; who, when and why are stored with each mark.
 #[derive(clap::Args)]
 pub struct MarkArgs {
     /// Store, or images and folders of images
-    #[arg(required = true, value_name = "STORE|PICTURE")]
+    #[arg(required = true, value_name = "STORE|IMAGE")]
     what: Vec<PathBuf>,
-    /// Installation [default: installation/ in this directory; for a store: the one kept there that its results
-    /// came from]
+    /// Installation [default: installation/ in this directory; for a store: the one kept there that its results came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Flight of a store [default: the newest]
     #[arg(long, value_name = "FLIGHT")]
     flight: Option<String>,
-    /// The images show the wing on the ground: an orientation is estimated in each, for `wingd orient
-    /// --observations`
+    /// The images show the wing on the ground: an orientation is estimated in each, for `wingd orient --observations`
     /// [default: if the installation has no orientation yet]
     #[arg(long)]
     ground: bool,
@@ -38,7 +36,7 @@ pub struct MarkArgs {
     #[arg(long, value_name = "NAME")]
     who: Option<String>,
     /// Standard deviation of a manual mark that the detector cannot refine, px
-    #[arg(long, value_name = "PX", default_value_t = HAND_SIGMA_PX, value_parser = parse_sigma)]
+    #[arg(long, value_name = "PX", default_value_t = MANUAL_SIGMA_PX, value_parser = parse_sigma)]
     sigma_px: f64,
     /// Address and port to listen on; other computers need --token-file
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8088")]
@@ -63,7 +61,7 @@ pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
         certificate: None,
         key: None,
     };
-    let (address, access) = config.open(option)?;
+    let (address, access) = config.resolve(option)?;
     let workplace = match args.what.as_slice() {
         [store] if store.join(layout::STORE_FILE).exists() => workplace_for_store(args, store)?,
         _ => workplace_for_images(args)?,
@@ -74,21 +72,26 @@ pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
 }
 
 async fn serve_page(workplace: Workplace, access: Access, address: SocketAddr) -> Result<Completion, Failure> {
-    let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
-        Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen"))
-    })?;
+    let listener = tokio::net::TcpListener::bind(address)
+        .await
+        .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;
     let bound = listener.local_addr().unwrap_or(address);
-    let kept = workplace.kept.words();
+    let kept = workplace.storage.description();
     eprintln!("wingd: marks are saved with {kept}; open http://{bound}/ (stop with Ctrl-C)");
-    serve(workplace, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
+    serve_marking(workplace, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
     Ok(Completion::All)
 }
 
-fn create_workplace(args: &MarkArgs, installation: Installation, pictures: Vec<Picture>, kept: Kept) -> Workplace {
+fn create_workplace(
+    args: &MarkArgs,
+    installation: Installation,
+    pictures: Vec<MarkableImage>,
+    kept: MarkStorage,
+) -> Workplace {
     let orientation = installation.orientation.clone().filter(|_| !args.ground);
     let login = || std::env::var("USER").or_else(|_| std::env::var("LOGNAME")).unwrap_or_default();
     let who = args.who.clone().unwrap_or_else(login);
-    Workplace { installation, orientation, pictures, kept, who, hand_sigma_px: args.sigma_px }
+    Workplace { installation, orientation, images: pictures, storage: kept, who, manual_sigma_px: args.sigma_px }
 }
 
 fn load_installation(args: &MarkArgs, directory: &Path) -> Result<Installation, Failure> {
@@ -100,9 +103,7 @@ fn load_installation(args: &MarkArgs, directory: &Path) -> Result<Installation, 
 
 fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failure> {
     if args.observations.is_some() {
-        return Err(Failure::Usage(
-            "--observations is only for images: a store saves its own marks".into(),
-        ));
+        return Err(Failure::Usage("--observations is only for images: a store saves its own marks".into()));
     }
     let none = || Failure::Failed(format!("{}: has no flight yet", root.display()));
     let flight: FlightRef = store_access::select_flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
@@ -123,12 +124,12 @@ fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failur
     for note in notes {
         eprintln!("wingd: {note}");
     }
-    let picture = |frame: crate::store::FrameRef| Picture {
+    let picture = |frame: crate::store::FrameRef| MarkableImage {
         name: store_access::frame_name(&frame),
-        source: Source::Stored(Box::new(frame)),
+        source: ImageSource::Stored(Box::new(frame)),
     };
     let pictures = frames.into_iter().map(picture).collect();
-    Ok(create_workplace(args, installation, pictures, Kept::with_flight(store, flight.id, known)))
+    Ok(create_workplace(args, installation, pictures, MarkStorage::from_flight(store, flight.id, known)))
 }
 
 fn workplace_for_images(args: &MarkArgs) -> Result<Workplace, Failure> {
@@ -138,10 +139,11 @@ fn workplace_for_images(args: &MarkArgs) -> Result<Workplace, Failure> {
     let files = image_files::expand_folders(&args.what)?;
     let installation = load_installation(args, &default_paths::resolve_installation(args.installation.as_deref())?)?;
     let names = image_batch::image_names(&files);
-    let default_file = || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(DEFAULT_OBSERVATIONS_FILE);
-    let kept = Kept::in_file(args.observations.clone().unwrap_or_else(default_file), &installation.setup)?;
+    let default_file =
+        || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(DEFAULT_OBSERVATIONS_FILE);
+    let kept = MarkStorage::from_file(args.observations.clone().unwrap_or_else(default_file), &installation.setup)?;
     let pictures =
-        files.into_iter().zip(names).map(|(file, name)| Picture { name, source: Source::File(file) });
+        files.into_iter().zip(names).map(|(file, name)| MarkableImage { name, source: ImageSource::File(file) });
     let pictures = pictures.collect();
     Ok(create_workplace(args, installation, pictures, kept))
 }

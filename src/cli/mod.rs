@@ -15,8 +15,9 @@ mod demo;
 mod detect;
 mod export;
 mod fetch;
-mod image_batch;
 pub mod help;
+mod image_batch;
+mod image_files;
 mod import;
 mod init;
 mod learn;
@@ -26,18 +27,17 @@ mod mark;
 mod mount_check;
 mod orient;
 mod pages;
-mod image_files;
 mod plan;
 mod prune;
+mod recorder;
 mod report;
 mod run;
 mod serve;
-mod recorder;
 mod simulate;
 mod solve;
 mod status;
-mod stored_frames;
 mod store_access;
+mod stored_frames;
 mod stress;
 mod time_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
@@ -201,7 +201,8 @@ impl Completion {
 
 /// Parses the arguments and runs the command; docs/interface.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches = help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
+    let matches =
+        help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let outcome = match arguments.command {
         #[cfg(feature = "gphoto")]
@@ -316,15 +317,15 @@ const CHECK_WRITE_ACCESS: &str = "check permissions and free space";
 
 /// Prints warnings about the installation to standard error.
 fn print_warnings(installation: &Installation) {
-    for doubt in installation::doubts(installation) {
+    for doubt in installation::find_warnings(installation) {
         eprintln!("wingd: warning: {doubt}");
     }
 }
 
 /// Prints to standard error that a prior from earlier flights is used.
 fn print_flight_prior(installation: &Installation) {
-    if let Some(prior) = &installation.learnt {
-        eprintln!("wingd: using the prior from {} ({})", prior.counted(), installation::LEARNT_FILE);
+    if let Some(prior) = &installation.flight_prior {
+        eprintln!("wingd: using the prior from {} ({})", prior.flight_count_text(), installation::FLIGHT_PRIOR_FILE);
     }
 }
 

@@ -7,13 +7,12 @@ use nalgebra::Vector3;
 use super::{Completion, Failure, image_batch, print_line};
 use crate::installation::{self, Installation};
 use crate::measure::identify;
-use crate::measure::mount::{self, Movement, Pair};
+use crate::measure::mount::{self, CameraMovement, MarkerShift};
 use crate::measure::setup::GroundObservation;
 use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 
-/// Measure how far the camera moved between frames of a static scene, and compare it with the installation's
-/// expectations
+/// Measure how far the camera moved between frames of a static scene, and compare it with the installation's expectations
 #[derive(clap::Args)]
 pub struct MountCheckArgs {
     /// Installation [default: installation/ in this directory]
@@ -58,8 +57,7 @@ pub(super) fn run(args: &MountCheckArgs) -> Result<Completion, Failure> {
     let Some(first) = first else { return Ok(Completion::All) };
     let mut complete = true;
     for other in found {
-        let outcome =
-            other.and_then(|other| compare_frames(&installation, &first, &other).map(|m| (other.name, m)));
+        let outcome = other.and_then(|other| compare_frames(&installation, &first, &other).map(|m| (other.name, m)));
         match outcome {
             Ok((name, movement)) => print_line(&comparison_text(args, &installation, &first.name, &name, &movement))?,
             Err(reason) => {
@@ -77,34 +75,39 @@ pub(super) fn run(args: &MountCheckArgs) -> Result<Completion, Failure> {
 
 fn orient_frame(installation: &Installation, processed: &ProcessedFrame) -> Result<MountFrame, Reason> {
     if let Some(reason) = &processed.failure {
-        return Err(reason.clone().about(&processed.image));
+        return Err(reason.clone().with_context(&processed.image));
     }
     let setup = &installation.setup;
     let detections = vec![processed.detections.markers.clone()];
-    let fit = identify::estimate_orientation(setup, &detections).map_err(|e| Reason::of(e).about(&processed.image))?;
+    let fit = identify::estimate_orientation(setup, &detections)
+        .map_err(|e| Reason::from_error(e).with_context(&processed.image))?;
     let into_camera = |k: usize| {
         let from_centre = setup.markers[k].position_m - setup.projection_centre_m;
         fit.orientation.camera_from_survey * from_centre
     };
     Ok(MountFrame {
         name: processed.image.clone(),
-        observations: stages::ground_sights(setup, &detections, &fit),
+        observations: stages::ground_observations(setup, &detections, &fit),
         points_m: (0..setup.markers.len()).map(into_camera).collect(),
     })
 }
 
-fn compare_frames(installation: &Installation, first: &MountFrame, other: &MountFrame) -> Result<Movement, Reason> {
+fn compare_frames(
+    installation: &Installation,
+    first: &MountFrame,
+    other: &MountFrame,
+) -> Result<CameraMovement, Reason> {
     let pair = |before: &GroundObservation| {
         let after = other.observations.iter().find(|s| s.marker == before.marker)?;
-        Some(Pair {
+        Some(MarkerShift {
             point_m: first.points_m[before.marker],
             moved_px: after.pixel - before.pixel,
             covariance_px2: before.covariance_px2 + after.covariance_px2,
         })
     };
-    let pairs: Vec<Pair> = first.observations.iter().filter_map(pair).collect();
+    let pairs: Vec<MarkerShift> = first.observations.iter().filter_map(pair).collect();
     // The prior is so wide that the frames alone determine any real shift.
-    mount::movement(&installation.setup.lens, &pairs, SHIFT_PRIOR_SIGMA_M).ok_or_else(|| {
+    mount::estimate_movement(&installation.setup.lens, &pairs, SHIFT_PRIOR_SIGMA_M).ok_or_else(|| {
         let (first, other) = (&first.name, &other.name);
         format!("{first} and {other} have {} markers in common, but 3 are needed", pairs.len()).into()
     })
@@ -118,7 +121,13 @@ fn is_within(value: &Vector3<f64>, sigma: &Vector3<f64>, expected: f64) -> bool 
     value.iter().zip(sigma.iter()).all(|(v, s)| v.abs() <= MAX_NORMALIZED * s.hypot(expected))
 }
 
-fn comparison_text(args: &MountCheckArgs, installation: &Installation, before: &str, after: &str, m: &Movement) -> String {
+fn comparison_text(
+    args: &MountCheckArgs,
+    installation: &Installation,
+    before: &str,
+    after: &str,
+    m: &CameraMovement,
+) -> String {
     let setup = &installation.setup;
     let priors = &setup.uncertainty;
     let turned = setup.mount_repeatability_px / setup.lens.focal_px();
@@ -135,7 +144,7 @@ fn comparison_text(args: &MountCheckArgs, installation: &Installation, before: &
         let milli = |v: &Vector3<f64>| [v.x * 1e3, v.y * 1e3, v.z * 1e3];
         return serde_json::json!({
             "status": "ok", "image": after, "against": before, "verdict": verdict, "markers": m.markers,
-            "moved_px": m.moved_px, "mean_px": [m.mean_px.x, m.mean_px.y], "left_px": m.left_px,
+            "moved_px": m.moved_px, "mean_px": [m.mean_px.x, m.mean_px.y], "left_px": m.residual_px,
             "rotation_mrad": milli(&m.rotation_rad), "sigma_rotation_mrad": milli(&m.rotation_sigma_rad),
             "shift_mm": milli(&m.shift_m), "sigma_shift_mm": milli(&m.shift_sigma_m),
             "expected": {
@@ -153,11 +162,13 @@ fn comparison_text(args: &MountCheckArgs, installation: &Installation, before: &
     let meaning = match verdict {
         "one mounting" => "the camera moved by no more than mount_drift_mrad",
         "remounted" => {
-            "moved more than the drift within one mounting (mount_drift_mrad), but within the tolerance between two mountings \
+            "more than the drift within one mounting (mount_drift_mrad), but within the tolerance between two mountings \
              (mount_repeatability_px, mount_shift_m)"
         }
-        _ => "moved more than the tolerance between two mountings; fasten the camera, or increase mount_repeatability_px and \
-              mount_shift_m",
+        _ => {
+            "more than the tolerance between two mountings; fasten the camera, or increase mount_repeatability_px and \
+              mount_shift_m"
+        }
     };
     format!(
         "{after} against {before}: {verdict}: {meaning}\n{} markers moved by {:.3} px rms (mean {:+.3}, {:+.3})\n\
@@ -168,6 +179,6 @@ fn comparison_text(args: &MountCheckArgs, installation: &Installation, before: &
         m.mean_px.y,
         three(&m.rotation_rad, &m.rotation_sigma_rad),
         three(&m.shift_m, &m.shift_sigma_m),
-        m.left_px
+        m.residual_px
     )
 }

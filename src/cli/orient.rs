@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 
 use super::manual_observations::ManualPoints;
-use super::{Completion, Failure, CHECK_WRITE_ACCESS, image_batch, print_line, write_failure};
+use super::{CHECK_WRITE_ACCESS, Completion, Failure, image_batch, print_line, write_failure};
 use crate::installation::{self, Installation};
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::measure::setup::Setup;
 use crate::pipeline::orienting::{self, GroundFrame};
 use crate::record::Reason;
-use crate::report::number::rounded;
+use crate::report::number::format_rounded;
 
 /// Estimate the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]
@@ -22,8 +22,8 @@ pub struct OrientArgs {
     /// Ground frames, taken with the camera mounted as in the survey
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Manual marks in the frames, as saved by `wingd mark --ground` (id,u_px,v_px,sigma_px; for several frames
-    /// also image); they replace the detections of these markers
+    /// Manual marks in the frames, as saved by `wingd mark --ground` (id,u_px,v_px,sigma_px; for several frames also
+    /// image); they replace the detections of these markers
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
     /// Print the fit as one JSON object
@@ -43,7 +43,9 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let mut frames = Vec::with_capacity(files.len());
     let mut reasons: Vec<String> = vec![];
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
-        bytes.and_then(|b| orienting::sight(name, b, &installation)).map_err(|why| format!("{name}: {why}"))
+        bytes
+            .and_then(|b| orienting::process_ground_frame(name, b, &installation))
+            .map_err(|why| format!("{name}: {why}"))
     };
     image_batch::for_each_image(&files, args.jobs, "detecting", process, |ground| {
         match ground {
@@ -63,10 +65,10 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
             .zip(&names)
             .for_each(|(frame, name)| frame.set_manual_observations(manual.for_image(name).cloned().collect()));
     }
-    let fit = orienting::orient(setup, &mut frames)
+    let fit = orienting::orient_frames(setup, &mut frames)
         .map_err(|e| Failure::Failed(format!("no orientation: {}", failure_text(setup, &frames, &e, &names))))?;
     let images: Vec<(String, String)> =
-        frames.iter().map(|f| (f.sighting.image.clone(), f.sighting.digest.clone())).collect();
+        frames.iter().map(|f| (f.processed.image.clone(), f.processed.digest.clone())).collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let written = installation::write_orientation(&installation, &fit, &images);
     written.map_err(write_failure(&file, CHECK_WRITE_ACCESS))?;
@@ -75,7 +77,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
 }
 
 fn frame_names(frames: &[GroundFrame]) -> Vec<String> {
-    frames.iter().map(|f| f.sighting.image.clone()).collect()
+    frames.iter().map(|f| f.processed.image.clone()).collect()
 }
 
 /// Describes a failure with the frame concerned, and its cause if it can be diagnosed.
@@ -84,7 +86,7 @@ fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError, na
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
         IdentifyError::TooFew { .. } => error.to_string(),
-        _ => identify::diagnose_ground_frames(setup, &orienting::markers(frames))
+        _ => identify::diagnose_ground_frames(setup, &orienting::detected_markers(frames))
             .map_or_else(|| error.to_string(), |(frame, cause)| format!("{}: {cause}", name(frame))),
     }
 }
@@ -102,7 +104,7 @@ fn orientation_remarks(fit: &OrientationFit) -> Vec<String> {
 /// Remark on bending between survey and ground frame, if significant.
 fn bend_remark(fit: &OrientationFit) -> Option<String> {
     let bend = fit.bend.filter(|_| fit.is_bent())?;
-    let (mm, sigma) = rounded(Some(1e3 * bend.value.abs()), bend.sigma.map(|s| 1e3 * s), 0);
+    let (mm, sigma) = format_rounded(Some(1e3 * bend.value.abs()), bend.sigma.map(|s| 1e3 * s), 0);
     let way = if bend.value > 0.0 { "higher" } else { "lower" };
     Some(format!(
         "in the ground frame the wing tip was {mm} ± {sigma} mm {way} than in the survey (fuel, jacks, sun?): deflections relative \
@@ -111,8 +113,7 @@ fn bend_remark(fit: &OrientationFit) -> Option<String> {
     ))
 }
 
-/// Minimum downward component of the vertical for an image to be called upside down: within 60 degrees of 180
-/// degrees.
+/// Minimum downward component of the vertical for an image to be called upside down: within 60 degrees of 180 degrees.
 const UPSIDE_DOWN_COSINE: f64 = 0.5;
 
 /// Returns id and reason of each marker that was not used.
@@ -165,7 +166,7 @@ fn fit_text(installation: &Installation, fit: &OrientationFit) -> String {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
     let bend = fit.bend.map_or(String::new(), |bend| {
-        let (mm, sigma) = rounded(Some(1e3 * bend.value), bend.sigma.map(|s| 1e3 * s), 0);
+        let (mm, sigma) = format_rounded(Some(1e3 * bend.value), bend.sigma.map(|s| 1e3 * s), 0);
         let verdict = if fit.is_bent() { "significant" } else { "not significant" };
         format!("\nbending since the survey, at the tip: {mm} ± {sigma} mm, {verdict}")
     });

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::store_access::{self, select_flights};
 use super::{Completion, Failure, image_batch, print_line};
-use crate::report::number::count;
+use crate::report::number::count_text;
 use crate::store::prune::{CopyProof, verify_copy};
 use crate::store::{RealDisk, Store};
 
@@ -58,7 +58,7 @@ pub(super) fn run(args: &PruneArgs) -> Result<Completion, Failure> {
         return Ok(Completion::from_success(stay == 0));
     }
     let free = if args.dry_run { "would be freed" } else { "freed" };
-    let kept = count(stay, "flight");
+    let kept = count_text(stay, "flight");
     print_line(&format!("{:.1} MB {free}; {kept} kept: the copy could not be verified", freed as f64 / 1e6))?;
     Ok(Completion::from_success(stay == 0))
 }

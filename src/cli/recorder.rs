@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use super::{Failure, stop_signal};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{self, Observer, Parts, Solver, Status, StatusBoard, Track};
+use crate::daemon::{self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, Solver, StatusBoard};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault, Installation};
-use crate::measure::adjust::Method;
+use crate::measure::adjust::AdjustmentMethod;
 use crate::measure::setup::Orientation;
 use crate::pipeline::live::Tracker;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
@@ -25,18 +25,13 @@ pub struct OpenedStore {
 /// Opens the store; creates it if there is none.
 pub fn open_store(config: &Config) -> Result<OpenedStore, Failure> {
     let begin = Instant::now();
-    let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
-        .map_err(|error| Failure::Failed(error.to_string()))?;
+    let (store, recovery) =
+        Store::open(Arc::new(RealDisk), config.store.clone()).map_err(|error| Failure::Failed(error.to_string()))?;
     let took_ms = begin.elapsed().as_millis() as u64;
     if let Some(signer) = store.signer() {
         tracing::info!(key = %signer.path().display(), public = signer.public_key_hex(), "flights are signed");
     }
-    tracing::info!(
-        recovered = recovery.series.len(),
-        set_aside = recovery.set_aside.len(),
-        took_ms,
-        "store is open"
-    );
+    tracing::info!(recovered = recovery.series.len(), set_aside = recovery.set_aside.len(), took_ms, "store is open");
     Ok(OpenedStore { store: Arc::new(store), recovery })
 }
 
@@ -57,12 +52,12 @@ pub fn keep_installation(store: &Store, directory: &Path) {
 /// Creates the on-board solver of an installation with an orientation.
 pub fn build_solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
     let installation = installation::load(directory)?;
-    for doubt in installation::doubts(&installation) {
+    for doubt in installation::find_warnings(&installation) {
         tracing::warn!(%doubt, "warning of the installation");
     }
     let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
     let job = config.to_job();
-    let inputs = Inputs::new(pipeline::inputs(&installation, &job));
+    let inputs = Inputs::new(pipeline::provenance_map(&installation, &job));
     let installation = Arc::new(installation);
     let track = build_tracker(installation.clone(), orientation.clone(), job.clone());
     let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
@@ -72,13 +67,17 @@ pub fn build_solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Ve
 }
 
 /// Creates the tracker of live mode, which always uses the spatial method.
-fn build_tracker(installation: Arc<Installation>, orientation: Orientation, job: pipeline::Job) -> Track {
-    let job = pipeline::Job { method: Method::Spatial, ..job };
+fn build_tracker(
+    installation: Arc<Installation>,
+    orientation: Orientation,
+    job: pipeline::SolveJob,
+) -> FrameTrackerFactory {
+    let job = pipeline::SolveJob { method: AdjustmentMethod::Spatial, ..job };
     Arc::new(move || {
-        let begun = Tracker::begin(installation.clone(), orientation.clone(), job.clone());
+        let begun = Tracker::new(installation.clone(), orientation.clone(), job.clone());
         let mut tracker = begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
         let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
-            tracker.frame(name, bytes, Some(format), at_s)
+            tracker.track_frame(name, bytes, Some(format), at_s)
         };
         Ok(Box::new(track))
     })
@@ -92,11 +91,11 @@ pub fn run_recorder(
     opened: OpenedStore,
     solver: Option<Solver>,
     observer: Observer,
-) -> Result<Status, Failure> {
+) -> Result<DaemonStatus, Failure> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| RecorderPage::open(serve, config, &board));
-    let parts = Parts {
+    let parts = DaemonParts {
         series: config.series.clone(),
         power: config.power.clone(),
         live: config.live.clone(),
@@ -139,21 +138,21 @@ impl RecorderPage {
         Self::start(serve, config, board)
             .map_err(|why| {
                 tracing::error!(%why, "the web page could not be started");
-                board.fault(&format!("no web page: {why}"));
+                board.note_fault(&format!("no web page: {why}"));
             })
             .ok()
     }
 
     fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Result<Self, PageError> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let (address, access) = serve.open(place).map_err(PageError::Faults)?;
+        let (address, access) = serve.resolve(place).map_err(PageError::Faults)?;
         let listener = std::net::TcpListener::bind(address).map_err(|e| PageError::Bound(address, e))?;
         listener.set_nonblocking(true)?;
         let setup = config.installation.as_deref().map(installation::load_without_orientation);
         let site = http::Site {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
-            status: Some(board.clone()),
+            board: Some(board.clone()),
             live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -189,10 +188,10 @@ impl Drop for RecorderPage {
 mod tests {
     use super::*;
     use crate::camera::Format;
-    use crate::record::Status;
+    use crate::record::RecordStatus;
 
     #[test]
-    fn a_frame_at_which_the_decoder_breaks_has_a_record_on_board() {
+    fn a_frame_that_crashes_the_decoder_has_a_record_on_the_recorder() {
         let directory = tempfile::tempdir().unwrap();
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         for name in ["installation.toml", "camera.toml", "survey.csv"] {
@@ -202,7 +201,7 @@ mod tests {
         std::fs::write(directory.path().join("orientation.toml"), any).unwrap();
         let solver = build_solver(directory.path(), &SolveConfig::default()).unwrap();
         let record = (solver.solve)("0001.jpg", crate::pipeline::decode::BREAKS, &Format::Jpeg);
-        assert_eq!(record.status, Status::Failed);
-        assert!(record.reason.unwrap().contains("decoder broke off"));
+        assert_eq!(record.status, RecordStatus::Failed);
+        assert!(record.reason.unwrap().contains("decoder failed"));
     }
 }

@@ -20,8 +20,8 @@ pub struct ServeArgs {
     /// Address and port to listen on; other computers (0.0.0.0:8080) need --token-file
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080", value_parser = parse_listen)]
     listen: String,
-    /// File with a token of at least 16 characters that every request must carry
-    /// (Authorization: Bearer TOKEN, or as the password that a browser asks for)
+    /// File with a token of at least 16 characters that every request must carry (Authorization: Bearer TOKEN, or as the
+    /// password that a browser asks for)
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
     /// Name by which clients may address this machine, in addition to its addresses and localhost
@@ -47,8 +47,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
-    let site =
-        http::Site { root: args.store.clone(), setup, status: None, live: Some(args.live_socket.clone()) };
+    let site = http::Site { root: args.store.clone(), setup, board: None, live: Some(args.live_socket.clone()) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve_store(site, access, address));
@@ -59,10 +58,10 @@ pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
 /// Invalid address for `--listen`.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}; give HOST:PORT, for example localhost:8080")]
-struct ListenError(#[from] section::NoAddress);
+struct ListenError(#[from] section::ListenAddressError);
 
 fn parse_listen(text: &str) -> Result<String, ListenError> {
-    section::address(text)?;
+    section::resolve_address(text)?;
     Ok(text.to_owned())
 }
 
@@ -79,13 +78,13 @@ fn open_access(args: &ServeArgs) -> Result<(SocketAddr, Access), Failure> {
         key: args.key.clone(),
     };
     let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
-    Ok(config.open(option)?)
+    Ok(config.resolve(option)?)
 }
 
 async fn serve_store(site: http::Site, access: Access, address: SocketAddr) -> Result<Completion, Failure> {
-    let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
-        Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen"))
-    })?;
+    let listener = tokio::net::TcpListener::bind(address)
+        .await
+        .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;
     let bound = listener.local_addr().unwrap_or(address);
     let scheme = if access.tls().is_some() { "https" } else { "http" };
     eprintln!("wingd: serving {} at {scheme}://{bound}/ (stop with Ctrl-C)", site.root.display());

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use super::{Completion, Failure, print_line};
 use crate::config;
-use crate::daemon::{self, AircraftStatus, Health, LiveStatus, Recent, Status, StatusConfig, span};
-use crate::record::word;
-use crate::report::number::count;
+use crate::daemon::{self, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares, StatusConfig, format_span};
+use crate::record::variant_name;
+use crate::report::number::count_text;
 
 /// Show the state of the running recorder.
 #[derive(clap::Args)]
@@ -18,8 +18,8 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// Ask the running recorder for an extra series; in live mode it also keeps the raw frames before and after, as set
-/// in [live.keep]
+/// Ask the running recorder for an extra series; in live mode it also keeps the raw frames before and after, as set in
+/// [live.keep]
 #[derive(clap::Args)]
 pub struct TriggerArgs {
     #[command(flatten)]
@@ -31,8 +31,8 @@ pub struct TriggerArgs {
 
 #[derive(clap::Args)]
 struct SocketArgs {
-    /// Recorder's socket, [status] socket of its configuration [default: the one in
-    /// wingd.toml of this directory, else /run/wingd/wingd.sock]
+    /// Recorder's socket, [status] socket of its configuration [default: the one in wingd.toml of this directory, else
+    /// /run/wingd/wingd.sock]
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
     /// Recorder's configuration, to find its socket
@@ -56,11 +56,11 @@ impl SocketArgs {
 /// Prints the status; exit status 1 if the recorder's health is not `ok`.
 pub(super) fn print_status(args: &StatusArgs) -> Result<Completion, Failure> {
     let value =
-        daemon::ask(&args.socket.socket_path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
+        daemon::query_daemon(&args.socket.socket_path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
     if args.json {
         print_line(&value.to_string())?;
     }
-    let status: Status = serde_json::from_value(value)
+    let status: DaemonStatus = serde_json::from_value(value)
         .map_err(|error| Failure::Failed(format!("the recorder has another version: {error}")))?;
     if !args.json {
         print_line(&status_text(&status))?;
@@ -71,34 +71,29 @@ pub(super) fn print_status(args: &StatusArgs) -> Result<Completion, Failure> {
 pub(super) fn trigger_series(args: &TriggerArgs) -> Result<Completion, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
     let answer =
-        daemon::ask(&args.socket.socket_path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
+        daemon::query_daemon(&args.socket.socket_path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
     print_line(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
     Ok(Completion::All)
 }
 
 /// Describes the status for a person.
-fn status_text(status: &Status) -> String {
+fn status_text(status: &DaemonStatus) -> String {
     let counts = &status.counts;
     let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
     let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
-        format!("wingd {}: {}", status.version, word(status.activity)),
+        format!("wingd {}: {}", status.version, variant_name(status.activity)),
         health_text(status),
         format!("flight       {}", or_none(&status.flight)),
-        format!(
-            "series       {}, shot {} of {}",
-            or_none(&status.series),
-            status.shot,
-            status.shots_per_series
-        ),
+        format!("series       {}, shot {} of {}", or_none(&status.series), status.shot, status.shots_per_series),
         format!(
             "next series  {}",
-            status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", span(s)))
+            status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", format_span(s)))
         ),
         format!(
             "since start  {}, {} failed, {} series complete, {} interrupted, {} refused",
-            count(counts.frames as usize, "frame"),
-            count(counts.failed_shots as usize, "shot"),
+            count_text(counts.frames as usize, "frame"),
+            count_text(counts.failed_shots as usize, "shot"),
             counts.series_complete,
             counts.series_interrupted,
             counts.series_refused
@@ -159,18 +154,18 @@ fn live_lines(live: &LiveStatus) -> Vec<String> {
 }
 
 /// Health with its reasons, a line each, and the age of the last result and the last frame.
-fn health_text(status: &Status) -> String {
-    let ago = |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", span(s)));
+fn health_text(status: &DaemonStatus) -> String {
+    let ago = |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", format_span(s)));
     let ages = [ago("last result", status.age_s), ago("last frame", status.last_frame_age_s)];
     let ages: Vec<String> = ages.into_iter().flatten().collect();
     let ages = if ages.is_empty() { "no frame due yet".to_owned() } else { ages.join(", ") };
-    let mut lines = vec![format!("health       {}, {ages}", word(status.health))];
+    let mut lines = vec![format!("health       {}, {ages}", variant_name(status.health))];
     lines.extend(status.reasons.iter().map(|reason| format!("             {reason}")));
     lines.join("\n")
 }
 
 /// Percentages of recent results with numbers and rejected.
-fn recent_text(recent: &Recent) -> Option<String> {
+fn recent_text(recent: &RecentShares) -> Option<String> {
     let percent = |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.0} %", 100.0 * s));
     (recent.results > 0).then(|| {
         let (solved, rejected) = (percent(recent.solved), percent(recent.rejected));

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::Failure;
 use crate::store::{
-    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreError, catalogue,
-    installations, layout,
+    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreError, catalogue, installations,
+    layout,
 };
 
 /// Selects the flights of a store: the one requested, or all.
@@ -50,9 +50,8 @@ pub(super) fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Optio
     Ok(last.map(|digest| installations::installation_folder(root, &digest)))
 }
 
-/// Returns the installation for solving a flight if none is given: the kept one that its last results came from, or
-/// the only
-/// one kept.
+/// Returns the installation for solving a flight if none is given: the kept one that its last results came from, or the
+/// only one kept.
 pub(super) fn flight_installation(root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
     let of_results = kept_installation(root, flight)?;
     of_results.map_or_else(|| only_kept_installation(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {

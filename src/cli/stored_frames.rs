@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::{Failure, store_access};
-use crate::aircraft::Track;
+use crate::aircraft::AircraftTrack;
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::Mounting;
@@ -24,17 +24,15 @@ pub(super) fn process_stored_frame(
     bytes: Result<&[u8], Reason>,
     installation: &Installation,
     orientation: &Orientation,
-    track: &Track,
+    track: &AircraftTrack,
 ) -> ProcessedFrame {
     let name = store_access::frame_name(frame);
     let processed = match (bytes, Format::from_manifest(&frame.entry.format)) {
-        (Ok(bytes), Ok(format)) => {
-            stages::process_frame(&name, bytes, Some(&format), installation, Some(orientation))
-        }
+        (Ok(bytes), Ok(format)) => stages::process_frame(&name, bytes, Some(&format), installation, Some(orientation)),
         (Err(reason), _) => ProcessedFrame::failed(name, reason),
-        (_, Err(unknown)) => ProcessedFrame::failed(name, Reason::of(unknown)),
+        (_, Err(unknown)) => ProcessedFrame::failed(name, Reason::from_error(unknown)),
     };
-    let aircraft = track.at(&frame.stamp, frame.exposure.as_ref());
+    let aircraft = track.state_at(&frame.stamp, frame.exposure.as_ref());
     ProcessedFrame { aircraft, ..processed }
 }
 
@@ -43,8 +41,8 @@ pub(super) fn read_aircraft_data(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
-) -> Result<(Track, Option<String>), Failure> {
-    let (track, notes) = aircraft::track(disk, root, flight)?;
+) -> Result<(AircraftTrack, Option<String>), Failure> {
+    let (track, notes) = aircraft::read_track(disk, root, flight)?;
     for note in notes {
         eprintln!("wingd: {note}");
     }
@@ -56,15 +54,10 @@ pub(super) fn read_aircraft_data(
     Ok((track, digest))
 }
 
-/// Returns the mounting of each frame by its digest. A reboot or a lost camera begins a new mounting, because the
-/// camera
-/// may have been taken down then. Reopening before each series, which the recorder does itself, does not. Imported
-/// images
+/// Returns the mounting of each frame by its digest. A reboot or a lost camera begins a new mounting, because the camera
+/// may have been taken down then. Reopening before each series, which the recorder does itself, does not. Imported images
 /// have no entry: their mountings are unknown.
-pub(super) fn frame_mountings(
-    disk: &dyn Disk,
-    flight: &FlightRef,
-) -> Result<BTreeMap<String, Mounting>, StoreError> {
+pub(super) fn frame_mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
     let mut all = BTreeMap::new();
     let (mut number, mut boot): (usize, Option<String>) = (0, None);
     for series in catalogue::list_series(disk, flight)? {

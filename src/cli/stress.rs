@@ -10,22 +10,22 @@ use super::store_access::select_flights;
 use super::{Completion, Failure, print_line};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
-use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, USUAL_STEPS, bending_length_m};
+use crate::measure::stress::{BendingCurvature, DEFAULT_BENDING_HZ, DEFAULT_STEPS, StiffnessSection, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, count, fields, fixed, general, rounded};
-use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
+use crate::report::number::{NONE, count_text, format_fixed, format_general, format_rounded, json_fields};
+use crate::report::stress::{self, FlightLoad, StationLoad, StressFrame, StressQuery};
 use crate::report::{ShotData, source};
 use crate::store::result_sets::{self, ResultSet};
 use crate::store::{FlightRef, RealDisk, catalogue, installations};
 
-/// Compute bending moments relative to the ground at stations along the span, from the curvature of the solved
-/// bending line.
+/// Compute bending moments relative to the ground at stations along the span, from the curvature of the solved bending
+/// line.
 #[derive(clap::Args)]
 pub struct StressArgs {
     /// Store
     store: PathBuf,
-    /// Bending stiffness along the span, CSV: s_m,ei_n_m2,sigma_ei_n_m2 and optionally ground_n_m,ultimate_n_m
-    /// [default: structure.stiffness of the installation]
+    /// Bending stiffness along the span, CSV: s_m,ei_n_m2,sigma_ei_n_m2 and optionally ground_n_m,ultimate_n_m [default:
+    /// structure.stiffness of the installation]
     #[arg(long, value_name = "FILE")]
     structure: Option<PathBuf>,
     /// Flight, for example f0001 [default: all flights]
@@ -34,15 +34,15 @@ pub struct StressArgs {
     /// Use the results of live mode, whose rate is high enough to count load cycles
     #[arg(long, conflicts_with = "inputs")]
     live: bool,
-    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest
-    /// complete solve]
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
+    /// solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
     /// Installation [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Lowest bending frequency of the wing; counting cycles needs 10 frames per period [default: from the
-    /// installation, else 3]
+    /// Lowest bending frequency of the wing; counting cycles needs 10 frames per period [default: from the installation,
+    /// else 3]
     #[arg(long, value_name = "HZ")]
     bending_hz: Option<f64>,
     /// Slopes of the S-N curves
@@ -77,7 +77,7 @@ pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
             eprintln!("wingd: {}: {why}", flight.id);
         }
         complete &= excluded.is_empty();
-        let Some(load) = stress::of(&frames, &question.0) else { continue };
+        let Some(load) = stress::flight_load(&frames, &question.0) else { continue };
         answered += 1;
         if args.moments.is_some() {
             append_moments(&mut table, &flight, &frames, &question.0.sections);
@@ -87,9 +87,7 @@ pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
     if answered == 0 {
         let store = args.store.display();
         let why = if args.live {
-            format!(
-                "{store}: no flight has live results with a curvature; omit --live to use the results of series"
-            )
+            format!("{store}: no flight has live results with a curvature; omit --live to use the results of series")
         } else {
             format!("{store}: no flight has a solved bending line; run `wingd solve {store}` first")
         };
@@ -105,9 +103,7 @@ fn check_options(args: &StressArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
     }
     if args.slopes.is_empty() || !args.slopes.iter().all(|m| (1.0..=30.0).contains(m)) {
-        return Err(Failure::Usage(
-            "--slopes: give slopes of S-N curves from 1 to 30, such as 3,5,10".into(),
-        ));
+        return Err(Failure::Usage("--slopes: give slopes of S-N curves from 1 to 30, such as 3,5,10".into()));
     }
     if !(1..=1000).contains(&args.levels) {
         return Err(Failure::Usage("--levels: give 1 to 1000".into()));
@@ -158,16 +154,15 @@ struct BendingLine {
 
 fn build_question(
     args: &StressArgs,
-    given: Option<&[Section]>,
+    given: Option<&[StiffnessSection]>,
     flight: &FlightRef,
     provenance: &Map<String, Value>,
-) -> Result<(Question, BendingLine), Failure> {
+) -> Result<(StressQuery, BendingLine), Failure> {
     let installation = load_installation(args, flight, provenance)?;
     let own: Option<&Structure> = installation.structure.as_ref();
-    let sections = given.map(<[Section]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
+    let sections = given.map(<[StiffnessSection]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
     let sections = sections.ok_or_else(|| {
-        let what =
-            "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
+        let what = "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
         Failure::Usage(what.to_owned())
     })?;
     if let Some(section) = sections.iter().find(|s| args.goodman && s.ultimate_n_m.is_none()) {
@@ -181,8 +176,8 @@ fn build_question(
         let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
         return Err(Failure::Failed(format!("{what} from the bending root; remove it from the structure file")));
     }
-    let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(USUAL_BENDING_HZ);
-    let question = Question {
+    let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(DEFAULT_BENDING_HZ);
+    let question = StressQuery {
         sections,
         bending_hz: hz,
         slopes: args.slopes.clone(),
@@ -215,24 +210,28 @@ fn load_installation(
 }
 
 /// Reads the bending lines of a flight's solved frames, and the reasons for excluding others.
-fn series_frames(flight: &FlightRef, set: &ResultSet, line: &BendingLine) -> Result<(Vec<Frame>, Vec<String>), Failure> {
+fn series_frames(
+    flight: &FlightRef,
+    set: &ResultSet,
+    line: &BendingLine,
+) -> Result<(Vec<StressFrame>, Vec<String>), Failure> {
     let (mut frames, mut excluded) = (Vec::new(), Vec::new());
     for series in catalogue::list_series(&RealDisk, flight)? {
         let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else { continue };
         for record in &read.records {
-            let Some(stamp) = read.shot_of(record).and_then(exposure_stamp) else { continue };
-            match stress::coefficients(record) {
+            let Some(stamp) = read.shot_for_record(record).and_then(exposure_stamp) else { continue };
+            match stress::curvature_coefficients(record) {
                 Err(why) => excluded.push(format!("{}/{}: {why}", series.id, record.image)),
-                Ok((coefficients_per_m, covariance)) => frames.push(Frame {
+                Ok((coefficients_per_m, covariance)) => frames.push(StressFrame {
                     series: series.id.clone(),
                     image: record.image.clone(),
                     stamp,
-                    curvature: Curvature {
+                    curvature: BendingCurvature {
                         coefficients_per_m,
                         covariance,
                         length_m: line.length_m,
                         root_sigma_m: line.root_sigma_m,
-                        steps: USUAL_STEPS,
+                        steps: DEFAULT_STEPS,
                     },
                 }),
             }
@@ -255,10 +254,10 @@ fn exposure_stamp(shot: &ShotData) -> Option<Stamp> {
 const MOMENTS_HEADER: &str =
     "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
 
-fn append_moments(table: &mut String, flight: &FlightRef, frames: &[Frame], sections: &[Section]) {
+fn append_moments(table: &mut String, flight: &FlightRef, frames: &[StressFrame], sections: &[StiffnessSection]) {
     for frame in frames {
         for section in sections {
-            let m = frame.curvature.moment(section);
+            let m = frame.curvature.bending_moment(section);
             let head = format!("{},{},{},{}", flight.id, frame.series, frame.image, frame.stamp.utc);
             let tail = format!("{},{},{},{}", m.value, m.sigma, m.sigma_by_curvature, m.sigma_by_stiffness);
             table.push_str(&format!("{head},{},{tail}\n", section.s_m));
@@ -278,30 +277,24 @@ fn moments_write_failure(file: &Path, error: &std::io::Error) -> Failure {
 
 fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
     if args.json {
-        let mut line = fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
-        line.extend(fields(load));
+        let mut line = json_fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
+        line.extend(json_fields(load));
         return print_line(&json!(line).to_string());
     }
-    let rate = load.rate_hz.map_or(NONE.to_owned(), general);
-    let frames = count(load.frames, "frame");
+    let rate = load.rate_hz.map_or(NONE.to_owned(), format_general);
+    let frames = count_text(load.frames, "frame");
     print_line(&format!("Flight {}: {frames}, {rate} per second; moments relative to the ground", flight.id))?;
     print_line(station_table(load).text().trim_end())?;
-    if let Some(text) = load.gaps.said() {
+    if let Some(text) = load.gaps.message() {
         print_line(&format!("Gaps: {text}"))?;
     }
     load.no_cycles_because.as_ref().map_or(Ok(()), |why| print_line(&format!("No cycles: {why}")))
 }
 
 fn station_table(load: &FlightLoad) -> Grid {
-    let slopes: Vec<f64> = load
-        .stations
-        .first()
-        .and_then(|s| s.damage.as_ref())
-        .into_iter()
-        .flatten()
-        .map(|d| d.slope)
-        .collect();
-    let mut titles: Vec<String> = ["s / m", "maximum / kN m", "sigma", "<in", "minimum / kN m", "sigma"]
+    let slopes: Vec<f64> =
+        load.stations.first().and_then(|s| s.damage.as_ref()).into_iter().flatten().map(|d| d.slope).collect();
+    let mut titles: Vec<String> = ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"]
         .into_iter()
         .chain(["ground-air-ground / kN m", "sigma"])
         .map(str::to_owned)
@@ -317,7 +310,7 @@ fn station_table(load: &FlightLoad) -> Grid {
 }
 
 fn station_row(station: &StationLoad) -> Vec<String> {
-    let kilo = |value: f64, sigma: f64| rounded(Some(1e-3 * value), Some(1e-3 * sigma), 1);
+    let kilo = |value: f64, sigma: f64| format_rounded(Some(1e-3 * value), Some(1e-3 * sigma), 1);
     let (high, low, cycle) = (&station.greatest, &station.smallest, &station.ground_air_ground);
     let (greatest, sigma_greatest) = kilo(high.moment_n_m, high.sigma_moment_n_m);
     let (smallest, sigma_smallest) = kilo(low.moment_n_m, low.sigma_moment_n_m);
@@ -326,9 +319,9 @@ fn station_row(station: &StationLoad) -> Vec<String> {
     let mut cells = vec![format!("{:.2}", station.s_m), greatest, sigma_greatest, place];
     cells.extend([smallest, sigma_smallest, range, sigma_range]);
     if let (Some(cycles), Some(damage)) = (&station.cycles, &station.damage) {
-        cells.push(fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
+        cells.push(format_fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
         cells.extend(damage.iter().map(|d| {
-            let (value, sigma) = rounded(Some(d.relative), Some(d.sigma_relative), 2);
+            let (value, sigma) = format_rounded(Some(d.relative), Some(d.sigma_relative), 2);
             if sigma == NONE { value } else { format!("{value} ± {sigma}") }
         }));
     }

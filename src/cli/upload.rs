@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use super::{Completion, Failure};
-use crate::upload::{WingLabels, UploadOutcome, UploadSettings, UploadTarget, Upload};
+use crate::upload::{Upload, UploadOutcome, UploadSettings, UploadTarget, WingLabels};
 
-/// Upload flights to an object store: inventory first, then results, then frames. Never overwrites; an interrupted
-/// upload is resumed.
+/// Upload flights to an object store: inventory first, then results, then frames. Never overwrites; an interrupted upload
+/// is resumed.
 ///
-/// Credentials, region and endpoint are read from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
-/// AWS_REGION, AWS_ENDPOINT_URL, AWS_ALLOW_HTTP.
+/// Credentials, region and endpoint are read from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION,
+/// AWS_ENDPOINT_URL, AWS_ALLOW_HTTP.
 #[derive(clap::Args)]
 pub struct UploadArgs {
     /// Store
@@ -81,13 +81,8 @@ pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let bar = super::copy::byte_progress(0, "upload");
     let progress = |length| bar.inc(length);
-    let upload = Upload {
-        target: &target,
-        root: &args.store,
-        labels: &about,
-        repair: args.repair,
-        progress: &progress,
-    };
+    let upload =
+        Upload { target: &target, root: &args.store, labels: &about, repair: args.repair, progress: &progress };
     let outcomes = runtime.block_on(upload.upload_flights(&flights));
     bar.finish_and_clear();
     for (flight, outcome) in flights.iter().zip(&outcomes) {
@@ -139,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_are_bytes_a_second() {
+    fn rates_are_bytes_per_second() {
         assert_eq!(parse_rate("250k"), Ok(250_000));
         assert_eq!(parse_rate("2M"), Ok(2_000_000));
         assert_eq!(parse_rate("9600"), Ok(9600));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{Completion, Failure, image_batch, print_line};
 use crate::installation;
-use crate::report::number::count;
+use crate::report::number::count_text;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{VerifyReport, verify_path, verify_with_key};
 use crate::store::{self, RealDisk, catalogue};
@@ -16,8 +16,8 @@ pub struct VerifyArgs {
     /// Store, or the folder of a flight or series in it
     #[arg(value_name = "STORE")]
     store: PathBuf,
-    /// Upgrade a store of format 1, so that changed results and missing series are detected: adds an id, chains
-    /// of digests, and SHA256SUMS. The store must be sound; only store.toml changes, other files are added
+    /// Upgrade a store of format 1, so that changed results and missing series are detected: adds an id, chains of digests,
+    /// and SHA256SUMS. The store must be sound; only store.toml changes, other files are added
     #[arg(long)]
     upgrade: bool,
     /// With --upgrade: installation that the results came from, to be kept in the store
@@ -72,15 +72,15 @@ fn report_text(report: &VerifyReport) -> String {
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
         n => {
-            format!("{} (docs/store.md explains each invariant and its remedy)", count(n, "error"))
+            format!("{} (docs/store.md explains each invariant and its remedy)", count_text(n, "error"))
         }
     };
     format!(
         "{faults}{}, {} series, {} ({:.1} MB) with their checksums, {}: {verdict}",
-        count(report.flights, "flight"),
+        count_text(report.flights, "flight"),
         report.series,
-        count(report.frames, "frame"),
+        count_text(report.frames, "frame"),
         report.bytes as f64 / 1e6,
-        count(report.results, "result")
+        count_text(report.results, "result")
     )
 }

@@ -1,104 +1,102 @@
-//! The instant of exposure, its middle, from what a driver or a wire knows of it (docs/time.md). Pure: times since boot in,
-//! time since boot with its standard deviation out.
+//! Instant of exposure (its middle) from the time stamps of a driver or a release line (docs/time.md). Pure: times since
+//! boot in, time since boot with its standard deviation out.
 
 use serde::{Deserialize, Serialize};
 
 use super::Stamp;
 use super::quality::ClockQuality;
 
-/// A delay that somebody measured.
+/// Measured delay from an event to the exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredDelay {
-    /// From the event to the middle of the exposure, s; negative where the exposure comes first.
+    /// Delay from the event to the middle of the exposure, s; negative if the exposure comes first.
     pub seconds: f64,
-    /// Its standard deviation, s.
     pub sigma_s: f64,
 }
 
 impl MeasuredDelay {
-    /// From the two keys of a configuration: both, or none.
+    /// Builds the delay from the two keys of a configuration; `None` unless both are given.
     pub fn from_config(seconds: Option<f64>, sigma_s: Option<f64>) -> Option<Self> {
         Some(Self { seconds: seconds?, sigma_s: sigma_s? })
     }
 }
 
-/// What a camera knows of when it exposed; times since boot, s.
+/// Evidence for the time of exposure; times since boot, s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum ExposureEvidence {
-    /// The driver stamped the buffer when the exposure began.
+    /// Driver stamp of the buffer at the begin of the exposure.
     StartOfExposure {
-        /// The stamp.
+        /// Time of the stamp, s.
         at_s: f64,
-        /// Length of the exposure, s; `None` where it is not known.
+        /// Length of the exposure, s; `None` if it is not known.
         exposure_s: Option<f64>,
-        /// From one frame to the next, s.
+        /// Frame period, s.
         period_s: f64,
-        /// Measured, from stamp to middle.
+        /// Measured delay from stamp to middle.
         delay: Option<MeasuredDelay>,
     },
-    /// The driver stamped the buffer when the last pixel came.
+    /// Driver stamp of the buffer at the last pixel.
     EndOfFrame {
-        /// The stamp.
+        /// Time of the stamp, s.
         at_s: f64,
-        /// Length of the exposure, s; `None` where it is not known.
+        /// Length of the exposure, s; `None` if it is not known.
         exposure_s: Option<f64>,
-        /// From one frame to the next, s.
+        /// Frame period, s.
         period_s: f64,
-        /// Measured, from stamp to middle.
+        /// Measured delay from stamp to middle.
         delay: Option<MeasuredDelay>,
     },
-    /// The release's line was pulled between two moments.
+    /// Edge on the release line between two times.
     Edge {
-        /// Before.
+        /// Time before the edge, s.
         from_s: f64,
-        /// After.
+        /// Time after the edge, s.
         to_s: f64,
-        /// Measured, from edge to middle.
+        /// Measured delay from edge to middle.
         delay: MeasuredDelay,
     },
-    /// The exposure lies between two moments.
+    /// Exposure between two times.
     Between {
-        /// The trigger.
+        /// Time of the trigger, s.
         from_s: f64,
-        /// The camera's word that there is a picture, or its delivery.
+        /// Time of the camera's image event, or of the delivery, s.
         to_s: f64,
     },
 }
 
-/// When a frame was exposed.
+/// Instant of a frame's exposure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureInstant {
     /// Middle of the exposure, since boot, s.
     pub since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
     pub sigma_s: f64,
-    /// From the event that determines it, as it was taken to be, s.
+    /// Delay from the event that determines the instant, as configured or assumed, s.
     pub delay_s: f64,
-    /// What determines it.
     pub source: ExposureSource,
 }
 
-/// What determines the instant.
+/// Event that determines the instant of exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExposureSource {
-    /// A driver's stamp of the beginning.
+    /// Driver's stamp of the begin.
     StartOfExposure,
-    /// A driver's stamp of the end.
+    /// Driver's stamp of the end.
     EndOfFrame,
-    /// The edge on the release's line and a measured delay.
+    /// Edge on the release line and a measured delay.
     ReleaseEdge,
-    /// Trigger and answer.
+    /// Trigger and image event.
     TriggerAndEvent,
-    /// Asking the camera and its delivery.
+    /// Request to the camera and delivery.
     AskedAndDelivered,
-    /// The camera's own clock, as the picture says it.
+    /// Camera's own clock, from the image's metadata.
     CameraClock,
 }
 
 impl ExposureSource {
-    /// As in files.
+    /// Returns the word used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::StartOfExposure => "start_of_exposure",
@@ -111,13 +109,13 @@ impl ExposureSource {
     }
 }
 
-/// Standard deviation of what may lie anywhere in an interval of this length.
+/// Returns the standard deviation of a uniform distribution over an interval of this length.
 fn uniform_sigma(length: f64) -> f64 {
     length.abs() / 12f64.sqrt()
 }
 
-/// The middle of the exposure. What is not known counts as anywhere in its bounds: an exposure in a stream is no longer than
-/// a period, nor is the time in which a frame is read out.
+/// Estimates the middle of the exposure. An unknown quantity is uniform within its bounds: in a stream neither the exposure
+/// nor the readout of a frame is longer than a period.
 pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
     let (event_s, delay_s, sigma_s, source) = match *evidence {
         ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
@@ -142,7 +140,7 @@ pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
     ExposureInstant { since_boot_s: event_s + delay_s, sigma_s, delay_s, source }
 }
 
-/// From the event to a driver's stamp, where nobody has measured it, standard deviation, s: an assumption that covers
+/// Standard deviation of the time from the event to a driver's stamp if it was not measured, s: an assumption that covers
 /// interrupts and USB's frames of 1 ms.
 const STAMP_SIGMA_S: f64 = 0.001;
 
@@ -154,36 +152,35 @@ fn measured_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (f64, f
     delay.map_or_else(unmeasured, |delay| (delay.seconds, delay.sigma_s))
 }
 
-/// Half of the exposure, s, with its standard deviation.
+/// Returns half of the exposure, s, with its standard deviation.
 fn half_exposure(exposure_s: Option<f64>, period_s: f64) -> (f64, f64) {
     exposure_s.map_or((0.25 * period_s, uniform_sigma(0.5 * period_s)), |exposure| (0.5 * exposure, 0.0))
 }
 
-/// The instant of exposure as a shot keeps it.
+/// Instant of exposure as stored with a shot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
-    /// Middle of the exposure, UTC as the machine believes it.
+    /// Middle of the exposure, UTC of this machine.
     pub exposure_time: jiff::Timestamp,
-    /// The same, since boot, s.
+    /// Middle of the exposure, since boot, s.
     pub exposure_since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
     pub exposure_sigma_s: f64,
-    /// What determines it.
     pub exposure_source: ExposureSource,
-    /// From the event that the source names to `exposure_time`, as it was configured or assumed, s.
+    /// Delay from the event named by the source to `exposure_time`, as configured or assumed, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure_delay_s: Option<f64>,
-    /// Standard deviation of UTC itself, s; `null` where it is not synchronised, or nobody says.
+    /// Standard deviation of UTC itself, s; `null` if it is not synchronised or unknown.
     pub clock_sigma_s: Option<f64>,
-    /// What the kernel says of its clock.
+    /// Quality of the clock reported by the kernel.
     pub clock: ClockQuality,
-    /// The camera's own clock (EXIF, whole seconds, no zone) less the exposure's UTC, s; it is the same in every frame.
+    /// Camera's own clock (EXIF, whole seconds, no zone) less the exposure's UTC, s; constant over the frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_clock_offset_s: Option<f64>,
 }
 
 impl Exposure {
-    /// `stamp` tells UTC and time since boot of one moment near the exposure.
+    /// Converts an instant to UTC. `stamp` gives UTC and time since boot of one moment near the exposure.
     pub fn new(instant: &ExposureInstant, stamp: &Stamp, clock: ClockQuality) -> Self {
         let since_s = instant.since_boot_s - stamp.since_boot_s;
         let apart = jiff::SignedDuration::try_from_secs_f64(since_s).unwrap_or_default();
@@ -199,15 +196,15 @@ impl Exposure {
         }
     }
 
-    /// Where the camera knows nothing: between asking and delivery.
+    /// Builds the exposure without evidence from the camera: between request and delivery.
     pub fn from_request(asked: &Stamp, delivered_since_boot_s: f64, clock: ClockQuality) -> Self {
         let between = ExposureEvidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
         let instant = ExposureInstant { source: ExposureSource::AskedAndDelivered, ..exposure_instant(&between) };
         Self::new(&instant, asked, clock)
     }
 
-    /// By the camera's own clock, which counts steps of `step_s` and cuts off what is below one: `stamp` tells the beginning
-    /// of the step. `clock_sigma_s` is that clock's standard deviation against UTC, where somebody states it.
+    /// Builds the exposure from the camera's own clock, which counts steps of `step_s` and truncates: `stamp` is the begin
+    /// of the step. `clock_sigma_s` is that clock's standard deviation against UTC, if given.
     pub fn from_camera_clock(stamp: &Stamp, step_s: f64, clock_sigma_s: Option<f64>) -> Self {
         let instant = ExposureInstant {
             since_boot_s: stamp.since_boot_s + 0.5 * step_s,
@@ -219,7 +216,7 @@ impl Exposure {
         Self { exposure_delay_s: None, ..Self::new(&instant, stamp, clock) }
     }
 
-    /// Standard deviation of the exposure in UTC, s.
+    /// Returns the standard deviation of the exposure in UTC, s.
     pub fn utc_sigma_s(&self) -> Option<f64> {
         self.clock_sigma_s.map(|clock| clock.hypot(self.exposure_sigma_s))
     }
@@ -248,8 +245,7 @@ mod tests {
 
     #[test]
     fn a_stamp_at_the_end_is_late_by_an_unknown_readout() {
-        let stamp =
-            |exposure_s, delay| ExposureEvidence::EndOfFrame { at_s: 100.0, exposure_s, period_s: 0.1, delay };
+        let stamp = |exposure_s, delay| ExposureEvidence::EndOfFrame { at_s: 100.0, exposure_s, period_s: 0.1, delay };
         close(&exposure_instant(&stamp(Some(0.004), None)), 99.948, (0.1 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
         let measured = Some(MeasuredDelay { seconds: -0.035, sigma_s: 0.0005 });
         close(&exposure_instant(&stamp(None, measured)), 99.965, 0.0005);
@@ -258,7 +254,11 @@ mod tests {
     #[test]
     fn an_edge_has_its_delay_and_a_trigger_its_interval() {
         let delay = MeasuredDelay { seconds: 0.055, sigma_s: 0.003 };
-        close(&exposure_instant(&ExposureEvidence::Edge { from_s: 10.0, to_s: 10.0012, delay }), 10.0556, 0.003_019_933_774);
+        close(
+            &exposure_instant(&ExposureEvidence::Edge { from_s: 10.0, to_s: 10.0012, delay }),
+            10.0556,
+            0.003_019_933_774,
+        );
         close(&exposure_instant(&ExposureEvidence::Between { from_s: 10.0, to_s: 11.2 }), 10.6, 0.346_410_161_514);
     }
 
@@ -280,12 +280,12 @@ mod tests {
         assert_eq!(unknown.utc_sigma_s(), None);
         let asked = Exposure::from_request(&stamp, 52.0, clock);
         assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, ExposureSource::AskedAndDelivered));
-        // What `wingd time-check` replaces, by what it measures.
+        // Delays that `wingd time-check` replaces by measured ones.
         assert_eq!((exposure.exposure_delay_s, asked.exposure_delay_s), (Some(-0.05), Some(1.0)));
     }
 
     proptest! {
-        /// Exposures drawn at random within what is assumed: the error over its sigma is 1 on average.
+        /// Samples exposures uniformly within the assumed bounds, which must contain the truth.
         #[test]
         fn the_truth_lies_within_the_bounds(
             begin in 0.0..1.0f64, exposure in 0.0..1.0f64, readout in 0.0..1.0f64, period in 0.01..0.5f64,

@@ -1,30 +1,29 @@
-//! How far the kernel's UTC may be trusted: what the program that disciplines the clock stated to the kernel (`adjtimex`).
-//! It is the same whether that is chrony or another NTP client, `phc2sys` behind PTP, or a receiver's pulses.
+//! Quality of the kernel's UTC, as reported to the kernel (`adjtimex`) by the program that disciplines the clock: chrony or
+//! another NTP client, `phc2sys` behind PTP, or a receiver's pulses.
 
 use serde::{Deserialize, Serialize};
 
-/// At or above this the kernel takes its clock for unsynchronised, s (`NTP_PHASE_LIMIT`, 16 s).
+/// Maximum error from which the kernel treats its clock as unsynchronised, s (`NTP_PHASE_LIMIT`, 16 s).
 const UNSYNCHRONISED_S: f64 = 16.0;
-/// Standard deviation of a clock whose service states no error at all, s: an assumption for NTP over a network.
+/// Standard deviation of a clock whose service reports no error at all, s: an assumption for NTP over a network.
 /// (systemd-timesyncd writes 0 for both errors.)
 const UNSTATED_SIGMA_S: f64 = 0.01;
 
-/// What the kernel says of its clock.
+/// Quality of the clock reported by the kernel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ClockQuality {
-    /// Whether something disciplines it.
+    /// True if a program disciplines the clock.
     pub synchronised: bool,
-    /// Largest error, s; grows by 500 ppm from one correction to the next. `null` where the kernel may not be asked.
+    /// Maximum error, s; grows by 500 ppm from one correction to the next. `null` if the kernel cannot be queried.
     pub max_error_s: Option<f64>,
-    /// Estimated error, s.
     pub estimated_error_s: Option<f64>,
-    /// Standard deviation of UTC that follows, s; `null` where nothing is known of it.
+    /// Standard deviation of UTC derived from these, s; `null` if unknown.
     pub sigma_s: Option<f64>,
 }
 
 impl ClockQuality {
-    /// From the kernel's own figures. An estimated error above the largest is what the kernel began with and nobody has
-    /// set (`phc2sys` sets the largest alone): then any error up to the largest is as likely as another.
+    /// Derives the standard deviation from the kernel's values. An estimated error above the maximum is the kernel's
+    /// initial value, which nobody has set (`phc2sys` sets the maximum only): then the error is uniform up to the maximum.
     pub fn from_kernel_values(synchronised: bool, max_error_s: f64, estimated_error_s: f64) -> Self {
         let sigma = if estimated_error_s > 0.0 && estimated_error_s <= max_error_s {
             estimated_error_s
@@ -41,23 +40,23 @@ impl ClockQuality {
         }
     }
 
-    /// Of a clock that is right by definition.
+    /// Returns the quality of a clock that is exact by definition.
     pub fn exact() -> Self {
         Self { synchronised: true, max_error_s: Some(0.0), estimated_error_s: Some(0.0), sigma_s: Some(0.0) }
     }
 
-    /// Where the kernel may not be asked: only whether a service has set the clock.
+    /// Returns the quality if the kernel cannot be queried: only whether a service has set the clock.
     pub fn without_kernel_values(synchronised: bool) -> Self {
         Self { synchronised, ..Self::default() }
     }
 }
 
-/// Asks the kernel; `None` where it refuses (a sandbox without `adjtimex`).
+/// Queries the kernel; `None` if it refuses (a sandbox without `adjtimex`).
 #[allow(unsafe_code)]
 pub(super) fn read_kernel_quality() -> Option<ClockQuality> {
-    /// Microseconds.
+    /// Unit of the kernel's errors: microseconds.
     const UNIT_S: f64 = 1e-6;
-    // SAFETY: a plain structure of integers, of which all zeros is a value; `modes` 0 only reads.
+    // SAFETY: a plain structure of integers, for which all zeros is a valid value; `modes` 0 only reads.
     let (state, timex) = unsafe {
         let mut timex: libc::timex = std::mem::zeroed();
         (libc::adjtimex(&raw mut timex), timex)
@@ -74,8 +73,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_service_gets_what_it_states() {
-        // chrony: both errors. phc2sys: the largest alone, over the kernel's 16 s. systemd-timesyncd: zeros that grow.
+    fn sigma_follows_the_errors_of_each_time_service() {
+        // chrony sets both errors, phc2sys only the maximum (16 s remain as estimate), systemd-timesyncd
+        // zeros that grow.
         let chrony = ClockQuality::from_kernel_values(true, 0.012, 0.0008);
         assert_eq!(chrony.sigma_s, Some(0.0008));
         let ptp = ClockQuality::from_kernel_values(true, 0.0005, 16.0);
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_nobody_disciplines_has_no_sigma() {
+    fn an_undisciplined_clock_has_no_sigma() {
         assert_eq!(ClockQuality::from_kernel_values(false, 0.01, 0.001).sigma_s, None);
         let lost = ClockQuality::from_kernel_values(true, 16.0, 16.0);
         assert!(!lost.synchronised && lost.sigma_s.is_none());

@@ -1,12 +1,12 @@
-//! These are the wishes of others to the recorder.
+//! Commands to the recorder from other threads.
 
-/// By way of a channel, whose other end is the recorder's.
+/// A command to the recorder, sent through its channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Command {
-    /// An extra series, soon.
+    /// Take an extra series now.
     Trigger,
-    /// The same, as the first of a new flight.
+    /// Take an extra series now and begin a new flight with it.
     NewFlight,
-    /// The halt has changed.
-    Look,
+    /// Wake up: the [`Halt`](super::shutdown::Halt) has changed.
+    HaltChanged,
 }

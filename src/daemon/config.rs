@@ -1,4 +1,4 @@
-//! `[series]` of the configuration says when series are taken, and how long the camera has.
+//! `[series]` of the configuration: when series are taken, and the deadlines of the camera.
 
 use std::time::Duration;
 
@@ -12,31 +12,31 @@ use super::schedule::{Align, Timetable};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SeriesConfig {
-    /// From the beginning of one series to that of the next.
+    /// Time from the beginning of one series to the beginning of the next.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub interval: Duration,
-    /// Per series.
+    /// Shots per series.
     pub shots: u32,
     /// Pause between two shots.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub gap: Duration,
-    /// The camera must deliver within; a quarter more and its call is given up. Machine time.
+    /// Time within which the camera must deliver a frame; after another 25 % the call is abandoned. Machine time.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub shot_deadline: Duration,
-    /// Opening the camera must be done within. Machine time.
+    /// Time within which opening the camera must be finished. Machine time.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub open_deadline: Duration,
-    /// More attempts at a shot that failed.
+    /// Additional attempts at a shot that failed.
     pub retries: u32,
-    /// `start` or `clock`.
+    /// Alignment of the series: `start` or `clock`.
     pub align: Align,
-    /// The daemon ends by itself when the next series would begin later than this after the first.
+    /// The daemon ends by itself if the next series would begin later than this after the first.
     #[serde(
         with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional",
         skip_serializing_if = "Option::is_none"
     )]
     pub until: Option<Duration>,
-    /// A frame that equals one of so many before it is stale.
+    /// Number of preceding frames with which a frame is compared; it is stale if it equals one of them.
     pub stale_window: usize,
 }
 
@@ -57,11 +57,11 @@ impl Default for SeriesConfig {
 }
 
 impl SeriesConfig {
-    /// Every fault, at its key of the whole file.
+    /// Returns every invalid setting, with its key in the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let least = self.gap.saturating_mul(self.shots.saturating_sub(1));
         let fits = least < self.interval || self.interval.is_zero();
-        let too_short = "is shorter than the series' gaps together";
+        let too_short = "is shorter than the sum of a series' gaps";
         let positive = "must be longer than 0";
         let rules = [
             (!self.interval.is_zero(), "interval", positive, "for example \"1h\""),
@@ -71,10 +71,10 @@ impl SeriesConfig {
             (self.retries <= 10, "retries", "must be at most 10", "correct it"),
             (fits, "interval", too_short, "lengthen it, or lower shots or gap"),
         ];
-        KeyFault::broken("series", &rules)
+        KeyFault::from_rules("series", &rules)
     }
 
-    /// When the series begin.
+    /// Returns the timetable of the series.
     pub(crate) fn timetable(&self) -> Timetable {
         Timetable { interval: self.interval, align: self.align, until: self.until }
     }

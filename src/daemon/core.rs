@@ -1,5 +1,5 @@
-//! All of the daemon's threads work with these. Capturing goes before live solving on the processor, that before the solving
-//! of series, and that before what is only shown.
+//! Objects that all threads of the daemon share, and the threads' priorities: capturing goes before live solving, live
+//! solving before the solving of series, and that before everything that is only displayed.
 
 use std::sync::Arc;
 
@@ -9,24 +9,24 @@ use super::status::StatusBoard;
 use crate::clock::Clock;
 use crate::store::Store;
 
-/// Cheap to clone; all clones are of the same things.
+/// Shared objects of the daemon. Cheap to clone; all clones refer to the same objects.
 #[derive(Clone)]
 pub(crate) struct Core {
-    /// Open for writing.
+    /// Store, open for writing.
     pub store: Arc<Store>,
-    /// Of the schedule and the stamps.
+    /// Clock of the schedule and of the time stamps.
     pub clock: Arc<dyn Clock>,
-    /// What the daemon says of itself.
+    /// Status of the daemon.
     pub board: StatusBoard,
-    /// A wish to stop, or word that the power fails.
+    /// Stop requests and power failures.
     pub halt: Halt,
-    /// A progress display.
+    /// Receiver of progress events.
     pub observer: Observer,
 }
 
 impl Core {
-    /// A thread with this name.
-    pub fn spawn<T: Send + 'static>(
+    /// Spawns a thread with this name.
+    pub fn spawn_thread<T: Send + 'static>(
         name: &str,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> std::io::Result<std::thread::JoinHandle<T>> {
@@ -34,13 +34,13 @@ impl Core {
     }
 }
 
-/// Niceness of solving series while frames are solved live.
+/// Niceness of the thread that solves series while frames are solved live.
 pub(crate) const SERIES_NICE: i32 = 5;
-/// Niceness of what is only shown.
+/// Niceness of threads whose results are only displayed.
 pub(crate) const DISPLAY_NICE: i32 = 15;
 
-/// The calling thread gives way to those that are less nice. Best effort.
-pub(crate) fn give_way(nice: i32) {
-    // Of Linux: no process is named, and that is this thread.
+/// Sets the niceness of the calling thread. Best effort.
+pub(crate) fn lower_priority(nice: i32) {
+    // On Linux, no process id means this thread.
     let _ = rustix::process::setpriority_process(None, nice);
 }

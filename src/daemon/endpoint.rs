@@ -1,4 +1,4 @@
-//! The daemon answers at Unix sockets, which are opened and served here.
+//! Unix sockets of the daemon: binding them and accepting clients.
 
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use tokio::net::{UnixListener, UnixStream as Client};
 
-/// Listens; a socket that a killed daemon left is taken over. The store's lock has already kept a
-/// second daemon out, so that a living socket belongs to a daemon with another store.
-pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
+/// Binds a Unix socket and takes over a socket file that a killed daemon left. The store's lock has already excluded a
+/// second daemon with this store, so a socket that answers belongs to a daemon with another store.
+pub(crate) fn bind_socket(path: &Path) -> io::Result<UnixListener> {
     if path.exists() {
         if UnixStream::connect(path).is_ok() {
-            let what = "another daemon answers there; give each its own [status] socket";
-            return Err(io::Error::new(io::ErrorKind::AddrInUse, what));
+            let problem = "another daemon answers there; give each its own [status] socket";
+            return Err(io::Error::new(io::ErrorKind::AddrInUse, problem));
         }
         std::fs::remove_file(path)?;
     }
@@ -23,17 +23,17 @@ pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
     UnixListener::bind(path)
 }
 
-/// After an error of the machine.
-const PAUSE: Duration = Duration::from_secs(2);
+/// Pause after an error of the operating system.
+const RETRY_PAUSE: Duration = Duration::from_secs(2);
 
-/// Accepts clients for ever.
-pub(crate) async fn accept(listener: UnixListener, mut client: impl FnMut(Client)) {
+/// Accepts clients forever.
+pub(crate) async fn accept_clients(listener: UnixListener, mut client: impl FnMut(Client)) {
     loop {
         match listener.accept().await {
             Ok((stream, _)) => client(stream),
             Err(error) => {
-                tracing::warn!(%error, "a client could not be accepted");
-                tokio::time::sleep(PAUSE).await;
+                tracing::warn!(%error, "cannot accept a client; trying again");
+                tokio::time::sleep(RETRY_PAUSE).await;
             }
         }
     }

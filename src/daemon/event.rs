@@ -1,57 +1,57 @@
-//! A progress display gets these events.
+//! Events for a progress display.
 
 use std::sync::Arc;
 
-/// Something that a progress display may show.
+/// An event that a progress display may show.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// A series begins.
     SeriesBegan {
-        /// Its name.
+        /// Name of the series.
         series: String,
-        /// Its flight's.
+        /// Name of the flight.
         flight: String,
     },
     /// A frame is durable.
     FrameStored {
-        /// Its series.
+        /// Name of the series.
         series: String,
-        /// From 1.
+        /// Number of the shot, from 1.
         shot: u32,
-        /// In the series' folder.
+        /// File name in the folder of the series.
         file: String,
-        /// Hex.
+        /// SHA-256 of the file, hex.
         sha256: String,
     },
-    /// A shot without a frame.
+    /// A shot has no frame.
     ShotFailed {
-        /// Its series.
+        /// Name of the series.
         series: String,
-        /// From 1.
+        /// Number of the shot, from 1.
         shot: u32,
     },
-    /// A series is in its flight's folder.
+    /// A series was moved into its flight's folder.
     SeriesClosed {
-        /// Its name.
+        /// Name of the series.
         series: String,
-        /// Every planned shot was tried.
+        /// True if every planned shot was attempted.
         complete: bool,
     },
-    /// The store took no series.
+    /// The store refused a series.
     Refused {
-        /// Why.
+        /// Reason of the refusal.
         reason: String,
     },
     /// A frame has its result.
     Solved {
-        /// Its series.
+        /// Name of the series.
         series: String,
-        /// In the series' folder.
+        /// File name in the folder of the series.
         file: String,
-        /// With numbers.
+        /// True if the result has numbers.
         ok: bool,
     },
 }
 
-/// Called on the daemon's threads; must return soon.
+/// Callback for events. It is called on the daemon's threads and must return soon.
 pub type Observer = Arc<dyn Fn(&Event) + Send + Sync>;

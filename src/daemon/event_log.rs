@@ -1,16 +1,16 @@
-//! What becomes of series and frames is said here to all who listen: the log, the status, the progress display.
+//! Reports the events of series and frames to the log, the status and the progress display.
 
 use super::capture::STALE;
 use super::core::Core;
 use super::event::Event;
 use super::status::Activity;
-use crate::record::{GlobalTest, ImageRecord, Status};
-use crate::store::manifest::{SeriesCause, ShotFailure, FrameEntry, Shot};
+use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus};
+use crate::store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
 use crate::store::{FrameRef, OpenSeries, StoreError};
 
 impl Core {
-    /// A series begins, of so many shots.
-    pub fn series_began(&self, series: &OpenSeries, cause: SeriesCause, shots: u32) {
+    /// Reports that a series of `shots` shots begins.
+    pub fn log_series_began(&self, series: &OpenSeries, cause: SeriesCause, shots: u32) {
         let (id, flight) = (series.id().to_owned(), series.flight().to_owned());
         tracing::info!(series = id, flight, ?cause, "series begins");
         self.board.update(|status| {
@@ -23,10 +23,10 @@ impl Core {
         (self.observer)(&Event::SeriesBegan { series: id, flight });
     }
 
-    /// The store takes no series.
-    pub fn series_refused(&self, error: &StoreError) {
+    /// Reports that the store refused a series.
+    pub fn log_series_refused(&self, error: &StoreError) {
         tracing::error!(%error, "series refused by the store");
-        self.board.fault(&error.to_string());
+        self.board.note_fault(&error.to_string());
         self.board.update(|status| {
             status.counts.series_refused += 1;
             status.store.refuses = Some(error.to_string());
@@ -35,14 +35,14 @@ impl Core {
         (self.observer)(&Event::Refused { reason: error.to_string() });
     }
 
-    /// A series is over: closed, or broken off. `complete`: every planned shot was tried.
-    pub fn series_ended(&self, series: String, complete: bool, closed: &Result<(), StoreError>) {
+    /// Reports that a series was closed or interrupted. `complete`: every planned shot was attempted.
+    pub fn log_series_ended(&self, series: String, complete: bool, closed: &Result<(), StoreError>) {
         let complete = complete && closed.is_ok();
         match closed {
             Ok(()) => tracing::info!(series, complete, "series closed"),
             Err(error) => {
-                tracing::error!(series, %error, "series broken off; recovered before the next one");
-                self.board.fault(&error.to_string());
+                tracing::error!(series, %error, "series interrupted; it will be recovered before the next one");
+                self.board.note_fault(&error.to_string());
             }
         }
         self.board.update(|status| {
@@ -53,25 +53,25 @@ impl Core {
         (self.observer)(&Event::SeriesClosed { series, complete });
     }
 
-    /// An attempt at a shot failed.
-    pub fn attempt_failed(&self, series: &str, shot: u32, failure: &ShotFailure) {
+    /// Reports a failed attempt at a shot.
+    pub fn log_attempt_failed(&self, series: &str, shot: u32, failure: &ShotFailure) {
         tracing::warn!(series, shot, kind = failure.kind, reason = failure.reason);
-        self.board.fault(&failure.reason);
+        self.board.note_fault(&failure.reason);
         self.board.update(|status| {
             status.counts.failed_attempts += 1;
             status.counts.stale_frames += u64::from(failure.kind == STALE);
         });
     }
 
-    /// A shot is durable, with its frame or without one.
-    pub fn shot_stored(&self, series: &str, shot: &Shot, frame: Option<FrameEntry>) {
+    /// Reports that a shot is durable, with or without a frame.
+    pub fn log_shot_stored(&self, series: &str, shot: &Shot, frame: Option<FrameEntry>) {
         let (id, number) = (series.to_owned(), shot.shot);
         self.board.update(|status| status.shot = number);
         match frame {
             Some(FrameEntry { file, sha256, .. }) => {
-                // From here on the frame is promised: tests and people may count on this line.
+                // This line acknowledges the frame: tests and people may rely on it.
                 tracing::info!(series, file, sha256, "frame is durable");
-                self.board.frame_stored(&shot.stamp);
+                self.board.note_stored_frame(&shot.stamp);
                 (self.observer)(&Event::FrameStored { series: id, shot: number, file, sha256 });
             }
             None => {
@@ -82,17 +82,17 @@ impl Core {
         }
     }
 
-    /// A frame has its result; it is not a `new` one where the frame had a result already.
-    pub fn frame_solved(&self, frame: &FrameRef, record: &ImageRecord, new: bool) {
+    /// Reports that a frame has its result; `new` is false if it already had one.
+    pub fn log_frame_solved(&self, frame: &FrameRef, record: &ImageRecord, new: bool) {
         let (series, file) = (frame.series.id.as_str(), frame.entry.file.as_str());
         match (&record.reason, new) {
-            (_, false) => tracing::warn!(series, file, "has a result already"),
+            (_, false) => tracing::warn!(series, file, "already has a result"),
             (None, true) => tracing::info!(series, file, "solved"),
             (Some(reason), true) => tracing::warn!(series, file, reason, "not solved"),
         }
-        let ok = record.status == Status::Ok;
+        let ok = record.status == RecordStatus::Ok;
         if new {
-            self.board.series_result(ok, record.global_test == Some(GlobalTest::Rejected));
+            self.board.add_series_result(ok, record.global_test == Some(GlobalTestVerdict::Rejected));
         }
         self.board.update(|status| {
             let count = if ok { &mut status.counts.solved } else { &mut status.counts.unsolvable };

@@ -1,22 +1,22 @@
-//! Here alone a frame becomes a stored frame, whether it is of the timetable, of live mode or from a camera's card.
+//! Stores frames of scheduled series, of live mode and from a camera's card. No other module of the daemon adds frames.
 
 use serde_json::Value;
 
 use super::core::Core;
 use crate::camera::{CameraFrame, file_extension};
 use crate::store::manifest::{FrameEntry, Shot};
-use crate::store::{NewFrame, OpenSeries, SeriesPlan, Recovery, StoreError};
+use crate::store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreError};
 
-/// Begins a series, of which the status names the flight; what had to be recovered for it is in the log.
-pub(crate) fn begin(core: &Core, plan: SeriesPlan) -> Result<OpenSeries, StoreError> {
+/// Begins a series, writes the flight into the status, and logs everything that had to be recovered first.
+pub(crate) fn begin_series(core: &Core, plan: SeriesPlan) -> Result<OpenSeries, StoreError> {
     let (series, recovery) = core.store.begin_series(plan, &core.clock.stamp())?;
     log_recovery(&recovery);
     core.board.update(|status| status.flight = Some(series.flight().to_owned()));
     Ok(series)
 }
 
-/// Adds a shot with its frame, or with the reasons why there is none. What is returned is durable.
-pub(crate) fn add(
+/// Adds a shot with its frame, or with the reasons for its absence. The returned entry is durable.
+pub(crate) fn add_shot(
     series: &mut OpenSeries,
     shot: Shot,
     frame: Option<&CameraFrame>,
@@ -30,13 +30,13 @@ pub(crate) fn add(
     Ok(series.add_shot(shot, new)?.frame.clone())
 }
 
-/// Writes into the log what was recovered.
+/// Logs a recovery.
 pub(crate) fn log_recovery(recovery: &Recovery) {
     for series in &recovery.series {
         tracing::warn!(series, "recovered");
     }
     for name in &recovery.set_aside {
-        tracing::warn!(name, "half data kept under partial/");
+        tracing::warn!(name, "incomplete data moved to partial/");
     }
     for remark in &recovery.remarks {
         tracing::warn!(remark, "recovery");

@@ -1,78 +1,78 @@
-//! The kernel describes the machine in the cabin under `/sys`: its radios, temperatures and supplies.
+//! State of the machine in the cabin, as the kernel shows it under `/sys`: radios, temperatures, power supplies.
 
 use std::path::Path;
 
-/// Where the kernel says it.
-pub const SYS: &str = "/sys";
+/// Mount point of the kernel's sysfs.
+pub const SYSFS: &str = "/sys";
 
-/// A transmitter.
+/// A radio transmitter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Radio {
     /// The kernel's name, such as `phy0`.
     pub name: String,
-    /// `wlan`, `bluetooth`, `wwan`, …
+    /// Kind: `wlan`, `bluetooth`, `wwan`, …
     pub kind: String,
-    /// By switch or by software.
+    /// True if it is blocked, by a switch or by software.
     pub blocked: bool,
 }
 
-/// A supply.
+/// A power supply or battery.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Supply {
+pub struct PowerSupply {
     /// The kernel's name, such as `AC` or `BAT0`.
     pub name: String,
-    /// What it says: online, status, charge.
-    pub says: String,
+    /// State in words: online, status, charge.
+    pub description: String,
 }
 
-/// Names and folders of a class of devices, in order.
-fn class(sys: &Path, name: &str) -> Vec<(String, std::path::PathBuf)> {
+/// Lists names and folders of the devices of a class, sorted.
+fn list_class(sys: &Path, name: &str) -> Vec<(String, std::path::PathBuf)> {
     let entries = std::fs::read_dir(sys.join("class").join(name)).into_iter().flatten().flatten();
     let mut all: Vec<_> = entries.map(|e| (e.file_name().to_string_lossy().into_owned(), e.path())).collect();
     all.sort();
     all
 }
 
-fn text(folder: &Path, file: &str) -> Option<String> {
+fn read_attribute(folder: &Path, file: &str) -> Option<String> {
     std::fs::read_to_string(folder.join(file)).ok().map(|text| text.trim().to_owned())
 }
 
-/// Every transmitter that the kernel can block.
-pub fn radios(sys: &Path) -> Vec<Radio> {
+/// Lists the transmitters that the kernel can block.
+pub fn list_radios(sys: &Path) -> Vec<Radio> {
     let radio = |(name, folder): (String, std::path::PathBuf)| {
-        let is = |file: &str| text(&folder, file).as_deref() == Some("1");
+        let is = |file: &str| read_attribute(&folder, file).as_deref() == Some("1");
         let blocked = is("soft") || is("hard");
-        let name = text(&folder, "name").unwrap_or(name);
-        Some(Radio { name, kind: text(&folder, "type")?, blocked })
+        let name = read_attribute(&folder, "name").unwrap_or(name);
+        Some(Radio { name, kind: read_attribute(&folder, "type")?, blocked })
     };
-    class(sys, "rfkill").into_iter().filter_map(radio).collect()
+    list_class(sys, "rfkill").into_iter().filter_map(radio).collect()
 }
 
-/// Temperatures by the names of their places, degrees Celsius.
-pub fn temperatures_c(sys: &Path) -> Vec<(String, f64)> {
-    let zones = class(sys, "thermal").into_iter().filter(|(name, _)| name.starts_with("thermal_zone"));
+/// Reads the temperatures, degrees Celsius, with the names of the sensors.
+pub fn read_temperatures_c(sys: &Path) -> Vec<(String, f64)> {
+    let zones = list_class(sys, "thermal").into_iter().filter(|(name, _)| name.starts_with("thermal_zone"));
     let zone = |(name, folder): (String, std::path::PathBuf)| {
-        let millidegrees: f64 = text(&folder, "temp")?.parse().ok()?;
-        Some((text(&folder, "type").unwrap_or(name), 1e-3 * millidegrees))
+        let millidegrees: f64 = read_attribute(&folder, "temp")?.parse().ok()?;
+        Some((read_attribute(&folder, "type").unwrap_or(name), 1e-3 * millidegrees))
     };
     zones.filter_map(zone).collect()
 }
 
-/// Mains, batteries, USB supplies.
-pub fn supplies(sys: &Path) -> Vec<Supply> {
+/// Lists mains adapters, batteries and USB supplies.
+pub fn list_supplies(sys: &Path) -> Vec<PowerSupply> {
     let supply = |(name, folder): (String, std::path::PathBuf)| {
-        let online = text(&folder, "online").map(|o| if o == "0" { "off" } else { "on" }.to_owned());
-        let charge = text(&folder, "capacity").map(|percent| format!("{percent} %"));
-        let says: Vec<String> = [online, text(&folder, "status"), charge].into_iter().flatten().collect();
-        Supply { name, says: says.join(", ") }
+        let online = read_attribute(&folder, "online").map(|o| if o == "0" { "off" } else { "on" }.to_owned());
+        let charge = read_attribute(&folder, "capacity").map(|percent| format!("{percent} %"));
+        let states: Vec<String> = [online, read_attribute(&folder, "status"), charge].into_iter().flatten().collect();
+        PowerSupply { name, description: states.join(", ") }
     };
-    class(sys, "power_supply").into_iter().map(supply).collect()
+    list_class(sys, "power_supply").into_iter().map(supply).collect()
 }
 
-/// Temperatures and supply in a line, for the log; `None` where the kernel says neither.
-pub fn line(sys: &Path) -> Option<String> {
-    let heat = temperatures_c(sys).into_iter().map(|(place, celsius)| format!("{place} {celsius:.0} C"));
-    let supply = supplies(sys).into_iter().map(|supply| format!("{} {}", supply.name, supply.says));
+/// Describes temperatures and supplies in one line for the log; `None` if the kernel reports neither.
+pub fn describe_machine(sys: &Path) -> Option<String> {
+    let heat = read_temperatures_c(sys).into_iter().map(|(place, celsius)| format!("{place} {celsius:.0} C"));
+    let supply = list_supplies(sys).into_iter().map(|supply| format!("{} {}", supply.name, supply.description));
     let all: Vec<String> = heat.chain(supply).collect();
     (!all.is_empty()).then(|| all.join("; "))
 }
@@ -104,7 +104,7 @@ mod tests {
             ("rfkill/rfkill1/soft", "1"),
             ("rfkill/rfkill1/hard", "0"),
         ]);
-        let found: Vec<_> = radios(dir.path()).into_iter().map(|r| (r.name, r.kind, r.blocked)).collect();
+        let found: Vec<_> = list_radios(dir.path()).into_iter().map(|r| (r.name, r.kind, r.blocked)).collect();
         let expected = [("phy0", "wlan", false), ("hci0", "bluetooth", true)];
         assert_eq!(found, expected.map(|(n, k, b)| (n.to_owned(), k.to_owned(), b)));
     }
@@ -119,9 +119,9 @@ mod tests {
             ("power_supply/BAT0/status", "Discharging"),
             ("power_supply/BAT0/capacity", "83"),
         ]);
-        let said = line(dir.path()).unwrap();
-        assert_eq!(said, "cpu-thermal 61 C; AC on; BAT0 Discharging, 83 %");
+        let text = describe_machine(dir.path()).unwrap();
+        assert_eq!(text, "cpu-thermal 61 C; AC on; BAT0 Discharging, 83 %");
         let empty = sys(&[]);
-        assert_eq!((line(empty.path()), radios(empty.path())), (None, vec![]));
+        assert_eq!((describe_machine(empty.path()), list_radios(empty.path())), (None, vec![]));
     }
 }

@@ -1,29 +1,29 @@
-//! The recorder: it takes series by a timetable and, in live mode, frames between them; it makes each frame durable and has
-//! it solved; it says how it is and stops in good order.
+//! The recorder takes scheduled series and, in live mode, frames between them. It makes each frame durable, has it solved,
+//! reports its state, and shuts down in order.
 //!
-//! | thread | does | waits for |
+//! | thread | task | waits for |
 //! |---|---|---|
 //! | recorder | schedule, series, store | the clock, commands, the camera up to its hard limit |
-//! | camera | the driver's calls | the hardware; given up where it does not return |
-//! | processing | solves what the store says is unsolved | the end of a series, the solver up to its deadline |
-//! | solver | one frame; given up where it does not return | |
-//! | power | looks at the supply | |
-//! | aircraft-feed, aircraft-store | the aircraft's data | the feed; the disk |
-//! | live, live-solver, live-store, live-frames | frames between the series ([`live`]) | see there |
+//! | camera | calls of the driver | the hardware; abandoned if it does not return |
+//! | processing | solves the frames that the store lists as unsolved | the end of a series, the solver up to its deadline |
+//! | solver | one frame; abandoned if it does not return | |
+//! | power | watches the supply | |
+//! | aircraft-feed, aircraft-store | aircraft data | the feed; the disk |
+//! | live, live-solver, live-store, live-frames | frames between the series ([`live`]) | see [`live`] |
 //! | main | signals, the status socket, the service manager | all of these |
 //!
-//! A file uses only those of the lines above its own:
+//! A file uses only files of the rows above its own:
 //!
 //! | files | subject |
 //! |---|---|
-//! | `schedule`, `config`, `halt`, `command`, `pulse`, `machine`, `endpoint`, `lasting`, `event`, `solver` | vocabulary: when, how long, what is asked, what is said |
-//! | `status` | the state in words and numbers, and the one definition of health |
-//! | `core`, `worker` | what all threads work with; a call on a thread, with a deadline, given up and counted |
-//! | `capture` | the camera, and of each frame whether it is good and when it was exposed |
-//! | `keep`, `notes` | a frame becomes a stored frame; what becomes of it is said |
-//! | `aircraft`, `live`, `processing` | what happens beside the series |
-//! | `recorder`, `power`, `socket` | the series, the supply, questions from outside |
-//! | `run` | begins and ends the threads |
+//! | `schedule`, `config`, `shutdown`, `command`, `watchdog`, `machine`, `endpoint`, `tcp_keepalive`, `event`, `solver` | basic types: times, durations, commands, events |
+//! | `status` | the state in words and numbers, and the only definition of health |
+//! | `core`, `worker` | objects shared by all threads; calls on a thread with a deadline, abandoned and counted |
+//! | `capture` | the camera, with the checks of each frame and its time of exposure |
+//! | `frame_storage`, `event_log` | storing frames and reporting their events |
+//! | `aircraft`, `live`, `processing` | tasks that run in parallel to the series |
+//! | `recorder`, `power`, `socket` | the series, the supply, queries from outside |
+//! | `run` | starts and ends the threads |
 
 mod aircraft;
 mod capture;
@@ -54,12 +54,12 @@ pub use config::SeriesConfig;
 pub use event::{Event, Observer};
 pub use live::LiveConfig;
 pub use power::PowerConfig;
-pub use run::{DaemonError, Parts, run};
+pub use run::{DaemonError, DaemonParts, run};
 pub use schedule::Align;
-pub use socket::{StatusConfig, ask};
-pub use solver::{Solve, Solver, Track, Tracking};
+pub use socket::{StatusConfig, query_daemon};
+pub use solver::{FrameSolver, FrameTracker, FrameTrackerFactory, Solver};
 pub use status::{
-    Activity, AircraftStatus, CameraStatus, Counts, Health, LiveStatus, Noted, Recent, Status, StatusBoard,
-    StoreStatus, span,
+    Activity, AircraftStatus, CameraStatus, Counts, DaemonStatus, FaultNote, Health, LiveStatus, RecentShares,
+    StatusBoard, StoreStatus, format_span,
 };
 pub use tcp_keepalive::keep_alive;

@@ -1,4 +1,4 @@
-//! A file or a GPIO line says that the supply fails, a little before it does.
+//! Watches a file or a GPIO line that announces a power failure shortly before it happens.
 
 use std::path::PathBuf;
 use std::sync::mpsc::Sender;
@@ -10,22 +10,22 @@ use super::command::Command;
 use super::core::Core;
 use crate::installation::KeyFault;
 
-/// Between two looks; two equal ones count, so that a bounce of the contact is none.
-const LOOK: Duration = Duration::from_millis(25);
+/// Time between two checks. Two equal readings count, so that a bouncing contact is ignored.
+const CHECK_INTERVAL: Duration = Duration::from_millis(25);
 
 /// `[power]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PowerConfig {
-    /// From SIGTERM to the program's end at most. Machine time.
+    /// Maximum time from SIGTERM to the end of the program. Machine time.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub stop_within: Duration,
-    /// From the supply's failing to the moment when everything is durable at most. Machine time.
+    /// Maximum time from the power failure until everything is durable. Machine time.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub hold_up: Duration,
-    /// Reads 0 while the supply fails, such as `/sys/class/power_supply/AC/online`.
+    /// File that reads 0 while the supply fails, such as `/sys/class/power_supply/AC/online`.
     pub file: Option<PathBuf>,
-    /// Active while the supply fails.
+    /// GPIO line that is active while the supply fails.
     #[cfg(feature = "gpio")]
     pub line: Option<crate::camera::release::LineSection>,
 }
@@ -43,30 +43,30 @@ impl Default for PowerConfig {
 }
 
 impl PowerConfig {
-    /// Every fault, at its key of the whole file.
+    /// Returns every invalid setting, with its key in the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         for (key, time) in [("stop_within", self.stop_within), ("hold_up", self.hold_up)] {
             if time < Duration::from_millis(200) {
-                let mend = "give at least \"200ms\", or leave it out";
-                faults.push(KeyFault::new(format!("power.{key}"), format!("is {time:?}"), mend));
+                let remedy = "give at least \"200ms\", or remove it";
+                faults.push(KeyFault::new(format!("power.{key}"), format!("is {time:?}"), remedy));
             }
         }
         #[cfg(feature = "gpio")]
         if let Some(line) = &self.line {
             if !line.is_clear() {
-                let mend = "give either name, or chip and offset";
-                faults.push(KeyFault::new("power.line", "no single GPIO line is named", mend));
+                let remedy = "give either name, or chip and offset";
+                faults.push(KeyFault::new("power.line", "does not name a single GPIO line", remedy));
             }
             if self.file.is_some() {
-                faults.push(KeyFault::new("power.line", "there is a file too", "leave one of the two out"));
+                faults.push(KeyFault::new("power.line", "is given together with file", "remove one of the two"));
             }
         }
         faults
     }
 
-    /// Whether something says that the supply fails.
-    pub fn watches(&self) -> bool {
+    /// Returns whether a file or line is configured that announces a power failure.
+    pub fn is_configured(&self) -> bool {
         #[cfg(feature = "gpio")]
         if self.line.is_some() {
             return true;
@@ -74,26 +74,26 @@ impl PowerConfig {
         self.file.is_some()
     }
 
-    /// What is to be looked at; `None` where nothing is named.
-    fn supply(&self) -> Result<Option<Supply>, Unseen> {
+    /// Opens the configured file or line; `None` if neither is configured.
+    fn open_sensor(&self) -> Result<Option<SupplySensor>, SupplyError> {
         #[cfg(feature = "gpio")]
         if let Some(section) = &self.line {
-            let line = crate::camera::release::Line::watch(section)?;
-            return Ok(Some(Supply::Line(line)));
+            let line = crate::camera::release::GpioLine::watch(section)?;
+            return Ok(Some(SupplySensor::Line(line)));
         }
-        Ok(self.file.clone().map(Supply::File))
+        Ok(self.file.clone().map(SupplySensor::File))
     }
 }
 
-enum Supply {
+enum SupplySensor {
     File(PathBuf),
     #[cfg(feature = "gpio")]
-    Line(crate::camera::release::Line),
+    Line(crate::camera::release::GpioLine),
 }
 
-/// Why the supply cannot be looked at; all that is done about it is to say it.
+/// Error in reading the supply. It is only reported.
 #[derive(Debug, thiserror::Error)]
-enum Unseen {
+enum SupplyError {
     #[error("{}: {}", .0.display(), .1)]
     File(PathBuf, std::io::Error),
     #[cfg(feature = "gpio")]
@@ -101,80 +101,77 @@ enum Unseen {
     Line(#[from] crate::camera::CameraError),
 }
 
-impl Supply {
-    fn fails(&self) -> Result<bool, Unseen> {
+impl SupplySensor {
+    fn is_failing(&self) -> Result<bool, SupplyError> {
         match self {
             Self::File(path) => std::fs::read_to_string(path)
                 .map(|text| text.trim() == "0")
-                .map_err(|error| Unseen::File(path.clone(), error)),
+                .map_err(|error| SupplyError::File(path.clone(), error)),
             #[cfg(feature = "gpio")]
             Self::Line(line) => Ok(line.is_active()?),
         }
     }
 }
 
-/// Looks at the supply on a thread of its own until the daemon ends. Recording matters more than
-/// knowing of the supply: what cannot be looked at is a fault in the status, and nothing stops for it.
-pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>) {
-    match config.supply() {
+/// Watches the supply on its own thread until the daemon ends. Recording matters more than watching the supply: an error is
+/// a fault in the status, and nothing stops for it.
+pub(crate) fn watch_supply(core: &Core, config: &PowerConfig, commands: Sender<Command>) {
+    match config.open_sensor() {
         Ok(None) => {}
         Ok(Some(supply)) => {
-            let watcher = Watcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
-            if let Err(error) = Core::spawn("power", move || watcher.run()) {
-                unwatched(core, &error);
+            let watcher = SupplyWatcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
+            if let Err(error) = Core::spawn_thread("power", move || watcher.run()) {
+                report_unwatched(core, &error);
             }
         }
-        Err(error) => unwatched(core, &error),
+        Err(error) => report_unwatched(core, &error),
     }
 }
 
-fn unwatched(core: &Core, error: &dyn std::fmt::Display) {
+fn report_unwatched(core: &Core, error: &dyn std::fmt::Display) {
     tracing::error!(%error, "the supply cannot be watched");
-    core.board.fault(&format!("power: {error}"));
+    core.board.note_fault(&format!("power: {error}"));
 }
 
-struct Watcher {
+struct SupplyWatcher {
     core: Core,
-    supply: Supply,
+    supply: SupplySensor,
     hold_up: Duration,
     commands: Sender<Command>,
 }
 
-impl Watcher {
+impl SupplyWatcher {
     fn run(self) {
         let (mut known, mut last, mut readable) = (false, false, true);
-        while !self.core.halt.ending() {
-            match self.supply.fails() {
+        while !self.core.halt.is_ending() {
+            match self.supply.is_failing() {
                 Ok(fails) => {
                     readable = true;
                     if fails == last && fails != known {
                         known = fails;
-                        self.tell(fails);
+                        self.announce(fails);
                     }
                     last = fails;
                 }
                 Err(error) => {
                     if std::mem::take(&mut readable) {
-                        unwatched(&self.core, &error);
+                        report_unwatched(&self.core, &error);
                     }
                 }
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(CHECK_INTERVAL);
         }
     }
 
-    fn tell(&self, fails: bool) {
+    fn announce(&self, fails: bool) {
         if fails {
-            tracing::warn!(
-                hold_up_s = self.hold_up.as_secs_f64(),
-                "the power fails: everything is made durable"
-            );
+            tracing::warn!(hold_up_s = self.hold_up.as_secs_f64(), "the power fails: everything is made durable");
             self.core.halt.pause(self.hold_up);
         } else {
             tracing::info!("the power is back");
             self.core.halt.resume();
         }
-        // It only wakes: what to do is in the halt.
-        let _ = self.commands.send(Command::Look);
+        // This only wakes the recorder, which reads the order from the halt.
+        let _ = self.commands.send(Command::HaltChanged);
     }
 }

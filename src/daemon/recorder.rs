@@ -1,88 +1,88 @@
-//! The recorder waits for the schedule, takes series and, in live mode, frames between them. Every frame of a series is
-//! stored before anything computes on it.
+//! The thread that follows the schedule, takes series and, in live mode, frames between them. Every frame of a series is
+//! stored before any computation uses it.
 
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::Duration;
 
-use super::capture::{Capture, Missed, Mode, Taken};
+use super::capture::{Capture, CaptureMode, CapturedFrame, FailedAttempt};
 use super::command::Command;
 use super::config::SeriesConfig;
 use super::core::Core;
 use super::live::Feeder;
-use super::schedule::{self, Moment, Next, Progress};
+use super::schedule::{self, Moment, Progress, ScheduleAction};
 use super::status::Activity;
 use super::{frame_storage, machine};
 use crate::clock::Stamp;
-use crate::store::manifest::{SeriesCause, ShotFailure, Shot, SeriesState};
+use crate::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
 use crate::store::{OpenSeries, SeriesPlan, StoreError};
 
-/// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
-const SLICE: Duration = Duration::from_secs(5);
-/// Frames fetched from a camera's card before one series.
+/// Maximum length of a wait between two checks of the clock and beats of the watchdog.
+const WAIT_SLICE: Duration = Duration::from_secs(5);
+/// Maximum number of frames fetched from a camera's card before a series.
 const MAX_LEFT_OVER: u32 = 200;
-/// The series of those.
-const LEFT_OVER: SeriesPlan = SeriesPlan { cause: SeriesCause::Recovered, shots: 0 };
-/// Before a busy or lost camera is asked again.
-const BACKOFF: Duration = Duration::from_millis(500);
+/// Plan of the series of fetched frames.
+const LEFT_OVER_SERIES: SeriesPlan = SeriesPlan { cause: SeriesCause::Recovered, shots: 0 };
+/// Pause before a busy or lost camera is asked again.
+const RETRY_PAUSE: Duration = Duration::from_millis(500);
 
-/// What the recorder's thread works with.
+/// State of the recorder's thread.
 pub(crate) struct Recorder {
     pub core: Core,
     pub config: SeriesConfig,
     pub inbox: Receiver<Command>,
-    /// Wakes the processing; dropped at the end.
+    /// Channel that wakes the processing; dropped at the end.
     pub wake: Sender<()>,
     pub capture: Capture,
-    /// Which of the camera's openings the series under way has noted.
-    pub noted: u64,
+    /// Number of the camera opening that the current series has noted.
+    pub noted_opening: u64,
     pub triggered: bool,
-    /// Between the series, in live mode.
+    /// Source of live frames between the series; `None` if live mode is off.
     pub live: Option<Feeder>,
 }
 
 impl Recorder {
-    /// Until the timetable is over or a stop is asked for.
+    /// Takes series until the timetable is over or a stop is requested.
     pub fn run(mut self) {
         let timetable = self.config.timetable();
-        let mut progress = self.beginning();
+        let mut progress = self.initial_progress();
         self.core.board.expect_frames(self.config.interval);
-        while !self.core.halt.ending() {
-            if self.core.halt.paused() {
-                self.pause();
+        while !self.core.halt.is_ending() {
+            if self.core.halt.is_paused() {
+                self.wait_for_power();
                 continue;
             }
             if std::mem::take(&mut self.triggered) {
-                self.series(SeriesCause::Triggered);
+                self.take_series(SeriesCause::Triggered);
                 continue;
             }
-            let (next, state) = schedule::next(&timetable, progress, self.moment());
+            let (next, state) = schedule::next_action(&timetable, progress, self.moment());
             progress = state;
             match next {
-                Next::Over => break,
-                Next::Begin(slot) => {
+                ScheduleAction::Over => break,
+                ScheduleAction::Begin(slot) => {
                     progress.last_slot = Some(slot);
-                    if self.live.as_ref().is_none_or(Feeder::series) {
-                        self.series(SeriesCause::Scheduled);
+                    if self.live.as_ref().is_none_or(Feeder::takes_series) {
+                        self.take_series(SeriesCause::Scheduled);
                     }
                 }
-                Next::Wait(wait) => {
-                    let series = self.live.as_ref().is_none_or(Feeder::series);
-                    self.core.board.next_series_in(series.then_some(wait));
-                    self.idle(wait.min(SLICE));
+                ScheduleAction::Wait(wait) => {
+                    let series = self.live.as_ref().is_none_or(Feeder::takes_series);
+                    self.core.board.set_next_series(series.then_some(wait));
+                    self.wait_for_series(wait.min(WAIT_SLICE));
                 }
             }
         }
-        self.core.board.next_series_in(None);
+        self.core.board.set_next_series(None);
     }
 
-    /// After a restart within one boot the slots go on where they were.
-    fn beginning(&self) -> Progress {
+    /// Returns the progress to start with: after a restart within one boot the slots continue.
+    fn initial_progress(&self) -> Progress {
         let (timetable, now) = (self.config.timetable(), self.moment());
         let began = self.core.store.series_starts_in_boot(&self.core.clock.stamp().boot_id);
         match (began.first(), began.last()) {
-            (Some(first), Some(last)) => Progress::continuing(&timetable, *first, *last, now),
-            _ => Progress::beginning(&timetable, now),
+            (Some(first), Some(last)) => Progress::resume(&timetable, *first, *last, now),
+            _ => Progress::start(&timetable, now),
         }
     }
 
@@ -91,62 +91,60 @@ impl Recorder {
         Moment { since_boot: self.core.clock.since_boot(), utc_s }
     }
 
-    /// Waits on the clock and listens; returns early to stop, and where asked to on a trigger.
+    /// Waits on the clock and handles commands. Returns early on a stop request and, if `until_triggered`, on a trigger.
     fn wait(&mut self, duration: Duration, until_triggered: bool) {
         let end = self.core.clock.since_boot() + duration;
-        let paused = self.core.halt.paused();
-        while !(self.core.halt.ending()
-            || self.core.halt.paused() != paused
-            || until_triggered && self.triggered)
+        let paused = self.core.halt.is_paused();
+        while !(self.core.halt.is_ending() || self.core.halt.is_paused() != paused || until_triggered && self.triggered)
         {
             self.core.board.beat();
-            let slice = end.saturating_sub(self.core.clock.since_boot()).min(SLICE);
+            let slice = end.saturating_sub(self.core.clock.since_boot()).min(WAIT_SLICE);
             if slice.is_zero() {
                 return;
             }
             match self.inbox.recv_timeout(self.core.clock.machine_time(slice)) {
-                Ok(command) => self.obey(command),
+                Ok(command) => self.handle_command(command),
                 Err(RecvTimeoutError::Timeout) => self.core.clock.advance(slice),
-                Err(RecvTimeoutError::Disconnected) => self.core.halt.end(SLICE),
+                Err(RecvTimeoutError::Disconnected) => self.core.halt.end(WAIT_SLICE),
             }
         }
     }
 
-    fn obey(&mut self, command: Command) {
+    fn handle_command(&mut self, command: Command) {
         match command {
             Command::Trigger => {
                 self.triggered = true;
-                self.live.iter().for_each(Feeder::trigger);
+                self.live.iter().for_each(Feeder::save_recent_frames);
             }
             Command::NewFlight => {
                 self.core.store.request_new_flight();
                 self.triggered = true;
             }
-            Command::Look if self.core.halt.ending() => {
+            Command::HaltChanged if self.core.halt.is_ending() => {
                 self.core.board.update(|status| status.activity = Activity::Stopping);
             }
-            Command::Look => {}
+            Command::HaltChanged => {}
         }
     }
 
-    /// Until the power is back or goes, nothing is begun.
-    fn pause(&mut self) {
+    /// Begins nothing until the power is back or the daemon ends.
+    fn wait_for_power(&mut self) {
         self.capture.close();
         self.core.board.update(|status| status.activity = Activity::PowerFailing);
-        self.core.board.next_series_in(None);
-        self.wait(SLICE, false);
-        if !self.core.halt.wanted() {
-            // What was left unsolved goes on.
+        self.core.board.set_next_series(None);
+        self.wait(WAIT_SLICE, false);
+        if !self.core.halt.is_requested() {
+            // Unsolved frames are solved now.
             let _ = self.wake.send(());
         }
     }
 
-    /// Between the series, for so long; returns early to stop and on a trigger.
-    fn idle(&mut self, duration: Duration) {
+    /// Waits between the series for `duration`, taking live frames. Returns early on a stop request and on a trigger.
+    fn wait_for_series(&mut self, duration: Duration) {
         let activity = if self.live.is_some() { Activity::Live } else { Activity::Waiting };
         self.core.board.update(|status| status.activity = activity);
         let end = self.core.clock.since_boot() + duration;
-        while !(self.core.halt.wanted() || self.triggered) {
+        while !(self.core.halt.is_requested() || self.triggered) {
             let now = self.core.clock.since_boot();
             if now >= end {
                 return;
@@ -157,7 +155,7 @@ impl Recorder {
                     if live.has_unsolved() {
                         let _ = self.wake.send(());
                     }
-                    live.due(now, self.capture.hanging()).min(end)
+                    live.next_due(now, self.capture.hanging_calls()).min(end)
                 }
             };
             if due > now {
@@ -165,69 +163,69 @@ impl Recorder {
                 continue;
             }
             self.core.board.beat();
-            self.listen();
+            self.handle_pending_commands();
             if let Some(live) = &mut self.live {
-                live.shot(&mut self.capture);
+                live.take_due_frame(&mut self.capture);
             }
         }
     }
 
-    fn series(&mut self, cause: SeriesCause) {
+    fn take_series(&mut self, cause: SeriesCause) {
         if let Err(error) = self.fetch_left_over() {
-            tracing::error!(%error, "frames left in the camera could not be stored; tried again");
-            self.core.board.fault(&error.to_string());
+            tracing::error!(%error, "frames left in the camera could not be stored; trying again before the next series");
+            self.core.board.note_fault(&error.to_string());
         }
-        self.listen();
-        if self.core.halt.wanted() {
+        self.handle_pending_commands();
+        if self.core.halt.is_requested() {
             return self.capture.close();
         }
         let plan = SeriesPlan { cause, shots: self.config.shots };
-        let mut series = match frame_storage::begin(&self.core, plan) {
+        let mut series = match frame_storage::begin_series(&self.core, plan) {
             Ok(begun) => begun,
             Err(error) => {
-                self.rest_camera();
-                return self.core.series_refused(&error);
+                self.close_idle_camera();
+                return self.core.log_series_refused(&error);
             }
         };
-        // In live mode the camera is open already; each series says by what camera it was taken.
-        self.noted = 0;
-        if let Some(machine) = machine::line(Path::new(machine::SYS)) {
+        // In live mode the camera is already open; each series notes its camera.
+        self.noted_opening = 0;
+        if let Some(machine) = machine::describe_machine(Path::new(machine::SYSFS)) {
             tracing::info!(machine, "temperatures and supply");
         }
-        self.core.series_began(&series, cause, plan.shots);
+        self.core.log_series_began(&series, cause, plan.shots);
         self.live.iter().for_each(|live| live.expect_results(self.config.gap));
         let id = series.id().to_owned();
-        let taken = self.shots(&mut series, plan.shots);
+        let taken = self.take_shots(&mut series, plan.shots);
         let complete = series.shots().len() == plan.shots as usize;
-        // Before the camera is closed: that may take its time, and the power may be about to go.
-        let closed = taken.and_then(|()| self.close(series, complete));
-        self.rest_camera();
+        // Before the camera is closed: that may take long, and the power may be about to fail.
+        let closed = taken.and_then(|()| self.close_series(series, complete));
+        self.close_idle_camera();
         self.live.iter().for_each(|live| live.expect_results(Duration::ZERO));
-        self.core.series_ended(id, complete, &closed);
+        self.core.log_series_ended(id, complete, &closed);
         let _ = self.wake.send(());
     }
 
-    /// In live mode it goes on.
-    fn rest_camera(&mut self) {
+    /// Closes the camera after a series, except in live mode.
+    fn close_idle_camera(&mut self) {
         if self.live.is_none() {
             self.capture.close();
         }
     }
 
-    fn close(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
+    fn close_series(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
         let state = if complete { SeriesState::Complete } else { SeriesState::Interrupted };
-        let why = if self.core.halt.paused() { "the power failed" } else { "the daemon was asked to stop" };
-        let remarks = if complete { Vec::new() } else { vec![why.to_owned()] };
+        let remark = if self.core.halt.is_paused() { "the power failed" } else { "the daemon was asked to stop" };
+        let remarks = if complete { Vec::new() } else { vec![remark.to_owned()] };
         self.core.store.close_series(series, state, &self.core.clock.stamp(), remarks)
     }
 
-    fn shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
+    fn take_shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
         for number in 1..=count {
-            self.listen();
-            if self.core.halt.wanted() {
+            self.handle_pending_commands();
+            if self.core.halt.is_requested() {
                 break;
             }
-            self.shot(series, number)?;
+            self.take_shot(series, number)?;
             if number < count {
                 self.wait(self.config.gap, false);
             }
@@ -235,99 +233,99 @@ impl Recorder {
         Ok(())
     }
 
-    /// Frames that an interrupted series left on the camera's card become a series of their own.
+    /// Stores the frames that an interrupted series left on the camera's card as a series of their own.
     fn fetch_left_over(&mut self) -> Result<(), StoreError> {
-        // A camera that was open has been asked; the shots will say why one does not open.
-        if !self.capture.open().unwrap_or(false) {
+        // The card of an open camera has been read already; if it does not open, the shots report why.
+        if !self.capture.ensure_open().unwrap_or(false) {
             return Ok(());
         }
         let mut series: Option<OpenSeries> = None;
         for number in 1..=MAX_LEFT_OVER {
-            self.listen();
-            if self.core.halt.wanted() {
+            self.handle_pending_commands();
+            if self.core.halt.is_requested() {
                 break;
             }
-            let Some(frame) = self.capture.left_over() else { break };
+            let Some(frame) = self.capture.take_left_over() else { break };
             if self.core.store.contains_frame(&frame.bytes) {
-                self.capture.release_last();
+                self.capture.release_last_frame();
                 continue;
             }
             let open = match &mut series {
                 Some(open) => open,
-                none => none.insert(frame_storage::begin(&self.core, LEFT_OVER)?),
+                none => none.insert(frame_storage::begin_series(&self.core, LEFT_OVER_SERIES)?),
             };
             let stamp = self.core.clock.stamp();
             let failures = Vec::new();
             let shot = Shot { shot: number, stamp, duration_s: None, exposure: None, frame: None, failures };
-            let entry = frame_storage::add(open, shot.clone(), Some(&frame))?;
-            self.core.shot_stored(open.id(), &shot, entry);
-            self.capture.release_last();
+            let entry = frame_storage::add_shot(open, shot.clone(), Some(&frame))?;
+            self.core.log_shot_stored(open.id(), &shot, entry);
+            self.capture.release_last_frame();
         }
         let Some(series) = series else { return Ok(()) };
-        let remark = "found on the camera's card; the times are those of finding".to_owned();
+        let remark = "found on the camera's card; the times are those of the transfer".to_owned();
         self.core.store.close_series(series, SeriesState::Interrupted, &self.core.clock.stamp(), vec![remark])
     }
 
-    fn listen(&mut self) {
+    fn handle_pending_commands(&mut self) {
         while let Ok(command) = self.inbox.try_recv() {
-            self.obey(command);
+            self.handle_command(command);
         }
     }
 
-    /// One shot with its repeats, stored with its frame or with the reasons why there is none.
-    fn shot(&mut self, series: &mut OpenSeries, number: u32) -> Result<(), StoreError> {
+    /// Takes a shot, with repeats, and stores it with its frame or with the reasons for its absence.
+    fn take_shot(&mut self, series: &mut OpenSeries, number: u32) -> Result<(), StoreError> {
         let mut failures = Vec::new();
         loop {
             let stamp = self.core.clock.stamp();
-            let missed = match self.attempt(series, &stamp)? {
-                Ok(taken) => return self.keep(series, taken, number, failures),
-                Err(missed) => missed,
+            let failed = match self.attempt_shot(series, &stamp)? {
+                Ok(taken) => return self.store_frame(series, taken, number, failures),
+                Err(failed) => failed,
             };
-            let mut failure = missed.failure;
-            if let Some(delivered) = missed.delivered {
+            let mut failure = failed.failure;
+            if let Some(delivered) = failed.delivered {
                 failure.kept_as = Some(series.set_aside(number, failures.len() + 1, &delivered.bytes)?);
             }
-            self.core.attempt_failed(series.id(), number, &failure);
+            self.core.log_attempt_failed(series.id(), number, &failure);
             failures.push(failure);
-            if !missed.again || failures.len() > self.config.retries as usize || self.core.halt.wanted() {
+            if !failed.retry || failures.len() > self.config.retries as usize || self.core.halt.is_requested() {
                 let duration_s = Some(self.core.clock.stamp().since_boot_s - stamp.since_boot_s);
                 let shot = Shot { shot: number, stamp, duration_s, exposure: None, frame: None, failures };
-                frame_storage::add(series, shot.clone(), None)?;
-                self.core.shot_stored(series.id(), &shot, None);
+                frame_storage::add_shot(series, shot.clone(), None)?;
+                self.core.log_shot_stored(series.id(), &shot, None);
                 return Ok(());
             }
-            self.wait(BACKOFF, false);
+            self.wait(RETRY_PAUSE, false);
         }
     }
 
-    fn attempt(
+    fn attempt_shot(
         &mut self,
         series: &mut OpenSeries,
         asked: &Stamp,
-    ) -> Result<Result<Taken, Missed>, StoreError> {
-        if let Err(error) = self.capture.open() {
+    ) -> Result<Result<CapturedFrame, FailedAttempt>, StoreError> {
+        if let Err(error) = self.capture.ensure_open() {
             return Ok(Err(error.into()));
         }
-        if let Some(camera) = self.capture.opened_since(&mut self.noted) {
+        if let Some(camera) = self.capture.camera_if_reopened(&mut self.noted_opening) {
             series.note_camera(camera)?;
         }
-        Ok(self.capture.take(Mode::Shot, asked))
+        Ok(self.capture.take_frame(CaptureMode::Shot, asked))
     }
 
-    /// A good frame becomes durable and, in live mode, goes on to be solved.
-    fn keep(
+    /// Makes a good frame durable and, in live mode, passes it on to be solved.
+    fn store_frame(
         &mut self,
         series: &mut OpenSeries,
-        taken: Taken,
+        taken: CapturedFrame,
         number: u32,
         failures: Vec<ShotFailure>,
     ) -> Result<(), StoreError> {
-        let shot = taken.shot(number, failures);
-        let entry = frame_storage::add(series, shot.clone(), Some(&taken.frame))?;
-        self.core.shot_stored(series.id(), &shot, entry);
-        self.capture.release_last();
+        let shot = taken.to_shot(number, failures);
+        let entry = frame_storage::add_shot(series, shot.clone(), Some(&taken.frame))?;
+        self.core.log_shot_stored(series.id(), &shot, entry);
+        self.capture.release_last_frame();
         if let Some(live) = &mut self.live {
-            live.offer(taken, &self.capture);
+            live.forward_frame(taken, &self.capture);
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The daemon's threads begin together and end within a stated time.
+//! Starts the daemon's threads and ends them within the configured time.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -17,59 +17,56 @@ use super::recorder::Recorder;
 use super::shutdown::Halt;
 use super::socket::{self, StatusConfig};
 use super::solver::Solver;
-use super::status::{Status, StatusBoard};
-use super::watchdog::Pulse;
+use super::status::{DaemonStatus, StatusBoard};
+use super::watchdog::ProgressCheck;
 use super::{aircraft, endpoint, frame_storage};
 use crate::camera::CameraFactory;
 use crate::clock::Clock;
 use crate::store::{Recovery, Store};
 
-/// Everything that the daemon is made of.
-pub struct Parts {
-    /// `[series]`.
+/// Parts from which the daemon is assembled.
+pub struct DaemonParts {
     pub series: SeriesConfig,
-    /// `[power]`.
     pub power: PowerConfig,
-    /// `[live]`.
     pub live: LiveConfig,
-    /// `[status]`; none, and no socket is opened.
+    /// `[status]`; without it no socket is opened.
     pub status: Option<StatusConfig>,
-    /// Open for writing.
+    /// Store, open for writing.
     pub store: Arc<Store>,
-    /// What opening the store recovered; logged.
+    /// Outcome of opening the store, to be logged.
     pub recovery: Recovery,
-    /// Of the schedule and the stamps.
+    /// Clock of the schedule and of the time stamps.
     pub clock: Arc<dyn Clock>,
-    /// Makes cameras.
+    /// Factory of cameras.
     pub cameras: CameraFactory,
-    /// None, and frames are recorded only.
+    /// Solver; without it frames are only recorded.
     pub solver: Option<Solver>,
-    /// For a progress display.
+    /// Receiver of progress events.
     pub observer: Observer,
 }
 
-/// Why the daemon could not work.
+/// Error that ends the daemon.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// The machine gave no thread or event loop.
-    #[error("the daemon cannot start: {0}; free memory or raise the limit of threads")]
+    /// A thread or the event loop could not be created.
+    #[error("the daemon cannot start: {0}; free memory or raise the thread limit")]
     Machine(#[from] std::io::Error),
-    /// A fault of the program.
-    #[error("the {0} thread broke off; what is stored is safe, restart wingd (and tell the developers)")]
+    /// A thread panicked.
+    #[error("the {0} thread crashed; stored data are safe; restart wingd and report this to the developers")]
     Broken(&'static str),
-    /// Something did not let go.
+    /// The threads did not end in time.
     #[error(
-        "not stopped in good order within {within_s} s; what is stored is safe, and a series under way is recovered at the next start"
+        "the daemon did not stop within {within_s} s; stored data are safe, and an open series is recovered at the next start"
     )]
-    Late {
-        /// The limit.
+    StopTimeout {
+        /// Limit, s.
         within_s: f64,
     },
 }
 
-/// Runs until the timetable is over (what is left is solved then) or until SIGTERM or SIGINT: the shot and
-/// the frame under way are finished or given up, the series is closed, all within `[power] stop_within`.
-pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
+/// Runs until the timetable is over (the remaining frames are then solved) or until SIGTERM or SIGINT. On a signal, the
+/// current shot and frame are finished or abandoned and the series is closed, all within `[power] stop_within`.
+pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, DaemonError> {
     frame_storage::log_recovery(&parts.recovery);
     board.update(|status| {
         status.store.path = parts.store.root().display().to_string();
@@ -88,17 +85,17 @@ pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
     };
     let (commands, inbox) = channel();
     let (wake, woken) = channel();
-    let feed = parts.live.aircraft_data.as_ref().map(|config| aircraft::listen(&core, config));
+    let feed = parts.live.aircraft_data.as_ref().map(|config| aircraft::start_feed(&core, config));
     let track = parts.solver.as_ref().and_then(|solver| solver.track.clone());
     let source = parts.solver.as_ref().map(|solver| solver.inputs.provenance.clone()).unwrap_or_default();
-    let (feeder, live, tap) = live::start(&core, &parts.live, track, source)
-        .map_or((None, None, None), |(feeder, live, tap)| (Some(feeder), Some(live), Some(tap)));
-    let processing = parts.solver.map(|solver| Processing::new(&core, solver, parts.live.on()));
-    power::watch(&core, &parts.power, commands.clone());
+    let (feeder, live, publisher) = live::start_live(&core, &parts.live, track, source)
+        .map_or((None, None, None), |(feeder, live, publisher)| (Some(feeder), Some(live), Some(publisher)));
+    let processing = parts.solver.map(|solver| Processing::new(&core, solver, parts.live.is_enabled()));
+    power::watch_supply(&core, &parts.power, commands.clone());
     let recorder = Recorder {
         core: core.clone(),
         capture: Capture::new(parts.cameras, &parts.series, &core),
-        noted: 0,
+        noted_opening: 0,
         config: parts.series,
         inbox,
         wake,
@@ -107,40 +104,41 @@ pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
     };
     let stop_within = parts.power.stop_within;
     let (done, finished) = tokio::sync::oneshot::channel();
-    let threads = Core::spawn("wingd", move || {
-        let result = work(recorder, processing, woken);
+    let threads = Core::spawn_thread("wingd", move || {
+        let result = run_threads(recorder, processing, woken);
         let _ = done.send(());
         result
     })?;
-    let stopped = runtime.block_on(attend((parts.status, tap), &core, commands, stop_within, finished));
-    // The timetable may be over without anybody having asked for the end.
+    let stopped = runtime.block_on(serve_until_done((parts.status, publisher), &core, commands, stop_within, finished));
+    // The timetable may be over without a stop request.
     core.halt.end(stop_within);
     drop((feed, live));
     runtime.shutdown_background();
     if !stopped {
-        return Err(DaemonError::Late { within_s: stop_within.as_secs_f64() });
+        return Err(DaemonError::StopTimeout { within_s: stop_within.as_secs_f64() });
     }
-    join(threads, "main")??;
+    join_thread(threads, "main")??;
     Ok(board.snapshot())
 }
 
-/// The recorder and the processing, until both have ended.
-fn work(recorder: Recorder, processing: Option<Processing>, woken: Receiver<()>) -> Result<(), DaemonError> {
-    let solving = processing.map(|processing| Core::spawn("processing", move || processing.run(&woken)));
+/// Runs the recorder and the processing until both have ended.
+fn run_threads(recorder: Recorder, processing: Option<Processing>, woken: Receiver<()>) -> Result<(), DaemonError> {
+    let solving = processing.map(|processing| Core::spawn_thread("processing", move || processing.run(&woken)));
     let solving = solving.transpose()?;
-    let capturing = Core::spawn("recorder", move || recorder.run())?;
-    let captured = join(capturing, "recorder");
-    let solved = solving.map_or(Ok(()), |thread| join(thread, "processing"));
+    let capturing = Core::spawn_thread("recorder", move || recorder.run())?;
+    let captured = join_thread(capturing, "recorder");
+    let solved = solving.map_or(Ok(()), |thread| join_thread(thread, "processing"));
     captured.and(solved)
 }
 
-fn join<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> {
+fn join_thread<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> {
     thread.join().map_err(|_| DaemonError::Broken(name))
 }
 
-/// Signals, the socket and the service manager, until the work is done (true) or the time for stopping is over.
-async fn attend(
-    (socket, tap): (Option<StatusConfig>, Option<live::Tap>),
+/// Serves signals, the socket and the service manager. Returns true when the work is done, false if the time for stopping
+/// has passed.
+async fn serve_until_done(
+    (socket, publisher): (Option<StatusConfig>, Option<live::ResultPublisher>),
     core: &Core,
     commands: Sender<Command>,
     within: Duration,
@@ -148,28 +146,28 @@ async fn attend(
 ) -> bool {
     let mut in_time = true;
     if let Some(config) = &socket {
-        match endpoint::listen(&config.socket) {
+        match endpoint::bind_socket(&config.socket) {
             Ok(listener) => {
-                tokio::spawn(socket::serve(listener, core.board.clone(), commands.clone()));
+                tokio::spawn(socket::serve_status(listener, core.board.clone(), commands.clone()));
             }
             Err(error) => {
-                // Recording matters more than the word of it.
-                tracing::error!(socket = %config.socket.display(), %error, "no status socket");
-                core.board.fault(&format!("{}: {error}", config.socket.display()));
+                // Recording matters more than reporting.
+                tracing::error!(socket = %config.socket.display(), %error, "cannot open the status socket");
+                core.board.note_fault(&format!("{}: {error}", config.socket.display()));
             }
         }
     }
-    if let Some(tap) = tap {
-        tokio::spawn(tap.serve());
+    if let Some(publisher) = publisher {
+        tokio::spawn(publisher.serve());
     }
     tokio::spawn(notify_service_manager(core.board.clone()));
     tokio::select! {
         _ = &mut finished => {}
-        () = stop_signal() => {
-            tracing::info!(within_s = within.as_secs_f64(), "stopping: the shot under way is finished or given up");
+        () = wait_for_stop_signal() => {
+            tracing::info!(within_s = within.as_secs_f64(), "stopping: the current shot is finished or abandoned");
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
             core.halt.end(within);
-            let _ = commands.send(Command::Look);
+            let _ = commands.send(Command::HaltChanged);
             in_time = tokio::time::timeout(within, finished).await.is_ok();
         }
     }
@@ -179,7 +177,7 @@ async fn attend(
     in_time
 }
 
-async fn stop_signal() {
+async fn wait_for_stop_signal() {
     use tokio::signal::unix::{SignalKind, signal};
     match (signal(SignalKind::terminate()), signal(SignalKind::interrupt())) {
         (Ok(mut terminate), Ok(mut interrupt)) => {
@@ -189,13 +187,13 @@ async fn stop_signal() {
     }
 }
 
-/// READY once the threads run; WATCHDOG only while all that has work makes progress.
+/// Sends READY once the threads run, and WATCHDOG while every thread that has work makes progress.
 async fn notify_service_manager(board: StatusBoard) {
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     let Some(watchdog) = sd_notify::watchdog_enabled() else { return };
-    let mut pulse = Pulse::default();
+    let mut pulse = ProgressCheck::default();
     loop {
-        if pulse.moved(board.beats()) {
+        if pulse.has_progressed(board.beats()) {
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
         }
         tokio::time::sleep(watchdog / 3).await;

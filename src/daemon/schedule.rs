@@ -1,83 +1,81 @@
-//! Whether a series is due is a pure function of state and time.
+//! Decides, as a pure function of state and time, whether a series is due.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// What the series are aligned to.
+/// Alignment of the series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Align {
-    /// The first series begins at once, the others an interval apart.
+    /// The first series begins at once, the others follow at the interval.
     #[default]
     Start,
-    /// Whole multiples of the interval in UTC: every full hour.
+    /// Series begin at whole multiples of the interval in UTC, for example every full hour.
     Clock,
 }
 
-/// What does not change.
+/// Configured timetable of the series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timetable {
-    /// From the beginning of one series to that of the next.
+    /// Time from the beginning of one series to the beginning of the next.
     pub interval: Duration,
-    /// To what.
     pub align: Align,
-    /// The daemon ends when the next series would begin later than this after the origin.
+    /// The daemon ends if the next series would begin later than this after the origin.
     pub until: Option<Duration>,
 }
 
-/// A moment, as the schedule needs it.
+/// A moment by the two clocks that the schedule uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// Since boot.
     pub since_boot: Duration,
-    /// UTC, s since 1970.
+    /// UTC, seconds since 1970.
     pub utc_s: f64,
 }
 
-/// What has been done. A slot is a numbered interval; each gets one series.
+/// Progress of the schedule. A slot is a numbered interval; each gets one series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Where the slots of `Align::Start` count from, since boot.
+    /// Time since boot from which the slots of `Align::Start` count.
     pub origin: Duration,
     /// The last slot that got its series.
     pub last_slot: Option<i64>,
 }
 
-/// What to do now.
+/// Next action of the schedule.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Next {
+pub enum ScheduleAction {
     /// Begin a series for this slot.
     Begin(i64),
-    /// Nothing before this time has passed.
+    /// Wait for this time.
     Wait(Duration),
     /// The timetable has ended.
     Over,
 }
 
 impl Progress {
-    /// A fresh beginning at `now`; with `Align::Clock` the slot under way is let go.
-    pub fn beginning(timetable: &Timetable, now: Moment) -> Self {
+    /// Starts at `now`; with `Align::Clock` the current slot is skipped.
+    pub fn start(timetable: &Timetable, now: Moment) -> Self {
         let progress = Self { origin: now.since_boot, last_slot: None };
         let last_slot = match timetable.align {
             Align::Start => None,
-            Align::Clock => Some(slot(timetable, &progress, now)),
+            Align::Clock => Some(slot_at(timetable, &progress, now)),
         };
         Self { last_slot, ..progress }
     }
 
-    /// Goes on within one boot, after a restart: series began at these times since boot.
-    pub fn continuing(timetable: &Timetable, first: Duration, last: Duration, now: Moment) -> Self {
+    /// Continues within one boot after a restart; `first` and `last` are the times since boot at which series began.
+    pub fn resume(timetable: &Timetable, first: Duration, last: Duration, now: Moment) -> Self {
         let progress = Self { origin: first, last_slot: None };
         let of_last = match timetable.align {
-            Align::Start => slot(timetable, &progress, Moment { since_boot: last, ..now }),
-            Align::Clock => slot(timetable, &progress, now),
+            Align::Start => slot_at(timetable, &progress, Moment { since_boot: last, ..now }),
+            Align::Clock => slot_at(timetable, &progress, now),
         };
         Self { last_slot: Some(of_last), ..progress }
     }
 }
 
-fn slot(timetable: &Timetable, progress: &Progress, now: Moment) -> i64 {
+fn slot_at(timetable: &Timetable, progress: &Progress, now: Moment) -> i64 {
     (elapsed_s(timetable, progress, now) / interval_s(timetable)).floor() as i64
 }
 
@@ -92,11 +90,11 @@ fn interval_s(timetable: &Timetable) -> f64 {
     timetable.interval.as_secs_f64().max(1e-3)
 }
 
-/// Decides. A slot whose time has come and that has no series yet gets one, late if need be; slots
-/// that went by unused are let go, so that a long stop is not followed by a burst. Where UTC is set
-/// back (`Align::Clock`), the series go on with the next slot of the new time: the returned state says so.
-pub fn next(timetable: &Timetable, mut progress: Progress, now: Moment) -> (Next, Progress) {
-    let present = slot(timetable, &progress, now);
+/// Returns the next action. A slot that is due and has no series yet gets one, even if late; missed slots are dropped, so
+/// that a long stop is not followed by a burst. If UTC is set back (`Align::Clock`), the series continue with the next slot
+/// of the new time; the returned progress reflects this.
+pub fn next_action(timetable: &Timetable, mut progress: Progress, now: Moment) -> (ScheduleAction, Progress) {
+    let present = slot_at(timetable, &progress, now);
     if progress.last_slot.is_some_and(|last| last > present) {
         progress.last_slot = Some(present);
     }
@@ -108,10 +106,10 @@ pub fn next(timetable: &Timetable, mut progress: Progress, now: Moment) -> (Next
     let wait = Duration::try_from_secs_f64(wait_s.max(0.0)).unwrap_or(timetable.interval);
     let begins_after = now.since_boot.saturating_sub(progress.origin) + wait;
     let next = match timetable.until {
-        Some(until) if begins_after > until => Next::Over,
-        _ if due => Next::Begin(present),
+        Some(until) if begins_after > until => ScheduleAction::Over,
+        _ if due => ScheduleAction::Begin(present),
         // Never zero: rounding must not make the caller spin.
-        _ => Next::Wait(wait.max(Duration::from_millis(1))),
+        _ => ScheduleAction::Wait(wait.max(Duration::from_millis(1))),
     };
     (next, progress)
 }
@@ -130,17 +128,17 @@ mod tests {
         Moment { since_boot: Duration::from_secs_f64(since_boot_s), utc_s }
     }
 
-    /// Runs a timetable and returns when its series began, s since boot.
+    /// Runs a timetable and returns the times at which its series began, s since boot.
     fn run(timetable: &Timetable, series_s: f64, mut now: Moment) -> Vec<f64> {
-        let mut progress = Progress::beginning(timetable, now);
+        let mut progress = Progress::start(timetable, now);
         let mut began = Vec::new();
         while began.len() < 20 {
-            let (next, state) = next(timetable, progress, now);
+            let (next, state) = next_action(timetable, progress, now);
             progress = state;
             let passes = match next {
-                Next::Over => break,
-                Next::Wait(wait) => wait.as_secs_f64(),
-                Next::Begin(slot) => {
+                ScheduleAction::Over => break,
+                ScheduleAction::Wait(wait) => wait.as_secs_f64(),
+                ScheduleAction::Begin(slot) => {
                     began.push(now.since_boot.as_secs_f64());
                     progress.last_slot = Some(slot);
                     series_s
@@ -152,14 +150,14 @@ mod tests {
     }
 
     #[test]
-    fn aligned_to_start_the_first_is_at_once_and_the_last_before_the_end() {
+    fn series_aligned_to_the_start_begin_at_once_and_end_before_the_end() {
         let began = run(&timetable(Align::Start, Some(HOUR * 8 + HOUR / 2)), 25.0, moment(30.0, 0.0));
         let expected: Vec<f64> = (0..9).map(|k| 30.0 + 3600.0 * f64::from(k)).collect();
         assert_eq!(began, expected);
     }
 
     #[test]
-    fn aligned_to_the_clock_they_are_at_full_hours() {
+    fn series_aligned_to_the_clock_are_at_full_hours() {
         let began = run(&timetable(Align::Clock, Some(HOUR * 4)), 25.0, moment(30.0, 7200.0 + 600.0));
         let full_hours: Vec<f64> = (0..4).map(|k| 30.0 + 3000.0 + 3600.0 * f64::from(k)).collect();
         assert_eq!(began.len(), 4);
@@ -178,12 +176,12 @@ mod tests {
     fn a_clock_set_forward_or_back_does_not_stop_the_series() {
         let table = timetable(Align::Clock, None);
         let at_1970 = moment(60.0, 60.0);
-        let progress = Progress::beginning(&table, at_1970);
+        let progress = Progress::start(&table, at_1970);
         let synced = moment(100.0, 1.8e9);
-        assert!(matches!(next(&table, progress, synced).0, Next::Begin(_)));
-        let progress = Progress::beginning(&table, synced);
-        let (what, _) = next(&table, progress, moment(200.0, 100.0));
-        assert_eq!(what, Next::Wait(Duration::from_secs(3500)));
+        assert!(matches!(next_action(&table, progress, synced).0, ScheduleAction::Begin(_)));
+        let progress = Progress::start(&table, synced);
+        let (what, _) = next_action(&table, progress, moment(200.0, 100.0));
+        assert_eq!(what, ScheduleAction::Wait(Duration::from_secs(3500)));
     }
 
     #[test]
@@ -191,9 +189,9 @@ mod tests {
         let table = timetable(Align::Start, None);
         let seconds = Duration::from_secs;
         let now = moment(30.0 + 3600.0 + 700.0, 0.0);
-        let progress = Progress::continuing(&table, seconds(30), seconds(30 + 3600), now);
-        assert_eq!(next(&table, progress, now).0, Next::Wait(seconds(2900)));
+        let progress = Progress::resume(&table, seconds(30), seconds(30 + 3600), now);
+        assert_eq!(next_action(&table, progress, now).0, ScheduleAction::Wait(seconds(2900)));
         let missed = moment(30.0 + 2.0 * 3600.0 + 600.0, 0.0);
-        assert_eq!(next(&table, progress, missed).0, Next::Begin(2));
+        assert_eq!(next_action(&table, progress, missed).0, ScheduleAction::Begin(2));
     }
 }

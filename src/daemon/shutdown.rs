@@ -1,90 +1,90 @@
-//! All threads see here a wish to stop, or that the power fails: what is under way is finished or given up by a stated time.
+//! Requests to stop, and power failures, as seen by all threads: current work is finished or abandoned by a given time.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Of the time that there is, what a camera or a solver may take; the rest is for closing and syncing.
-const FOR_WORK: f64 = 0.5;
+/// Fraction of the available time that a camera or a solver may take; the rest is for closing and syncing.
+const WORK_FRACTION: f64 = 0.5;
 
-/// What the threads are to do.
+/// Order to the threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Order {
-    /// To work.
+    /// Work normally.
     Work,
-    /// To begin nothing until the power is back, which fails.
+    /// Begin nothing until the failing power is back.
     Pause,
-    /// To end.
+    /// End.
     End,
 }
 
 #[derive(Debug)]
-struct State {
+struct HaltState {
     order: Order,
-    /// When work under way is given up.
+    /// Time at which current work is abandoned.
     give_up: Option<Instant>,
 }
 
-/// Shared by the threads; copies are the same.
+/// Order to stop or pause, shared by the threads. Clones share one state.
 #[derive(Clone, Debug)]
 pub(crate) struct Halt {
-    state: Arc<Mutex<State>>,
+    state: Arc<Mutex<HaltState>>,
 }
 
 impl Default for Halt {
     fn default() -> Self {
-        Self { state: Arc::new(Mutex::new(State { order: Order::Work, give_up: None })) }
+        Self { state: Arc::new(Mutex::new(HaltState { order: Order::Work, give_up: None })) }
     }
 }
 
 impl Halt {
-    /// The program ends within this time, machine time. It is not taken back, and an earlier limit stays.
+    /// Orders the program to end within this machine time. The order cannot be revoked, and an earlier limit stays.
     pub fn end(&self, within: Duration) {
-        self.give(Order::End, within);
+        self.set_order(Order::End, within);
     }
 
-    /// Nothing new begins, and what is under way is durable within this time, machine time.
+    /// Orders the threads to begin nothing and to make current work durable within this machine time.
     pub fn pause(&self, within: Duration) {
-        if !self.ending() {
-            self.give(Order::Pause, within);
+        if !self.is_ending() {
+            self.set_order(Order::Pause, within);
         }
     }
 
-    /// The power is back.
+    /// Revokes a pause, because the power is back.
     pub fn resume(&self) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         if state.order == Order::Pause {
-            *state = State { order: Order::Work, give_up: None };
+            *state = HaltState { order: Order::Work, give_up: None };
         }
     }
 
-    fn give(&self, order: Order, within: Duration) {
-        let limit = Instant::now().checked_add(within.mul_f64(FOR_WORK));
-        let mut state = self.state();
+    fn set_order(&self, order: Order, within: Duration) {
+        let limit = Instant::now().checked_add(within.mul_f64(WORK_FRACTION));
+        let mut state = self.lock_state();
         let give_up = state.give_up.into_iter().chain(limit).min();
-        *state = State { order, give_up };
+        *state = HaltState { order, give_up };
     }
 
-    /// To end, or to pause.
-    pub fn wanted(&self) -> bool {
-        self.state().order != Order::Work
+    /// Returns whether an end or a pause is ordered.
+    pub fn is_requested(&self) -> bool {
+        self.lock_state().order != Order::Work
     }
 
-    /// To pause.
-    pub fn paused(&self) -> bool {
-        self.state().order == Order::Pause
+    /// Returns whether a pause is ordered.
+    pub fn is_paused(&self) -> bool {
+        self.lock_state().order == Order::Pause
     }
 
-    /// To end.
-    pub fn ending(&self) -> bool {
-        self.state().order == Order::End
+    /// Returns whether an end is ordered.
+    pub fn is_ending(&self) -> bool {
+        self.lock_state().order == Order::End
     }
 
-    /// Work under way is to be given up now.
-    pub fn over(&self) -> bool {
-        self.state().give_up.is_some_and(|limit| Instant::now() >= limit)
+    /// Returns whether current work must be abandoned now.
+    pub fn is_expired(&self) -> bool {
+        self.lock_state().give_up.is_some_and(|limit| Instant::now() >= limit)
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn lock_state(&self) -> MutexGuard<'_, HaltState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -94,24 +94,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pause_is_taken_back_and_an_end_is_not() {
+    fn a_pause_can_be_revoked_and_a_shutdown_cannot() {
         let halt = Halt::default();
-        assert!(!halt.wanted() && !halt.over());
+        assert!(!halt.is_requested() && !halt.is_expired());
         halt.pause(Duration::ZERO);
-        assert!(halt.paused() && halt.over());
+        assert!(halt.is_paused() && halt.is_expired());
         halt.resume();
-        assert!(!halt.wanted() && !halt.over());
+        assert!(!halt.is_requested() && !halt.is_expired());
         halt.end(Duration::from_secs(60));
         halt.pause(Duration::ZERO);
         halt.resume();
-        assert!(halt.ending() && !halt.paused() && !halt.over());
+        assert!(halt.is_ending() && !halt.is_paused() && !halt.is_expired());
     }
 
     #[test]
-    fn the_power_that_fails_shortens_what_a_stop_allows_and_not_the_other_way_round() {
+    fn a_power_failure_shortens_the_stop_limit_but_a_stop_does_not_extend_it() {
         let halt = Halt::default();
         halt.pause(Duration::ZERO);
         halt.end(Duration::from_secs(60));
-        assert!(halt.over());
+        assert!(halt.is_expired());
     }
 }

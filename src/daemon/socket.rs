@@ -1,4 +1,4 @@
-//! The status socket takes one command per line and answers each with one line of JSON (`metrics`: Prometheus text).
+//! Status socket: takes one command per line and answers each with one line of JSON (`metrics`: Prometheus text).
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream as BlockingStream;
@@ -12,13 +12,13 @@ use tokio::net::{UnixListener, UnixStream};
 
 use super::command::Command;
 use super::endpoint;
-use super::status::{StatusBoard, exposition};
+use super::status::{StatusBoard, prometheus_text};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StatusConfig {
-    /// Where `wingd status` and `wingd trigger` reach the daemon.
+    /// Path of the socket for `wingd status` and `wingd trigger`.
     #[serde(default = "default_socket")]
     pub socket: PathBuf,
 }
@@ -33,35 +33,35 @@ impl Default for StatusConfig {
     }
 }
 
-/// A longer line is no command.
+/// Maximum length of a command, bytes.
 const MAX_LINE: u64 = 256;
-/// For a client that connects and says nothing.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time after which a client that sends or reads nothing is disconnected.
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Answers clients for ever, each on its own task.
-pub(crate) async fn serve(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
+/// Answers clients forever, each in its own task.
+pub(crate) async fn serve_status(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
     let client = |stream| {
         let (board, recorder) = (board.clone(), recorder.clone());
         tokio::spawn(async move {
-            let _ = tokio::time::timeout(PATIENCE, answer(stream, &board, &recorder)).await;
+            let _ = tokio::time::timeout(CLIENT_TIMEOUT, answer_client(stream, &board, &recorder)).await;
         });
     };
-    endpoint::accept(listener, client).await;
+    endpoint::accept_clients(listener, client).await;
 }
 
-async fn answer(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {
+async fn answer_client(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {
     let (read, mut write) = stream.split();
     let mut line = String::new();
     AsyncBufReader::new(tokio::io::AsyncReadExt::take(read, MAX_LINE)).read_line(&mut line).await?;
-    let mut reply = reply(line.trim(), board, recorder);
+    let mut reply = reply_to_command(line.trim(), board, recorder);
     reply.push('\n');
     write.write_all(reply.as_bytes()).await
 }
 
-fn reply(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> String {
-    let asked = match command {
+fn reply_to_command(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> String {
+    let sent = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
-        "metrics" => return exposition(&board.snapshot()),
+        "metrics" => return prometheus_text(&board.snapshot()),
         "trigger" => recorder.send(Command::Trigger).map(|()| "an extra series begins"),
         "new-flight" => recorder.send(Command::NewFlight).map(|()| "an extra series begins a new flight"),
         _ => {
@@ -69,51 +69,51 @@ fn reply(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> Stri
             return serde_json::json!({ "error": error }).to_string();
         }
     };
-    match asked {
+    match sent {
         Ok(answer) => serde_json::json!({ "answer": answer }).to_string(),
         Err(_) => serde_json::json!({ "error": "the daemon is stopping" }).to_string(),
     }
 }
 
-/// Why a question has no answer; all that is done about it is to say it.
+/// Error of a query to the daemon. It is only reported.
 #[derive(Debug, thiserror::Error)]
-pub enum Unanswered {
-    /// By the socket.
-    #[error("{}: {}; {}", .0.display(), .1, mend(.1))]
+pub enum QueryError {
+    /// The socket cannot be opened, written or read.
+    #[error("{}: {}; {}", .0.display(), .1, suggest_remedy(.1))]
     Socket(PathBuf, io::Error),
-    /// Something else listens there.
-    #[error("{}: answers no JSON: {}", .0.display(), .1)]
+    /// Another program answers at the socket.
+    #[error("{}: the answer is not JSON: {}; another program may use this socket", .0.display(), .1)]
     Foreign(PathBuf, serde_json::Error),
-    /// The daemon says why.
+    /// The daemon refuses, with a reason.
     #[error("{0}")]
     Refused(String),
 }
 
-fn mend(error: &io::Error) -> &'static str {
+fn suggest_remedy(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
-            "no daemon is running there (systemctl status wingd), or [status] socket names another place"
+            "no daemon is running there (check systemctl status wingd), or [status] socket is another path"
         }
-        io::ErrorKind::PermissionDenied => "run as the user of the daemon or as root",
-        _ => "the daemon does not answer (journalctl -u wingd)",
+        io::ErrorKind::PermissionDenied => "run this as the user of the daemon or as root",
+        _ => "the daemon does not answer (check journalctl -u wingd)",
     }
 }
 
-/// Asks a running daemon; its line of JSON.
+/// Sends a command to a running daemon and returns its answer.
 ///
 /// # Errors
-/// Where there is none, or it refuses.
-pub fn ask(socket: &Path, command: &str) -> Result<serde_json::Value, Unanswered> {
-    let fault = |error: io::Error| Unanswered::Socket(socket.to_owned(), error);
+/// Returns an error if no daemon answers at the socket, or if it refuses.
+pub fn query_daemon(socket: &Path, command: &str) -> Result<serde_json::Value, QueryError> {
+    let fault = |error: io::Error| QueryError::Socket(socket.to_owned(), error);
     let mut stream = BlockingStream::connect(socket).map_err(fault)?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
+    stream.set_read_timeout(Some(CLIENT_TIMEOUT)).map_err(fault)?;
     stream.write_all(format!("{command}\n").as_bytes()).map_err(fault)?;
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).map_err(fault)?;
     let value: serde_json::Value =
-        serde_json::from_str(&line).map_err(|error| Unanswered::Foreign(socket.to_owned(), error))?;
+        serde_json::from_str(&line).map_err(|error| QueryError::Foreign(socket.to_owned(), error))?;
     match value.get("error").and_then(|error| error.as_str()) {
-        Some(error) => Err(Unanswered::Refused(error.to_owned())),
+        Some(error) => Err(QueryError::Refused(error.to_owned())),
         None => Ok(value),
     }
 }

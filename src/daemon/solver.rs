@@ -1,32 +1,32 @@
-//! The daemon is handed its solver: it knows frames and records, and not how one becomes the other.
+//! The interface to the solver, which is passed in: the daemon knows frames and records, not how one becomes the other.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::camera::Format;
 use crate::measure::adjust::AdjustError;
-use crate::pipeline::live::Tracked;
+use crate::pipeline::live::TrackedFrame;
 use crate::record::ImageRecord;
 use crate::store::Inputs;
 
-/// Solves one frame after the other: its name, bytes, how to read them, when it was exposed (since boot, s).
-pub type Tracking = Box<dyn FnMut(&str, &[u8], &Format, f64) -> Tracked + Send>;
+/// Solves consecutive live frames: name, bytes, format, time of exposure (since boot, s).
+pub type FrameTracker = Box<dyn FnMut(&str, &[u8], &Format, f64) -> TrackedFrame + Send>;
 
-/// Begins tracking, at the start and after a solver was given up.
-pub type Track = Arc<dyn Fn() -> Result<Tracking, AdjustError> + Send + Sync>;
+/// Creates a tracker, at the start and after a solver was abandoned.
+pub type FrameTrackerFactory = Arc<dyn Fn() -> Result<FrameTracker, AdjustError> + Send + Sync>;
 
-/// File name, bytes, how to read them -> the result.
-pub type Solve = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;
+/// Solves one frame: file name, bytes, format.
+pub type FrameSolver = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;
 
-/// How frames are solved, one at a time.
+/// Solvers for frames of series and for live frames.
 #[derive(Clone)]
 pub struct Solver {
-    /// What the results depend on beside the frame.
+    /// Inputs on which results depend in addition to the frame.
     pub inputs: Inputs,
-    /// Does it.
-    pub solve: Solve,
-    /// A frame that takes longer is given up and recorded as failed. Machine time.
+    /// Solver of one frame.
+    pub solve: FrameSolver,
+    /// Time after which a frame is abandoned and recorded as failed. Machine time.
     pub deadline: Duration,
-    /// Solves live frames one after the other; none, and they are recorded only.
-    pub track: Option<Track>,
+    /// Factory of trackers for live frames; without it they are only recorded.
+    pub track: Option<FrameTrackerFactory>,
 }

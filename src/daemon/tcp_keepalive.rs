@@ -1,4 +1,4 @@
-//! A connection that lasts must notice that the other side is gone without a word: a cable pulled, a machine switched off.
+//! Detects a peer that is gone without closing the TCP connection, for example after a pulled cable or a power cut.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -6,22 +6,23 @@ use std::time::Duration;
 
 use socket2::{SockRef, TcpKeepalive};
 
-/// A connection without traffic is probed after so long.
-const QUIET: Duration = Duration::from_secs(10);
-/// Between two probes that are not answered.
-const PROBES_EVERY: Duration = Duration::from_secs(5);
-/// So many unanswered probes end it.
-const PROBES: u32 = 2;
-/// What was sent and is not acknowledged for so long ends it.
-const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
+/// Time without traffic after which a connection is probed.
+const IDLE_BEFORE_PROBES: Duration = Duration::from_secs(10);
+/// Time between two unanswered probes.
+const PROBE_INTERVAL: Duration = Duration::from_secs(5);
+/// Number of unanswered probes that end the connection.
+const MAX_PROBES: u32 = 2;
+/// Time after which unacknowledged data end the connection.
+const MAX_UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 
-/// The kernel ends a TCP connection 20 s after the other side is gone.
+/// Makes the kernel end a TCP connection 20 s after the peer is gone.
 ///
 /// # Errors
-/// Where the kernel does not take the options.
+/// Returns an error if the kernel rejects the options.
 pub fn keep_alive(connection: &impl AsFd) -> io::Result<()> {
     let socket = SockRef::from(connection);
-    let probes = TcpKeepalive::new().with_time(QUIET).with_interval(PROBES_EVERY).with_retries(PROBES);
+    let probes =
+        TcpKeepalive::new().with_time(IDLE_BEFORE_PROBES).with_interval(PROBE_INTERVAL).with_retries(MAX_PROBES);
     socket.set_tcp_keepalive(&probes)?;
-    socket.set_tcp_user_timeout(Some(UNACKNOWLEDGED))
+    socket.set_tcp_user_timeout(Some(MAX_UNACKNOWLEDGED))
 }

@@ -1,26 +1,26 @@
-//! The watchdog goes by this: every thread that has work must take steps.
+//! Progress of the threads, on which the watchdog depends: every thread that has work must take steps.
 
-/// Steps counted so far.
+/// Counts of the steps taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Beats {
-    /// The recorder's; it always has work, waiting included.
+    /// Steps of the recorder, which always has work (waiting included).
     pub recorder: u64,
-    /// The processing's.
+    /// Steps of the processing.
     pub processing: u64,
-    /// It has frames to solve, or results to store.
+    /// True if the processing has frames to solve or results to store.
     pub processing_busy: bool,
 }
 
-/// Compares one look with the next.
+/// Compares the counts of one check with those of the next.
 #[derive(Default)]
-pub(crate) struct Pulse {
+pub(crate) struct ProgressCheck {
     seen: Option<Beats>,
 }
 
-impl Pulse {
-    /// Whether all that had work has taken a step since the last look that found so. Steps are kept until
-    /// then: the two threads need not step between the same two looks.
-    pub fn moved(&mut self, now: Beats) -> bool {
+impl ProgressCheck {
+    /// Returns whether every thread that has work has taken a step since the last check that returned true. Steps add up
+    /// until then: the two threads need not both step between two consecutive checks.
+    pub fn has_progressed(&mut self, now: Beats) -> bool {
         let moved = self.seen.is_none_or(|seen| {
             let processing = !now.processing_busy || now.processing != seen.processing;
             now.recorder != seen.recorder && processing
@@ -41,15 +41,15 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_that_stands_still_with_work_is_noticed() {
-        let mut pulse = Pulse::default();
-        assert!(pulse.moved(beats(1, 0, false)), "the first look");
-        assert!(pulse.moved(beats(2, 0, false)), "nothing to solve");
-        assert!(!pulse.moved(beats(2, 5, true)), "the recorder stands");
-        assert!(pulse.moved(beats(3, 5, true)), "the step of before counts");
-        assert!(!pulse.moved(beats(4, 5, true)), "the processing stands");
-        assert!(!pulse.moved(beats(9, 5, true)));
-        assert!(pulse.moved(beats(10, 6, true)));
-        assert!(pulse.moved(beats(11, 6, false)), "all is solved");
+    fn a_stalled_thread_with_work_is_noticed() {
+        let mut pulse = ProgressCheck::default();
+        assert!(pulse.has_progressed(beats(1, 0, false)), "first check");
+        assert!(pulse.has_progressed(beats(2, 0, false)), "nothing to solve");
+        assert!(!pulse.has_progressed(beats(2, 5, true)), "the recorder does not step");
+        assert!(pulse.has_progressed(beats(3, 5, true)), "the earlier step counts");
+        assert!(!pulse.has_progressed(beats(4, 5, true)), "the processing does not step");
+        assert!(!pulse.has_progressed(beats(9, 5, true)));
+        assert!(pulse.has_progressed(beats(10, 6, true)));
+        assert!(pulse.has_progressed(beats(11, 6, false)), "all is solved");
     }
 }

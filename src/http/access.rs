@@ -1,5 +1,6 @@
-//! Who gets in: a token beyond the loopback, and only names of this machine as Host, so that a page of
-//! another site that resolves to us cannot read the store through its visitor's browser.
+//! Access rules of the pages: a token beyond the loopback interface, and only names of this machine in the Host header, so
+//! that a page of another site whose name resolves to this machine cannot read the store through its visitor's browser (DNS
+//! rebinding).
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
@@ -17,52 +18,52 @@ use subtle::ConstantTimeEq;
 
 use super::tls::TlsAcceptor;
 
-/// Shorter ones can be guessed over a network.
+/// Minimum number of characters of a token: shorter ones can be guessed over a network.
 const MIN_TOKEN_LENGTH: usize = 16;
 
-/// Where a request comes from.
+/// Address that a request comes from.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub SocketAddr);
 
-/// The rules, and what was refused by them.
+/// Access rules of a server, and counts of the requests that they refused.
 #[derive(Default)]
 pub struct Access {
-    /// SHA-256 of the token: equal lengths are compared in equal time.
+    /// SHA-256 of the token, so that the comparison takes the same time for tokens of any length.
     token: Option<[u8; 32]>,
-    /// Names of this machine, lower case, besides `localhost` and addresses.
+    /// Names of this machine in lower case, in addition to `localhost` and IP addresses.
     hosts: Vec<String>,
-    counts: Counts,
-    /// Pages come by TLS alone, where there is one.
+    counts: RefusalCounts,
+    /// If set, connections must use TLS.
     tls: Option<TlsAcceptor>,
 }
 
 #[derive(Debug, Default)]
-struct Counts {
+struct RefusalCounts {
     token: AtomicU64,
     host: AtomicU64,
     connections: AtomicU64,
 }
 
 impl Access {
-    /// `hosts` are the names that clients may use.
+    /// Creates the rules. `hosts` are the names by which clients may address this machine.
     pub fn new(token: Option<&str>, hosts: Vec<String>) -> Self {
         let token = token.map(|token| Sha256::digest(token).into());
         let hosts = hosts.iter().map(|host| host.to_ascii_lowercase()).collect();
-        Self { token, hosts, counts: Counts::default(), tls: None }
+        Self { token, hosts, counts: RefusalCounts::default(), tls: None }
     }
 
-    /// The same over TLS.
-    pub fn over_tls(self, tls: Option<TlsAcceptor>) -> Self {
+    /// Requires TLS if `tls` is given.
+    pub fn with_tls(self, tls: Option<TlsAcceptor>) -> Self {
         Self { tls, ..self }
     }
 
-    /// How connections are encrypted.
+    /// Returns the TLS settings, or `None` for plain HTTP.
     pub fn tls(&self) -> Option<&TlsAcceptor> {
         self.tls.as_ref()
     }
 
-    /// Refused so far, by reason.
-    pub fn refused(&self) -> Value {
+    /// Returns the number of refused requests by reason, as JSON.
+    pub fn refusal_counts(&self) -> Value {
         let count = |n: &AtomicU64| n.load(Ordering::Relaxed);
         json!({"token": count(&self.counts.token), "host": count(&self.counts.host),
             "connections": count(&self.counts.connections)})
@@ -72,33 +73,34 @@ impl Access {
         self.counts.connections.fetch_add(1, Ordering::Relaxed) + 1
     }
 
-    fn knows_host(&self, headers: &HeaderMap) -> bool {
+    fn accepts_host(&self, headers: &HeaderMap) -> bool {
         let mut hosts = headers.get_all(header::HOST).into_iter();
         let (Some(host), None) = (hosts.next(), hosts.next()) else { return false };
-        let Some(name) = host.to_str().ok().and_then(without_port) else { return false };
+        let Some(name) = host.to_str().ok().and_then(strip_port) else { return false };
         let name = name.to_ascii_lowercase();
         let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok();
         address || name == "localhost" || self.hosts.contains(&name)
     }
 
-    fn knows_token(&self, headers: &HeaderMap) -> bool {
-        let Some(wanted) = &self.token else { return true };
-        let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(token);
+    fn accepts_token(&self, headers: &HeaderMap) -> bool {
+        let Some(expected) = &self.token else { return true };
+        let given =
+            headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(authorization_token);
         let digest: [u8; 32] = Sha256::digest(given.unwrap_or_default()).into();
-        digest.ct_eq(wanted).into()
+        digest.ct_eq(expected).into()
     }
 }
 
-/// `name`, `name:port`, `[address]:port`.
-fn without_port(host: &str) -> Option<&str> {
+/// Removes the port from `name`, `name:port` or `[address]:port`; `None` if the text has another form.
+fn strip_port(host: &str) -> Option<&str> {
     let end = if host.starts_with('[') { host.find(']')? + 1 } else { host.find(':').unwrap_or(host.len()) };
     let (name, rest) = host.split_at(end);
     let port = rest.strip_prefix(':').map(|port| port.bytes().all(|byte| byte.is_ascii_digit()));
     (rest.is_empty() || port == Some(true)).then_some(name)
 }
 
-/// The token of `Bearer`, or the password of `Basic`, which browsers can ask for.
-fn token(authorization: &str) -> Option<String> {
+/// Returns the token of an Authorization header: that of `Bearer`, or the password of `Basic`, which browsers can ask for.
+fn authorization_token(authorization: &str) -> Option<String> {
     let (scheme, value) = authorization.split_once(' ')?;
     let value = value.trim();
     if scheme.eq_ignore_ascii_case("bearer") {
@@ -109,29 +111,28 @@ fn token(authorization: &str) -> Option<String> {
     text.split_once(':').map(|(_, password)| password.to_owned())
 }
 
-/// Reads a token; the error says what is wrong and how to mend it, and never the token.
+/// Reads a token from a file. The error is the problem and the remedy; it never contains the token.
 pub fn read_token(file: &Path) -> Result<String, (String, String)> {
-    let mend =
-        format!("write one of at least {MIN_TOKEN_LENGTH} characters, for example `openssl rand -hex 16`");
-    let text = std::fs::read_to_string(file).map_err(|e| (format!("cannot be read ({e})"), mend.clone()))?;
+    let remedy = format!("write a token of at least {MIN_TOKEN_LENGTH} characters, for example `openssl rand -hex 16`");
+    let text = std::fs::read_to_string(file).map_err(|e| (format!("cannot be read ({e})"), remedy.clone()))?;
     let token = text.trim();
     let length = token.chars().count();
     if length < MIN_TOKEN_LENGTH {
-        return Err((format!("holds a token of {length} characters"), mend));
+        return Err((format!("contains a token of only {length} characters"), remedy));
     }
     if !token.bytes().all(|byte| byte.is_ascii_graphic()) {
-        return Err(("holds a token with spaces or characters that no header takes".to_owned(), mend));
+        return Err(("contains a token with spaces or characters that are not allowed in a header".to_owned(), remedy));
     }
     Ok(token.to_owned())
 }
 
-/// Lets a request in or refuses it. What is logged holds no header of it.
-pub(super) async fn check(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+/// Passes a request on or refuses it. The log entry contains no header of the request.
+pub(super) async fn check_access(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
     let headers = request.headers();
-    let (count, reason, status) = if !access.knows_host(headers) {
+    let (count, reason, status) = if !access.accepts_host(headers) {
         (&access.counts.host, "the Host header does not name this machine", StatusCode::MISDIRECTED_REQUEST)
-    } else if !access.knows_token(headers) {
-        (&access.counts.token, "no token or a wrong one", StatusCode::UNAUTHORIZED)
+    } else if !access.accepts_token(headers) {
+        (&access.counts.token, "token missing or wrong", StatusCode::UNAUTHORIZED)
     } else {
         return next.run(request).await;
     };
@@ -154,7 +155,7 @@ mod tests {
 
     fn host(value: &'static str) -> bool {
         let headers = HeaderMap::from_iter([(header::HOST, HeaderValue::from_static(value))]);
-        Access::new(None, vec!["Seat-12a.local".to_owned()]).knows_host(&headers)
+        Access::new(None, vec!["Seat-12a.local".to_owned()]).accepts_host(&headers)
     }
 
     #[test]
@@ -162,18 +163,12 @@ mod tests {
         for good in ["localhost", "127.0.0.1:8080", "[::1]:8080", "192.168.4.1", "seat-12A.local:80"] {
             assert!(host(good), "{good}");
         }
-        for bad in [
-            "",
-            "evil.example",
-            "localhost.evil.example",
-            "127.0.0.1.evil.example",
-            "[::1",
-            "a:b",
-            "127.0.0.1:80:80",
-        ] {
+        for bad in
+            ["", "evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "[::1", "a:b", "127.0.0.1:80:80"]
+        {
             assert!(!host(bad), "{bad}");
         }
-        assert!(!Access::new(None, vec![]).knows_host(&HeaderMap::new()));
+        assert!(!Access::new(None, vec![]).accepts_host(&HeaderMap::new()));
     }
 
     #[test]
@@ -181,20 +176,15 @@ mod tests {
         let access = Access::new(Some("0123456789abcdef"), vec![]);
         let asks = |value: &str| {
             let value = HeaderValue::from_str(value).unwrap();
-            access.knows_token(&HeaderMap::from_iter([(header::AUTHORIZATION, value)]))
+            access.accepts_token(&HeaderMap::from_iter([(header::AUTHORIZATION, value)]))
         };
         let basic = base64::engine::general_purpose::STANDARD.encode("me:0123456789abcdef");
         assert!(asks("Bearer 0123456789abcdef") && asks(&format!("Basic {basic}")));
-        for bad in [
-            "Bearer",
-            "Bearer ",
-            "Bearer 0123456789abcdeg",
-            "0123456789abcdef",
-            "Digest 0123456789abcdef",
-            "Basic !",
-        ] {
+        for bad in
+            ["Bearer", "Bearer ", "Bearer 0123456789abcdeg", "0123456789abcdef", "Digest 0123456789abcdef", "Basic !"]
+        {
             assert!(!asks(bad), "{bad}");
         }
-        assert!(!access.knows_token(&HeaderMap::new()));
+        assert!(!access.accepts_token(&HeaderMap::new()));
     }
 }

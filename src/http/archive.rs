@@ -1,20 +1,20 @@
-//! A flight as one tar archive is laid out beforehand: so it has a length, an ETag and ranges, and the same state gives the
-//! same bytes.
+//! A flight as one tar archive whose layout is computed before sending: it has a length, an ETag and byte ranges, and the
+//! same state of the flight always gives the same bytes.
 
 use axum::body::Bytes;
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::Refusal;
-use super::send::{Content, Source};
-use crate::store::bundle::{FlightBundle, BundleFile};
+use super::send::{Content, ContentSource};
+use crate::store::bundle::{BundleFile, FlightBundle};
 use crate::store::layout as store_layout;
 use crate::store::receive::Listing;
 
-/// Of a tar file: head and content fill whole blocks, two empty ones end it.
-const BLOCK: u64 = 512;
+/// Size of a tar block, bytes: header and content fill whole blocks, and two empty blocks end the archive.
+const BLOCK_BYTES: u64 = 512;
 
-/// The archive of a bundle. `begun_s` dates its files: seconds since 1970.
-pub fn layout(
+/// Returns the tar archive of a bundle. `begun_s` dates its files: seconds since 1970.
+pub fn tar_content(
     flight: &str,
     bundle: FlightBundle,
     begun_s: u64,
@@ -22,12 +22,12 @@ pub fn layout(
 ) -> Result<Content, Refusal> {
     let mut parts = Vec::with_capacity(3 * bundle.items.len() + 1);
     for item in bundle.items {
-        parts.push((BLOCK, Source::Bytes(head(&item, begun_s)?)));
-        let padding = item.length.next_multiple_of(BLOCK) - item.length;
+        parts.push((BLOCK_BYTES, ContentSource::Bytes(tar_header(&item, begun_s)?)));
+        let padding = item.length.next_multiple_of(BLOCK_BYTES) - item.length;
         parts.push((item.length, item.content.into()));
-        parts.push((padding, zeros(padding)));
+        parts.push((padding, zero_bytes(padding)));
     }
-    parts.push((2 * BLOCK, zeros(2 * BLOCK)));
+    parts.push((2 * BLOCK_BYTES, zero_bytes(2 * BLOCK_BYTES)));
     Ok(Content {
         parts,
         digest: bundle.digest,
@@ -38,19 +38,19 @@ pub fn layout(
     })
 }
 
-/// The files of the archive, and where in it their bytes begin.
-pub fn listing(flight: &str, bundle: &FlightBundle) -> Listing {
+/// Returns the files of the archive with the offsets of their bytes in it.
+pub fn archive_listing(flight: &str, bundle: &FlightBundle) -> Listing {
     let mut listing = Listing::from_bundle(flight, bundle);
     let mut at = 0;
     for item in &mut listing.items {
-        item.offset = at + BLOCK;
-        at = item.offset + item.length.next_multiple_of(BLOCK);
+        item.offset = at + BLOCK_BYTES;
+        at = item.offset + item.length.next_multiple_of(BLOCK_BYTES);
     }
     listing
 }
 
-/// The results of a flight's series, one after the other.
-pub fn results(flight: &str, bundle: FlightBundle, permit: OwnedSemaphorePermit) -> Content {
+/// Returns the concatenated results of all series of a flight.
+pub fn results_content(flight: &str, bundle: FlightBundle, permit: OwnedSemaphorePermit) -> Content {
     let ours = |item: &BundleFile| item.name.ends_with(store_layout::RESULTS_FILE);
     let items: Vec<BundleFile> = bundle.items.into_iter().filter(ours).collect();
     let digests: String = items.iter().map(|item| format!("{}\n", item.sha256)).collect();
@@ -64,13 +64,13 @@ pub fn results(flight: &str, bundle: FlightBundle, permit: OwnedSemaphorePermit)
     }
 }
 
-fn zeros(length: u64) -> Source {
+fn zero_bytes(length: u64) -> ContentSource {
     const ZEROS: [u8; 1024] = [0; 1024];
     let length = usize::try_from(length).unwrap_or(0);
-    Source::Bytes(Bytes::from_static(ZEROS.get(..length).unwrap_or_default()))
+    ContentSource::Bytes(Bytes::from_static(ZEROS.get(..length).unwrap_or_default()))
 }
 
-fn head(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
+fn tar_header(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
     let mut head = tar::Header::new_ustar();
     head.set_path(&item.name).map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
     head.set_size(item.length);

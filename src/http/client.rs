@@ -1,4 +1,4 @@
-//! Another wingd's page is asked over one connection, with every wait bounded.
+//! HTTP client for the pages of another wingd: one connection, every wait bounded.
 
 use std::io;
 use std::path::Path;
@@ -16,17 +16,17 @@ use tokio::time::timeout;
 
 use super::tls::{self, TlsConnector};
 
-/// For connecting and for the beginning of an answer: a flight's listing is made from its files' names.
-const ANSWER_TIME: Duration = Duration::from_secs(30);
-/// Without a byte for so long the connection is taken for dead.
-const STALL_TIME: Duration = Duration::from_secs(20);
+/// Timeout for connecting and for the head of a response; the server lists a flight's files before it responds.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(30);
+/// Timeout for the next bytes of a response; after it the connection counts as lost.
+const STALL_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// Why an address cannot be used.
+/// Error for a server URL that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub struct BadAddress(String);
+pub struct ServerUrlError(String);
 
-/// A client of one server.
+/// HTTP client of one server.
 pub struct Client {
     runtime: Runtime,
     host: String,
@@ -36,42 +36,46 @@ pub struct Client {
     connection: Option<SendRequest<Empty<Bytes>>>,
 }
 
-/// An answer whose head has come.
-pub struct Answer<'a> {
+/// Response whose head has arrived and whose body can be read.
+pub struct ClientResponse<'a> {
     runtime: &'a Runtime,
-    /// Its status.
     pub status: StatusCode,
-    /// Its headers.
     pub headers: HeaderMap,
     body: Incoming,
 }
 
 impl Client {
-    /// `http://HOST:PORT`, or `https://HOST:PORT` with the certificate that the server must show.
-    pub fn new(url: &str, token: Option<String>, certificate: Option<&Path>) -> Result<Self, BadAddress> {
-        let bad = |what: String| BadAddress(format!("{url}: {what}"));
+    /// Creates a client for `http://HOST:PORT`, or for `https://HOST:PORT` with the certificate that the server must
+    /// present.
+    pub fn new(url: &str, token: Option<String>, certificate: Option<&Path>) -> Result<Self, ServerUrlError> {
+        let bad = |problem: String| ServerUrlError(format!("{url}: {problem}"));
         let uri: Uri = url.parse().map_err(|e| bad(format!("{e}; give http://HOST:PORT")))?;
-        let host = uri.host().ok_or_else(|| bad("names no host; give http://HOST:PORT".into()))?.to_owned();
-        let connector = match (uri.scheme_str(), certificate) {
-            (Some("http"), None) => None,
-            (Some("http"), Some(_)) => return Err(bad("a certificate is of use with https:// only".into())),
-            (Some("https"), Some(file)) => {
-                let made = tls::connector(file);
-                Some(made.map_err(|(what, mend)| BadAddress(format!("{}: {what}; {mend}", file.display())))?)
-            }
-            (Some("https"), None) => {
-                return Err(bad("give the server's own certificate with --certificate FILE".into()));
-            }
-            _ => return Err(bad("give http://HOST:PORT or https://HOST:PORT".into())),
-        };
+        let host = uri.host().ok_or_else(|| bad("has no host; give http://HOST:PORT".into()))?.to_owned();
+        let connector =
+            match (uri.scheme_str(), certificate) {
+                (Some("http"), None) => None,
+                (Some("http"), Some(_)) => {
+                    return Err(bad("a certificate can be used with https:// only".into()));
+                }
+                (Some("https"), Some(file)) => {
+                    let created = tls::tls_connector(file);
+                    Some(created.map_err(|(problem, remedy)| {
+                        ServerUrlError(format!("{}: {problem}; {remedy}", file.display()))
+                    })?)
+                }
+                (Some("https"), None) => {
+                    return Err(bad("give the server's own certificate with --certificate FILE".into()));
+                }
+                _ => return Err(bad("give http://HOST:PORT or https://HOST:PORT".into())),
+            };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|e| bad(format!("no client could be started: {e}")))?;
+        let runtime = runtime.map_err(|e| bad(format!("could not start the client: {e}")))?;
         let port = uri.port_u16().unwrap_or(if connector.is_some() { 443 } else { 80 });
         Ok(Self { runtime, host, port, token, connector, connection: None })
     }
 
-    /// Asks for a path, over the connection that is there where there is one.
-    pub fn get(&mut self, path: &str, headers: &[(header::HeaderName, String)]) -> io::Result<Answer<'_>> {
+    /// Requests a path, over the open connection if there is one.
+    pub fn get(&mut self, path: &str, headers: &[(header::HeaderName, String)]) -> io::Result<ClientResponse<'_>> {
         let mut request = Request::get(path).header(header::HOST, format!("{}:{}", self.host, self.port));
         for (name, value) in headers {
             request = request.header(name, value);
@@ -80,38 +84,38 @@ impl Client {
             request = request.header(header::AUTHORIZATION, format!("Bearer {token}"));
         }
         let request = request.body(Empty::new()).map_err(io::Error::other)?;
-        let kept = self.connection.take().filter(|c| !c.is_closed());
+        let open = self.connection.take().filter(|c| !c.is_closed());
         let (host, port, connector) = (self.host.as_str(), self.port, self.connector.as_ref());
-        let asked = async {
-            let mut connection = match kept {
+        let request = async {
+            let mut connection = match open {
                 Some(connection) => connection,
-                None => connect(host, port, connector).await?,
+                None => open_connection(host, port, connector).await?,
             };
             if connection.ready().await.is_err() {
-                connection = connect(host, port, connector).await?;
+                connection = open_connection(host, port, connector).await?;
             }
             let response = connection.send_request(request).await.map_err(io::Error::other)?;
             io::Result::Ok((connection, response))
         };
-        // The clock belongs to the runtime: the limit begins inside it.
-        let asked = self.runtime.block_on(async { timeout(ANSWER_TIME, asked).await });
-        let (connection, response) = asked.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
+        // A timer must be created inside the runtime.
+        let outcome = self.runtime.block_on(async { timeout(ANSWER_TIMEOUT, request).await });
+        let (connection, response) = outcome.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
         self.connection = Some(connection);
         let (head, body) = response.into_parts();
-        Ok(Answer { runtime: &self.runtime, status: head.status, headers: head.headers, body })
+        Ok(ClientResponse { runtime: &self.runtime, status: head.status, headers: head.headers, body })
     }
 
-    /// Gives the connection up, with what of an answer is still to come on it.
-    pub fn hang_up(&mut self) {
+    /// Closes the connection and discards the rest of a response.
+    pub fn disconnect(&mut self) {
         self.connection = None;
     }
 }
 
-impl Answer<'_> {
-    /// The next bytes; `None` at the end.
-    pub fn chunk(&mut self) -> io::Result<Option<Bytes>> {
+impl ClientResponse<'_> {
+    /// Reads the next bytes of the body; `None` at its end.
+    pub fn next_chunk(&mut self) -> io::Result<Option<Bytes>> {
         loop {
-            let frame = self.runtime.block_on(async { timeout(STALL_TIME, self.body.frame()).await });
+            let frame = self.runtime.block_on(async { timeout(STALL_TIMEOUT, self.body.frame()).await });
             let frame = frame.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))?;
             match frame {
                 None => return Ok(None),
@@ -124,12 +128,12 @@ impl Answer<'_> {
         }
     }
 
-    /// All of it, up to `most` bytes.
-    pub fn whole(mut self, most: usize) -> io::Result<Vec<u8>> {
+    /// Reads the whole body, up to `max_bytes` bytes.
+    pub fn read_all(mut self, max_bytes: usize) -> io::Result<Vec<u8>> {
         let mut all = Vec::new();
-        while let Some(chunk) = self.chunk()? {
-            if all.len() + chunk.len() > most {
-                return Err(io::Error::other("the answer is longer than it may be"));
+        while let Some(chunk) = self.next_chunk()? {
+            if all.len() + chunk.len() > max_bytes {
+                return Err(io::Error::other("the response is longer than allowed"));
             }
             all.extend_from_slice(&chunk);
         }
@@ -137,7 +141,7 @@ impl Answer<'_> {
     }
 }
 
-async fn connect(
+async fn open_connection(
     host: &str,
     port: u16,
     connector: Option<&TlsConnector>,
@@ -145,25 +149,25 @@ async fn connect(
     let plain = host.trim_start_matches('[').trim_end_matches(']');
     let stream = TcpStream::connect((plain, port)).await?;
     match connector {
-        None => shake(TokioIo::new(stream)).await,
+        None => start_http(TokioIo::new(stream)).await,
         #[cfg(feature = "tls")]
         Some(connector) => {
             use tokio_rustls::rustls::pki_types::ServerName;
             let name = ServerName::try_from(plain.to_owned()).map_err(io::Error::other)?;
-            shake(TokioIo::new(connector.connect(name, stream).await?)).await
+            start_http(TokioIo::new(connector.connect(name, stream).await?)).await
         }
         #[cfg(not(feature = "tls"))]
         Some(never) => match *never {},
     }
 }
 
-async fn shake<S>(stream: S) -> io::Result<SendRequest<Empty<Bytes>>>
+async fn start_http<S>(stream: S) -> io::Result<SendRequest<Empty<Bytes>>>
 where
     S: hyper::rt::Read + hyper::rt::Write + Unpin + Send + 'static,
 {
     let (sender, connection) = handshake(stream).await.map_err(io::Error::other)?;
     tokio::spawn(async move {
-        // Its errors reach the request that is under way.
+        // Errors reach the request in progress.
         let _ = connection.await;
     });
     Ok(sender)

@@ -1,4 +1,4 @@
-//! A flight comes from another wingd's page into a directory, resumed as often as the connection breaks.
+//! Download of flights from the page of another wingd into a directory, resumed each time the connection breaks.
 
 use std::io;
 use std::thread::sleep;
@@ -8,98 +8,95 @@ use axum::body::Bytes;
 use axum::http::{StatusCode, header};
 use serde_json::Value;
 
-use super::client::{Answer, Client};
+use super::client::{Client, ClientResponse};
 use crate::store::StoreError;
 use crate::store::receive::{ListedFile, Listing, Receiver};
 
-/// Tries in a row that bring nothing.
-const TRIES: u32 = 8;
-/// Pause before the second; doubled each time.
-const PAUSE: Duration = Duration::from_millis(250);
-/// Files that are here already are read over where they are shorter than a new request is worth.
-const GAP: u64 = 1 << 20;
-/// Of a listing or a status: 200 bytes a file, far above any flight.
+/// Consecutive attempts without progress after which the download fails.
+const MAX_TRIES: u32 = 8;
+/// Pause before the second attempt; doubled for each further one.
+const FIRST_PAUSE: Duration = Duration::from_millis(250);
+/// Files already present are downloaded again if the gap they would leave in a request is at most this long, bytes.
+const MAX_GAP_BYTES: u64 = 1 << 20;
+/// Maximum size of a listing or a status, bytes: 200 bytes a file, far above any flight.
 const MAX_LISTING_BYTES: usize = 256 << 20;
 
-/// Why a flight did not come.
+/// Error of a download.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
-    /// The connection broke again and again.
-    #[error("the connection broke: {0}; what has come is kept, the same command goes on from there")]
+    /// The connection broke repeatedly.
+    #[error("the connection broke: {0}; the files received so far are kept, run the same command again to resume")]
     Broken(io::Error),
-    /// The server has an answer, and it is no.
-    #[error("{path}: the server answers {status}{why}")]
+    /// The server refused the request.
+    #[error("{path}: the server responded {status}{why}")]
     Refused {
-        /// What was asked for.
         path: String,
-        /// Its answer.
         status: StatusCode,
-        /// A mend, where one is known.
+        /// Remedy, if one is known; begins with a semicolon.
         why: &'static str,
     },
-    /// What came is not what a page of ours sends.
-    #[error("{path}: {what}; is it the page of a wingd of this version?")]
-    Strange {
-        /// What was asked for.
-        path: String,
-        /// What is wrong.
-        what: String,
-    },
-    /// It could not be kept here.
+    /// The response does not have the form that a wingd page sends.
+    #[error("{path}: {problem}; check that the server is a wingd of this version")]
+    Unexpected { path: String, problem: String },
+    /// The flight could not be stored here.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
 impl FetchError {
-    /// Whether asking again may help.
-    fn passes(&self) -> bool {
+    /// Returns whether a further attempt may succeed.
+    fn is_transient(&self) -> bool {
         match self {
             Self::Broken(_) => true,
             Self::Refused { status, .. } => status.is_server_error(),
-            Self::Strange { .. } | Self::Store(_) => false,
+            Self::Unexpected { .. } | Self::Store(_) => false,
         }
     }
 }
 
-/// The names of the server's flights.
-pub fn flights(client: &mut Client) -> Result<Vec<String>, FetchError> {
+/// Returns the names of the server's flights.
+pub fn fetch_flight_names(client: &mut Client) -> Result<Vec<String>, FetchError> {
     let path = "/status.json";
-    let value: Value = with_retries(|| json(client, path))?;
+    let value: Value = with_retries(|| fetch_json(client, path))?;
     let names = value.get("flights").and_then(Value::as_array).cloned().unwrap_or_default();
     Ok(names.iter().filter_map(|name| name.as_str().map(str::to_owned)).collect())
 }
 
-fn json<T: serde::de::DeserializeOwned>(client: &mut Client, path: &str) -> Result<T, FetchError> {
+fn fetch_json<T: serde::de::DeserializeOwned>(client: &mut Client, path: &str) -> Result<T, FetchError> {
     let answer = client.get(path, &[]).map_err(FetchError::Broken)?;
-    let answer = expected(answer, path, StatusCode::OK)?;
-    let bytes = answer.whole(MAX_LISTING_BYTES).map_err(FetchError::Broken)?;
-    let strange = |e: serde_json::Error| FetchError::Strange { path: path.to_owned(), what: e.to_string() };
-    serde_json::from_slice(&bytes).map_err(strange)
+    let answer = check_status(answer, path, StatusCode::OK)?;
+    let bytes = answer.read_all(MAX_LISTING_BYTES).map_err(FetchError::Broken)?;
+    let invalid = |e: serde_json::Error| FetchError::Unexpected { path: path.to_owned(), problem: e.to_string() };
+    serde_json::from_slice(&bytes).map_err(invalid)
 }
 
-fn expected<'a>(answer: Answer<'a>, path: &str, wanted: StatusCode) -> Result<Answer<'a>, FetchError> {
+fn check_status<'a>(
+    answer: ClientResponse<'a>,
+    path: &str,
+    expected: StatusCode,
+) -> Result<ClientResponse<'a>, FetchError> {
     let status = answer.status;
-    if status == wanted {
+    if status == expected {
         return Ok(answer);
     }
     let why = match status {
-        StatusCode::UNAUTHORIZED => "; give its token with --token-file FILE",
-        StatusCode::NOT_FOUND => "; it has no such flight",
-        StatusCode::MISDIRECTED_REQUEST => "; call it by its address, or let it know the name (--host)",
-        StatusCode::SERVICE_UNAVAILABLE => "; other downloads are running there",
-        StatusCode::INTERNAL_SERVER_ERROR => "; `wingd verify` there says what is damaged",
+        StatusCode::UNAUTHORIZED => "; give the server's token with --token-file FILE",
+        StatusCode::NOT_FOUND => "; the server has no such flight",
+        StatusCode::MISDIRECTED_REQUEST => "; use its IP address, or start the server with this name (--host)",
+        StatusCode::SERVICE_UNAVAILABLE => "; other downloads are running on the server",
+        StatusCode::INTERNAL_SERVER_ERROR => "; run `wingd verify` on the server to find the damage",
         _ => "",
     };
     Err(FetchError::Refused { path: path.to_owned(), status, why })
 }
 
-/// Asks again with growing pauses while that may help.
+/// Repeats a request with increasing pauses while its error is transient.
 fn with_retries<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, FetchError> {
     let mut tries = 0;
     loop {
         match ask() {
-            Err(error) if error.passes() && tries + 1 < TRIES => {
-                sleep(PAUSE * 2_u32.pow(tries));
+            Err(error) if error.is_transient() && tries + 1 < MAX_TRIES => {
+                sleep(FIRST_PAUSE * 2_u32.pow(tries));
                 tries += 1;
             }
             done => return done,
@@ -107,9 +104,9 @@ fn with_retries<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, 
     }
 }
 
-/// Brings a flight here, all of it in one state. `thorough`: reads what is here already and brings
-/// what is damaged anew. `progress` gets the bytes there are and those that have come.
-pub fn flight(
+/// Downloads a flight in one consistent state. `thorough`: also reads the files already present and downloads damaged ones
+/// again. `progress` receives the bytes present and the total.
+pub fn fetch_flight(
     client: &mut Client,
     receiver: &Receiver,
     flight: &str,
@@ -119,10 +116,10 @@ pub fn flight(
     let path = format!("/bundle/{flight}.json");
     let mut tries = 0;
     loop {
-        let listing: Listing = with_retries(|| json(client, &path))?;
+        let listing: Listing = with_retries(|| fetch_json(client, &path))?;
         let other = (listing.flight != flight).then(|| format!("lists flight {}", listing.flight));
-        if let Some(what) = other.or_else(|| listing.foreign_file()) {
-            return Err(FetchError::Strange { path, what });
+        if let Some(problem) = other.or_else(|| listing.foreign_file()) {
+            return Err(FetchError::Unexpected { path, problem });
         }
         receiver.prepare_flight(&listing)?;
         let missing = receiver.missing_files(&listing, thorough);
@@ -130,39 +127,39 @@ pub fn flight(
             return Ok(receiver.commit_flight(&listing)?);
         }
         let mut left: u64 = missing.iter().map(|item| item.length).sum();
-        let whole = listing.total_bytes();
-        progress(whole - left, whole);
+        let total = listing.total_bytes();
+        progress(total - left, total);
         let before = left;
-        let outcome = runs(&missing).into_iter().try_for_each(|run| {
-            take(client, &listing, run, receiver, &mut |bytes| {
+        let outcome = group_adjacent_files(&missing).into_iter().try_for_each(|run| {
+            fetch_run(client, &listing, run, receiver, &mut |bytes| {
                 left -= bytes;
-                progress(whole - left, whole);
+                progress(total - left, total);
             })
         });
         tries = if left < before { 0 } else { tries + 1 };
-        client.hang_up();
+        client.disconnect();
         match outcome {
-            Err(error) if !error.passes() || tries >= TRIES => return Err(error),
-            Err(_) => sleep(PAUSE * 2_u32.pow(tries)),
-            // All of it, or of a state that is past: the next listing tells.
+            Err(error) if !error.is_transient() || tries >= MAX_TRIES => return Err(error),
+            Err(_) => sleep(FIRST_PAUSE * 2_u32.pow(tries)),
+            // Complete, or from an outdated state: the next listing shows which.
             Ok(()) => {}
         }
     }
 }
 
-/// Files that lie together in the archive, each run for one request.
-fn runs<'l, 'm>(missing: &'m [&'l ListedFile]) -> Vec<&'m [&'l ListedFile]> {
-    let near = |a: &&ListedFile, b: &&ListedFile| b.offset.saturating_sub(a.offset + a.length) <= GAP;
+/// Groups files that are adjacent in the archive; each group is one request.
+fn group_adjacent_files<'l, 'm>(missing: &'m [&'l ListedFile]) -> Vec<&'m [&'l ListedFile]> {
+    let near = |a: &&ListedFile, b: &&ListedFile| b.offset.saturating_sub(a.offset + a.length) <= MAX_GAP_BYTES;
     missing.chunk_by(near).collect()
 }
 
-/// One request's files, each kept as soon as it has come.
-fn take(
+/// Requests one group of files and stores each as soon as it has arrived.
+fn fetch_run(
     client: &mut Client,
     listing: &Listing,
     run: &[&ListedFile],
     receiver: &Receiver,
-    came: &mut dyn FnMut(u64),
+    on_received: &mut dyn FnMut(u64),
 ) -> Result<(), FetchError> {
     let (Some(first), Some(last)) = (run.first(), run.last()) else { return Ok(()) };
     let path = format!("/tar/{}.tar", listing.flight);
@@ -172,30 +169,30 @@ fn take(
     if answer.status == StatusCode::OK {
         return Ok(());
     }
-    let mut stretch =
-        Stretch { answer: expected(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
+    let mut bytes =
+        ResponseBytes { answer: check_status(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
     let mut at = first.offset;
     for item in run {
-        stretch.skip(item.offset - at).map_err(FetchError::Broken)?;
-        let bytes = stretch.take(item.length).map_err(FetchError::Broken)?;
-        receiver.accept_file(item, &bytes)?;
-        came(item.length);
+        bytes.skip(item.offset - at).map_err(FetchError::Broken)?;
+        let content = bytes.read_bytes(item.length).map_err(FetchError::Broken)?;
+        receiver.accept_file(item, &content)?;
+        on_received(item.length);
         at = item.offset + item.length;
     }
     Ok(())
 }
 
-/// The bytes of an answer, cut as they are wanted.
-struct Stretch<'a> {
-    answer: Answer<'a>,
+/// Body of a response, read in pieces of a requested length.
+struct ResponseBytes<'a> {
+    answer: ClientResponse<'a>,
     rest: Bytes,
 }
 
-impl Stretch<'_> {
-    fn each(&mut self, mut length: u64, mut part: impl FnMut(&[u8])) -> io::Result<()> {
+impl ResponseBytes<'_> {
+    fn for_each_part(&mut self, mut length: u64, mut part: impl FnMut(&[u8])) -> io::Result<()> {
         while length > 0 {
             if self.rest.is_empty() {
-                self.rest = self.answer.chunk()?.ok_or(io::ErrorKind::UnexpectedEof)?;
+                self.rest = self.answer.next_chunk()?.ok_or(io::ErrorKind::UnexpectedEof)?;
             }
             let count = self.rest.len().min(usize::try_from(length).unwrap_or(usize::MAX));
             part(&self.rest.split_to(count));
@@ -205,12 +202,12 @@ impl Stretch<'_> {
     }
 
     fn skip(&mut self, length: u64) -> io::Result<()> {
-        self.each(length, |_| ())
+        self.for_each_part(length, |_| ())
     }
 
-    fn take(&mut self, length: u64) -> io::Result<Vec<u8>> {
+    fn read_bytes(&mut self, length: u64) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        self.each(length, |part| bytes.extend_from_slice(part))?;
+        self.for_each_part(length, |part| bytes.extend_from_slice(part))?;
         Ok(bytes)
     }
 }

@@ -1,6 +1,6 @@
-//! The wing as it is measured: results relayed from the recorder's live socket to browsers.
+//! Live page: results relayed from the recorder's live socket to browsers.
 //!
-//! A browser that is slow misses results, and stops nobody.
+//! A slow browser misses results and delays nobody else.
 
 use std::future::Future;
 use std::io;
@@ -19,77 +19,79 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::mpsc::{Sender, channel, error::TrySendError};
 use tokio::sync::watch;
 
-use super::send::Chunks;
-use super::{Context, Refusal, pages};
+use super::send::ChunkBody;
+use super::{Refusal, ServerContext, pages};
 
-/// Browsers that may watch at a time.
-pub(super) const WATCHERS: usize = 16;
-/// Results that wait for a slow browser.
-const WAITING: usize = 4;
-/// Before a recorder that is not there is called again.
-const AGAIN: Duration = Duration::from_secs(2);
-/// A recorder tells its state every second; after so long without a line it hangs.
-const SILENCE: Duration = Duration::from_secs(4);
-/// For a browser that finds no place: it is to come again after, ms.
-const COME_AGAIN_MS: u32 = 5000;
-/// For a picture of the frame.
-const PICTURE_TIME: Duration = Duration::from_secs(5);
+/// Maximum number of browsers that watch at the same time.
+pub(super) const MAX_WATCHERS: usize = 16;
+/// Maximum number of results queued for a slow browser.
+const MAX_WAITING_RESULTS: usize = 4;
+/// Pause before the next attempt to reach the recorder.
+const RECONNECT_PAUSE: Duration = Duration::from_secs(2);
+/// Timeout for a line of the recorder, which sends its state every second.
+const MAX_SILENCE: Duration = Duration::from_secs(4);
+/// Pause after which a browser that found the server full may retry, ms.
+const RETRY_MS: u32 = 5000;
+/// Timeout for the image of the newest frame.
+const PICTURE_TIMEOUT: Duration = Duration::from_secs(5);
 const SCRIPT: &str = include_str!("pages/live.js");
 const PLOTS: &str = include_str!("pages/live-plot.js");
-/// Its own script, and pictures that it has fetched.
+/// Content security policy of the page: its own script, and images that the script has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
      img-src 'self' data: blob:; frame-ancestors 'none'";
 
-pub(super) async fn page(State(shared): Context) -> Response {
+pub(super) async fn live_page(State(shared): ServerContext) -> Response {
     let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
-    (policy, Html(pages::live(shared.site.live.is_some()).into_string())).into_response()
+    (policy, Html(pages::live_page(shared.site.live.is_some()).into_string())).into_response()
 }
 
-pub(super) async fn script() -> Response {
+pub(super) async fn live_script() -> Response {
     ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
 }
 
-/// What the script draws with.
-pub(super) async fn plots() -> Response {
+/// Sends the plotting functions of the page's script.
+pub(super) async fn plot_script() -> Response {
     ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], PLOTS).into_response()
 }
 
-/// Server-sent events: one object of JSON per result; `state` every second, `down` with a sentence while no recorder answers.
-/// Where so many watch that there is no place, one event `full`, and the end.
-pub(super) async fn events(State(shared): Context) -> Result<Response, Refusal> {
+/// Sends server-sent events: one JSON object per result, `state` every second, `down` with a reason while no recorder
+/// answers. If the maximum number of browsers is reached, sends one event `full` and ends.
+pub(super) async fn live_events(State(shared): ServerContext) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
-    let (sender, receiver) = channel(WAITING);
+    let (sender, receiver) = channel(MAX_WAITING_RESULTS);
     let Ok(permit) = shared.watchers.clone().try_acquire_owned() else {
-        return Ok(stream(full()));
+        return Ok(event_stream(full_event()));
     };
     let closing = shared.closing.clone();
     tokio::spawn(async move {
         let _permit = permit;
-        relay(&socket, &sender, closing).await;
+        relay_events(&socket, &sender, closing).await;
     });
-    Ok(stream(Body::new(Chunks(receiver))))
+    Ok(event_stream(Body::new(ChunkBody(receiver))))
 }
 
-fn stream(body: Body) -> Response {
+fn event_stream(body: Body) -> Response {
     let mut response = Response::new(body);
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
     response
 }
 
-/// A refusal by its status would be the last that the browser asks.
-fn full() -> Body {
-    let why = format!("{WATCHERS} browsers watch already, which is the limit");
-    let said = serde_json::json!({ "reason": why });
-    format!("retry: {COME_AGAIN_MS}\nevent: full\ndata: {said}\n\n").into()
+/// Returns the event `full`. A refusal by HTTP status would stop the browser from retrying.
+fn full_event() -> Body {
+    let why = format!("{MAX_WATCHERS} browsers are already watching, which is the maximum");
+    let data = serde_json::json!({ "reason": why });
+    format!("retry: {RETRY_MS}\nevent: full\ndata: {data}\n\n").into()
 }
 
-/// A small picture of the newest frame; its number and the frame's size are in the head.
-pub(super) async fn frame(State(shared): Context) -> Result<Response, Refusal> {
+/// Sends a small image of the newest frame; its headers hold the frame number and the frame's size.
+pub(super) async fn newest_frame(State(shared): ServerContext) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
     let _one_of_few = shared.pictures_live.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
-    let asked = tokio::time::timeout(PICTURE_TIME, ask_frame(&socket)).await;
+    let picture = tokio::time::timeout(PICTURE_TIMEOUT, request_frame(&socket)).await;
     let missing = |why: &str| (StatusCode::SERVICE_UNAVAILABLE, why.to_owned()).into_response();
-    let Ok(Ok(picture)) = asked else { return Ok(missing("The recorder has no live frame now.")) };
+    let Ok(Ok(picture)) = picture else {
+        return Ok(missing("The recorder has no live frame at the moment."));
+    };
     let jpeg = base64::engine::general_purpose::STANDARD.decode(&picture.jpeg);
     let jpeg = jpeg.map_err(|e| Refusal::Failed(e.to_string()))?;
     let mut response = Response::new(Body::from(jpeg));
@@ -102,75 +104,77 @@ pub(super) async fn frame(State(shared): Context) -> Result<Response, Refusal> {
     Ok(response)
 }
 
-/// A line of the live socket that brings a picture.
+/// Line of the live socket that carries an image.
 #[derive(Deserialize)]
-struct Picture {
+struct LiveImage {
     frame: u64,
     width: usize,
     height: usize,
     jpeg: String,
 }
 
-async fn connect(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
+async fn connect_socket(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
     let (read, write) = UnixStream::connect(socket).await?.into_split();
     Ok((BufReader::new(read).lines(), write))
 }
 
-async fn ask_frame(socket: &Path) -> io::Result<Picture> {
-    let (mut lines, mut write) = connect(socket).await?;
+async fn request_frame(socket: &Path) -> io::Result<LiveImage> {
+    let (mut lines, mut write) = connect_socket(socket).await?;
     write.write_all(b"frame\n").await?;
     while let Some(line) = lines.next_line().await? {
-        if let Some(picture) = picture(&line) {
+        if let Some(picture) = picture_line(&line) {
             return serde_json::from_str(picture).map_err(Into::into);
         }
     }
     Err(io::ErrorKind::UnexpectedEof.into())
 }
 
-/// A line that brings a picture, which begins so.
-fn picture(line: &str) -> Option<&str> {
+/// Returns the line if it carries an image, which its first key shows.
+fn picture_line(line: &str) -> Option<&str> {
     line.starts_with("{\"frame\":").then_some(line)
 }
 
-/// What a line that brings the state says.
-fn state(line: &str) -> Option<&str> {
+/// Returns the JSON object of a line that carries the recorder's state.
+fn state_object(line: &str) -> Option<&str> {
     line.strip_prefix("{\"state\":")?.strip_suffix('}')
 }
 
-fn down(why: &str) -> Bytes {
+fn down_event(why: &str) -> Bytes {
     let down = serde_json::json!({ "reason": why });
     format!("event: down\ndata: {down}\n\n").into()
 }
 
-/// Until the browser goes or the server stops.
-async fn relay(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch::Receiver<bool>) {
+/// Relays events until the browser disconnects or the server stops.
+async fn relay_events(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch::Receiver<bool>) {
     let work = async {
         while !to.is_closed() {
-            let why = match listen(socket, to).await {
-                Ok(()) => "the recorder has ended, or live mode is off".to_owned(),
-                Err(error) => format!("no recorder in live mode answers at {}: {error}", socket.display()),
+            let why = match relay_connection(socket, to).await {
+                Ok(()) => "the recorder has stopped, or live mode is off".to_owned(),
+                Err(error) => {
+                    format!("cannot connect to a recorder in live mode at {}: {error}", socket.display())
+                }
             };
-            if to.send(Ok(down(&why))).await.is_err() {
+            if to.send(Ok(down_event(&why))).await.is_err() {
                 return;
             }
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RECONNECT_PAUSE).await;
         }
     };
     tokio::select! { () = work => {}, _ = closing.wait_for(|closing| *closing) => {} }
 }
 
-/// `Ok`: the other side has ended, or the browser.
-async fn listen(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()> {
-    // The writing half is kept: its end would be heard.
-    let (mut lines, mut write) = connect(socket).await?;
+/// Relays one connection to the recorder. `Ok` if the recorder or the browser has closed its end.
+async fn relay_connection(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()> {
+    // Dropping the writing half would close the connection.
+    let (mut lines, mut write) = connect_socket(socket).await?;
     write.write_all(b"state\n").await?;
     loop {
-        let event = match tokio::time::timeout(SILENCE, lines.next_line()).await {
-            Err(_) => down("the recorder hangs: it is there, and says nothing"),
+        let event = match tokio::time::timeout(MAX_SILENCE, lines.next_line()).await {
+            Err(_) => down_event("the recorder hangs: it is connected but sends nothing"),
             Ok(line) => match line? {
                 None => return Ok(()),
-                Some(line) if picture(&line).is_some() => continue,
-                Some(line) => match state(&line) {
+                Some(line) if picture_line(&line).is_some() => continue,
+                Some(line) => match state_object(&line) {
                     Some(state) => format!("event: state\ndata: {state}\n\n").into(),
                     None => format!("data: {line}\n\n").into(),
                 },
@@ -182,17 +186,15 @@ async fn listen(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()>
     }
 }
 
-/// Pictures that are asked for at a time.
-pub(super) const PICTURES: usize = 4;
+/// Maximum number of images requested at the same time.
+pub(super) const MAX_PICTURES: usize = 4;
 
-/// The server stops: whoever looks at the second ends.
-pub(super) fn stopping(
-    shutdown: impl Future<Output = ()>,
-) -> (impl Future<Output = ()>, watch::Receiver<bool>) {
+/// Wraps the shutdown future; the second value signals the shutdown to event streams.
+pub(super) fn shutdown_signal(shutdown: impl Future<Output = ()>) -> (impl Future<Output = ()>, watch::Receiver<bool>) {
     let (closing, closed) = watch::channel(false);
     let then = async move {
         shutdown.await;
-        // Nobody watching is no error.
+        // It is not an error if nobody is watching.
         let _ = closing.send(true);
     };
     (then, closed)

@@ -1,24 +1,24 @@
 //! Read-only pages over a store: lists, downloads by range, a flight as one archive, the report.
 //!
-//! | path | answers |
+//! | path | response |
 //! |---|---|
 //! | `/` | flights |
-//! | `/flights/{flight}` | its series |
-//! | `/flights/{flight}/{series}` | its frames and results |
+//! | `/flights/{flight}` | the flight's series |
+//! | `/flights/{flight}/{series}` | frames and results of the series |
 //! | `/frames/{flight}/{series}/{file}` | one frame with its markers |
 //! | `/thumb/…svg`, `/overlay/…svg` | a frame with its markers drawn, small and large |
-//! | `/results/{flight}.jsonl` | the results of all its series |
-//! | `/files/{flight}/...` | files as they lie in the store; frames and manifests by range |
-//! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
-//! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
+//! | `/results/{flight}.jsonl` | the results of all series |
+//! | `/files/{flight}/...` | files of the store, unchanged; frames and manifests by range |
+//! | `/tar/{flight}.tar` | the flight as one archive, by range; unpacked it is a store |
+//! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, offset of the bytes |
 //! | `/report/{flight}` | the report |
-//! | `/live`, `/live.js`, `/live-plot.js` | the wing as it is measured |
-//! | `/live/events` | its results as server-sent events |
-//! | `/live/frame.jpg` | a small picture of the newest frame |
-//! | `/status.json` | what the store holds, and the daemon's state where one runs |
+//! | `/live`, `/live.js`, `/live-plot.js` | the live page and its scripts |
+//! | `/live/events` | live results as server-sent events |
+//! | `/live/frame.jpg` | a small image of the newest frame |
+//! | `/status.json` | contents of the store, and the daemon's state if one runs |
 //!
-//! Nothing comes from outside, nothing can be changed, and no name leads out of the store. [`mark`] is a server of its own,
-//! in whose pages a person marks what the detector did not find.
+//! The pages load nothing from other servers, change nothing, and no name leads out of the store. [`mark`] is a separate
+//! server for marking undetected markers manually.
 
 pub mod access;
 mod archive;
@@ -55,39 +55,39 @@ use crate::daemon::StatusBoard;
 use crate::measure::setup::Setup;
 use crate::report::html;
 use crate::report::overview;
-use crate::report::source::{self, Choice};
+use crate::report::source::{self, ResultChoice};
 use crate::store::bundle::{self, FlightBundle};
 use crate::store::receive::Listing;
 use crate::store::{FlightRef, RealDisk, StoreError, catalogue};
 use access::Access;
 use send::Content;
 
-/// What is served.
+/// Data that the pages show.
 #[derive(Clone)]
 pub struct Site {
-    /// The store.
+    /// Root folder of the store.
     pub root: PathBuf,
-    /// For the report's ground shape and lines of sight.
+    /// Installation's setup, for the report's ground shape and lines of sight.
     pub setup: Option<Setup>,
-    /// The daemon's state, where one runs.
-    pub status: Option<StatusBoard>,
-    /// Where a recorder in live mode gives out its results.
+    /// State of the daemon, if one runs in this process.
+    pub board: Option<StatusBoard>,
+    /// Socket on which a recorder in live mode publishes its results.
     pub live: Option<PathBuf>,
 }
 
-/// Archives that are streamed at once; a small computer records meanwhile.
-const ARCHIVES: usize = 2;
+/// Maximum number of archives sent at the same time; a small computer records meanwhile.
+const MAX_ARCHIVES: usize = 2;
 
-/// For an archive's permit before a client is to come again.
-const PERMIT_TIME: Duration = Duration::from_secs(2);
+/// Timeout for an archive's permit; after it the client is head to retry.
+const PERMIT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Reports that are made at once: each may take a flight's worth of memory.
-const REPORTS: usize = 1;
+/// Maximum number of reports made at the same time; each may hold a whole flight in memory.
+const MAX_REPORTS: usize = 1;
 
-/// Frames that are decoded at once, to be shown.
-const PICTURES: usize = 1;
+/// Maximum number of frames decoded for display at the same time.
+const MAX_PICTURES: usize = 1;
 
-struct Shared {
+struct ServerState {
     site: Site,
     access: Arc<Access>,
     archives: Arc<Semaphore>,
@@ -95,16 +95,16 @@ struct Shared {
     pictures: Semaphore,
     watchers: Arc<Semaphore>,
     pictures_live: Semaphore,
-    /// True once the server stops.
+    /// Becomes true when the server stops.
     closing: tokio::sync::watch::Receiver<bool>,
 }
 
-type Context = State<Arc<Shared>>;
+type ServerContext = State<Arc<ServerState>>;
 
 /// Method and headers of a request.
 type RequestHead = (Method, HeaderMap);
 
-/// Why there is no page.
+/// Reason for an error page.
 #[derive(Debug)]
 enum Refusal {
     NotFound,
@@ -121,17 +121,15 @@ impl From<StoreError> for Refusal {
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let (status, text) = match self {
-            Self::NotFound => (StatusCode::NOT_FOUND, "There is no such page or file.".to_owned()),
-            Self::Busy => {
-                (StatusCode::SERVICE_UNAVAILABLE, "Other downloads are running; try again later.".to_owned())
-            }
+            Self::NotFound => (StatusCode::NOT_FOUND, "This page or file does not exist.".to_owned()),
+            Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "Other downloads are running; try again later.".to_owned()),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
         };
-        (status, Html(pages::message(&text).into_string())).into_response()
+        (status, Html(pages::message_page(&text).into_string())).into_response()
     }
 }
 
-/// Serves until `shutdown` is done; answers under way have a few seconds to end.
+/// Serves the pages until `shutdown` completes; responses in progress then have a few seconds to finish.
 pub async fn serve(
     site: Site,
     access: Access,
@@ -139,60 +137,57 @@ pub async fn serve(
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
     let access = Arc::new(access);
-    let (shutdown, closing) = live::stopping(shutdown);
-    server::run(router(site, access.clone(), closing), access, listener, shutdown).await
+    let (shutdown, closing) = live::shutdown_signal(shutdown);
+    server::accept_connections(build_router(site, access.clone(), closing), access, listener, shutdown).await
 }
 
-fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver<bool>) -> Router {
-    let archives = Arc::new(Semaphore::new(ARCHIVES));
-    let shared = Arc::new(Shared {
+fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver<bool>) -> Router {
+    let archives = Arc::new(Semaphore::new(MAX_ARCHIVES));
+    let shared = Arc::new(ServerState {
         site,
         access: access.clone(),
         archives,
-        reports: Semaphore::new(REPORTS),
-        pictures: Semaphore::new(PICTURES),
-        watchers: Arc::new(Semaphore::new(live::WATCHERS)),
-        pictures_live: Semaphore::new(live::PICTURES),
+        reports: Semaphore::new(MAX_REPORTS),
+        pictures: Semaphore::new(MAX_PICTURES),
+        watchers: Arc::new(Semaphore::new(live::MAX_WATCHERS)),
+        pictures_live: Semaphore::new(live::MAX_PICTURES),
         closing,
     });
     let router = Router::new()
-        .route("/", get(index))
-        .route("/flights/{flight}", get(flight))
-        .route("/flights/{flight}/{series}", get(frames::series))
-        .route("/frames/{flight}/{series}/{file}", get(frames::frame))
+        .route("/", get(index_page))
+        .route("/flights/{flight}", get(flight_page))
+        .route("/flights/{flight}/{series}", get(frames::series_page))
+        .route("/frames/{flight}/{series}/{file}", get(frames::frame_page))
         .route(
             "/thumb/{flight}/{series}/{file}",
-            get(|state, path, asked| frames::drawn(state, path, asked, frames::THUMB)),
+            get(|state, path, head| frames::drawn_frame(state, path, head, frames::THUMBNAIL_PX)),
         )
         .route(
             "/overlay/{flight}/{series}/{file}",
-            get(|state, path, asked| frames::drawn(state, path, asked, frames::LARGE)),
+            get(|state, path, head| frames::drawn_frame(state, path, head, frames::OVERLAY_PX)),
         )
-        .route("/results/{name}", get(results))
-        .route("/files/{flight}/{file}", get(flight_file))
-        .route("/files/{flight}/{series}/{file}", get(series_file))
-        .route("/tar/{name}", get(tar))
-        .route("/bundle/{name}", get(listing))
-        .route("/report/{flight}", get(report))
-        .route("/live", get(live::page))
-        .route("/live.js", get(live::script))
-        .route("/live-plot.js", get(live::plots))
-        .route("/live/events", get(live::events))
-        .route("/live/frame.jpg", get(live::frame))
-        .route("/status.json", get(status))
+        .route("/results/{name}", get(send_results))
+        .route("/files/{flight}/{file}", get(send_flight_file))
+        .route("/files/{flight}/{series}/{file}", get(send_series_file))
+        .route("/tar/{name}", get(send_tar))
+        .route("/bundle/{name}", get(send_listing))
+        .route("/report/{flight}", get(report_page))
+        .route("/live", get(live::live_page))
+        .route("/live.js", get(live::live_script))
+        .route("/live-plot.js", get(live::plot_script))
+        .route("/live/events", get(live::live_events))
+        .route("/live/frame.jpg", get(live::newest_frame))
+        .route("/status.json", get(send_status))
         .fallback(async || Refusal::NotFound);
-    dressed(router, access).with_state(shared)
+    add_common_layers(router, access).with_state(shared)
 }
 
-/// With the rules of who gets in, and the heads that every answer has.
-fn dressed<S: Clone + Send + Sync + 'static>(router: Router<S>, access: Arc<Access>) -> Router<S> {
+/// Adds the access rules and the headers that every response has.
+fn add_common_layers<S: Clone + Send + Sync + 'static>(router: Router<S>, access: Arc<Access>) -> Router<S> {
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     router
-        .layer(axum::middleware::from_fn_with_state(access, access::check))
-        .layer(SetResponseHeaderLayer::if_not_present(
-            header::CACHE_CONTROL,
-            HeaderValue::from_static("no-store"),
-        ))
+        .layer(axum::middleware::from_fn_with_state(access, access::check_access))
+        .layer(SetResponseHeaderLayer::if_not_present(header::CACHE_CONTROL, HeaderValue::from_static("no-store")))
         .layer(SetResponseHeaderLayer::if_not_present(
             header::CONTENT_SECURITY_POLICY,
             HeaderValue::from_static(policy::PLAIN),
@@ -201,121 +196,121 @@ fn dressed<S: Clone + Send + Sync + 'static>(router: Router<S>, access: Arc<Acce
         .layer(header(header::REFERRER_POLICY, "no-referrer"))
 }
 
-/// Files are read on a thread of their own, so that a slow disk stops no other answer.
-async fn blocking<T: Send + 'static>(
-    shared: Arc<Shared>,
+/// Runs file access on a thread of its own, so that a slow disk delays no other response.
+async fn run_blocking<T: Send + 'static>(
+    shared: Arc<ServerState>,
     work: impl FnOnce(&Site) -> Result<T, Refusal> + Send + 'static,
 ) -> Result<T, Refusal> {
     let task = tokio::task::spawn_blocking(move || work(&shared.site));
     task.await.map_err(|e| Refusal::Failed(e.to_string()))?
 }
 
-async fn index(State(shared): Context) -> Result<Html<String>, Refusal> {
-    blocking(shared, |site| Ok(Html(pages::index(site)?.into_string()))).await
+async fn index_page(State(shared): ServerContext) -> Result<Html<String>, Refusal> {
+    run_blocking(shared, |site| Ok(Html(pages::index_page(site)?.into_string()))).await
 }
 
-async fn flight(
-    State(shared): Context,
+async fn flight_page(
+    State(shared): ServerContext,
     Path(flight): Path<String>,
     headers: HeaderMap,
 ) -> Result<Html<String>, Refusal> {
     let scheme = if shared.access.tls().is_some() { "https" } else { "http" };
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or("localhost");
     let address = format!("{scheme}://{host}");
-    blocking(shared, move |site| {
+    run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
-        let overview = overview::flight(&RealDisk, &found)?;
-        Ok(Html(pages::flight(&overview, &address).into_string()))
+        let overview = overview::read_overview(&RealDisk, &found)?;
+        Ok(Html(pages::flight_page(&overview, &address).into_string()))
     })
     .await
 }
 
-async fn flight_file(
-    State(shared): Context,
+async fn send_flight_file(
+    State(shared): ServerContext,
     Path((flight, file)): Path<(String, String)>,
-    asked: RequestHead,
+    head: RequestHead,
 ) -> Result<Response, Refusal> {
-    blocking(shared, move |site| files::in_flight(site, &flight, &file)?.answer(&asked)).await
+    run_blocking(shared, move |site| files::flight_file_content(site, &flight, &file)?.respond(&head)).await
 }
 
-async fn series_file(
-    State(shared): Context,
+async fn send_series_file(
+    State(shared): ServerContext,
     Path((flight, series, file)): Path<(String, String, String)>,
-    asked: RequestHead,
+    head: RequestHead,
 ) -> Result<Response, Refusal> {
-    blocking(shared, move |site| files::in_series(site, &flight, &series, &file)?.answer(&asked)).await
+    run_blocking(shared, move |site| files::series_file_content(site, &flight, &series, &file)?.respond(&head)).await
 }
 
-/// One of the archives' permits. That of an answer that has just been sent comes back a moment later.
-async fn permit(shared: &Shared) -> Result<OwnedSemaphorePermit, Refusal> {
-    let waiting = tokio::time::timeout(PERMIT_TIME, shared.archives.clone().acquire_owned()).await;
+/// Waits for an archive permit. The permit of a response that was just sent is released a moment later.
+async fn archive_permit(shared: &ServerState) -> Result<OwnedSemaphorePermit, Refusal> {
+    let waiting = tokio::time::timeout(PERMIT_TIMEOUT, shared.archives.clone().acquire_owned()).await;
     waiting.ok().and_then(Result::ok).ok_or(Refusal::Busy)
 }
 
-/// All files of a flight as one answer, which holds a permit while it is sent; the `name` ends like this.
-async fn bundled(
-    shared: Arc<Shared>,
+/// Sends all files of a flight as one response, which holds a permit while it is sent. `name` must end with `ending`.
+async fn send_bundle(
+    shared: Arc<ServerState>,
     (name, ending): (String, &str),
-    asked: RequestHead,
+    head: RequestHead,
     content: fn(&FlightRef, FlightBundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
 ) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(ending).ok_or(Refusal::NotFound)?.to_owned();
-    let permit = permit(&shared).await?;
+    let permit = archive_permit(&shared).await?;
     let work = move |site: &Site| {
         let found = files::check_flight(site, &flight)?;
-        content(&found, bundle::bundle_flight(&RealDisk, &site.root, &found)?, permit)?.answer(&asked)
+        content(&found, bundle::bundle_flight(&RealDisk, &site.root, &found)?, permit)?.respond(&head)
     };
-    blocking(shared, work).await
+    run_blocking(shared, work).await
 }
 
-/// All results of a flight, one after the other.
-async fn results(
-    State(shared): Context,
+/// Sends the concatenated results of a flight.
+async fn send_results(
+    State(shared): ServerContext,
     Path(name): Path<String>,
-    asked: RequestHead,
+    head: RequestHead,
 ) -> Result<Response, Refusal> {
-    let content = |flight: &FlightRef, bundle, permit| Ok(archive::results(&flight.id, bundle, permit));
-    bundled(shared, (name, ".jsonl"), asked, content).await
+    let content = |flight: &FlightRef, bundle, permit| Ok(archive::results_content(&flight.id, bundle, permit));
+    send_bundle(shared, (name, ".jsonl"), head, content).await
 }
 
-async fn tar(
-    State(shared): Context,
+async fn send_tar(
+    State(shared): ServerContext,
     Path(name): Path<String>,
-    asked: RequestHead,
+    head: RequestHead,
 ) -> Result<Response, Refusal> {
     let content = |flight: &FlightRef, bundle, permit| {
         let begun_s = catalogue::read_flight_manifest(&RealDisk, flight)?.started.utc.as_second();
-        archive::layout(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)
+        archive::tar_content(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)
     };
-    bundled(shared, (name, ".tar"), asked, content).await
+    send_bundle(shared, (name, ".tar"), head, content).await
 }
 
-async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
+async fn send_listing(State(shared): ServerContext, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
     let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
-    blocking(shared, move |site| {
+    run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let bundle = bundle::bundle_flight(&RealDisk, &site.root, &found)?;
-        Ok(Json(archive::listing(&flight, &bundle)))
+        Ok(Json(archive::archive_listing(&flight, &bundle)))
     })
     .await
 }
 
-/// The report's script runs by its hash, and none beside it.
-async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Response, Refusal> {
+/// Sends the report. Its policy allows only the report's own script, by hash.
+async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -> Result<Response, Refusal> {
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
-    blocking(shared.clone(), move |site| {
+    run_blocking(shared.clone(), move |site| {
         files::check_flight(site, &flight)?;
-        let data = source::flight(&site.root, Choice::flight(&flight), site.setup.as_ref())?;
-        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report())];
-        Ok((policy, Html(html::page(&data))).into_response())
+        let data = source::read_flight(&site.root, ResultChoice::for_flight(&flight), site.setup.as_ref())?;
+        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report_policy())];
+        Ok((policy, Html(html::report_page(&data))).into_response())
     })
     .await
 }
 
-async fn status(State(shared): Context) -> Result<Json<Value>, Refusal> {
-    let refused = shared.access.refused();
-    blocking(shared, move |site| {
-        let mut status = pages::status(site)?;
+async fn send_status(State(shared): ServerContext) -> Result<Json<Value>, Refusal> {
+    let refused = shared.access.refusal_counts();
+    run_blocking(shared, move |site| {
+        let mut status = pages::status_json(site)?;
         if let Some(status) = status.as_object_mut() {
             status.insert("refused".to_owned(), refused);
         }

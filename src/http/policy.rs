@@ -1,4 +1,4 @@
-//! What a page may load and run (Content Security Policy, level 3).
+//! Content Security Policy (level 3) of the pages: allowed sources and scripts.
 
 use axum::http::HeaderValue;
 use base64::Engine;
@@ -6,12 +6,11 @@ use sha2::{Digest, Sha256};
 
 use crate::report::html;
 
-/// Pages without a script.
-pub const PLAIN: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
+/// Policy of pages without a script.
+pub const PLAIN: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
 
-/// A report: its script runs by its hash, and none beside it; `blob:` is a figure on its way to a PNG.
-pub fn report() -> HeaderValue {
+/// Returns the policy of a report: only its own script, by hash; `blob:` is needed to save a figure as PNG.
+pub fn report_policy() -> HeaderValue {
     let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(html::SCRIPT));
     let policy = format!(
         "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data: blob:; script-src 'sha256-{hash}'; \

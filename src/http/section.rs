@@ -1,4 +1,4 @@
-//! `[serve]` of the configuration says where the page is, and who gets in.
+//! Section `[serve]` of the configuration: address of the pages and access rules.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -9,41 +9,39 @@ use super::access::{self, Access};
 use super::tls;
 use crate::installation::Fault;
 
-/// `[serve]`.
+/// Section `[serve]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServeConfig {
-    /// Address and port.
+    /// Address and port, `HOST:PORT`.
     pub listen: String,
-    /// A token that every request must bring; needed off the loopback.
+    /// File with a token that every request must carry; required beyond the loopback interface.
     pub token_file: Option<PathBuf>,
-    /// Names by which clients may call this machine, besides its addresses and localhost.
+    /// Names by which clients may address this machine, in addition to its IP addresses and localhost.
     #[serde(default)]
     pub hosts: Vec<String>,
-    /// PEM; with `key`, pages come by TLS alone.
+    /// Certificate in PEM; with `key`, pages are served over TLS only.
     pub certificate: Option<PathBuf>,
-    /// PEM.
+    /// Private key of the certificate, PEM.
     pub key: Option<PathBuf>,
 }
 
 impl ServeConfig {
-    /// The files it names.
-    pub fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
+    /// Returns the file paths of the section, to be made absolute.
+    pub fn file_paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
         [&mut self.token_file, &mut self.certificate, &mut self.key].into_iter().flatten()
     }
 
-    /// Where to listen and by which rules; or every fault. `place` tells where a key stands.
-    pub fn open(
-        &self,
-        place: impl Fn(&str) -> (PathBuf, String),
-    ) -> Result<(SocketAddr, Access), Vec<Fault>> {
+    /// Resolves the listening address and the access rules, or returns every error. `place` gives file and location of a
+    /// key.
+    pub fn resolve(&self, place: impl Fn(&str) -> (PathBuf, String)) -> Result<(SocketAddr, Access), Vec<Fault>> {
         let mut faults = Vec::new();
-        let mut fault = |key: &str, problem: String, mend: String| {
+        let mut report = |key: &str, problem: String, remedy: String| {
             let (file, place) = place(key);
-            faults.push(Fault::new(file, place, problem, mend));
+            faults.push(Fault::new(file, place, problem, remedy));
         };
-        let address = address(&self.listen).map_err(|why| {
-            fault(
+        let address = resolve_address(&self.listen).map_err(|why| {
+            report(
                 "listen",
                 format!("\"{}\": {why}", self.listen),
                 "give HOST:PORT, for example 127.0.0.1:8080".into(),
@@ -51,55 +49,51 @@ impl ServeConfig {
         });
         let token = self.token_file.as_deref().and_then(|file| {
             let read = access::read_token(file);
-            read.map_err(|(what, mend)| fault("token_file", format!("{} {what}", file.display()), mend)).ok()
+            read.map_err(|(problem, remedy)| report("token_file", format!("{} {problem}", file.display()), remedy)).ok()
         });
         if self.token_file.is_none() && address.is_ok_and(|address| !address.ip().is_loopback()) {
-            let what = format!("{}: everybody on that network could read the store", self.listen);
-            fault(
-                "listen",
-                what,
-                "add a token (token_file, --token-file FILE), or listen on 127.0.0.1".into(),
-            );
+            let problem = format!("{}: everybody on that network could read the store", self.listen);
+            report("listen", problem, "add a token (token_file, --token-file FILE), or listen on 127.0.0.1".into());
         }
         let tls = match (&self.certificate, &self.key) {
-            (Some(certificate), Some(key)) => tls::acceptor(certificate, key)
-                .map_err(|(file, (what, mend))| {
-                    fault("certificate", format!("{} {what}", file.display()), mend)
+            (Some(certificate), Some(key)) => tls::tls_acceptor(certificate, key)
+                .map_err(|(file, (problem, remedy))| {
+                    report("certificate", format!("{} {problem}", file.display()), remedy)
                 })
                 .ok(),
             (None, None) => None,
             _ => {
-                let mend = "give both, or neither";
-                fault("certificate", "certificate and key belong together".into(), mend.into());
+                let remedy = "give both or neither";
+                report("certificate", "certificate and key must be given together".into(), remedy.into());
                 None
             }
         };
         match address {
             Ok(address) if faults.is_empty() => {
-                Ok((address, Access::new(token.as_deref(), self.hosts.clone()).over_tls(tls)))
+                Ok((address, Access::new(token.as_deref(), self.hosts.clone()).with_tls(tls)))
             }
             _ => Err(faults),
         }
     }
 }
 
-/// A name or number with a port; of several addresses an old-style one, which a browser tries in any case.
+/// Resolves a name or IP address with a port. If there are several addresses, prefers IPv4, which every browser tries.
 ///
 /// # Errors
-/// Where it is none, or nobody knows the name.
-pub fn address(text: &str) -> Result<SocketAddr, NoAddress> {
+/// Returns an error if the text is not `HOST:PORT` or the name cannot be resolved.
+pub fn resolve_address(text: &str) -> Result<SocketAddr, ListenAddressError> {
     let all: Vec<SocketAddr> = text.to_socket_addrs()?.collect();
     let first = all.iter().find(|a| a.is_ipv4()).or(all.first());
-    first.copied().ok_or(NoAddress::Unknown)
+    first.copied().ok_or(ListenAddressError::Unknown)
 }
 
-/// Why a text is no address to listen on.
+/// Error for a text that is not an address to listen on.
 #[derive(Debug, thiserror::Error)]
-pub enum NoAddress {
-    /// It is no name with a port, or the name cannot be looked up.
+pub enum ListenAddressError {
+    /// The text is not a name with a port, or the name cannot be looked up.
     #[error(transparent)]
     Unreadable(#[from] std::io::Error),
-    /// A name without one.
+    /// The name has no address.
     #[error("has no address")]
     Unknown,
 }

@@ -1,4 +1,4 @@
-//! Bytes of files are an answer of known length, with a strong ETag, by range.
+//! Responses with file contents: known length, strong ETag, byte ranges.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -16,18 +16,17 @@ use tokio::sync::mpsc::{Receiver, Sender, channel};
 use super::{Refusal, RequestHead};
 use crate::store::bundle;
 
-const CHUNK: usize = 256 * 1024;
+const CHUNK_BYTES: usize = 256 * 1024;
 
-/// A stretch of an answer.
+/// Source of one part of a response.
 #[derive(Clone, Debug)]
-pub enum Source {
-    /// The beginning of a file.
+pub enum ContentSource {
+    /// Beginning of a file.
     File(PathBuf),
-    /// These bytes.
     Bytes(Bytes),
 }
 
-impl From<bundle::BundleContent> for Source {
+impl From<bundle::BundleContent> for ContentSource {
     fn from(content: bundle::BundleContent) -> Self {
         match content {
             bundle::BundleContent::File(path) => Self::File(path),
@@ -36,57 +35,56 @@ impl From<bundle::BundleContent> for Source {
     }
 }
 
-/// What is sent: stretches with their lengths, one after the other.
+/// Content of a response: parts with their lengths, sent one after the other.
 pub struct Content {
-    /// In order.
-    pub parts: Vec<(u64, Source)>,
-    /// Digest of all of it.
+    /// Lengths in bytes and sources, in order.
+    pub parts: Vec<(u64, ContentSource)>,
+    /// Digest of the whole content, used as ETag.
     pub digest: String,
-    /// Media type.
     pub kind: &'static str,
-    /// Name to be saved under.
+    /// File name proposed to the client.
     pub save_as: Option<String>,
-    /// Whether a part of it may be asked for. Not of what grows: two parts could be of two states.
+    /// Whether ranges may be requested. False for growing files: two ranges could come from different states.
     pub by_range: bool,
-    /// Held while it is sent.
+    /// Permit held while the content is sent.
     pub permit: Option<OwnedSemaphorePermit>,
 }
 
 impl Content {
-    /// One stretch.
-    pub fn one(length: u64, source: Source, digest: String, kind: &'static str, by_range: bool) -> Self {
+    /// Creates a content of a single part.
+    pub fn from_source(length: u64, source: ContentSource, digest: String, kind: &'static str, by_range: bool) -> Self {
         Self { parts: vec![(length, source)], digest, kind, save_as: None, by_range, permit: None }
     }
 
-    fn length(&self) -> u64 {
+    fn total_length(&self) -> u64 {
         self.parts.iter().map(|(length, _)| length).sum()
     }
 
-    /// The answer to a request with this method and these headers.
-    pub fn answer(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
-        let (length, etag) = (self.length(), format!("\"{}\"", self.digest));
-        if matches(headers, header::IF_NONE_MATCH, &etag) {
-            return self.head(StatusCode::NOT_MODIFIED, &etag, None, None);
+    /// Responds to a request with the given method and headers.
+    pub fn respond(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
+        let (length, etag) = (self.total_length(), format!("\"{}\"", self.digest));
+        if has_etag(headers, header::IF_NONE_MATCH, &etag) {
+            return self.response_head(StatusCode::NOT_MODIFIED, &etag, None, None);
         }
-        // A range of another state than the one that is here would not fit: then all of it is sent.
+        // A range of an outdated state would not fit: then the full content is sent.
         let same = headers.get(header::IF_RANGE).is_none_or(|value| value == etag.as_str());
-        // Of other methods than GET a range means nothing (RFC 9110, 14.2).
-        let asked = self.by_range && same && method == Method::GET;
-        let range = headers.get(header::RANGE).filter(|_| asked).and_then(|range| range.to_str().ok());
-        match range.map_or(Asked::Whole, |range| parse(range, length)) {
-            Asked::Whole => self.send(method, StatusCode::OK, &etag, (0, length), None),
-            Asked::Part(from, to) => {
+        // Ranges are defined for GET only (RFC 9110, 14.2).
+        let allowed = self.by_range && same && method == Method::GET;
+        let range = headers.get(header::RANGE).filter(|_| allowed).and_then(|range| range.to_str().ok());
+        match range.map_or(RequestedRange::Full, |range| parse_range(range, length)) {
+            RequestedRange::Full => self.stream_range(method, StatusCode::OK, &etag, (0, length), None),
+            RequestedRange::Part(from, to) => {
                 let range = format!("bytes {from}-{}/{length}", to - 1);
-                self.send(method, StatusCode::PARTIAL_CONTENT, &etag, (from, to), Some(range))
+                self.stream_range(method, StatusCode::PARTIAL_CONTENT, &etag, (from, to), Some(range))
             }
-            Asked::Beyond => {
+            RequestedRange::Beyond => {
                 let range = Some(format!("bytes */{length}"));
-                self.head(StatusCode::RANGE_NOT_SATISFIABLE, &etag, range, Some(0))
+                self.response_head(StatusCode::RANGE_NOT_SATISFIABLE, &etag, range, Some(0))
             }
         }
     }
 
-    fn send(
+    fn stream_range(
         self,
         method: &Method,
         status: StatusCode,
@@ -94,7 +92,7 @@ impl Content {
         (from, to): (u64, u64),
         range: Option<String>,
     ) -> Result<Response, Refusal> {
-        let mut response = self.head(status, etag, range, Some(to - from))?;
+        let mut response = self.response_head(status, etag, range, Some(to - from))?;
         if method == Method::HEAD {
             return Ok(response);
         }
@@ -102,19 +100,19 @@ impl Content {
         let Self { parts, permit, .. } = self;
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
-            if let Err(error) = write(&parts, from, to, &sender) {
-                // A client that goes away is none of our faults; a file that cannot be read is.
+            if let Err(error) = write_range(&parts, from, to, &sender) {
+                // A client that disconnects is no error; a file that cannot be read is one.
                 if error.kind() != io::ErrorKind::BrokenPipe {
-                    tracing::warn!(%error, "an answer was broken off");
+                    tracing::warn!(%error, "a response was aborted");
                 }
                 let _ = sender.blocking_send(Err(error));
             }
         });
-        *response.body_mut() = Body::new(Chunks(receiver));
+        *response.body_mut() = Body::new(ChunkBody(receiver));
         Ok(response)
     }
 
-    fn head(
+    fn response_head(
         &self,
         status: StatusCode,
         etag: &str,
@@ -129,7 +127,7 @@ impl Content {
             Ok(())
         };
         set(header::ETAG, etag.to_owned())?;
-        // Kept, but asked for anew each time: another store may be at this address tomorrow.
+        // Cached, but revalidated each time: another store may be served at this address later.
         set(header::CACHE_CONTROL, "private, no-cache".to_owned())?;
         set(header::CONTENT_TYPE, self.kind.to_owned())?;
         if self.by_range {
@@ -148,81 +146,85 @@ impl Content {
     }
 }
 
-/// Whether the client has what has this digest.
-pub fn is_known(headers: &HeaderMap, digest: &str) -> bool {
-    matches(headers, header::IF_NONE_MATCH, &format!("\"{digest}\""))
+/// Returns whether the client already has the content with this digest.
+pub fn is_cached(headers: &HeaderMap, digest: &str) -> bool {
+    has_etag(headers, header::IF_NONE_MATCH, &format!("\"{digest}\""))
 }
 
-/// Whether a header names this ETag. A weak one of the same bytes will do: proxies weaken what they compress (RFC 9110,
-/// 13.1.2).
-fn matches(headers: &HeaderMap, name: HeaderName, etag: &str) -> bool {
+/// Returns whether a header names this ETag. A weak ETag of the same bytes also matches: proxies weaken the ETag of
+/// compressed content (RFC 9110, 13.1.2).
+fn has_etag(headers: &HeaderMap, name: HeaderName, etag: &str) -> bool {
     let values = headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
     let mut values = values.flat_map(|value| value.split(',')).map(str::trim);
     values.any(|value| value == "*" || value.strip_prefix("W/").unwrap_or(value) == etag)
 }
 
-/// What a Range header asks for.
+/// Result of parsing a Range header.
 #[derive(Debug, PartialEq)]
-enum Asked {
-    /// All of it: another unit, several ranges, or no range by the grammar, which are all left unheeded (RFC 9110, 14.2).
-    Whole,
-    /// From and to, which is not included.
+enum RequestedRange {
+    /// The full content: another unit, several ranges or an invalid range are ignored (RFC 9110, 14.2).
+    Full,
+    /// Begin and end of a range, bytes; the end is exclusive.
     Part(u64, u64),
-    /// A range that begins behind the end.
+    /// A range that begins beyond the end.
     Beyond,
 }
 
-fn parse(range: &str, length: u64) -> Asked {
+fn parse_range(range: &str, length: u64) -> RequestedRange {
     let set = range.split_once('=').filter(|(unit, _)| unit.trim().eq_ignore_ascii_case("bytes"));
-    let mut ranges =
-        set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
+    let mut ranges = set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
     let one = ranges.next().filter(|_| ranges.next().is_none());
-    one.and_then(|range| part(range, length)).unwrap_or(Asked::Whole)
+    one.and_then(|range| parse_single_range(range, length)).unwrap_or(RequestedRange::Full)
 }
 
-/// One range; `None` where it is none by the grammar.
-fn part(range: &str, length: u64) -> Option<Asked> {
+/// Parses a single range; `None` if the syntax is invalid.
+fn parse_single_range(range: &str, length: u64) -> Option<RequestedRange> {
     let (from, to) = range.split_once('-')?;
-    // A number too large to count is beyond any end.
+    // A number that does not fit is beyond any end.
     let number = |text: &str| {
         let digits = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
         digits.then(|| text.parse::<u64>().unwrap_or(u64::MAX))
     };
     if from.is_empty() {
         let last = number(to)?.min(length);
-        return Some(if last > 0 { Asked::Part(length - last, length) } else { Asked::Beyond });
+        return Some(if last > 0 { RequestedRange::Part(length - last, length) } else { RequestedRange::Beyond });
     }
     let from = number(from)?;
     let end = if to.is_empty() { length } else { number(to)?.saturating_add(1).min(length) };
     if !to.is_empty() && number(to)? < from {
         return None;
     }
-    Some(if from < end { Asked::Part(from, end) } else { Asked::Beyond })
+    Some(if from < end { RequestedRange::Part(from, end) } else { RequestedRange::Beyond })
 }
 
 /// Sends the bytes from `from` to `to`; waits while the client is slow.
-fn write(parts: &[(u64, Source)], from: u64, to: u64, sender: &Sender<io::Result<Bytes>>) -> io::Result<()> {
-    let mut out = BufWriter::with_capacity(CHUNK, Client(sender));
+fn write_range(
+    parts: &[(u64, ContentSource)],
+    from: u64,
+    to: u64,
+    sender: &Sender<io::Result<Bytes>>,
+) -> io::Result<()> {
+    let mut out = BufWriter::with_capacity(CHUNK_BYTES, ChunkWriter(sender));
     let mut begin = 0;
     for (length, source) in parts {
         let end = begin + length;
         let (first, last) = (from.max(begin), to.min(end));
         if first < last {
-            stretch(source, first - begin, last - begin, &mut out)?;
+            write_part(source, first - begin, last - begin, &mut out)?;
         }
         begin = end;
     }
     out.flush()
 }
 
-/// Exactly these bytes of a stretch; where there are fewer, that is an error.
-fn stretch(source: &Source, from: u64, to: u64, out: &mut impl Write) -> io::Result<()> {
+/// Writes exactly the bytes `from` to `to` of a part; fewer available bytes are an error.
+fn write_part(source: &ContentSource, from: u64, to: u64, out: &mut impl Write) -> io::Result<()> {
     match source {
-        Source::Bytes(bytes) => {
+        ContentSource::Bytes(bytes) => {
             let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
             out.write_all(bytes.get(place(from)..place(to)).ok_or(io::ErrorKind::UnexpectedEof)?)
         }
-        Source::File(path) => {
+        ContentSource::File(path) => {
             let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
             let mut file = File::open(path).map_err(named)?;
             file.seek(SeekFrom::Start(from)).map_err(named)?;
@@ -232,12 +234,12 @@ fn stretch(source: &Source, from: u64, to: u64, out: &mut impl Write) -> io::Res
     }
 }
 
-/// Takes chunks for the client, and waits while it is slow.
-struct Client<'a>(&'a Sender<io::Result<Bytes>>);
+/// Writer that passes chunks to the client and waits while the client is slow.
+struct ChunkWriter<'a>(&'a Sender<io::Result<Bytes>>);
 
-impl Write for Client<'_> {
+impl Write for ChunkWriter<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
+        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client disconnected");
         self.0.blocking_send(Ok(Bytes::copy_from_slice(bytes))).map_err(gone)?;
         Ok(bytes.len())
     }
@@ -247,17 +249,14 @@ impl Write for Client<'_> {
     }
 }
 
-/// An answer's body, as its chunks come.
-pub(super) struct Chunks(pub Receiver<io::Result<Bytes>>);
+/// Response body that yields chunks as they arrive.
+pub(super) struct ChunkBody(pub Receiver<io::Result<Bytes>>);
 
-impl http_body::Body for Chunks {
+impl http_body::Body for ChunkBody {
     type Data = Bytes;
     type Error = io::Error;
 
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
         self.0.poll_recv(context).map(|chunk| chunk.map(|chunk| chunk.map(Frame::data)))
     }
 }
@@ -268,7 +267,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_range_of_bytes_is_a_part_and_all_else_is_the_whole() {
+    fn one_byte_range_is_sent_in_part_and_anything_else_completely() {
         for (range, from, to) in [
             ("bytes=0-9", 0, 10),
             ("Bytes=0-9", 0, 10),
@@ -280,10 +279,10 @@ mod tests {
             ("bytes= 1-2", 1, 3),
             ("bytes=,1-2 ,", 1, 3),
         ] {
-            assert_eq!(parse(range, 100), Asked::Part(from, to), "{range}");
+            assert_eq!(parse_range(range, 100), RequestedRange::Part(from, to), "{range}");
         }
         for beyond in ["bytes=100-", "bytes=-0", "bytes=99999999999999999999-"] {
-            assert_eq!(parse(beyond, 100), Asked::Beyond, "{beyond}");
+            assert_eq!(parse_range(beyond, 100), RequestedRange::Beyond, "{beyond}");
         }
         for whole in [
             "",
@@ -297,8 +296,8 @@ mod tests {
             "bytes=1-5x",
             "bytes=1",
         ] {
-            assert_eq!(parse(whole, 100), Asked::Whole, "{whole}");
+            assert_eq!(parse_range(whole, 100), RequestedRange::Full, "{whole}");
         }
-        assert_eq!(parse("bytes=0-", 0), Asked::Beyond);
+        assert_eq!(parse_range("bytes=0-", 0), RequestedRange::Beyond);
     }
 }

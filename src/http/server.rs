@@ -1,4 +1,4 @@
-//! Connections are accepted here: so many, so long, and so they end.
+//! HTTP server: accepts connections, with limits on their number and duration, and shuts down gracefully.
 
 use std::future::Future;
 use std::io;
@@ -21,27 +21,27 @@ use tokio_io_timeout::TimeoutStream;
 use super::access::{Access, Peer};
 use crate::daemon::keep_alive;
 
-/// A browser takes six at most, one that watches live mode two or three: for forty of these.
-const CONNECTIONS: usize = 256;
-/// For a request's head, and for the next request on an open connection.
-const HEAD_TIME: Duration = Duration::from_secs(10);
-/// A client that takes no byte for so long is gone.
-const STALL_TIME: Duration = Duration::from_secs(30);
-/// For answers under way when the server stops; with what follows under 5 s.
-const STOP_TIME: Duration = Duration::from_secs(3);
-/// Pause after a failed accept: out of descriptors, for instance.
+/// Maximum number of open connections: enough for forty browsers with six each.
+const MAX_CONNECTIONS: usize = 256;
+/// Timeout for a request's head, and for the next request on an open connection.
+const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
+/// Timeout for a client that accepts no bytes.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
+/// Timeout for responses in progress when the server stops; the whole shutdown stays below 5 s.
+const STOP_TIMEOUT: Duration = Duration::from_secs(3);
+/// Pause after a failed accept, for example when file descriptors run out.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-/// A request's head at most.
-const HEAD_BYTES: usize = 16 * 1024;
+/// Maximum size of a request's head, bytes.
+const MAX_HEAD_BYTES: usize = 16 * 1024;
 
-/// Accepts until `shutdown` is done.
-pub(super) async fn run(
+/// Accepts connections until `shutdown` completes.
+pub(super) async fn accept_connections(
     app: Router,
     access: Arc<Access>,
     listener: TcpListener,
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
-    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let graceful = GracefulShutdown::new();
     let mut connections = JoinSet::new();
     tokio::pin!(shutdown);
@@ -52,7 +52,7 @@ pub(super) async fn run(
             accepted = listener.accept() => match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
-                    tracing::warn!(%error, "a connection could not be accepted");
+                    tracing::warn!(%error, "could not accept a connection");
                     sleep(ACCEPT_PAUSE).await;
                     continue;
                 }
@@ -62,35 +62,35 @@ pub(super) async fn run(
             let count = access.count_connection();
             // One line each time the count doubles: an attack must not fill the log.
             if count.is_power_of_two() {
-                tracing::warn!(peer = %peer.ip(), count, "connection refused: {CONNECTIONS} are open");
+                tracing::warn!(peer = %peer.ip(), count, "connection refused: {MAX_CONNECTIONS} are open");
             }
             continue;
         };
-        // A connection that the kernel does not watch is still one.
+        // A connection without TCP keepalive still works.
         let _ = keep_alive(&stream);
         let (app, access, watcher) = (app.clone(), access.clone(), graceful.watcher());
         connections.spawn(async move {
             let _permit = permit;
-            talk(app, &access, stream, peer, watcher).await;
+            serve_connection(app, &access, stream, peer, watcher).await;
         });
     }
     drop(listener);
-    let _ = tokio::time::timeout(STOP_TIME, graceful.shutdown()).await;
+    let _ = tokio::time::timeout(STOP_TIMEOUT, graceful.shutdown()).await;
     connections.shutdown().await;
     Ok(())
 }
 
-/// One connection, to its end. A client that breaks off is no fault of ours.
-async fn talk(app: Router, access: &Access, stream: TcpStream, peer: SocketAddr, watcher: Watcher) {
+/// Serves one connection to its end. A client that disconnects is not an error.
+async fn serve_connection(app: Router, access: &Access, stream: TcpStream, peer: SocketAddr, watcher: Watcher) {
     let mut stream = TimeoutStream::new(stream);
-    stream.set_write_timeout(Some(STALL_TIME));
+    stream.set_write_timeout(Some(WRITE_TIMEOUT));
     let stream = Box::pin(stream);
     match access.tls() {
-        None => converse(app, stream, peer, watcher).await,
+        None => serve_http(app, stream, peer, watcher).await,
         #[cfg(feature = "tls")]
         Some(tls) => {
-            if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_TIME, tls.accept(stream)).await {
-                converse(app, stream, peer, watcher).await;
+            if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_TIMEOUT, tls.accept(stream)).await {
+                serve_http(app, stream, peer, watcher).await;
             }
         }
         #[cfg(not(feature = "tls"))]
@@ -98,15 +98,15 @@ async fn talk(app: Router, access: &Access, stream: TcpStream, peer: SocketAddr,
     }
 }
 
-async fn converse<S>(app: Router, stream: S, peer: SocketAddr, watcher: Watcher)
+async fn serve_http<S>(app: Router, stream: S, peer: SocketAddr, watcher: Watcher)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let service = TowerToHyperService::new(app.layer(Extension(Peer(peer))));
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(HEAD_TIME)
-        .max_buf_size(HEAD_BYTES)
+        .header_read_timeout(HEAD_TIMEOUT)
+        .max_buf_size(MAX_HEAD_BYTES)
         .serve_connection(TokioIo::new(stream), service);
     let _ = watcher.watch(connection).await;
 }

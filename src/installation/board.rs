@@ -1,16 +1,16 @@
-//! `BOARD.toml`: a calibration board (docs/interface.md).
+//! `BOARD.toml`: description of a calibration board (docs/interface.md).
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::keyed::{self, Node, Syntax, Trouble};
+use super::keyed::{self, LineFault, Node, Syntax};
 use super::{Fault, Reader, toml_file};
 use crate::measure::calibrate::Board;
 
-/// The one key that says which others there are: read first, so that faults of the others keep their lines.
+/// Key that determines the other keys; it is read first, so that errors of the others keep their lines.
 #[derive(Deserialize)]
-struct Named {
+struct PatternKey {
     pattern: Pattern,
 }
 
@@ -23,7 +23,7 @@ enum Pattern {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Checkerboard {
+struct CheckerboardTable {
     #[serde(rename = "pattern")]
     _pattern: Pattern,
     columns: usize,
@@ -34,7 +34,7 @@ struct Checkerboard {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Aprilgrid {
+struct AprilgridTable {
     #[serde(rename = "pattern")]
     _pattern: Pattern,
     family: Option<String>,
@@ -45,77 +45,74 @@ struct Aprilgrid {
     scale_sigma: Option<f64>,
 }
 
-enum Table {
-    Checkerboard(Checkerboard),
-    Aprilgrid(Aprilgrid),
+enum BoardTable {
+    Checkerboard(CheckerboardTable),
+    Aprilgrid(AprilgridTable),
 }
 
-/// A board and how well it is known.
+/// Calibration board and the standard deviation of its lengths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DescribedBoard {
-    /// What is printed.
+    /// Printed pattern.
     pub board: Board,
-    /// Standard deviation of its lengths along and of those across, each as a share; `None`: they are exact.
+    /// Relative standard deviation of its lengths along and across; `None`: they are exact.
     pub scale_sigma: Option<f64>,
 }
 
-/// The one family that can be read.
+/// Tag family that can be read.
 const FAMILY: &str = "t36h11";
-/// Beyond it a slip of the pen is likelier than a board.
+/// Largest number of rows or columns; a larger one is more likely a typing mistake than a board.
 const MAX_COUNT: usize = 100;
-/// No board is longer, m: millimetres or centimetres stand for metres then.
+/// Largest length of a board, m; a longer one is probably given in millimetres or centimetres.
 const MAX_BOARD_LENGTH_M: f64 = 10.0;
-/// A board known worse than this, a share, is better measured.
-const LOOSEST: f64 = 0.05;
+/// Largest relative standard deviation of a board's lengths; a board with a larger one should be measured.
+const MAX_SCALE_SIGMA: f64 = 0.05;
 
-/// Reads a board's description; a `.yaml` as Kalibr's.
+/// Reads the description of a board; a `.yaml` is read in Kalibr's format.
 pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
+    let (mut reader, name) = Reader::for_file(file);
     let kalibr = file.extension().is_some_and(|e| e == "yaml" || e == "yml");
-    let table = if kalibr { of_kalibr(&mut reader, &name) } else { of_toml(&mut reader, &name) };
-    let board = table.map(|(file, table)| checked(&mut reader, &file, table));
+    let table = if kalibr { read_kalibr_board(&mut reader, &name) } else { read_toml_board(&mut reader, &name) };
+    let board = table.map(|(file, table)| check_board(&mut reader, &file, table));
     board.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-const MEND: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
+const BOARD_REMEDY: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
 
-fn of_toml(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
-    let (file, text) = reader.text(name, MEND)?;
-    let Named { pattern } = toml_file::parse_toml(reader, &file, &text)?;
+fn read_toml_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, BoardTable)> {
+    let (file, text) = reader.read_text(name, BOARD_REMEDY)?;
+    let PatternKey { pattern } = toml_file::parse_toml(reader, &file, &text)?;
     let table = match pattern {
-        Pattern::Checkerboard => Table::Checkerboard(toml_file::parse_toml(reader, &file, &text)?),
-        Pattern::Aprilgrid => Table::Aprilgrid(toml_file::parse_toml(reader, &file, &text)?),
+        Pattern::Checkerboard => BoardTable::Checkerboard(toml_file::parse_toml(reader, &file, &text)?),
+        Pattern::Aprilgrid => BoardTable::Aprilgrid(toml_file::parse_toml(reader, &file, &text)?),
     };
     Some((file, table))
 }
 
-fn of_kalibr(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Table)> {
-    let (file, text) = reader.text(name, MEND)?;
-    match keyed::parse(&text, Syntax::Yaml).and_then(|tree| target(&tree)) {
+fn read_kalibr_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, BoardTable)> {
+    let (file, text) = reader.read_text(name, BOARD_REMEDY)?;
+    match keyed::parse_keyed(&text, Syntax::Yaml).and_then(|tree| parse_kalibr_target(&tree)) {
         Ok(table) => Some((file, table)),
-        Err(trouble) => {
-            reader.trouble(&file, trouble);
+        Err(fault) => {
+            reader.add_line_fault(&file, fault);
             None
         }
     }
 }
 
-/// A target of Kalibr (github.com/ethz-asl/kalibr/wiki/calibration-targets), whose checkerboards count inner corners too.
-fn target(tree: &Node) -> Result<Table, Trouble> {
-    let need = |key: &str| tree.need(key, "write it as Kalibr's wiki describes the target");
+/// Parses a target of Kalibr (github.com/ethz-asl/kalibr/wiki/calibration-targets), whose checkerboards are also described
+/// by inner corners.
+fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, LineFault> {
+    let need = |key: &str| tree.require(key, "add it as described in Kalibr's wiki");
     let count = |key: &str| {
         let (node, number) = (need(key)?, need(key)?.number(key)?);
         let whole = number >= 0.0 && number.fract() == 0.0 && number <= MAX_COUNT as f64;
-        let mend = "give a whole number of tags, or of inner corners";
-        if whole {
-            Ok(number as usize)
-        } else {
-            Err(Trouble::new(node.line, key, format!("is {number}"), mend))
-        }
+        let remedy = "give a whole number of tags, or of inner corners";
+        if whole { Ok(number as usize) } else { Err(LineFault::new(node.line, key, format!("is {number}"), remedy)) }
     };
     let kind = need("target_type")?;
     let table = match kind.text().unwrap_or("a list") {
-        "aprilgrid" => Ok(Table::Aprilgrid(Aprilgrid {
+        "aprilgrid" => Ok(BoardTable::Aprilgrid(AprilgridTable {
             _pattern: Pattern::Aprilgrid,
             family: None,
             columns: count("tagCols")?,
@@ -129,12 +126,13 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
             let (along, across) = (side("colSpacingMeters")?, side("rowSpacingMeters")?);
             if along != across {
                 let problem = format!("is {across} m, colSpacingMeters {along} m");
-                let mend = "squares alone are read: measure both, and describe other boards by scale_sigma";
-                return Err(Trouble::new(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, mend));
+                let remedy =
+                    "only squares are supported: measure both spacings, and describe other boards by scale_sigma";
+                return Err(LineFault::new(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, remedy));
             }
             let (columns, rows) = (count("targetCols")?, count("targetRows")?);
             let _pattern = Pattern::Checkerboard;
-            Ok(Table::Checkerboard(Checkerboard {
+            Ok(BoardTable::Checkerboard(CheckerboardTable {
                 _pattern,
                 columns,
                 rows,
@@ -143,16 +141,16 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
             }))
         }
         other => {
-            let problem = format!("\"{other}\" is another target");
-            Err(Trouble::new(kind.line, "target_type", problem, "show an aprilgrid or a checkerboard"))
+            let problem = format!("\"{other}\" is not a supported target");
+            Err(LineFault::new(kind.line, "target_type", problem, "use an aprilgrid or a checkerboard"))
         }
     }?;
-    known(tree)?;
+    check_known_keys(tree)?;
     Ok(table)
 }
 
-/// Keys of Kalibr's targets; `codeOffset` moves the tags' numbers, and those from 0 on are read.
-const KALIBR: [&str; 9] = [
+/// Keys of Kalibr's targets; `codeOffset` shifts the numbers of the tags, which are read from 0 on.
+const KALIBR_KEYS: [&str; 9] = [
     "target_type",
     "tagCols",
     "tagRows",
@@ -163,63 +161,50 @@ const KALIBR: [&str; 9] = [
     "rowSpacingMeters",
     "colSpacingMeters",
 ];
-const OFFSET: &str = "codeOffset";
+const OFFSET_KEY: &str = "codeOffset";
 
-/// A key that nobody knows may say what the board is.
-fn known(tree: &Node) -> Result<(), Trouble> {
+/// Rejects unknown keys, which may describe the board.
+fn check_known_keys(tree: &Node) -> Result<(), LineFault> {
     for entry in tree.entries() {
         let (line, key) = (entry.node.line, entry.key.as_str());
-        if KALIBR.contains(&key) || (key == OFFSET && entry.node.number(key)? == 0.0) {
+        if KALIBR_KEYS.contains(&key) || (key == OFFSET_KEY && entry.node.number(key)? == 0.0) {
             continue;
         }
-        let (problem, mend) = match key {
-            OFFSET => ("is not 0", "print the grid with tags from 0 on, which alone are read"),
-            _ => (
-                "is no key of a target that is read",
-                "leave it out if it says nothing of the board's geometry",
-            ),
+        let (problem, remedy) = match key {
+            OFFSET_KEY => ("is not 0", "print the grid with tags numbered from 0"),
+            _ => ("is not a known key of a target", "delete it if it does not affect the board's geometry"),
         };
-        return Err(Trouble::new(line, key, problem, mend));
+        return Err(LineFault::new(line, key, problem, remedy));
     }
     Ok(())
 }
 
-fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
+fn check_board(reader: &mut Reader, file: &Path, table: BoardTable) -> DescribedBoard {
     let (columns, rows, least, scale_sigma) = match &table {
-        Table::Checkerboard(t) => (t.columns, t.rows, 3, t.scale_sigma),
-        Table::Aprilgrid(t) => (t.columns, t.rows, 1, t.scale_sigma),
+        BoardTable::Checkerboard(t) => (t.columns, t.rows, 3, t.scale_sigma),
+        BoardTable::Aprilgrid(t) => (t.columns, t.rows, 1, t.scale_sigma),
     };
-    if let Some(sigma) = scale_sigma.filter(|s| !(*s > 0.0 && *s <= LOOSEST)) {
-        let mend = format!(
-            "give the share to which the board's lengths are known, above 0 and at most {LOOSEST}, or leave it out \
-             where they are exact"
+    if let Some(sigma) = scale_sigma.filter(|s| !(*s > 0.0 && *s <= MAX_SCALE_SIGMA)) {
+        let remedy = format!(
+            "give the relative standard deviation of the board's lengths, above 0 and at most {MAX_SCALE_SIGMA}, or \
+             omit it if they are exact"
         );
-        reader.fault(file, "scale_sigma", format!("is {sigma}"), mend);
+        reader.fault(file, "scale_sigma", format!("is {sigma}"), remedy);
     }
     for (key, count) in [("columns", columns), ("rows", rows)] {
         if !(least..=MAX_COUNT).contains(&count) {
-            reader.fault(
-                file,
-                key,
-                format!("is {count}"),
-                format!("give a number from {least} to {MAX_COUNT}"),
-            );
+            reader.fault(file, key, format!("is {count}"), format!("give a number from {least} to {MAX_COUNT}"));
         }
     }
     let (key, largest, side_m) = match &table {
-        Table::Checkerboard(t) => ("square_m", "squares", t.square_m),
-        Table::Aprilgrid(t) => ("tag_m", "tags", t.tag_m),
+        BoardTable::Checkerboard(t) => ("square_m", "squares", t.square_m),
+        BoardTable::Aprilgrid(t) => ("tag_m", "tags", t.tag_m),
     };
     let board_m = side_m * columns.max(rows) as f64;
     if board_m > MAX_BOARD_LENGTH_M && (1e-4..=100.0).contains(&side_m) {
         let problem = format!("is {side_m}: {largest} of {side_m} m, a board of {board_m:.0} m");
         let (of_mm, of_cm) = (side_m / 1000.0, side_m / 100.0);
-        reader.fault(
-            file,
-            key,
-            problem,
-            format!("give metres: {of_mm} for {side_m} mm, {of_cm} for {side_m} cm"),
-        );
+        reader.fault(file, key, problem, format!("give metres: {of_mm} for {side_m} mm, {of_cm} for {side_m} cm"));
     }
     let mut length = |key: &str, value: f64, unit: &str| {
         if !(1e-4..=100.0).contains(&value) {
@@ -228,20 +213,15 @@ fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
         }
     };
     let board = match table {
-        Table::Checkerboard(Checkerboard { columns, rows, square_m, .. }) => {
+        BoardTable::Checkerboard(CheckerboardTable { columns, rows, square_m, .. }) => {
             length("square_m", square_m, "m");
             Board::Checkerboard { columns, rows, square_m }
         }
-        Table::Aprilgrid(Aprilgrid { family, columns, rows, tag_m, spacing, .. }) => {
+        BoardTable::Aprilgrid(AprilgridTable { family, columns, rows, tag_m, spacing, .. }) => {
             length("tag_m", tag_m, "m");
             length("spacing", spacing, "");
             if let Some(family) = family.filter(|f| f != FAMILY) {
-                reader.fault(
-                    file,
-                    "family",
-                    format!("\"{family}\" is not known"),
-                    format!("write \"{FAMILY}\""),
-                );
+                reader.fault(file, "family", format!("\"{family}\" is not known"), format!("write \"{FAMILY}\""));
             }
             Board::AprilGrid { columns, rows, tag_m, spacing }
         }

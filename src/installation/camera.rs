@@ -7,12 +7,12 @@ use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::toml_file::parse_toml;
-use super::{Reader, shown_path, write_whole};
+use super::{Reader, printable_path, write_atomically};
 use crate::measure::geometry::Lens;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Table {
+struct LensTable {
     width: i64,
     height: i64,
     fx: f64,
@@ -36,73 +36,73 @@ struct Table {
     #[serde(default)]
     k6: f64,
     covariance: Option<Vec<Vec<f64>>>,
-    calibration: Option<Calibrated>,
+    calibration: Option<CalibrationTable>,
 }
 
-/// What of `[calibration]` is read back.
+/// Keys of `[calibration]` that are read.
 #[derive(Deserialize)]
-struct Calibrated {
+struct CalibrationTable {
     covariance: Option<Vec<Vec<f64>>>,
     accepted: Option<String>,
 }
 
-/// What a camera's file says.
+/// Contents of a camera file.
 pub(super) struct CameraFile {
     pub lens: Lens,
-    /// Of fx fy cx cy k1 k2 k3 p1 p2, where it states one.
+    /// Covariance of fx fy cx cy k1 k2 k3 p1 p2, if the file has one.
     pub covariance: Option<SMatrix<f64, 9, 9>>,
-    /// Why a refused calibration was taken all the same.
+    /// Reason for accepting a refused calibration.
     pub accepted: Option<String>,
 }
 
-/// What `wingd calibrate` adds under `[calibration]` (docs/interface.md).
+/// Quality of a calibration, which `wingd calibrate` writes under `[calibration]` (docs/interface.md).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibrationReport {
     /// Root mean square of the residuals, px.
     pub rms_px: f64,
-    /// Pictures that took part.
+    /// Number of images used.
     pub images_used: usize,
-    /// Pictures in which no board was found, or that did not fit.
+    /// Number of images without a board, or that did not fit.
     pub images_rejected: usize,
-    /// Image points that took part.
+    /// Number of image points used.
     pub observations: usize,
-    /// `good` or `poor`; `refused` where it was accepted.
+    /// Verdict: `good` or `poor`; `refused` if it was accepted nevertheless.
     pub verdict: &'static str,
-    /// Why a refused calibration is taken all the same, in its user's words.
+    /// Reason for accepting a refused calibration, in the user's words.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accepted: Option<String>,
     /// Standard deviation of projected points at 5, 15 and 40 m, root mean square over the image, px.
     pub projection_sigma_px: Vec<f64>,
     /// Bow of the board along its rows and its columns, m.
     pub board_bow_m: [f64; 2],
-    /// Their standard deviations, m.
     pub board_bow_sigma_m: [f64; 2],
-    /// Stretch of the board across its rows against along them, a share, and its standard deviation; none where the
+    /// Relative stretch of the board across its rows compared with along them, and its standard deviation; none if the
     /// board is taken as described.
     pub board_stretch: Option<[f64; 2]>,
-    /// Difference of two halves of the pictures at 15 m and its prediction, px.
+    /// Difference at 15 m between calibrations from two halves of the images, and its prediction, px.
     pub halves_px: Option<[f64; 2]>,
-    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none where held.
+    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none for a fixed parameter.
     pub sigma: [Option<f64>; 9],
-    /// 9 x 9, same order.
+    /// Covariance, 9 x 9, in the order of `sigma`.
     pub covariance: Vec<Vec<f64>>,
 }
 
 const MAX_SIDE: i64 = 100_000;
 
-/// Endings of other programs' cameras.
-const OTHERS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramodel"];
+/// Extensions of camera files of other programs.
+const FOREIGN_EXTENSIONS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramodel"];
 
-/// The file, or faults.
-pub(super) fn read(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
-    let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
-    let (file, text) = reader.text(&name, mend)?;
-    if file.extension().is_some_and(|ending| OTHERS.iter().any(|other| ending.eq_ignore_ascii_case(other))) {
-        let mend = format!("make one of it: wingd convert {} camera.toml", shown_path(&file));
-        reader.fault(&file, "file", "is no camera.toml", mend);
+/// Reads a camera file; `None` if there are errors.
+pub(super) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
+    let remedy = "write it with `wingd calibrate`, or name the right file in camera.calibration";
+    let (file, text) = reader.read_text(&name, remedy)?;
+    if file.extension().is_some_and(|ending| FOREIGN_EXTENSIONS.iter().any(|other| ending.eq_ignore_ascii_case(other)))
+    {
+        let remedy = format!("convert it: wingd convert {} camera.toml", printable_path(&file));
+        reader.fault(&file, "file", "is not a camera.toml", remedy);
         return None;
     }
-    let table: Table = parse_toml(reader, &file, &text)?;
+    let table: LensTable = parse_toml(reader, &file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
         if !(1..=MAX_SIDE).contains(&side) {
@@ -148,33 +148,34 @@ pub(super) fn read(reader: &mut Reader, name: impl AsRef<Path>) -> Option<Camera
     };
     check_inverse(reader, &file, &lens);
     let (of_calibration, accepted) = table.calibration.map_or((None, None), |c| (c.covariance, c.accepted));
-    let stated = table.covariance.or(of_calibration);
-    let covariance = stated.and_then(|rows| covariance(reader, &file, &rows));
+    let given = table.covariance.or(of_calibration);
+    let covariance = given.and_then(|rows| parse_covariance(reader, &file, &rows));
     Some(CameraFile { lens, covariance, accepted })
 }
 
-/// Nine by nine, finite, of variances and correlations that can be.
-fn covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Option<SMatrix<f64, 9, 9>> {
+/// Parses a covariance: 9 x 9, finite, with possible variances and correlations.
+fn parse_covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Option<SMatrix<f64, 9, 9>> {
     let square = rows.len() == 9 && rows.iter().all(|r| r.len() == 9 && r.iter().all(|v| v.is_finite()));
     let matrix = square.then(|| {
         let m = SMatrix::<f64, 9, 9>::from_fn(|i, j| rows[i][j]);
         (m + m.transpose()) * 0.5
     });
-    // A parameter that was held has a variance of 0.
+    // A fixed parameter has a variance of 0.
     let correlations = matrix.filter(|m| m.diagonal().min() >= 0.0).map(|m| {
         let sigma = m.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 1.0 });
         m.component_div(&(sigma * sigma.transpose()))
     });
     // Rounding in the file may leave eigenvalues a little below 0.
     if correlations.is_none_or(|c| c.symmetric_eigenvalues().min() < -1e-6) {
-        let mend = "give 9 rows of 9 numbers in the order fx fy cx cy k1 k2 k3 p1 p2, as `wingd calibrate` writes them";
-        reader.fault(file, "covariance", "is no covariance of nine parameters", mend);
+        let remedy =
+            "give 9 rows of 9 numbers in the order fx fy cx cy k1 k2 k3 p1 p2, as `wingd calibrate` writes them";
+        reader.fault(file, "covariance", "is not a covariance of nine parameters", remedy);
         return None;
     }
     matrix
 }
 
-/// The distortion must be invertible over the whole image.
+/// Checks that the distortion is invertible over the full image.
 fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
     let (w, h) = (f64::from(lens.width), f64::from(lens.height));
     for k in 0..=20 {
@@ -182,19 +183,14 @@ fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
         let edge = [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)];
         for (u, v) in edge {
             if let Err(error) = lens.ray(&Vector2::new(u - 0.5, v - 0.5)) {
-                reader.fault(
-                    file,
-                    "k1 to p2",
-                    error.to_string(),
-                    "calibrate again with points up to the corners",
-                );
+                reader.fault(file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
                 return;
             }
         }
     }
 }
 
-/// Writes `camera.toml` with what the calibration found.
+/// Writes `camera.toml` with the result of a calibration.
 pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>) -> std::io::Result<()> {
     let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
     for (name, value) in Lens::PARAMETERS.iter().zip(&lens.parameters()) {
@@ -207,32 +203,24 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
     if let Some(r) = report {
         let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
         let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
-        let _ =
-            writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
+        let _ = writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
         if let Some(reason) = &r.accepted {
             let _ = writeln!(text, "accepted = {}", toml::Value::from(reason.as_str()));
         }
-        let _ = writeln!(
-            text,
-            "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
-            r.board_bow_m, r.board_bow_sigma_m
-        );
+        let _ = writeln!(text, "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}", r.board_bow_m, r.board_bow_sigma_m);
         if let Some([stretch, sigma]) = r.board_stretch {
             let _ = writeln!(text, "board_stretch = {stretch:?}\nboard_stretch_sigma = {sigma:?}");
         }
         if let Some(halves) = r.halves_px {
             let _ = writeln!(text, "halves_px = {halves:?}");
         }
-        let sigma: Vec<String> = Lens::PARAMETERS
-            .iter()
-            .zip(r.sigma)
-            .filter_map(|(n, s)| Some(format!("{n} = {:?}", s?)))
-            .collect();
+        let sigma: Vec<String> =
+            Lens::PARAMETERS.iter().zip(r.sigma).filter_map(|(n, s)| Some(format!("{n} = {:?}", s?))).collect();
         let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
         for row in &r.covariance {
             let _ = writeln!(text, "  {row:?},");
         }
         text.push_str("]\n");
     }
-    write_whole(file, &text)
+    write_atomically(file, &text)
 }

@@ -1,11 +1,11 @@
-//! A board's corners as measured in pictures, for other programs and for adjusting again without pictures.
+//! Corners of a board measured in images, for other programs and for an adjustment without the images.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Fault, Reader, rows, write_whole};
+use super::{Fault, Reader, rows, write_atomically};
 use crate::measure::calibrate::{BoardPoint, BoardView};
 
 const COLUMNS: [&str; 10] = [
@@ -20,76 +20,70 @@ const COLUMNS: [&str; 10] = [
     "sigma_v_px",
     "correlation",
 ];
-/// Below it two coordinates say the same twice.
+/// Largest correlation of the two coordinates of a corner; above it the covariance is singular.
 const MAX_CORRELATION: f64 = 0.999_999;
 
-/// One picture's corners.
+/// Corners of a board in one image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PictureCorners {
-    /// As it stands in results.
+pub struct ImageCorners {
+    /// Name of the image, as in results.
     pub image: String,
     /// Width and height, px.
     pub size: (u32, u32),
-    /// The corners.
+    /// Measured corners.
     pub view: BoardView,
-    /// Per corner: whether a calibration used it; empty before one.
+    /// Use of each corner in a calibration; empty before one.
     pub used: Vec<bool>,
 }
 
-/// Writes a line for each corner.
-pub fn write_corners(file: &Path, pictures: &[PictureCorners]) -> std::io::Result<()> {
+/// Writes one line per corner.
+pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()> {
     let mut text = COLUMNS.join(",") + ",used\n";
-    for picture in pictures {
-        let name = if picture.image.contains([',', '"', '\n']) {
-            format!("\"{}\"", picture.image.replace('"', "\"\""))
+    for image in images {
+        let name = if image.image.contains([',', '"', '\n']) {
+            format!("\"{}\"", image.image.replace('"', "\"\""))
         } else {
-            picture.image.clone()
+            image.image.clone()
         };
-        for (k, p) in picture.view.iter().enumerate() {
-            let used = picture.used.get(k).map_or("", |u| if *u { "yes" } else { "no" });
+        for (k, p) in image.view.iter().enumerate() {
+            let used = image.used.get(k).map_or("", |u| if *u { "yes" } else { "no" });
             let c = &p.covariance_px2;
             let (su, sv) = (c[(0, 0)].sqrt(), c[(1, 1)].sqrt());
             let correlation = if su * sv > 0.0 { c[(0, 1)] / (su * sv) } else { 0.0 };
             let _ = writeln!(
                 text,
                 "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5},{used}",
-                picture.size.0, picture.size.1, p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y,
+                image.size.0, image.size.1, p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y,
             );
         }
     }
-    write_whole(file, &text)
+    write_atomically(file, &text)
 }
 
-/// Reads such a file; pictures in the order in which they first stand there.
+/// Reads a file of corners; images are in the order in which they first occur.
 ///
 /// # Errors
-/// Every fault, with line and column.
-pub fn read_corners(file: &Path) -> Result<Vec<PictureCorners>, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
-    let found = read(&mut reader, &name);
+/// Returns all errors, with line and column.
+pub fn read_corners(file: &Path) -> Result<Vec<ImageCorners>, Vec<Fault>> {
+    let (mut reader, name) = Reader::for_file(file);
+    let found = parse_corners(&mut reader, &name);
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn read(reader: &mut Reader, name: &Path) -> Option<Vec<PictureCorners>> {
-    let mend = "name pictures, or a file that `wingd calibrate --corners` wrote";
-    let (file, text) = reader.text(name, mend)?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
-    let mut pictures: Vec<PictureCorners> = vec![];
+fn parse_corners(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorners>> {
+    let remedy = "name images, or a file that `wingd calibrate --corners` wrote";
+    let (file, text) = reader.read_text(name, remedy)?;
+    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let mut images: Vec<ImageCorners> = vec![];
     for (line, cells) in lines {
-        let values: Vec<f64> = (1..COLUMNS.len())
-            .filter_map(|k| rows::number(reader, &file, line, COLUMNS[k], &cells[k]))
-            .collect();
+        let values: Vec<f64> =
+            (1..COLUMNS.len()).filter_map(|k| rows::parse_number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
         let &[width, height, x, y, u, v, su, sv, correlation] = &values[..] else { continue };
         let sides = (1.0..=1e5).contains(&width) && (1.0..=1e5).contains(&height);
         let sigmas = (1e-6..=1e3).contains(&su) && (1e-6..=1e3).contains(&sv);
         if !sides || !sigmas || correlation.abs() > MAX_CORRELATION {
-            let problem = "holds a size, standard deviation or correlation that cannot be";
-            reader.fault(
-                &file,
-                &format!("line {line}"),
-                problem,
-                "give px above 0, correlations between -1 and 1",
-            );
+            let problem = "has an impossible size, standard deviation or correlation";
+            reader.fault(&file, &format!("line {line}"), problem, "give px above 0, correlations between -1 and 1");
             continue;
         }
         let cross = correlation * su * sv;
@@ -99,15 +93,10 @@ fn read(reader: &mut Reader, name: &Path) -> Option<Vec<PictureCorners>> {
             covariance_px2: Matrix2::new(su * su, cross, cross, sv * sv),
         };
         let size = (width as u32, height as u32);
-        match pictures.iter_mut().rfind(|p| p.image == cells[0]) {
-            Some(picture) => picture.view.push(point),
-            None => pictures.push(PictureCorners {
-                image: cells[0].clone(),
-                size,
-                view: vec![point],
-                used: vec![],
-            }),
+        match images.iter_mut().rfind(|p| p.image == cells[0]) {
+            Some(image) => image.view.push(point),
+            None => images.push(ImageCorners { image: cells[0].clone(), size, view: vec![point], used: vec![] }),
         }
     }
-    Some(pictures)
+    Some(images)
 }

@@ -1,103 +1,100 @@
-//! `installation.toml` with the files it names -> [`Setup`].
+//! Reading of `installation.toml` and the files it names into a [`Setup`].
 
 use std::path::Path;
 
 use nalgebra::{Vector2, Vector3};
 
 use super::structure::{self, Structure};
-use super::tables::{self, Document, Optics};
-use super::toml_file::{FILE, parse_toml};
+use super::tables::{self, InstallationDocument, OpticsTable};
+use super::toml_file::{INSTALLATION_FILE, parse_toml};
 use super::{Reader, camera, flight_effects, plausible, survey, ties, window};
-use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
+use crate::measure::setup::{Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingSide};
 
-/// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
+/// Default shift between two mountings, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
-/// What a tape at a lens tells of its entrance pupil, each axis, m.
+/// Default standard deviation of the projection centre, each axis, m: a tape measure held at the lens.
 pub(super) const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
-/// What stands in `installation.toml` and the files that it names.
-pub(super) struct Parts {
+/// Contents of `installation.toml` and the files that it names.
+pub(super) struct InstallationParts {
     pub setup: Setup,
-    pub optics: Option<Optics>,
+    pub optics: Option<OpticsTable>,
     pub structure: Option<Structure>,
-    /// Names of the camera's and the survey's file.
+    /// Names of the camera file and the survey file.
     pub sources: [String; 2],
-    /// Why a refused calibration of the camera was taken all the same.
+    /// Reason for accepting a refused calibration of the camera.
     pub accepted: Option<String>,
 }
 
-pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
-    let mend = "an installation is a directory with installation.toml; see docs/interface.md";
-    let (file, text) = reader.text(FILE, mend)?;
-    let document: Document = parse_toml(reader, &file, &text)?;
-    let lens = camera::read(reader, &document.camera.calibration);
-    let markers = survey::read(reader, &document.wing.survey);
+pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
+    let remedy = "an installation is a directory with installation.toml; see docs/interface.md";
+    let (file, text) = reader.read_text(INSTALLATION_FILE, remedy)?;
+    let document: InstallationDocument = parse_toml(reader, &file, &text)?;
+    let lens = camera::read_camera(reader, &document.camera.calibration);
+    let markers = survey::read_survey(reader, &document.wing.survey);
     let tie_points = match &document.cad {
-        Some(cad) => ties::read(reader, cad),
+        Some(cad) => ties::read_tie_points(reader, cad),
         None => Some(vec![]),
     };
     let before = reader.faults.len();
     check_numbers(reader, &file, &document);
     let in_range = reader.faults.len() == before;
     let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
-    let window = window::window(reader, &file, document.window.as_ref());
-    let structure = structure::of_installation(reader, &file, document.structure.as_ref());
+    let window = window::read_window(reader, &file, document.window.as_ref());
+    let structure = structure::structure_from_table(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let camera = lens?;
     let setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
         lens: camera.lens,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
-        projection_centre_sigma_m: document
-            .camera
-            .projection_centre_sigma_m
-            .unwrap_or(DEFAULT_CENTRE_SIGMA_M),
+        projection_centre_sigma_m: document.camera.projection_centre_sigma_m.unwrap_or(DEFAULT_CENTRE_SIGMA_M),
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
         span_direction: Vector2::from(document.wing.span_direction),
-        stated_side: document.wing.side.and_then(|side| match side {
-            tables::Side::Left => Some(Side::Left),
-            tables::Side::Right => Some(Side::Right),
+        configured_side: document.wing.side.and_then(|side| match side {
+            tables::Side::Left => Some(WingSide::Left),
+            tables::Side::Right => Some(WingSide::Right),
             tables::Side::Blank => None,
         }),
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: Uncertainty { lens: camera.covariance, ..uncertainty(&document) },
-        thermal: document.thermal.as_ref().map(thermal),
+        uncertainty: SetupUncertainty { lens: camera.covariance, ..setup_uncertainty(&document) },
+        thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
         markers: markers?,
         tie_points: tie_points?,
         cad_similarity: document.cad.is_some_and(|c| c.similarity),
         window,
     };
-    // Numbers out of their ranges say nothing together.
+    // Numbers outside their ranges cannot be checked against each other.
     if in_range {
-        plausible::check(reader, &setup, &document.wing.survey);
+        plausible::check_plausibility(reader, &setup, &document.wing.survey);
     }
     let sources = [document.camera.calibration, document.wing.survey];
     let accepted = camera.accepted;
-    Some(Parts { setup, optics: document.camera.optics, structure, sources, accepted })
+    Some(InstallationParts { setup, optics: document.camera.optics, structure, sources, accepted })
 }
 
-/// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the
-/// wing stops, and what fuel keeps warm.
+/// Default standard deviation of the wing's temperature in flight, K: between the temperatures of still and stagnant air,
+/// and of parts warmed by fuel.
 pub(super) const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
 
-fn uncertainty(document: &Document) -> Uncertainty {
-    let (camera, wing, usual) = (&document.camera, &document.wing, Uncertainty::default());
-    Uncertainty {
-        mount_shift_m: camera.mount_shift_m.unwrap_or(usual.mount_shift_m),
-        mount_drift_rad: camera.mount_drift_mrad.map_or(usual.mount_drift_rad, |v| 1e-3 * v),
-        skin_height_sigma_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_sigma_m),
-        root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
-        axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
-        span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),
-        in_flight: flight_effects::widths(document),
+fn setup_uncertainty(document: &InstallationDocument) -> SetupUncertainty {
+    let (camera, wing, defaults) = (&document.camera, &document.wing, SetupUncertainty::default());
+    SetupUncertainty {
+        mount_shift_m: camera.mount_shift_m.unwrap_or(defaults.mount_shift_m),
+        mount_drift_rad: camera.mount_drift_mrad.map_or(defaults.mount_drift_rad, |v| 1e-3 * v),
+        skin_height_sigma_m: wing.skin_height_sigma_m.unwrap_or(defaults.skin_height_sigma_m),
+        root_offset_m: wing.root_offset_sigma_m.unwrap_or(defaults.root_offset_m),
+        axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(defaults.axis_chord_offset_m),
+        span_direction_rad: wing.span_direction_sigma_deg.map_or(defaults.span_direction_rad, f64::to_radians),
+        in_flight: flight_effects::flight_effect_priors(document),
         lens: None,
     }
 }
 
-fn thermal(t: &tables::Thermal) -> Thermal {
+fn thermal_from_table(t: &tables::ThermalTable) -> Thermal {
     Thermal {
         expansion_per_k: t.expansion_per_k,
         expansion_sigma_per_k: t.expansion_sigma_per_k,
@@ -109,8 +106,8 @@ fn thermal(t: &tables::Thermal) -> Thermal {
     }
 }
 
-/// One number of the document with the range it must lie in.
-struct Check {
+/// Number of the document with its allowed range.
+struct RangeCheck {
     place: &'static str,
     value: f64,
     low: f64,
@@ -118,8 +115,8 @@ struct Check {
     unit: &'static str,
 }
 
-/// What a template leaves blank, each with what belongs there; their places come back.
-fn check_blanks(reader: &mut Reader, file: &Path, document: &Document) -> Vec<&'static str> {
+/// Reports keys that a template leaves blank, each with the value it needs; returns these keys.
+fn check_blanks(reader: &mut Reader, file: &Path, document: &InstallationDocument) -> Vec<&'static str> {
     let (camera, wing) = (&document.camera, &document.wing);
     let blank = |all: &[f64]| all.iter().all(|v| v.is_nan());
     let lens = blank(&camera.projection_centre_m);
@@ -127,34 +124,32 @@ fn check_blanks(reader: &mut Reader, file: &Path, document: &Document) -> Vec<&'
     let side = matches!(wing.side, Some(tables::Side::Blank));
     let root = blank(&[wing.root_offset_m]);
     let all = [
-        ("name", document.name.as_deref() == Some(""), "name aircraft and wing"),
-        (LENS, lens, "give the surveyed place of the lens: [x, y, z]"),
-        (SPAN, span, "give the horizontal direction from the root to the tip: [dx, dy]"),
+        ("name", document.name.as_deref() == Some(""), "give the name of aircraft and wing"),
+        (CENTRE_KEY, lens, "give the surveyed position of the lens: [x, y, z]"),
+        (SPAN_KEY, span, "give the horizontal direction from the root to the tip: [dx, dy]"),
         ("wing.side", side, "write \"left\" or \"right\""),
-        (ROOT, root, "give the distance along the span from the lens to where bending begins"),
+        (ROOT_KEY, root, "give the distance along the span from the lens to the bending root"),
     ];
     let blanks = all.into_iter().filter(|(_, blank, _)| *blank);
-    let name = |(place, _, mend): (&'static str, bool, &str)| {
-        reader.fault(file, place, "is left blank", mend);
+    let name = |(place, _, remedy): (&'static str, bool, &str)| {
+        reader.fault(file, place, "is blank", remedy);
         place
     };
     blanks.map(name).collect()
 }
 
-const LENS: &str = "camera.projection_centre_m";
-const SPAN: &str = "wing.span_direction";
-const ROOT: &str = "wing.root_offset_m";
+const CENTRE_KEY: &str = "camera.projection_centre_m";
+const SPAN_KEY: &str = "wing.span_direction";
+const ROOT_KEY: &str = "wing.root_offset_m";
 
-fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
+fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocument) {
     let blanks = check_blanks(reader, file, document);
     let (camera, wing) = (&document.camera, &document.wing);
-    let check = |place, value, low, high, unit| Check { place, value, low, high, unit };
-    let mut checks = vec![check(ROOT, wing.root_offset_m, -50.0, 50.0, "m")];
-    checks.extend(camera.projection_centre_m.map(|v| check(LENS, v, -1e6, 1e6, "m")));
-    checks.extend(
-        camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),
-    );
-    let widths = [
+    let check = |place, value, low, high, unit| RangeCheck { place, value, low, high, unit };
+    let mut checks = vec![check(ROOT_KEY, wing.root_offset_m, -50.0, 50.0, "m")];
+    checks.extend(camera.projection_centre_m.map(|v| check(CENTRE_KEY, v, -1e6, 1e6, "m")));
+    checks.extend(camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")));
+    let sigmas = [
         ("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 1.0, "m"),
         ("camera.mount_shift_m", camera.mount_shift_m, 0.5, "m"),
         ("camera.mount_drift_mrad", camera.mount_drift_mrad, 100.0, "mrad"),
@@ -164,7 +159,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
         ("wing.span_direction_sigma_deg", wing.span_direction_sigma_deg, 20.0, "degrees"),
         ("thermal.sigma_k", document.thermal.as_ref().and_then(|t| t.sigma_k), 100.0, "K"),
     ];
-    for (place, value, high, unit) in widths.into_iter().chain(flight_effects::bounded(document)) {
+    for (place, value, high, unit) in sigmas.into_iter().chain(flight_effects::bounded_values(document)) {
         checks.extend(value.map(|v| check(place, v, 0.0, high, unit)));
     }
     checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));
@@ -192,23 +187,23 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     for c in checks.into_iter().filter(|c| !blanks.contains(&c.place)) {
         if !(c.low..=c.high).contains(&c.value) {
             let problem = format!("is {:?} {}", c.value, c.unit);
-            let mend = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
-            reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
+            let remedy = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
+            reader.fault(file, c.place, problem.trim_end(), remedy.trim_end());
         }
     }
-    flight_effects::check(reader, file, document);
+    flight_effects::check_vibration(reader, file, document);
     let [dx, dy] = wing.span_direction;
     let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
-    if !points && !blanks.contains(&SPAN) {
-        let mend = "give the horizontal direction from the root to the tip in the survey frame";
-        reader.fault(file, SPAN, format!("is [{dx}, {dy}]"), mend);
+    if !points && !blanks.contains(&SPAN_KEY) {
+        let remedy = "give the horizontal direction from the root to the tip in the survey frame";
+        reader.fault(file, SPAN_KEY, format!("is [{dx}, {dy}]"), remedy);
     }
 }
 
 fn torsion_pairs(
     reader: &mut Reader,
     file: &Path,
-    document: &Document,
+    document: &InstallationDocument,
     markers: Option<&[SurveyMarker]>,
 ) -> Vec<TorsionPair> {
     let Some(markers) = markers else { return vec![] };
@@ -218,8 +213,8 @@ fn torsion_pairs(
             let found = markers.iter().position(|m| m.id == id);
             let place = format!("torsion[{k}].{key}");
             if found.is_none() {
-                let mend = format!("name a marker of {}", document.wing.survey);
-                reader.fault(file, &place, format!("marker \"{id}\" is not in the survey"), mend);
+                let remedy = format!("name a marker of {}", document.wing.survey);
+                reader.fault(file, &place, format!("marker \"{id}\" is not in the survey"), remedy);
             } else if found.is_some_and(|m| markers[m].fixed) {
                 let problem = format!("marker \"{id}\" is fixed to the cabin");
                 reader.fault(file, &place, problem, "name a marker on the wing");
@@ -230,8 +225,8 @@ fn torsion_pairs(
         let (leading, trailing) = (find("leading", &pair.leading), find("trailing", &pair.trailing));
         if document.torsion[..k].iter().any(|other| other.name == pair.name) {
             let place = format!("torsion[{k}].name");
-            let problem = format!("\"{}\" names another pair already", pair.name);
-            reader.fault(file, &place, problem, "give every pair a name of its own");
+            let problem = format!("\"{}\" is already the name of another pair", pair.name);
+            reader.fault(file, &place, problem, "give every pair a unique name");
         }
         if let (Some(leading), Some(trailing)) = (leading, trailing) {
             if leading == trailing {

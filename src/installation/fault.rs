@@ -1,66 +1,66 @@
-//! Faults in what a user wrote.
+//! Errors in files written by the user.
 
 use std::path::{Path, PathBuf};
 
-use super::text::shown_path;
+use super::text::printable_path;
 
-/// A fault in something a user wrote: names the file, the key or line, the value and the mend.
+/// Error in a file written by the user: names the file, the key or line, the value and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {remedy}", shown_path(.file))]
+#[error("{}: {place}: {problem}; {remedy}", printable_path(.file))]
 pub struct Fault {
-    /// The file at fault.
+    /// File with the error.
     pub file: PathBuf,
     /// Key such as `camera.fx`, or `line 7, column sigma_m`.
     pub place: String,
-    /// What is wrong, with the value.
+    /// Problem, with the value.
     pub problem: String,
-    /// What to do.
+    /// Remedy: the action to take.
     pub remedy: String,
 }
 
 impl Fault {
-    /// Of a file, at a key or line of it.
+    /// Creates the error of a file at a key or line.
     pub fn new(
         file: impl Into<PathBuf>,
         place: impl Into<String>,
         problem: impl Into<String>,
-        mend: impl Into<String>,
+        remedy: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), remedy: mend.into() }
+        Self { file: file.into(), place: place.into(), problem: problem.into(), remedy: remedy.into() }
     }
 }
 
-/// A fault of a key, as the section knows it that the key stands in: which file that is, its reader adds.
+/// Error of a key, as the section of the key reports it; the reader adds the file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{key}: {problem}; {remedy}")]
 pub struct KeyFault {
-    /// With its section, such as `series.interval`.
+    /// Key with its section, such as `series.interval`.
     pub key: String,
-    /// What is wrong, with the value.
+    /// Problem, with the value.
     pub problem: String,
-    /// What to do.
+    /// Remedy: the action to take.
     pub remedy: String,
 }
 
 impl KeyFault {
-    /// Of a key.
-    pub fn new(key: impl Into<String>, problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { key: key.into(), problem: problem.into(), remedy: mend.into() }
+    /// Creates the error of a key.
+    pub fn new(key: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { key: key.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
-    /// Of the rules of a section, each with its key, the problem and the mend, those that do not hold.
-    pub fn broken(section: &str, rules: &[(bool, &str, &str, &str)]) -> Vec<Self> {
+    /// Returns errors for the violated rules of a section, each given as (holds, key, problem, remedy).
+    pub fn from_rules(section: &str, rules: &[(bool, &str, &str, &str)]) -> Vec<Self> {
         let broken = rules.iter().filter(|(holds, ..)| !holds);
-        broken.map(|(_, key, problem, mend)| Self::new(format!("{section}.{key}"), *problem, *mend)).collect()
+        broken.map(|(_, key, problem, remedy)| Self::new(format!("{section}.{key}"), *problem, *remedy)).collect()
     }
 
-    /// The same fault as seen from the section around.
-    pub fn within(self, section: &str) -> Self {
+    /// Prefixes the key with the name of the enclosing section.
+    pub fn with_section(self, section: &str) -> Self {
         Self { key: format!("{section}.{}", self.key), ..self }
     }
 
-    /// The fault of the file that the key stands in.
-    pub fn of(self, file: &Path) -> Fault {
+    /// Converts it into an error of the file that contains the key.
+    pub fn into_fault(self, file: &Path) -> Fault {
         Fault::new(file, self.key, self.problem, self.remedy)
     }
 }

@@ -1,59 +1,58 @@
-//! What flight does to wing, cabin and camera, as `installation.toml` states it -> [`InFlight`].
+//! Priors of the effects of flight on wing, cabin and camera, from `installation.toml` ([`FlightEffectPriors`]).
 
 use std::path::Path;
 
 use super::Reader;
-use super::tables::{Document, Vibrating};
+use super::tables::{InstallationDocument, VibrationTable};
 use crate::measure::setup::{FlightEffectPriors, Vibration};
 
-/// From a first row to a last one that any sensor takes, s.
+/// Largest time between the readout of a sensor's first and last row, s.
 const MAX_READOUT_S: f64 = 1.0;
 
-/// As stated, else as usual. Several modes count as one: their velocities add up in squares.
-pub(super) fn widths(document: &Document) -> FlightEffectPriors {
-    let (survey, camera, wing, usual) =
+/// Returns the configured priors, or the defaults. Several modes count as one: the squares of their velocities are added.
+pub(super) fn flight_effect_priors(document: &InstallationDocument) -> FlightEffectPriors {
+    let (survey, camera, wing, defaults) =
         (document.survey.as_ref(), &document.camera, &document.wing, FlightEffectPriors::DEFAULT);
-    let milli = |value: Option<f64>, usual: f64| value.map_or(usual, |v| 1e-3 * v);
+    let milli = |value: Option<f64>, defaults: f64| value.map_or(defaults, |v| 1e-3 * v);
     FlightEffectPriors {
-        ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(usual.ground_bend_m),
-        vertical_rad: survey.and_then(|s| s.vertical_sigma_deg).map_or(usual.vertical_rad, f64::to_radians),
-        skin_motion_m: wing.skin_motion_m.unwrap_or(usual.skin_motion_m),
-        skin_by_frames: wing.skin_motion_m.is_none(),
-        root_rotation_rad: milli(wing.root_rotation_sigma_mrad, usual.root_rotation_rad),
-        root_translation_m: wing.root_translation_sigma_m.unwrap_or(usual.root_translation_m),
-        constant_bend_m: wing.constant_bend_sigma_m.unwrap_or(usual.constant_bend_m),
-        in_plane_m: wing.in_plane_sigma_m.unwrap_or(usual.in_plane_m),
-        scale: camera.flight_scale_sigma.unwrap_or(usual.scale),
-        principal_point_px: camera.flight_principal_point_sigma_px.unwrap_or(usual.principal_point_px),
-        torque_rad: wing.torque_sigma_deg.map_or(usual.torque_rad, f64::to_radians),
-        readout_s: camera.readout_s.unwrap_or(usual.readout_s),
-        vibration: wing.vibration.as_deref().map_or(usual.vibration, together),
-        shake: usual.shake,
+        ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(defaults.ground_bend_m),
+        vertical_rad: survey.and_then(|s| s.vertical_sigma_deg).map_or(defaults.vertical_rad, f64::to_radians),
+        skin_motion_m: wing.skin_motion_m.unwrap_or(defaults.skin_motion_m),
+        skin_scaled_by_frames: wing.skin_motion_m.is_none(),
+        root_rotation_rad: milli(wing.root_rotation_sigma_mrad, defaults.root_rotation_rad),
+        root_translation_m: wing.root_translation_sigma_m.unwrap_or(defaults.root_translation_m),
+        constant_bend_m: wing.constant_bend_sigma_m.unwrap_or(defaults.constant_bend_m),
+        in_plane_m: wing.in_plane_sigma_m.unwrap_or(defaults.in_plane_m),
+        scale: camera.flight_scale_sigma.unwrap_or(defaults.scale),
+        principal_point_px: camera.flight_principal_point_sigma_px.unwrap_or(defaults.principal_point_px),
+        torque_rad: wing.torque_sigma_deg.map_or(defaults.torque_rad, f64::to_radians),
+        readout_s: camera.readout_s.unwrap_or(defaults.readout_s),
+        vibration: wing.vibration.as_deref().map_or(defaults.vibration, combine_modes),
+        shake: defaults.shake,
     }
 }
 
-fn together(modes: &[Vibrating]) -> Vibration {
+fn combine_modes(modes: &[VibrationTable]) -> Vibration {
     let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
     let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
     let frequency_hz = if amplitude > 0.0 { velocity / amplitude } else { 0.0 };
-    Vibration { amplitude, frequency_hz, by_frames: false }
+    Vibration { amplitude, frequency_hz, scaled_by_frames: false }
 }
 
-/// What says nothing beside another key.
-pub(super) fn check(reader: &mut Reader, file: &Path, document: &Document) {
+/// Reports keys that have no effect because of another key.
+pub(super) fn check_vibration(reader: &mut Reader, file: &Path, document: &InstallationDocument) {
     if document.wing.vibration.is_some() && document.camera.readout_s == Some(0.0) {
-        let mend =
-            "leave it out, or give the time from a picture's first row to its last as camera.readout_s";
-        let problem = "is given, but with camera.readout_s = 0 all rows see one instant";
-        reader.fault(file, "wing.vibration", problem, mend);
+        let remedy = "delete it, or give the time from an image's first row to its last as camera.readout_s";
+        let problem = "has no effect: with camera.readout_s = 0 all rows are exposed at once";
+        reader.fault(file, "wing.vibration", problem, remedy);
     }
 }
 
-/// A key, its value, the largest that is believed, its unit.
-pub(super) type Width = (&'static str, Option<f64>, f64, &'static str);
+/// Key, its value, the largest allowed value, the unit.
+pub(super) type BoundedValue = (&'static str, Option<f64>, f64, &'static str);
 
-/// What must lie between 0 and a bound.
-pub(super) fn bounded(document: &Document) -> Vec<Width> {
+/// Lists the values that must be between 0 and a bound.
+pub(super) fn bounded_values(document: &InstallationDocument) -> Vec<BoundedValue> {
     let (camera, wing) = (&document.camera, &document.wing);
     let survey = document.survey.as_ref();
     let mut list = vec![

@@ -1,4 +1,5 @@
-//! `flight_prior.json`: what flights told of all that lasts, written by `wingd learn` (docs/adjustment/learning.md).
+//! `flight_prior.json`: prior of the flight-invariant parameters from earlier flights, written by `wingd learn`
+//! (docs/adjustment/learning.md).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,164 +7,170 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::toml_file::FILE;
-use super::{Installation, ORIENTATION_FILE, Reader, write_whole};
+use super::toml_file::INSTALLATION_FILE;
+use super::{Installation, ORIENTATION_FILE, Reader, write_atomically};
 use crate::measure::adjust::AdjustError;
 use crate::measure::adjust::flight_prior::{FlightPrior, InvariantParameter, ReducedNormals};
 use crate::measure::setup::{Setup, SurveyMarker};
 
 /// Name of the file that `wingd learn` writes.
-pub const LEARNT_FILE: &str = "flight_prior.json";
-/// Of this file's form.
+pub const FLIGHT_PRIOR_FILE: &str = "flight_prior.json";
+/// Version of the file format.
 const FORMAT: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
-struct Document {
+struct FlightPriorDocument {
     format: u32,
-    /// File name -> SHA-256 of what it holds for.
+    /// File name -> SHA-256 of the files that the prior was computed with.
     made_with: BTreeMap<String, String>,
-    unknowns: Vec<Unknown>,
-    /// A flight each.
-    sources: Vec<Entry>,
+    unknowns: Vec<UnknownEntry>,
+    /// Contributions, one per flight.
+    sources: Vec<FlightEntry>,
 }
 
 #[derive(Serialize, Deserialize)]
-struct Unknown {
+struct UnknownEntry {
     term: String,
     index: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     marker: Option<String>,
-    /// Without the flights.
+    /// Prior standard deviation without the flights.
     sigma: f64,
 }
 
 #[derive(Serialize, Deserialize)]
-struct Entry {
+struct FlightEntry {
     store: String,
     flight: String,
     program: String,
     /// SHA-256 of each frame.
     frames: Vec<String>,
-    /// Upper triangle, row by row.
+    /// Upper triangle of the normal matrix, row by row.
     normal: Vec<f64>,
     right: Vec<f64>,
 }
 
-/// A flight that taught.
+/// Flight that contributes to the prior.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Source {
+pub struct PriorFlight {
     /// Id of its store.
     pub store: String,
-    /// Its name there.
+    /// Name of the flight in its store.
     pub flight: String,
-    /// Name and version of the program that learnt.
+    /// Name and version of the program that computed the contribution.
     pub program: String,
     /// SHA-256 of each of its frames.
     pub frames: Vec<String>,
-    /// What it told.
+    /// Normal equations, reduced to the flight-invariant parameters.
     pub normals: ReducedNormals,
 }
 
-impl Source {
-    fn has(&self, frame: &str) -> bool {
+impl PriorFlight {
+    fn has_frame(&self, frame: &str) -> bool {
         self.frames.iter().any(|known| known == frame)
     }
 }
 
-/// All that flights taught of an installation.
+/// Prior from earlier flights, with the contribution of each.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Learnt {
-    /// Each flight once.
-    pub sources: Vec<Source>,
-    together: Option<Arc<FlightPrior>>,
+pub struct StoredFlightPrior {
+    /// Contributions, one per flight.
+    pub flights: Vec<PriorFlight>,
+    combined: Option<Arc<FlightPrior>>,
 }
 
-impl Learnt {
-    /// Of these flights.
+impl StoredFlightPrior {
+    /// Combines the contributions of flights.
     ///
     /// # Errors
-    /// Where they have not the same unknowns.
-    pub fn of(sources: Vec<Source>, setup: &Setup) -> Result<Self, AdjustError> {
-        let together = taught(sources.iter(), setup)?;
-        Ok(Self { sources, together })
+    /// Returns an error if they do not have the same unknowns.
+    pub fn from_flights(sources: Vec<PriorFlight>, setup: &Setup) -> Result<Self, AdjustError> {
+        let together = combine_flights(sources.iter(), setup)?;
+        Ok(Self { flights: sources, combined: together })
     }
 
-    /// How many flights, in words.
-    pub fn counted(&self) -> String {
-        match self.sources.len() {
+    /// Returns the number of flights in words.
+    pub fn flight_count_text(&self) -> String {
+        match self.flights.len() {
             1 => "a flight".into(),
             n => format!("{n} flights"),
         }
     }
 
-    /// The flights that one of these frames (SHA-256) is of.
-    pub fn sources_of<'a>(&'a self, frames: &[&str]) -> Vec<&'a Source> {
-        self.sources.iter().filter(|source| frames.iter().any(|frame| source.has(frame))).collect()
+    /// Returns the flights that contain one of these frames (SHA-256).
+    pub fn flights_with_frames<'a>(&'a self, frames: &[&str]) -> Vec<&'a PriorFlight> {
+        self.flights.iter().filter(|source| frames.iter().any(|frame| source.has_frame(frame))).collect()
     }
 
-    /// What all flights told together but for those that one of these frames is of: nothing is counted twice.
-    pub fn beside(&self, frames: &[&str], setup: &Setup) -> Option<Arc<FlightPrior>> {
-        let own = self.sources_of(frames);
+    /// Combines the contributions of all flights except those that contain one of these frames, so that nothing is counted
+    /// twice.
+    pub fn prior_without(&self, frames: &[&str], setup: &Setup) -> Option<Arc<FlightPrior>> {
+        let own = self.flights_with_frames(frames);
         if own.is_empty() {
-            return self.together.clone();
+            return self.combined.clone();
         }
-        // What together is regular is so without some of it.
-        taught(self.sources.iter().filter(|source| !own.contains(source)), setup).ok().flatten()
+        // A subset of regular contributions is regular too.
+        combine_flights(self.flights.iter().filter(|source| !own.contains(source)), setup).ok().flatten()
     }
 }
 
-fn taught<'a>(
-    sources: impl Iterator<Item = &'a Source>,
+fn combine_flights<'a>(
+    sources: impl Iterator<Item = &'a PriorFlight>,
     setup: &Setup,
 ) -> Result<Option<Arc<FlightPrior>>, AdjustError> {
     let normals: Vec<_> = sources.map(|source| &source.normals).collect();
-    Ok(FlightPrior::of(&normals, setup)?.map(Arc::new))
+    Ok(FlightPrior::from_flights(&normals, setup)?.map(Arc::new))
 }
 
-/// What it holds for: camera, survey, ground frames, and what installation.toml states.
-fn bound_to(sources: &[String; 2], digests: &[(String, String)]) -> BTreeMap<String, String> {
-    let is_bound = |name: &str| [FILE, ORIENTATION_FILE].contains(&name) || sources.iter().any(|s| s == name);
+/// Selects the files that the prior depends on: camera, survey, orientation and installation.toml.
+fn bound_files(sources: &[String; 2], digests: &[(String, String)]) -> BTreeMap<String, String> {
+    let is_bound =
+        |name: &str| [INSTALLATION_FILE, ORIENTATION_FILE].contains(&name) || sources.iter().any(|s| s == name);
     digests.iter().filter(|(name, _)| is_bound(name)).cloned().collect()
 }
 
-/// What mends all of it.
-const AGAIN: &str =
-    "remove the file, and run `wingd learn` again with the stores of the flights since the change";
+/// Remedy for every error of the file.
+const RELEARN_REMEDY: &str =
+    "delete the file, and run `wingd learn` again with the stores of the flights since the change";
 
-/// Reads it where it lies beside an orientation.
-pub(super) fn read(reader: &mut Reader, setup: &Setup, sources: &[String; 2]) -> Option<Learnt> {
-    let path = reader.directory.join(LEARNT_FILE);
+/// Reads the flight prior if the file exists; an orientation is required.
+pub(super) fn read_flight_prior(
+    reader: &mut Reader,
+    setup: &Setup,
+    sources: &[String; 2],
+) -> Option<StoredFlightPrior> {
+    let path = reader.directory.join(FLIGHT_PRIOR_FILE);
     if !path.exists() {
         return None;
     }
-    let now = bound_to(sources, &reader.digests);
-    let (file, text) = reader.text(LEARNT_FILE, AGAIN)?;
-    let document: Document = match serde_json::from_str(&text) {
+    let now = bound_files(sources, &reader.digests);
+    let (file, text) = reader.read_text(FLIGHT_PRIOR_FILE, RELEARN_REMEDY)?;
+    let document: FlightPriorDocument = match serde_json::from_str(&text) {
         Ok(document) => document,
         Err(error) => {
-            reader.fault(&file, "file", format!("is not what `wingd learn` writes ({error})"), AGAIN);
+            reader.fault(&file, "file", format!("was not written by `wingd learn` ({error})"), RELEARN_REMEDY);
             return None;
         }
     };
-    if let Some((place, problem)) = stale(&document, &now) {
-        reader.fault(&file, place, problem, AGAIN);
+    if let Some((place, problem)) = find_mismatch(&document, &now) {
+        reader.fault(&file, place, problem, RELEARN_REMEDY);
         return None;
     }
-    match learnt(document, setup) {
-        Ok(learnt) => Some(learnt),
+    match parse_document(document, setup) {
+        Ok(prior) => Some(prior),
         Err((place, problem)) => {
-            reader.fault(&file, place, problem, AGAIN);
+            reader.fault(&file, place, problem, RELEARN_REMEDY);
             None
         }
     }
 }
 
-type Wrong = (&'static str, String);
+type PlacedProblem = (&'static str, String);
 
-/// Why it does not hold for the installation as it is.
-fn stale(document: &Document, now: &BTreeMap<String, String>) -> Option<Wrong> {
+/// Returns why the prior does not apply to the present installation.
+fn find_mismatch(document: &FlightPriorDocument, now: &BTreeMap<String, String>) -> Option<PlacedProblem> {
     if document.format != FORMAT {
-        return Some(("format", format!("is {}, this program reads {FORMAT}", document.format)));
+        return Some(("format", format!("is {}, but this program reads {FORMAT}", document.format)));
     }
     let changed: Vec<&str> = now
         .iter()
@@ -172,37 +179,39 @@ fn stale(document: &Document, now: &BTreeMap<String, String>) -> Option<Wrong> {
         .collect();
     let gone = document.made_with.keys().filter(|name| !now.contains_key(*name)).map(String::as_str);
     let names: Vec<&str> = changed.into_iter().chain(gone).collect();
-    let problem = format!("{} changed since flights taught what is in it", names.join(" and "));
+    let problem = format!("{} changed since the prior was computed", names.join(" and "));
     (!names.is_empty()).then_some(("made_with", problem))
 }
 
-fn learnt(document: Document, setup: &Setup) -> Result<Learnt, Wrong> {
+fn parse_document(document: FlightPriorDocument, setup: &Setup) -> Result<StoredFlightPrior, PlacedProblem> {
     let index = |id: &str| setup.markers.iter().position(|marker| marker.id == id);
     let sigmas = DVector::from_iterator(document.unknowns.len(), document.unknowns.iter().map(|u| u.sigma));
     if !sigmas.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0) {
-        return Err(("unknowns", "have a sigma that is no positive number".into()));
+        return Err(("unknowns", "have a sigma that is not a positive number".into()));
     }
-    let unknown = |unknown: Unknown| {
-        let Unknown { term, index: of_term, marker, .. } = unknown;
+    let unknown = |unknown: UnknownEntry| {
+        let UnknownEntry { term, index: term_index, marker, .. } = unknown;
         let found = marker.as_deref().map(|id| index(id).ok_or(id));
-        let marker =
-            found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
-        Ok(InvariantParameter { term: term.into(), index: of_term, marker })
+        let marker = found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
+        Ok(InvariantParameter { term: term.into(), index: term_index, marker })
     };
     let unknowns: Vec<InvariantParameter> =
-        document.unknowns.into_iter().map(unknown).collect::<Result<_, Wrong>>()?;
-    let source = |entry: Entry| {
-        let normals = normals(&unknowns, &sigmas, &entry).ok_or_else(|| {
-            ("sources", format!("{} has other than one number for each unknown", entry.flight))
-        })?;
-        let Entry { store, flight, program, frames, .. } = entry;
-        Ok(Source { store, flight, program, frames, normals })
+        document.unknowns.into_iter().map(unknown).collect::<Result<_, PlacedProblem>>()?;
+    let source = |entry: FlightEntry| {
+        let normals = parse_normals(&unknowns, &sigmas, &entry)
+            .ok_or_else(|| ("sources", format!("{} does not have one number per unknown", entry.flight)))?;
+        let FlightEntry { store, flight, program, frames, .. } = entry;
+        Ok(PriorFlight { store, flight, program, frames, normals })
     };
-    let sources = document.sources.into_iter().map(source).collect::<Result<_, Wrong>>()?;
-    Learnt::of(sources, setup).map_err(|error| ("sources", error.to_string()))
+    let sources = document.sources.into_iter().map(source).collect::<Result<_, PlacedProblem>>()?;
+    StoredFlightPrior::from_flights(sources, setup).map_err(|error| ("sources", error.to_string()))
 }
 
-fn normals(unknowns: &[InvariantParameter], sigmas: &DVector<f64>, entry: &Entry) -> Option<ReducedNormals> {
+fn parse_normals(
+    unknowns: &[InvariantParameter],
+    sigmas: &DVector<f64>,
+    entry: &FlightEntry,
+) -> Option<ReducedNormals> {
     let n = unknowns.len();
     let finite = entry.normal.iter().chain(&entry.right).all(|value| value.is_finite());
     if entry.right.len() != n || entry.normal.len() != n * (n + 1) / 2 || !finite {
@@ -224,24 +233,24 @@ fn normals(unknowns: &[InvariantParameter], sigmas: &DVector<f64>, entry: &Entry
     })
 }
 
-/// Writes `flight_prior.json`, whole or not at all. The flights have the same unknowns ([`Learnt::of`]).
+/// Writes `flight_prior.json` atomically. The flights have the same unknowns ([`StoredFlightPrior::from_flights`]).
 ///
 /// # Errors
-/// Where it cannot be written.
-pub fn write_learnt(installation: &Installation, learnt: &Learnt) -> std::io::Result<()> {
+/// Returns an error if the file cannot be written.
+pub fn write_flight_prior(installation: &Installation, prior: &StoredFlightPrior) -> std::io::Result<()> {
     let id = |marker: usize| installation.setup.markers.get(marker).map(|m: &SurveyMarker| m.id.clone());
-    let unknown = |(lasting, sigma): (&InvariantParameter, &f64)| Unknown {
-        term: lasting.term.to_string(),
-        index: lasting.index,
-        marker: lasting.marker.and_then(id),
+    let unknown = |(parameter, sigma): (&InvariantParameter, &f64)| UnknownEntry {
+        term: parameter.term.to_string(),
+        index: parameter.index,
+        marker: parameter.marker.and_then(id),
         sigma: *sigma,
     };
-    let first = learnt.sources.first().map(|source| &source.normals);
+    let first = prior.flights.first().map(|source| &source.normals);
     let unknowns = first.into_iter().flat_map(|first| first.unknowns.iter().zip(first.sigmas.iter()));
-    let entry = |source: &Source| {
+    let entry = |source: &PriorFlight| {
         let n = source.normals.right.len();
         let row = |i: usize| (i..n).map(move |j| source.normals.normal[(i, j)]);
-        Entry {
+        FlightEntry {
             store: source.store.clone(),
             flight: source.flight.clone(),
             program: source.program.clone(),
@@ -250,12 +259,12 @@ pub fn write_learnt(installation: &Installation, learnt: &Learnt) -> std::io::Re
             right: source.normals.right.as_slice().to_vec(),
         }
     };
-    let document = Document {
+    let document = FlightPriorDocument {
         format: FORMAT,
-        made_with: bound_to(&installation.sources, &installation.digests),
+        made_with: bound_files(&installation.sources, &installation.digests),
         unknowns: unknowns.map(unknown).collect(),
-        sources: learnt.sources.iter().map(entry).collect(),
+        sources: prior.flights.iter().map(entry).collect(),
     };
     let text = serde_json::to_string(&document)?;
-    write_whole(&installation.directory.join(LEARNT_FILE), &(text + "\n"))
+    write_atomically(&installation.directory.join(FLIGHT_PRIOR_FILE), &(text + "\n"))
 }

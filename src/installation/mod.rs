@@ -1,7 +1,7 @@
-//! The directory that a user prepares for an aircraft: it is read, checked, and written back to.
+//! Installation of an aircraft: a directory prepared by the user, which is read, checked, and written to.
 //!
-//! `installation.toml` names the other files (`docs/reference/installation-toml.md` has every key). Every
-//! fault of every file is gathered in one go, and each names the file, the key or line, the value and the mend:
+//! `installation.toml` names the other files (`docs/reference/installation-toml.md` has every key). The
+//! errors of all files are collected, and each names the file, the key or line, the value and the remedy:
 //!
 //! ```
 //! use std::path::Path;
@@ -11,7 +11,7 @@
 //! for name in ["installation.toml", "camera.toml", "survey.csv"] {
 //!     std::fs::copy(Path::new("fixtures/dev/installation").join(name), folder.path().join(name))?;
 //! }
-//! let found = installation::load(folder.path()).expect("the fixture is in order");
+//! let found = installation::load(folder.path()).expect("the fixture has no errors");
 //! assert_eq!(found.setup.markers.len(), 21);
 //!
 //! let text = std::fs::read_to_string(folder.path().join("installation.toml"))?;
@@ -19,7 +19,7 @@
 //! std::fs::write(folder.path().join("installation.toml"), text)?;
 //! let faults = installation::load(folder.path()).unwrap_err();
 //! assert_eq!((faults[0].place.as_str(), faults[0].problem.as_str()), ("wing.root_offset_m", "is 550.0 m"));
-//! assert_eq!(faults[0].mend, "give a number from -50 to 50 m");
+//! assert_eq!(faults[0].remedy, "give a number from -50 to 50 m");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -45,7 +45,7 @@ mod ties;
 mod toml_file;
 mod warnings;
 mod window;
-mod written;
+mod write_setup;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -54,48 +54,48 @@ use sha2::{Digest, Sha256};
 
 pub use board::{DescribedBoard, load_board};
 pub use camera::{CalibrationReport, write_camera};
-pub use corners::{PictureCorners, read_corners, write_corners};
-pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
+pub use corners::{ImageCorners, read_corners, write_corners};
+pub use exchange::{CameraFormat, ReadCamera, WriteError, output_format, read_exchange, write_exchange};
 pub use fault::{Fault, KeyFault};
-pub use flight_prior::{LEARNT_FILE, Learnt, Source, write_learnt};
-pub use keyed::Trouble;
+pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
+pub use keyed::LineFault;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{ManualObservation, ManualPosition, observations_text, read_observations};
 pub use orientation::write_orientation;
-pub use rows::{Row, RowsError, rows, separator_line};
+pub use rows::{Row, RowsError, parse_rows, separator_line};
 pub use structure::{Structure, read_stiffness};
-pub use tables::Optics;
-pub use text::{shown_path, text_of};
-pub use warnings::doubts;
-pub use written::write_installation;
+pub use tables::OpticsTable;
+pub use text::{decode_text, printable_path};
+pub use warnings::find_warnings;
+pub use write_setup::write_installation;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
 
-/// A directory that was read and found in order.
+/// Installation that was read without errors.
 #[derive(Clone, Debug)]
 pub struct Installation {
-    /// Where it was read from.
+    /// Directory of the files.
     pub directory: PathBuf,
-    /// Its numbers.
+    /// Measured and configured values.
     pub setup: Setup,
-    /// From `orientation.toml`, where that exists.
+    /// Orientation from `orientation.toml`, if it exists.
     pub orientation: Option<Orientation>,
-    /// Markers that the ground frames of the orientation did not use (index in the survey), and why.
-    pub not_on_ground: Vec<(usize, String)>,
-    /// CAD frame from survey frame, from the tie points.
+    /// Markers that the ground frames of the orientation did not use (index in the survey), with the reason.
+    pub unused_on_ground: Vec<(usize, String)>,
+    /// Transform from survey to CAD frame, from the tie points.
     pub cad: Option<TransformFit>,
-    /// The lens and sensor as bought, for planning.
-    pub optics: Option<Optics>,
-    /// The wing as a beam, for moments.
+    /// Data of the lens and sensor, for planning.
+    pub optics: Option<OpticsTable>,
+    /// Beam model of the wing, for moments.
     pub structure: Option<Structure>,
-    /// (file name, SHA-256) of every file that was read, for provenance.
+    /// Name and SHA-256 of every file that was read, for provenance.
     pub digests: Vec<(String, String)>,
-    /// Names of the files with camera and survey, which an orientation is bound to.
+    /// Names of the camera and survey files, which an orientation depends on.
     pub sources: [String; 2],
-    /// What flights taught (`wingd learn`); holds for the orientation.
-    pub learnt: Option<Learnt>,
-    /// Why a refused calibration of the camera was taken all the same (`wingd calibrate --accept`).
+    /// Prior from earlier flights (`wingd learn`), for the present orientation.
+    pub flight_prior: Option<StoredFlightPrior>,
+    /// Reason for accepting a refused calibration of the camera (`wingd calibrate --accept`).
     pub accepted: Option<String>,
 }
 
@@ -103,29 +103,29 @@ pub struct Installation {
 pub const ORIENTATION_FILE: &str = "orientation.toml";
 
 impl Installation {
-    /// (name, bytes) of every file that was read; a fault where one has changed since.
+    /// Returns name and bytes of every file that was read, or an error if one has changed since.
     pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Fault> {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
             let bytes = std::fs::read(&file).ok().filter(same);
-            let bytes = bytes
-                .ok_or_else(|| Fault::new(file, "file", "has changed while it was read", "start again"))?;
+            let bytes =
+                bytes.ok_or_else(|| Fault::new(file, "file", "has changed since it was read", "start again"))?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
     }
 
-    /// The orientation, or the fault of not having one.
+    /// Returns the orientation, or an error if there is none.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
         self.orientation.as_ref().ok_or_else(|| {
-            let mend = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
-            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", mend)
+            let remedy = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
+            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", remedy)
         })
     }
 }
 
-/// Gathers faults while files are read, and hashes what was read.
+/// Reader of an installation's files, which collects errors and hashes.
 struct Reader {
     directory: PathBuf,
     faults: Vec<Fault>,
@@ -133,42 +133,42 @@ struct Reader {
 }
 
 impl Reader {
-    /// For a file that lies anywhere: its directory's reader, and its name.
-    fn of_file(file: &Path) -> (Self, PathBuf) {
+    /// Creates the reader for a file in any directory; returns it and the file's name.
+    fn for_file(file: &Path) -> (Self, PathBuf) {
         let directory = file.parent().unwrap_or(Path::new("")).to_owned();
         let name = file.file_name().map(PathBuf::from).unwrap_or_default();
         (Self { directory, faults: vec![], digests: vec![] }, name)
     }
 
-    fn trouble(&mut self, file: &Path, trouble: Trouble) {
-        self.faults.push(trouble.of(file));
+    fn add_line_fault(&mut self, file: &Path, fault: LineFault) {
+        self.faults.push(fault.into_fault(file));
     }
 
-    fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
-        self.faults.push(Fault::new(file, place, problem, mend));
+    fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, remedy: impl Into<String>) {
+        self.faults.push(Fault::new(file, place, problem, remedy));
     }
 
-    /// A file's text; a fault where it cannot be read.
-    fn text(&mut self, name: impl AsRef<Path>, mend: &str) -> Option<(PathBuf, String)> {
+    /// Reads the text of a file; reports an error if it cannot be read.
+    fn read_text(&mut self, name: impl AsRef<Path>, remedy: &str) -> Option<(PathBuf, String)> {
         let file = self.directory.join(&name);
         let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
         let bytes = match std::fs::read(&file) {
             Ok(bytes) => bytes,
             Err(_) if escaped => {
-                let problem = "is no name: a backslash within double quotes begins an escape, such as \\n";
+                let problem = "is not a valid path: within double quotes a backslash begins an escape, such as \\n";
                 self.fault(&file, "file", problem, "write the path with /, or in single quotes: 'C:\\data'");
                 return None;
             }
             Err(error) => {
-                self.fault(&file, "file", format!("cannot be read ({error})"), mend);
+                self.fault(&file, "file", format!("cannot be read ({error})"), remedy);
                 return None;
             }
         };
-        self.digests.push((shown_path(name.as_ref()), hex::encode(Sha256::digest(&bytes))));
-        match text_of(bytes) {
+        self.digests.push((printable_path(name.as_ref()), hex::encode(Sha256::digest(&bytes))));
+        match decode_text(bytes) {
             Ok(text) => Some((file, text)),
-            Err((problem, mend)) => {
-                self.fault(&file, "file", problem, mend);
+            Err((problem, remedy)) => {
+                self.fault(&file, "file", problem, remedy);
                 None
             }
         }
@@ -177,74 +177,75 @@ impl Reader {
 
 /// Reads and checks an installation.
 pub fn load(directory: &Path) -> Result<Installation, Vec<Fault>> {
-    read(directory, true)
+    read_installation(directory, true)
 }
 
-/// Reads and checks an installation but for an orientation that is about to be written anew.
+/// Reads and checks an installation without its orientation, which is about to be written again.
 pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fault>> {
-    read(directory, false)
+    read_installation(directory, false)
 }
 
-fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
+fn read_installation(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
     let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
-    let parts = document::read(&mut reader);
+    let parts = document::read_document(&mut reader);
     let markers = parts.as_ref().map_or(&[][..], |parts| &parts.setup.markers);
-    // What an orientation holds for is not known where the rest is at fault.
+    // An orientation cannot be checked against camera and survey if these have errors.
     let orientation = if with_orientation && reader.faults.is_empty() {
-        orientation::read(&mut reader, markers)
+        orientation::read_orientation(&mut reader, markers)
     } else {
         None
     };
     let (orientation, not_on_ground) = orientation.unzip();
-    let learnt = match &parts {
+    let flight_prior = match &parts {
         Some(parts) if orientation.is_some() && reader.faults.is_empty() => {
-            flight_prior::read(&mut reader, &parts.setup, &parts.sources)
+            flight_prior::read_flight_prior(&mut reader, &parts.setup, &parts.sources)
         }
         _ => None,
     };
-    let cad = parts.as_ref().and_then(|parts| ties::transform(&mut reader, &parts.setup));
+    let cad = parts.as_ref().and_then(|parts| ties::estimate_transform(&mut reader, &parts.setup));
     match parts {
         Some(parts) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
             setup: parts.setup,
             orientation,
-            not_on_ground: not_on_ground.unwrap_or_default(),
+            unused_on_ground: not_on_ground.unwrap_or_default(),
             cad,
             optics: parts.optics,
             structure: parts.structure,
             digests: reader.digests,
             sources: parts.sources,
-            learnt,
+            flight_prior,
             accepted: parts.accepted,
         }),
-        _ => Err(folded(reader.faults)),
+        _ => Err(fold_repeated(reader.faults)),
     }
 }
 
-/// Faults alike that are given one by one; of more the first stands for all.
-const MAX_SIMILAR_NAMES: usize = 3;
+/// Largest number of similar errors that are reported individually; of more, the first represents all.
+const MAX_SIMILAR_FAULTS: usize = 3;
 
-/// Lines without numbers as one fault each: rows of units, headers again, totals. Where many lines are so, it is the columns.
-fn lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
+/// Combines the errors of each line without numbers: rows of units, repeated headers, totals. If many lines are affected,
+/// the cause is the columns.
+fn fold_lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
     let line = |f: &Fault| f.place.split_once(", column ").map(|(line, _)| (f.file.clone(), line.to_owned()));
     let mut counts: BTreeMap<_, usize> = BTreeMap::new();
     let numbers = faults.iter().filter(|f| f.problem.contains(rows::NO_NUMBER));
     numbers.filter_map(line).for_each(|line| *counts.entry(line).or_default() += 1);
-    counts.retain(|_, count| *count > MAX_SIMILAR_NAMES);
-    if counts.len() > MAX_SIMILAR_NAMES {
+    counts.retain(|_, count| *count > MAX_SIMILAR_FAULTS);
+    if counts.len() > MAX_SIMILAR_FAULTS {
         return faults;
     }
     let (of_these, mut kept): (Vec<_>, Vec<_>) =
         faults.into_iter().partition(|f| line(f).is_some_and(|line| counts.contains_key(&line)));
-    let mend = "leave the line out if it is a row of units, a second header or a total";
-    let one = |(file, line)| Fault::new(file, line, "holds no numbers where its columns need them", mend);
+    let remedy = "delete the line if it is a row of units, a second header or a total";
+    let one = |(file, line)| Fault::new(file, line, "has no numbers in columns that need them", remedy);
     kept.splice(0..0, of_these.iter().filter_map(line).collect::<BTreeSet<_>>().into_iter().map(one));
     kept
 }
 
-/// One cause on many lines, or in many cells of a line, as one fault.
-fn folded(faults: Vec<Fault>) -> Vec<Fault> {
-    let faults = lines_without_numbers(faults);
+/// Combines errors with the same cause on many lines, or in many cells of a line.
+fn fold_repeated(faults: Vec<Fault>) -> Vec<Fault> {
+    let faults = fold_lines_without_numbers(faults);
     let kind = |f: &Fault| {
         let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
         let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
@@ -254,12 +255,12 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
     let kinds: Vec<_> = faults.iter().map(kind).collect();
     let mut kept: Vec<Fault> = vec![];
     for (k, mut fault) in faults.into_iter().enumerate() {
-        let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if alike > MAX_SIMILAR_NAMES {
+        let similar = kinds.iter().filter(|other| **other == kinds[k]).count();
+        if similar > MAX_SIMILAR_FAULTS {
             if kinds[..k].contains(&kinds[k]) {
                 continue;
             }
-            fault.problem = format!("{}, and {} more like it", fault.problem, alike - 1);
+            fault.problem = format!("{}, and {} similar errors", fault.problem, similar - 1);
         }
         kept.push(fault);
     }
@@ -268,52 +269,51 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
 
 /// Reads a camera file alone (`camera.toml`).
 pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
-    let lens = camera::read(&mut reader, &name);
+    let (mut reader, name) = Reader::for_file(file);
+    let lens = camera::read_camera(&mut reader, &name);
     lens.map(|camera| camera.lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-/// A TOML parser's complaint as a fault with its line.
-pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) -> Fault {
+/// Converts an error of the TOML parser into a fault with its line.
+pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, remedy: &str) -> Fault {
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
     let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
-    let (problem, mend) = match common_toml_mistake(shown, at, error.message()) {
-        Some((problem, mend)) => (problem.to_owned(), mend),
-        None => (error.message().replace('\n', " "), mend),
+    let (problem, remedy) = match common_toml_mistake(shown, at, error.message()) {
+        Some((problem, remedy)) => (problem.to_owned(), remedy),
+        None => (error.message().replace('\n', " "), remedy),
     };
-    Fault::new(file, place, problem, mend)
+    Fault::new(file, place, problem, remedy)
 }
 
-/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes, decimal
-/// commas, quotes of text programs.
-fn common_toml_mistake(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
+/// Returns problem and remedy of common mistakes in TOML: paths with backslashes, dates without quotes, decimal commas,
+/// typographic quotes.
+fn common_toml_mistake(line: &str, at: &str, message: &str) -> Option<(&'static str, &'static str)> {
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
-    if value.starts_with('"') && said.contains("escape") {
-        let mend = "write the path with /, or in single quotes: 'C:\\data'";
-        return Some(("has a backslash, which begins an escape within double quotes", mend));
+    if value.starts_with('"') && message.contains("escape") {
+        let remedy = "write the path with /, or in single quotes: 'C:\\data'";
+        return Some(("has a backslash, which begins an escape within double quotes", remedy));
     }
-    let parts = value
-        .split_once(',')
-        .filter(|parts| [parts.0, parts.1].iter().all(|p| p.trim().parse::<i64>().is_ok()));
+    let parts =
+        value.split_once(',').filter(|parts| [parts.0, parts.1].iter().all(|p| p.trim().parse::<i64>().is_ok()));
     if parts.is_some() {
-        return Some(("has a decimal comma", "write a point in numbers: 0.55"));
+        return Some(("has a decimal comma", "use a decimal point: 0.55"));
     }
     if value.starts_with(['\u{201c}', '\u{201d}', '\u{201e}', '\u{2018}', '\u{2019}']) {
-        return Some(("has the quotes of a text program", "write a text in straight quotes: \"survey.csv\""));
+        return Some(("has typographic quotes", "use straight quotes: \"survey.csv\""));
     }
     let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
-    date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))
+    date.then_some(("is a date, but a text or a number is expected", "put a text in quotes: \"2026-06-01\""))
 }
 
-/// Writes a page whole or not at all.
+/// Writes a page atomically.
 pub fn write_page(file: &Path, text: &str) -> std::io::Result<()> {
-    write_whole(file, text)
+    write_atomically(file, text)
 }
 
-/// Writes a file whole or not at all, durable before its name appears.
-fn write_whole(file: &Path, text: &str) -> std::io::Result<()> {
+/// Writes a file atomically; it is durable before its name appears.
+fn write_atomically(file: &Path, text: &str) -> std::io::Result<()> {
     use std::io::Write;
     use std::os::unix::fs::PermissionsExt;
     let directory = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));

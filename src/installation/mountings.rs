@@ -1,4 +1,4 @@
-//! Which mounting of the camera each frame belongs to: `image,mounting`.
+//! Assignment of frames to mountings of the camera: `image,mounting`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,62 +7,61 @@ use super::{Fault, Reader, rows};
 use crate::measure::adjust::Mounting;
 
 const COLUMNS: [&str; 2] = ["image", "mounting"];
-/// The name of the mounting that the ground frames were taken with.
-const OF_THE_GROUND: &str = "ground";
+/// Name of the mounting of the ground frames.
+const GROUND_MOUNTING: &str = "ground";
 
-/// The mountings of frames, by the frames' names as they stand in results.
+/// Mountings of frames, by the frames' names in results.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Mountings {
-    of: BTreeMap<String, Mounting>,
+    by_image: BTreeMap<String, Mounting>,
 }
 
 impl Mountings {
-    /// A frame's mounting; its name may have more or less of the path than the file's.
-    pub fn of(&self, image: &str) -> Option<Mounting> {
+    /// Returns a frame's mounting; its name may have more or less of the path than that in the file.
+    pub fn find(&self, image: &str) -> Option<Mounting> {
         let ends = |long: &str, short: &str| {
             long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'))
         };
-        let like = |name: &&String| ends(name, image) || ends(image, name);
-        let mut found = self.of.iter().filter(|(name, _)| like(name));
-        match (self.of.get(image), found.next(), found.next()) {
+        let matches = |name: &&String| ends(name, image) || ends(image, name);
+        let mut found = self.by_image.iter().filter(|(name, _)| matches(name));
+        match (self.by_image.get(image), found.next(), found.next()) {
             (Some(mounting), ..) | (None, Some((_, mounting)), None) => Some(*mounting),
             _ => None,
         }
     }
 }
 
-/// Reads which frame belongs to which mounting. `ground` names that of the ground frames: the camera stayed.
+/// Reads the mounting of each frame. `ground` is the mounting of the ground frames: the camera was not removed.
 pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
-    let found = read(&mut reader, &name);
-    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
+    let (mut reader, name) = Reader::for_file(file);
+    let found = parse_mountings(&mut reader, &name);
+    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::fold_repeated(reader.faults))
 }
 
-fn read(reader: &mut Reader, name: &Path) -> Option<Mountings> {
-    let (file, text) = reader.text(name, "name a file with the columns image,mounting")?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
+fn parse_mountings(reader: &mut Reader, name: &Path) -> Option<Mountings> {
+    let (file, text) = reader.read_text(name, "name a file with the columns image,mounting")?;
+    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[])?;
     let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
     let mut mountings = Mountings::default();
     for (line, [image, mounting]) in lines {
         if image.is_empty() || mounting.is_empty() {
-            let mend =
-                "give every frame the name of its mounting, ground where the camera stayed as on ground";
-            reader.fault(&file, &format!("line {line}"), "has an empty cell", mend);
+            let remedy = "give every frame the name of its mounting, ground if the camera was not removed since the ground frames";
+            reader.fault(&file, &format!("line {line}"), "has an empty cell", remedy);
             continue;
         }
-        if mounting != OF_THE_GROUND && mounting.eq_ignore_ascii_case(OF_THE_GROUND) {
+        if mounting != GROUND_MOUNTING && mounting.eq_ignore_ascii_case(GROUND_MOUNTING) {
             let place = format!("line {line}, column mounting");
-            let mend = "write ground in small letters, or give another mounting another name";
-            reader.fault(&file, &place, format!("is \"{mounting}\""), mend);
+            let remedy = "write ground in lower case, or give this mounting another name";
+            reader.fault(&file, &place, format!("is \"{mounting}\""), remedy);
         }
         let next = numbers.len();
-        let of = match mounting.as_str() {
-            OF_THE_GROUND => Mounting::OfTheGround,
+        let assigned = match mounting.as_str() {
+            GROUND_MOUNTING => Mounting::Ground,
             _ => Mounting::Numbered(*numbers.entry(mounting).or_insert(next)),
         };
-        if mountings.of.insert(image.clone(), of).is_some() {
+        if mountings.by_image.insert(image.clone(), assigned).is_some() {
             let place = format!("line {line}, column image");
-            reader.fault(&file, &place, format!("\"{image}\" stands twice"), "keep one line per frame");
+            reader.fault(&file, &place, format!("\"{image}\" occurs twice"), "keep one line per frame");
         }
     }
     Some(mountings)
@@ -82,21 +81,21 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_found_by_as_much_of_their_path_as_is_given() {
+    fn frames_are_found_by_any_part_of_their_path() {
         let read = mountings("image,mounting\na/1.jpg,x\nb/1.jpg,y\n2.jpg,ground\nc/3.jpg,x\n").unwrap();
-        assert_eq!(read.of("a/1.jpg"), Some(Mounting::Numbered(0)));
-        assert_eq!(read.of("flights/b/1.jpg"), Some(Mounting::Numbered(1)));
-        assert_eq!(read.of("1.jpg"), None, "two have that name");
-        assert_eq!(read.of("a/2.jpg"), Some(Mounting::OfTheGround));
-        assert_eq!(read.of("3.jpg"), Some(Mounting::Numbered(0)));
-        assert_eq!(read.of("13.jpg"), None);
+        assert_eq!(read.find("a/1.jpg"), Some(Mounting::Numbered(0)));
+        assert_eq!(read.find("flights/b/1.jpg"), Some(Mounting::Numbered(1)));
+        assert_eq!(read.find("1.jpg"), None, "two have that name");
+        assert_eq!(read.find("a/2.jpg"), Some(Mounting::Ground));
+        assert_eq!(read.find("3.jpg"), Some(Mounting::Numbered(0)));
+        assert_eq!(read.find("13.jpg"), None);
     }
 
     #[test]
-    fn a_frame_that_stands_twice_and_an_empty_cell_are_named() {
+    fn a_duplicate_frame_and_an_empty_cell_are_named() {
         let faults = mountings("image,mounting\n1.jpg,x\n1.jpg,y\n2.jpg,\n").unwrap_err();
         let capital = mountings("image,mounting\n1.jpg,Ground\n").unwrap_err();
-        assert!(capital[0].problem.contains("Ground") && capital[0].remedy.contains("small letters"));
+        assert!(capital[0].problem.contains("Ground") && capital[0].remedy.contains("lower case"));
         assert_eq!(faults.len(), 2);
         assert!(faults[0].place.contains("line 3") && faults[1].place.contains("line 4"));
     }

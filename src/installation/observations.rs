@@ -1,4 +1,4 @@
-//! Image points measured by hand: `id,u_px,v_px,sigma_px`, and `image` where they are of several pictures.
+//! Image points measured manually: `id,u_px,v_px,sigma_px`, and `image` if they are of several images.
 
 use std::path::Path;
 
@@ -8,54 +8,53 @@ use super::{Fault, Reader, rows};
 use crate::measure::setup::Setup;
 
 const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
-/// Need not be there: all but the first four.
-const OPTIONAL: &[&str] = &["image", "sigma_v_px", "who", "when", "why"];
-/// Standard deviations that a hand may have, px.
+/// Columns that may be missing: all but the first four.
+const OPTIONAL_COLUMNS: &[&str] = &["image", "sigma_v_px", "who", "when", "why"];
+/// Allowed standard deviations of manual measurements, px.
 const SIGMAS_PX: std::ops::RangeInclusive<f64> = 1e-4..=1e3;
 
-/// What a person says of one marker in one picture.
+/// Manual observation or rejection of one marker in one image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ManualObservation {
-    /// The picture it is of, by the name that results give it; `None` where the file does not say.
+    /// Name of the image, as in results; `None` if the file does not name it.
     pub image: Option<String>,
     /// Index in [`Setup::markers`].
     pub marker: usize,
-    /// Where its centre is; `None` where the person says that what is detected of it is not to be used.
+    /// Position of the centre; `None` if the person rejects the detection of the marker.
     pub place: Option<ManualPosition>,
-    /// Who, when and why, as written; empty where nobody says.
+    /// Person, time and reason, as written; empty if not given.
     pub note: [String; 3],
 }
 
-/// Where a marker's centre is, as a person marked it.
+/// Centre of a marker, marked manually.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ManualPosition {
     /// Image of the marker's centre, px.
     pub pixel: Vector2<f64>,
-    /// Its covariance, px^2.
+    /// Covariance of the position, px^2.
     pub covariance_px2: Matrix2<f64>,
 }
 
-/// Reads a file of hand measurements against the survey.
+/// Reads a file of manual measurements and checks it against the survey.
 ///
 /// # Errors
-/// Every fault of the file, with its line and the mend.
+/// Returns all errors of the file, with line and remedy.
 pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<ManualObservation>, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
-    let found = read(&mut reader, &name, setup);
-    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
+    let (mut reader, name) = Reader::for_file(file);
+    let found = parse_observations(&mut reader, &name, setup);
+    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::fold_repeated(reader.faults))
 }
 
-/// The text of such a file, which [`read_observations`] reads back: of covariances the diagonal alone.
+/// Formats observations as a file that [`read_observations`] reads; of covariances only the diagonal is written.
 ///
 /// # Errors
-/// Where a line cannot be written as a record of a table.
+/// Returns an error if a line cannot be written as a record of a table.
 pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> std::io::Result<Vec<u8>> {
     let mut csv = csv::Writer::from_writer(vec![]);
     csv.write_record(COLUMNS)?;
     for o in observations {
-        let number = |value: &dyn Fn(&ManualPosition) -> f64| {
-            o.place.as_ref().map_or(String::new(), |p| value(p).to_string())
-        };
+        let number =
+            |value: &dyn Fn(&ManualPosition) -> f64| o.place.as_ref().map_or(String::new(), |p| value(p).to_string());
         let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
         let [who, when, why] = &o.note;
         csv.write_record([
@@ -73,9 +72,9 @@ pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> s
     csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))
 }
 
-fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObservation>> {
-    let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, OPTIONAL)?;
+fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObservation>> {
+    let (file, text) = reader.read_text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
+    let lines = rows::read_table(reader, &file, &text, COLUMNS, OPTIONAL_COLUMNS)?;
     let mut found: Vec<ManualObservation> = vec![];
     for (line, cells) in lines {
         let place = format!("line {line}, column id");
@@ -90,17 +89,17 @@ fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObs
                 reader.fault(
                     &file,
                     &place,
-                    format!("\"{}\" stands twice", cells[0]),
-                    "keep one line per marker and picture",
+                    format!("\"{}\" occurs twice", cells[0]),
+                    "keep one line per marker and image",
                 );
             }
             Some(_) => {}
         }
-        // A line without a place takes the marker out.
+        // A line without a position rejects the marker.
         let place = if cells[1..4].iter().all(String::is_empty) {
             None
         } else {
-            let Some(place) = read_place(reader, &file, line, &cells, setup) else { continue };
+            let Some(place) = parse_position(reader, &file, line, &cells, setup) else { continue };
             Some(place)
         };
         let [.., who, when, why] = cells;
@@ -109,18 +108,17 @@ fn read(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObs
     Some(found)
 }
 
-fn read_place(
+fn parse_position(
     reader: &mut Reader,
     file: &Path,
     line: u64,
     cells: &[String; 9],
     setup: &Setup,
 ) -> Option<ManualPosition> {
-    let v: Vec<Option<f64>> =
-        (1..4).map(|k| rows::number(reader, file, line, COLUMNS[k], &cells[k])).collect();
+    let v: Vec<Option<f64>> = (1..4).map(|k| rows::parse_number(reader, file, line, COLUMNS[k], &cells[k])).collect();
     let [Some(u), Some(v), Some(sigma_u)] = v[..] else { return None };
     let sigma_v =
-        if cells[5].is_empty() { sigma_u } else { rows::number(reader, file, line, COLUMNS[5], &cells[5])? };
+        if cells[5].is_empty() { sigma_u } else { rows::parse_number(reader, file, line, COLUMNS[5], &cells[5])? };
     for (column, sigma) in [(COLUMNS[3], sigma_u), (COLUMNS[5], sigma_v)] {
         if !SIGMAS_PX.contains(&sigma) {
             let place = format!("line {line}, column {column}");
@@ -130,11 +128,9 @@ fn read_place(
     }
     let (lens, pixel) = (&setup.lens, Vector2::new(u, v));
     if !lens.contains(&pixel) {
-        let problem = format!(
-            "\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px",
-            cells[0], lens.width, lens.height
-        );
-        reader.fault(file, &format!("line {line}"), problem, "measure it again, or leave the line out");
+        let problem =
+            format!("\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px", cells[0], lens.width, lens.height);
+        reader.fault(file, &format!("line {line}"), problem, "measure it again, or delete the line");
     }
     let covariance_px2 = Matrix2::new(sigma_u * sigma_u, 0.0, 0.0, sigma_v * sigma_v);
     Some(ManualPosition { pixel, covariance_px2 })

@@ -8,90 +8,94 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
 
-use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_whole};
+use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_atomically};
 use crate::measure::identify::OrientationFit;
 use crate::measure::setup::{GroundObservation, Orientation, SurveyMarker};
 
 #[derive(Deserialize)]
-struct Table {
+struct OrientationTable {
     camera_from_survey: [[f64; 3]; 3],
     covariance_rad2: Option<[[f64; 3]; 3]>,
     #[serde(default)]
-    ground: Vec<Sight>,
-    /// Markers that were not used, and why.
+    ground: Vec<GroundEntry>,
+    /// Markers that were not used, with the reason.
     #[serde(default)]
-    unused: Vec<Unused>,
+    unused: Vec<UnusedMarker>,
     /// File name -> SHA-256 of camera and survey.
     #[serde(default)]
     made_with: BTreeMap<String, String>,
 }
 
 #[derive(Deserialize)]
-struct Unused {
+struct UnusedMarker {
     id: String,
     reason: String,
 }
 
 #[derive(Deserialize)]
-struct Sight {
+struct GroundEntry {
     id: String,
     u_px: f64,
     v_px: f64,
     covariance_px2: [f64; 3],
 }
 
-/// How far the rows may be from orthonormal: rounding in a text file, not a wrong matrix.
+/// Largest deviation of the rows from orthonormality that rounding in a text file explains.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
 
-/// The orientation, and which markers its ground frames did not use and why.
-pub(super) fn read(
+/// Reads the orientation, and the markers that its ground frames did not use, with the reason.
+pub(super) fn read_orientation(
     reader: &mut Reader,
     markers: &[SurveyMarker],
 ) -> Option<(Orientation, Vec<(usize, String)>)> {
     if !reader.directory.join(ORIENTATION_FILE).exists() {
         return None;
     }
-    let (file, text) = reader.text(ORIENTATION_FILE, "write it with `wingd orient`")?;
-    let table: Table = toml_file::parse_toml(reader, &file, &text)?;
+    let (file, text) = reader.read_text(ORIENTATION_FILE, "write it with `wingd orient`")?;
+    let table: OrientationTable = toml_file::parse_toml(reader, &file, &text)?;
     check_sources(reader, &file, &table.made_with);
-    let m = matrix(&table.camera_from_survey);
+    let m = matrix_from_rows(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();
     if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
-        let problem =
-            format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
-        reader.fault(&file, "camera_from_survey", problem, "write it anew with `wingd orient`");
+        let problem = format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
+        reader.fault(&file, "camera_from_survey", problem, "run `wingd orient` again");
         return None;
     }
-    let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix);
-    if covariance_rad2.is_some_and(|c| !sound_covariance(&c)) {
+    let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix_from_rows);
+    if covariance_rad2.is_some_and(|c| !is_covariance(&c)) {
         let problem = "is not a covariance (finite, symmetric, positive variances)";
-        reader.fault(&file, "covariance_rad2", problem, "write it anew with `wingd orient`");
+        reader.fault(&file, "covariance_rad2", problem, "run `wingd orient` again");
     }
-    let ground = table.ground.iter().filter_map(|s| sight(reader, &file, s, markers)).collect();
-    // Rounding is taken out so that products of rotations stay rotations.
+    let ground = table.ground.iter().filter_map(|s| parse_ground_observation(reader, &file, s, markers)).collect();
+    // Rounding errors are removed so that products of rotations stay rotations.
     let svd = m.svd(true, true);
     let rotation = svd.u? * svd.v_t?;
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
-    let index = |u: Unused| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
+    let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
     let unused = table.unused.into_iter().filter_map(index).collect();
     Some((Orientation { camera_from_survey, covariance_rad2, ground }, unused))
 }
 
-/// An attitude holds for the camera and the survey that it was made with.
+/// Checks that camera and survey are those that the attitude was computed with.
 fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, String>) {
     for (name, digest) in made_with {
         let now = reader.digests.iter().find(|(n, _)| n == name).map(|(_, d)| d);
         if now != Some(digest) {
             let problem = match now {
-                Some(_) => format!("{name} has changed since this was made with it"),
-                None => format!("was made with {name}, which the installation no longer names"),
+                Some(_) => format!("{name} has changed since this was computed with it"),
+                None => format!("was computed with {name}, which the installation no longer names"),
             };
             reader.fault(file, "made_with", problem, "run `wingd orient` again with the ground frames");
         }
     }
 }
 
-fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) -> Option<GroundObservation> {
+fn parse_ground_observation(
+    reader: &mut Reader,
+    file: &Path,
+    s: &GroundEntry,
+    markers: &[SurveyMarker],
+) -> Option<GroundObservation> {
     let [uu, uv, vv] = s.covariance_px2;
     let covariance_px2 = Matrix2::new(uu, uv, uv, vv);
     let finite = s.u_px.is_finite() && s.v_px.is_finite();
@@ -104,20 +108,15 @@ fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) 
         (None, _) => "is not in the survey",
         (_, false) => "has no finite pixel with a positive covariance",
     };
-    reader.fault(
-        file,
-        "ground",
-        format!("marker \"{}\" {problem}", s.id),
-        "write it anew with `wingd orient`",
-    );
+    reader.fault(file, "ground", format!("marker \"{}\" {problem}", s.id), "run `wingd orient` again");
     None
 }
 
-fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+fn matrix_from_rows(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
     Matrix3::from_fn(|r, c| rows[r][c])
 }
 
-fn sound_covariance(c: &Matrix3<f64>) -> bool {
+fn is_covariance(c: &Matrix3<f64>) -> bool {
     let finite = c.iter().all(|v| v.is_finite());
     finite && (c - c.transpose()).amax() <= 1e-9 * c.amax() && (0..3).all(|k| c[(k, k)] >= 0.0)
 }
@@ -129,32 +128,24 @@ pub fn write_orientation(
     images: &[(String, String)],
 ) -> std::io::Result<()> {
     let m = fit.orientation.camera_from_survey.matrix();
-    let mut text = String::from("# Attitude of the camera on ground, written by `wingd orient`.\n");
-    let _ = writeln!(text, "camera_from_survey = {}", rows(m));
+    let mut text = String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
+    let _ = writeln!(text, "camera_from_survey = {}", format_rows(m));
     if let Some(c) = &fit.orientation.covariance_rad2 {
         let sigma: Vec<String> = (0..3).map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt())).collect();
         let _ = writeln!(text, "# small rotation about the camera's x, y, z axes");
-        let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), rows(c));
+        let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), format_rows(c));
     }
     let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
-    text.push_str("\n# SHA-256 of what it holds for: another camera or survey asks for another orientation\n[made_with]\n");
-    for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name))
-    {
+    text.push_str("\n# SHA-256 of the files it was computed with: another camera or survey needs another orientation\n[made_with]\n");
+    for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name)) {
         let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
     }
     for (k, (name, digest)) in images.iter().enumerate() {
-        let _ =
-            writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
+        let _ = writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
         let _ = writeln!(text, "# marker, residual u, v (observed - computed), px\nresiduals = [");
         for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
             let id = installation.setup.markers.get(*marker).map_or("", |m| m.id.as_str());
-            let _ = writeln!(
-                text,
-                "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
-                toml::Value::from(id),
-                r.x,
-                r.y
-            );
+            let _ = writeln!(text, "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},", toml::Value::from(id), r.x, r.y);
         }
         text.push_str("]\n");
     }
@@ -164,10 +155,10 @@ pub fn write_orientation(
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
     }
     write_ground(&mut text, installation, &fit.orientation.ground);
-    write_whole(&installation.directory.join(ORIENTATION_FILE), &text)
+    write_atomically(&installation.directory.join(ORIENTATION_FILE), &text)
 }
 
-/// Where the ground frames showed the markers: the adjustment in flight measures against them.
+/// Writes the ground-frame observations, which the adjustment of flights refers to.
 fn write_ground(text: &mut String, installation: &Installation, ground: &[GroundObservation]) {
     for s in ground {
         let id = installation.setup.markers.get(s.marker).map_or("", |m| m.id.as_str());
@@ -178,7 +169,7 @@ fn write_ground(text: &mut String, installation: &Installation, ground: &[Ground
     }
 }
 
-fn rows(m: &Matrix3<f64>) -> String {
+fn format_rows(m: &Matrix3<f64>) -> String {
     let row = |r: usize| format!("[{:?}, {:?}, {:?}]", m[(r, 0)], m[(r, 1)], m[(r, 2)]);
     format!("[\n  {},\n  {},\n  {},\n]", row(0), row(1), row(2))
 }

@@ -1,22 +1,23 @@
-//! Numbers that are each in order, but cannot belong together: units, span, root, which wing, two markers in one place.
+//! Consistency checks of numbers that are individually valid: units, span, root, left or right wing, overlapping markers.
 
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::{Reader, toml_file};
-use crate::measure::setup::{Setup, Side};
+use crate::measure::setup::{Setup, WingSide};
 
-/// Beyond any wing, m: the widest aircraft that flew measures 117 m from tip to tip.
+/// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
 const MAX_WING_LENGTH_M: f64 = 100.0;
-/// Markers lie along a line where their deviation along it is this many times that across.
-const ELONGATED: f64 = 3.0;
-/// Angle between that line and the span that no planform explains, degrees: a tapered wing's markers keep to 10.
+/// Smallest ratio of the markers' extents along and across a line at which they define its direction.
+const MIN_ELONGATION: f64 = 3.0;
+/// Largest angle between that line and the span, degrees: markers on a tapered wing are within 10.
 const MAX_SKEW_DEG: f64 = 30.0;
 
-/// Faults that only the numbers together show. Wrong units put all the rest out: then nothing else is said.
-pub(super) fn check(reader: &mut Reader, setup: &Setup, survey: &str) {
-    let file = reader.directory.join(toml_file::FILE);
+/// Reports errors that only a combination of numbers shows. Wrong units cause further errors, so only they are reported
+/// then.
+pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &str) {
+    let file = reader.directory.join(toml_file::INSTALLATION_FILE);
     let survey = reader.directory.join(survey);
     let before = reader.faults.len();
     check_units(reader, &file, &survey, setup);
@@ -31,40 +32,40 @@ pub(super) fn check(reader: &mut Reader, setup: &Setup, survey: &str) {
     check_overlap(reader, &survey, setup);
 }
 
-/// Markers and camera lie within a wing's length of each other.
+/// Checks that markers and camera are within a wing's length of each other.
 fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
     let points = || setup.markers.iter().map(|m| m.position_m);
     let mean = points().sum::<Vector3<f64>>() / setup.markers.len().max(1) as f64;
     let reach_m = points().map(|p| (p - mean).norm()).fold(0.0, f64::max);
     if reach_m > MAX_WING_LENGTH_M {
-        let problem = format!("the markers lie up to {:.0} m apart", 2.0 * reach_m);
+        let problem = format!("the markers are up to {:.0} m apart", 2.0 * reach_m);
         reader.fault(survey, "columns x_m, y_m, z_m", problem, "give metres, not millimetres or feet");
         return;
     }
     let nearest_m = points().map(|p| (p - setup.projection_centre_m).norm()).fold(f64::INFINITY, f64::min);
     if nearest_m > MAX_WING_LENGTH_M {
-        let problem = format!("lies {nearest_m:.0} m from the nearest marker");
-        let mend = "give it in metres, in the survey's frame";
-        reader.fault(file, "camera.projection_centre_m", problem, mend);
+        let problem = format!("is {nearest_m:.0} m from the nearest marker");
+        let remedy = "give it in metres, in the survey's frame";
+        reader.fault(file, "camera.projection_centre_m", problem, remedy);
     }
 }
 
-/// The span points to where the markers are.
+/// Checks that the span points towards the markers.
 fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let wing = setup.on_the_wing();
+    let wing = setup.wing_markers();
     let (markers, behind) = (wing.len(), wing.iter().filter(|(_, point)| point.x < 0.0).count());
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers lie the other way");
-        let mend = format!(
-            "it points from the camera to the tip: [{}, {}]? else check camera.projection_centre_m",
+        let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction");
+        let remedy = format!(
+            "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m",
             -dx, -dy
         );
-        reader.fault(file, "wing.span_direction", problem, mend);
+        reader.fault(file, "wing.span_direction", problem, remedy);
     }
 }
 
-/// The span runs along the markers, as far as these lie along a line.
+/// Checks that the span runs along the markers if they form a line.
 fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
     let Some(line) = line_of_markers(setup) else { return };
     let span = setup.span_direction.normalize();
@@ -72,17 +73,16 @@ fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
     if skew_deg > MAX_SKEW_DEG {
         let outboard = line * span.dot(&line).signum();
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem =
-            format!("is [{dx}, {dy}], {skew_deg:.0} degrees off the line along which the markers lie");
-        let mend = format!(
-            "give the direction from the root to the tip, near [{:.3}, {:.3}]; else compare the survey's x and y",
+        let problem = format!("is [{dx}, {dy}], {skew_deg:.0} degrees off the line of the markers");
+        let remedy = format!(
+            "give the direction from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y",
             outboard.x, outboard.y
         );
-        reader.fault(file, "wing.span_direction", problem, mend);
+        reader.fault(file, "wing.span_direction", problem, remedy);
     }
 }
 
-/// Direction of the markers' greatest horizontal variance; `None` where they lie in a heap.
+/// Returns the direction of the markers' largest horizontal extent; `None` if they do not form a line.
 fn line_of_markers(setup: &Setup) -> Option<Vector2<f64>> {
     let wing = setup.markers.iter().filter(|m| !m.fixed);
     let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
@@ -91,34 +91,34 @@ fn line_of_markers(setup: &Setup) -> Option<Vector2<f64>> {
     let axes = moments.symmetric_eigen();
     let longest = axes.eigenvalues.imax();
     let (long, short) = (axes.eigenvalues[longest], axes.eigenvalues[1 - longest].max(0.0));
-    (long > ELONGATED * ELONGATED * short).then(|| axes.eigenvectors.column(longest).into_owned())
+    (long > MIN_ELONGATION * MIN_ELONGATION * short).then(|| axes.eigenvectors.column(longest).into_owned())
 }
 
-/// Bending starts inboard of most of the markers.
+/// Checks that bending starts inboard of most markers.
 fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let (wing, root_m) = (setup.on_the_wing(), setup.root_offset_m);
+    let (wing, root_m) = (setup.wing_markers(), setup.root_offset_m);
     let (markers, inboard) = (wing.len(), wing.iter().filter(|(_, point)| point.x <= root_m).count());
     if 2 * inboard > markers {
-        let problem = format!("is {root_m} m, but {inboard} of {markers} markers lie inboard of it");
-        let mend = "give the metres along the span from the camera to where bending starts";
-        reader.fault(file, "wing.root_offset_m", problem, mend);
+        let problem = format!("is {root_m} m, but {inboard} of {markers} markers are inboard of it");
+        let remedy = "give the distance along the span from the camera to the bending root, m";
+        reader.fault(file, "wing.root_offset_m", problem, remedy);
     }
 }
 
-/// Leading markers lie ahead of trailing ones, and so on every pair.
+/// Checks for every pair that the leading marker is ahead of the trailing one.
 fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
     let Some(side) = setup.side() else { return };
-    let name = if side == Side::Left { "left" } else { "right" };
+    let name = if side == WingSide::Left { "left" } else { "right" };
     for (k, pair) in setup.torsion.iter().enumerate() {
-        if setup.side_of_pair(pair).is_some_and(|other| other != side) {
+        if setup.side_from_pair(pair).is_some_and(|other| other != side) {
             let place = format!("torsion[{k}]");
-            let problem = format!("its leading marker lies behind its trailing one on a {name} wing");
+            let problem = format!("its leading marker is behind its trailing one on a {name} wing");
             reader.fault(file, &place, problem, "exchange leading and trailing, or correct wing.side");
         }
     }
 }
 
-/// Two markers whose prints would lie on each other.
+/// Reports markers whose prints would overlap.
 fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
     for (k, marker) in setup.markers.iter().enumerate() {
         let apart_m = |m: f64, other: &Vector3<f64>| (marker.position_m - other).norm() - m;
@@ -127,9 +127,9 @@ fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
         };
         if let Some(other) = setup.markers[..k].iter().find(overlaps) {
             let apart_m = apart_m(0.0, &other.position_m);
-            let problem = format!("lies {apart_m:.3} m from {}, so that the two would overlap", other.id);
-            let mend = "survey both again, or keep one of them";
-            reader.fault(survey, &format!("marker \"{}\"", marker.id), problem, mend);
+            let problem = format!("is {apart_m:.3} m from {}: the two would overlap", other.id);
+            let remedy = "survey both again, or keep one of them";
+            reader.fault(survey, &format!("marker \"{}\"", marker.id), problem, remedy);
         }
     }
 }

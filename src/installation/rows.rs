@@ -1,63 +1,63 @@
-//! Tables: the one reader of every CSV file (RFC 4180: quotes, separators within them). No line is trimmed: a blank
-//! first cell stays one.
+//! Reader of all CSV files (RFC 4180: quotes, separators within them). Lines are not trimmed, so a blank first cell is
+//! kept.
 
 use std::path::Path;
 
 use super::Reader;
 
-/// A record of a table.
+/// Record of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The line on which it begins, from 1.
+    /// Line on which it begins, from 1.
     pub line: u64,
-    /// As it stands in the file, without its line end.
+    /// Text in the file, without its line end.
     pub text: String,
-    /// Its cells without their quotes and the blanks about them.
+    /// Cells without their quotes and surrounding blanks.
     pub cells: Vec<String>,
 }
 
 impl Row {
-    /// Whether nothing stands in it.
+    /// Returns whether all cells are empty.
     pub fn is_blank(&self) -> bool {
         self.cells.iter().all(String::is_empty)
     }
 
-    /// Whether something stands beyond so many columns.
+    /// Returns whether a cell beyond this number of columns is not empty.
     pub fn exceeds(&self, columns: usize) -> bool {
         self.cells.iter().skip(columns).any(|cell| !cell.is_empty())
     }
 }
 
-/// Why a text is no table.
+/// Reason why a text is not a table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RowsError {
-    /// A field whose quotes do not end takes all lines after it in.
+    /// Quoted field without its end, which swallows all following lines.
     #[error("a quote is not closed")]
     OpenQuote {
-        /// Where the record begins.
+        /// Line on which the record begins.
         line: u64,
     },
-    /// Something stands between a field's closing quote and the next separator.
-    #[error("something follows on a closing quote")]
+    /// Text between a closing quote and the next separator.
+    #[error("text follows a closing quote")]
     AfterQuote {
-        /// Where the record begins.
+        /// Line on which the record begins.
         line: u64,
     },
-    /// A separator that cannot be one.
-    #[error("the separator {0:?} is no single byte")]
+    /// Character that cannot be a separator.
+    #[error("the separator {0:?} is not a single byte")]
     Separator(char),
-    /// A record that cannot be read.
+    /// Record that cannot be read.
     #[error("{problem}")]
     Record {
-        /// Where it begins.
+        /// Line on which the record begins.
         line: u64,
-        /// What the parser says.
+        /// Message of the parser.
         problem: String,
     },
 }
 
 impl RowsError {
-    /// The line where the record begins; 0 where it is none.
+    /// Returns the line on which the record begins; 0 if no record is affected.
     pub fn line(&self) -> u64 {
         match self {
             Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => *line,
@@ -66,11 +66,11 @@ impl RowsError {
     }
 }
 
-/// The records of a text that are not blank.
+/// Parses a text into records; blank ones are skipped.
 ///
 /// # Errors
-/// The first record that is none.
-pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
+/// Returns an error for the first invalid record.
+pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
     let delimiter = u8::try_from(separator).map_err(|_| RowsError::Separator(separator))?;
     let mut csv = csv::ReaderBuilder::new();
     csv.delimiter(delimiter).has_headers(false).flexible(true);
@@ -87,15 +87,15 @@ pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
             return Ok(found);
         }
         let bytes = begin.byte() as usize..csv.position().byte() as usize;
-        // Empty lines before a record are passed over together with it.
+        // The parser skips empty lines before a record together with it.
         let raw = text.get(bytes).unwrap_or_default();
         let own = raw.trim_start_matches(['\r', '\n']);
         let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
         let own = own.trim_end_matches(['\r', '\n']);
-        match quotes(own, separator) {
-            Quotes::Sound => {}
-            Quotes::Open => return Err(RowsError::OpenQuote { line }),
-            Quotes::Followed => return Err(RowsError::AfterQuote { line }),
+        match check_quotes(own, separator) {
+            QuoteState::Sound => {}
+            QuoteState::Open => return Err(RowsError::OpenQuote { line }),
+            QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
         }
         let cells = record.iter().map(|cell| cell.trim().to_owned()).collect();
         let row = Row { line, text: own.to_owned(), cells };
@@ -105,42 +105,46 @@ pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
     }
 }
 
-/// How the quotes of a record stand.
-enum Quotes {
-    /// Every quoted field ends with its quote.
+/// State of the quotes of a record.
+enum QuoteState {
+    /// Every quoted field is closed.
     Sound,
-    /// One does not end.
+    /// A quoted field is not closed.
     Open,
-    /// Something follows on one: what a reader makes of `"1"2` is its own invention.
+    /// Text follows a closing quote: readers disagree about `"1"2`.
     Followed,
 }
 
-fn quotes(record: &str, separator: char) -> Quotes {
+fn check_quotes(record: &str, separator: char) -> QuoteState {
     let (mut quoted, mut begins) = (false, true);
     let mut signs = record.chars().peekable();
     while let Some(sign) = signs.next() {
         match (sign, quoted) {
             ('"', true) if signs.peek() == Some(&'"') => drop(signs.next()),
-            ('"', true) if signs.peek().is_some_and(|next| *next != separator) => return Quotes::Followed,
+            ('"', true) if signs.peek().is_some_and(|next| *next != separator) => {
+                return QuoteState::Followed;
+            }
             ('"', true) => quoted = false,
             ('"', false) => quoted = begins,
             _ => {}
         }
         begins = !quoted && sign == separator;
     }
-    if quoted { Quotes::Open } else { Quotes::Sound }
+    if quoted { QuoteState::Open } else { QuoteState::Sound }
 }
 
-/// The separator that a first line `sep=;` names, as spreadsheets write it.
+/// Returns the separator that a first line `sep=;` names, as spreadsheets write it.
 pub fn separator_line(line: &str) -> Option<char> {
     let rest = line.trim_matches(['\r', '\n', '"']).strip_prefix("sep=")?;
     let mut signs = rest.chars();
     signs.next().filter(|_| signs.next().is_none())
 }
 
-/// A file of ours with named columns, separated by commas: (line, the wanted columns' texts) per row; empty texts in
-/// `optional` columns that are not there. One cause is one fault.
-pub(super) fn read<const N: usize>(
+/// Reads a table with named columns, separated by commas.
+///
+/// Returns line number and the texts of `columns` per row; `optional` columns that are missing are empty. One cause is
+/// reported once.
+pub(super) fn read_table<const N: usize>(
     reader: &mut Reader,
     file: &Path,
     text: &str,
@@ -149,12 +153,12 @@ pub(super) fn read<const N: usize>(
 ) -> Option<Vec<(u64, [String; N])>> {
     let needed: Vec<&str> = columns.into_iter().filter(|c| !optional.contains(c)).collect();
     if text.lines().next().and_then(separator_line).is_some() {
-        let mend = "leave the line out: columns are separated by commas";
-        reader.fault(file, "line 1", "is a spreadsheet's separator line (sep=)", mend);
+        let remedy = "delete the line: columns are separated by commas";
+        reader.fault(file, "line 1", "is a spreadsheet's separator line (sep=)", remedy);
         return None;
     }
-    let text = without_comments(reader, file, text, needed.len());
-    let found = match rows(&text, ',') {
+    let text = blank_comments(reader, file, text, needed.len());
+    let found = match parse_rows(&text, ',') {
         Ok(found) => found,
         Err(error) => {
             reader.fault(file, &format!("line {}", error.line()), error.to_string(), "correct the line");
@@ -163,16 +167,16 @@ pub(super) fn read<const N: usize>(
     };
     let mut found = found.into_iter();
     let header = found.next().unwrap_or_else(|| Row { line: 1, text: String::new(), cells: vec![] });
-    let index = places(reader, file, &header, columns, optional)?;
+    let index = find_columns(reader, file, &header, columns, optional)?;
     let width = header.cells.len();
     let mut rows = vec![];
     for row in found {
-        // Columns at the end that need not be there may be left out with their commas.
+        // Optional columns at the end may be omitted with their commas.
         let short = header.cells.iter().skip(row.cells.len()).any(|name| !optional.contains(&name.as_str()));
         if short || row.exceeds(width) {
             let problem = format!("has {} cells under a header of {width}", row.cells.len());
-            let mend = "give one cell per column: points in numbers, quotes about a text with a comma";
-            reader.fault(file, &format!("line {}", row.line), problem, mend);
+            let remedy = "give one cell per column: decimal points in numbers, quotes around a text with a comma";
+            reader.fault(file, &format!("line {}", row.line), problem, remedy);
             continue;
         }
         let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned().unwrap_or_default();
@@ -181,8 +185,8 @@ pub(super) fn read<const N: usize>(
     Some(rows)
 }
 
-/// Where each column stands in the header; faults where one does not, or twice.
-fn places<const N: usize>(
+/// Returns the index of each column in the header; reports missing and repeated ones.
+fn find_columns<const N: usize>(
     reader: &mut Reader,
     file: &Path,
     header: &Row,
@@ -197,7 +201,7 @@ fn places<const N: usize>(
             file,
             &place,
             problem,
-            "save it with commas between the columns and points in the numbers",
+            "save it with commas between the columns and decimal points in the numbers",
         );
         return None;
     }
@@ -205,45 +209,35 @@ fn places<const N: usize>(
     let index = columns.map(|name| cells.iter().position(|h| h == name));
     let before = reader.faults.len();
     for name in columns.iter().filter(|name| cells.iter().filter(|h| h == *name).count() > 1) {
-        reader.fault(file, &format!("column {name}"), "stands twice", "keep the one that holds");
+        reader.fault(file, &format!("column {name}"), "occurs twice", "keep the valid one");
     }
-    let missing: Vec<&str> = columns
-        .iter()
-        .zip(&index)
-        .filter(|(n, k)| k.is_none() && needed.contains(n))
-        .map(|(n, _)| *n)
-        .collect();
+    let missing: Vec<&str> =
+        columns.iter().zip(&index).filter(|(n, k)| k.is_none() && needed.contains(n)).map(|(n, _)| *n).collect();
     let otherwise = |name: &str| cells.iter().any(|h| h.eq_ignore_ascii_case(name) && h != name);
-    let mend = format!("the header must hold {}", needed.join(","));
+    let remedy = format!("the header must have {}", needed.join(","));
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
-        let problem = format!("has the header {} in other letters", cells.join(","));
-        reader.fault(file, &place, problem, format!("write it in small letters: {}", needed.join(",")));
-    } else if missing.len() > super::MAX_SIMILAR_NAMES {
-        reader.fault(file, &place, format!("is no header with {}", missing.join(", ")), mend);
+        let problem = format!("has the header {} in other case", cells.join(","));
+        reader.fault(file, &place, problem, format!("write it in lower case: {}", needed.join(",")));
+    } else if missing.len() > super::MAX_SIMILAR_FAULTS {
+        reader.fault(file, &place, format!("is not a header with {}", missing.join(", ")), remedy);
     } else {
         for name in missing {
-            reader.fault(file, &format!("column {name}"), "is missing", mend.clone());
+            reader.fault(file, &format!("column {name}"), "is missing", remedy.clone());
         }
     }
     (reader.faults.len() == before).then_some(index)
 }
 
-/// The text with its comments as empty lines. A line that begins with `#` and is a whole row may be a
-/// comment or a name: the user must say.
-fn without_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) -> String {
+/// Replaces comments by empty lines. A line that begins with `#` and is a complete row may be a comment or a name, which is
+/// an error.
+fn blank_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) -> String {
     let mut kept = String::with_capacity(text.len());
     for (k, line) in text.lines().enumerate() {
         let comment = line.trim_start().strip_prefix('#');
         if comment.is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns) {
             let id = line.split(',').next().unwrap_or_default().trim();
-            let mend =
-                "write a blank after # to leave the line out, or give a name that does not begin with #";
-            reader.fault(
-                file,
-                &format!("line {}", k + 1),
-                format!("\"{id}\" may be a comment or a name"),
-                mend,
-            );
+            let remedy = "write a blank after # if it is a comment, or give a name that does not begin with #";
+            reader.fault(file, &format!("line {}", k + 1), format!("\"{id}\" may be a comment or a name"), remedy);
         }
         kept.push_str(if comment.is_some() { "" } else { line });
         kept.push('\n');
@@ -251,7 +245,7 @@ fn without_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize
     kept
 }
 
-/// What else than a comma stands between the columns, if the header is one cell for that reason.
+/// Returns the separator other than a comma if the header is one cell for that reason.
 fn foreign_separator(header: &[String]) -> Option<&'static str> {
     let [only] = header else { return None };
     [(';', "semicolons"), ('\t', "tabs"), ('|', "bars")]
@@ -260,11 +254,11 @@ fn foreign_separator(header: &[String]) -> Option<&'static str> {
         .map(|(_, name)| name)
 }
 
-/// What is wrong about a cell that is no number.
+/// Problem of a cell that is not a number.
 pub(super) const NO_NUMBER: &str = "is not a finite number";
 
-/// A finite number; a fault where it is not one.
-pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
+/// Parses a finite number; reports an error if it is not one.
+pub(super) fn parse_number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
     let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
     if value.is_none() {
         let place = format!("line {line}, column {column}");
@@ -279,24 +273,24 @@ mod tests {
     use super::*;
 
     fn cells(text: &str, separator: char) -> Vec<(u64, Vec<String>)> {
-        rows(text, separator).unwrap().into_iter().map(|row| (row.line, row.cells)).collect()
+        parse_rows(text, separator).unwrap().into_iter().map(|row| (row.line, row.cells)).collect()
     }
 
     #[test]
-    fn quotes_hold_separators_and_line_ends_and_blank_cells_stay() {
+    fn quotes_contain_separators_and_line_ends_and_blank_cells_stay() {
         let found = cells("a,b\r\n\r\n\"x, y\",\"2\n3\"\n\tlast,\" \"\"q\"\" \"\n", ',');
         assert_eq!(found[0], (1, vec!["a".into(), "b".into()]));
         assert_eq!(found[1], (3, vec!["x, y".into(), "2\n3".into()]));
         assert_eq!(found[2], (5, vec!["last".into(), "\"q\"".into()]));
         assert_eq!(cells("T/O\t1\t2\n\t3\t4\n", '\t')[1].1, ["", "3", "4"]);
-        assert_eq!(rows("a,b\n1,\"2\n3,4\n", ','), Err(RowsError::OpenQuote { line: 2 }));
-        assert_eq!(rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
-        assert_eq!(rows("a,b\n\"1\"2,3\n", ','), Err(RowsError::AfterQuote { line: 2 }));
+        assert_eq!(parse_rows("a,b\n1,\"2\n3,4\n", ','), Err(RowsError::OpenQuote { line: 2 }));
+        assert_eq!(parse_rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
+        assert_eq!(parse_rows("a,b\n\"1\"2,3\n", ','), Err(RowsError::AfterQuote { line: 2 }));
     }
 
     #[test]
     fn rows_keep_their_text() {
-        let found = rows("a;b\n\n \"1\";2 \r\n;;\n3;4", ';').unwrap();
+        let found = parse_rows("a;b\n\n \"1\";2 \r\n;;\n3;4", ';').unwrap();
         let texts: Vec<(u64, &str)> = found.iter().map(|row| (row.line, row.text.as_str())).collect();
         assert_eq!(texts, [(1, "a;b"), (3, " \"1\";2 "), (5, "3;4")]);
         assert_eq!((separator_line("sep=;\r"), separator_line("separator")), (Some(';'), None));

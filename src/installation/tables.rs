@@ -1,25 +1,25 @@
-//! `installation.toml` as serde sees it.
+//! Serde tables of `installation.toml`.
 
 use serde::Deserialize;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Document {
+pub(super) struct InstallationDocument {
     pub name: Option<String>,
-    pub camera: Camera,
-    pub wing: Wing,
-    pub survey: Option<Survey>,
-    pub thermal: Option<Thermal>,
+    pub camera: CameraTable,
+    pub wing: WingTable,
+    pub survey: Option<SurveyTable>,
+    pub thermal: Option<ThermalTable>,
     #[serde(default)]
-    pub torsion: Vec<Torsion>,
-    pub cad: Option<Cad>,
-    pub window: Option<Window>,
-    pub structure: Option<Structure>,
+    pub torsion: Vec<TorsionTable>,
+    pub cad: Option<CadTable>,
+    pub window: Option<WindowTable>,
+    pub structure: Option<StructureTable>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Camera {
+pub(super) struct CameraTable {
     pub calibration: String,
     #[serde(deserialize_with = "or_blank")]
     pub projection_centre_m: [f64; 3],
@@ -30,26 +30,25 @@ pub(super) struct Camera {
     pub flight_scale_sigma: Option<f64>,
     pub flight_principal_point_sigma_px: Option<f64>,
     pub readout_s: Option<f64>,
-    pub optics: Option<Optics>,
+    pub optics: Option<OpticsTable>,
 }
 
-/// The lens and sensor as bought, for depth of field and diffraction.
+/// Nominal data of the lens and sensor, for depth of field and diffraction.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Optics {
-    /// Focal length, mm.
+pub struct OpticsTable {
     pub focal_length_mm: f64,
     /// Aperture number.
     pub f_number: f64,
-    /// Distance of pixel centres, micrometres.
+    /// Distance between pixel centres, micrometres.
     pub pixel_pitch_um: f64,
-    /// Circle of confusion, micrometres; two pixels where not given.
+    /// Circle of confusion, micrometres; two pixels if not given.
     pub circle_of_confusion_um: Option<f64>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Wing {
+pub(super) struct WingTable {
     pub survey: String,
     #[serde(deserialize_with = "or_blank")]
     pub span_direction: [f64; 2],
@@ -59,7 +58,7 @@ pub(super) struct Wing {
     pub axis_chord_offset_m: Option<f64>,
     pub axis_chord_offset_sigma_m: Option<f64>,
     pub span_direction_sigma_deg: Option<f64>,
-    pub skin_height_m: Option<Skin>,
+    pub skin_height_m: Option<SkinTable>,
     pub skin_height_sigma_m: Option<f64>,
     pub skin_motion_m: Option<f64>,
     pub root_rotation_sigma_mrad: Option<f64>,
@@ -67,21 +66,21 @@ pub(super) struct Wing {
     pub constant_bend_sigma_m: Option<f64>,
     pub in_plane_sigma_m: Option<f64>,
     pub torque_sigma_deg: Option<f64>,
-    pub vibration: Option<Vec<Vibrating>>,
+    pub vibration: Option<Vec<VibrationTable>>,
 }
 
-/// `[survey]`.
+/// Table `[survey]`.
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Survey {
+pub(super) struct SurveyTable {
     pub bend_sigma_m: Option<f64>,
     pub vertical_sigma_deg: Option<f64>,
 }
 
-/// One of `[wing] vibration`.
+/// Entry of `[wing] vibration`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Vibrating {
+pub(super) struct VibrationTable {
     pub frequency_hz: f64,
     pub amplitude_m: f64,
 }
@@ -91,25 +90,24 @@ pub(super) struct Vibrating {
 pub(super) enum Side {
     Left,
     Right,
-    /// As in a template that is to be filled in.
+    /// Empty value of a template.
     #[serde(rename = "")]
     Blank,
 }
 
-/// Numbers, or `[]` as in a template that is to be filled in: then none is a number.
+/// Deserializes an array of numbers; `[]`, as in a template, yields NaN.
 fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(source: D) -> Result<[f64; N], D::Error> {
     let all = Vec::<f64>::deserialize(source)?;
     if all.is_empty() {
         return Ok([f64::NAN; N]);
     }
     let count = all.len();
-    all.try_into()
-        .map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
+    all.try_into().map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Skin {
+pub(super) struct SkinTable {
     pub root: f64,
     pub tip: f64,
     pub tip_span_m: f64,
@@ -117,7 +115,7 @@ pub(super) struct Skin {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Thermal {
+pub(super) struct ThermalTable {
     pub expansion_per_k: f64,
     pub expansion_sigma_per_k: Option<f64>,
     pub ground_temperature_c: f64,
@@ -128,7 +126,7 @@ pub(super) struct Thermal {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Torsion {
+pub(super) struct TorsionTable {
     pub name: String,
     pub leading: String,
     pub trailing: String,
@@ -136,7 +134,7 @@ pub(super) struct Torsion {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Cad {
+pub(super) struct CadTable {
     pub tie_points: String,
     pub sigma_m: Option<f64>,
     #[serde(default)]
@@ -145,17 +143,17 @@ pub(super) struct Cad {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Structure {
+pub(super) struct StructureTable {
     pub stiffness: String,
     pub bending_hz: Option<f64>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Window {
+pub(super) struct WindowTable {
     pub normal: Option<[f64; 3]>,
-    pub cabin: Option<Air>,
-    pub outside: Option<Air>,
+    pub cabin: Option<AirTable>,
+    pub outside: Option<AirTable>,
     pub wavelength_nm: Option<f64>,
     pub thickness_m: Option<f64>,
     pub thickness_sigma_m: Option<f64>,
@@ -170,7 +168,7 @@ pub(super) struct Window {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Air {
+pub(super) struct AirTable {
     pub temperature_c: f64,
     pub pressure_hpa: f64,
     pub humidity: Option<f64>,

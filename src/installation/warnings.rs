@@ -1,15 +1,17 @@
-//! Surveyed points that can hardly be right: off the skin that the others lie on.
+//! Warnings about an installation: surveyed points off the skin of the others, and an accepted calibration.
 
 use super::{Fault, Installation};
-use crate::measure::adjust::ground::off_the_skin;
+use crate::measure::adjust::ground::find_skin_outliers;
 
-/// What of the survey is to be looked at. It holds nothing up: such a point takes no part where its image says the same.
-pub fn doubts(installation: &Installation) -> Vec<Fault> {
+/// Returns warnings about the survey and the calibration.
+///
+/// They do not stop anything: such a point is excluded if its image confirms the error.
+pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
     let file = installation.directory.join(&installation.sources[1]);
     let markers = &installation.setup.markers;
-    let doubt = |point: crate::measure::adjust::ground::OffTheSkin| {
+    let warning = |point: crate::measure::adjust::ground::SkinOutlier| {
         let problem = format!(
-            "lies {:.3} m {} the smooth skin through the others ({:.0} standard deviations)",
+            "is {:.3} m {} the smooth skin through the others ({:.0} standard deviations)",
             point.height_m.abs(),
             if point.height_m > 0.0 { "above" } else { "below" },
             point.height_m.abs() / point.sigma_m
@@ -18,14 +20,14 @@ pub fn doubts(installation: &Installation) -> Vec<Fault> {
             file: file.clone(),
             place: format!("marker \"{}\"", markers.get(point.marker)?.id),
             problem,
-            remedy: "compare its coordinates with the survey's protocol".into(),
+            remedy: "check its coordinates against the survey's records".into(),
         })
     };
     let camera = installation.accepted.as_ref().map(|reason| Fault {
         file: installation.directory.join(&installation.sources[0]),
         place: "calibration.accepted".into(),
-        problem: format!("the calibration was refused, and taken all the same: {reason}"),
-        remedy: "calibrate again with pictures that the verdict asks for".into(),
+        problem: format!("a refused calibration was accepted: {reason}"),
+        remedy: "calibrate again with the images that the verdict asks for".into(),
     });
-    camera.into_iter().chain(off_the_skin(&installation.setup).into_iter().filter_map(doubt)).collect()
+    camera.into_iter().chain(find_skin_outliers(&installation.setup).into_iter().filter_map(warning)).collect()
 }

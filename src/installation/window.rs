@@ -1,4 +1,4 @@
-//! `[window]` of installation.toml: the air on both sides, the panes between.
+//! `[window]` of installation.toml: the air on both sides, and the panes between.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use nalgebra::Vector3;
 use super::{Reader, tables};
 use crate::measure::setup::{Air, Pane, Window};
 
-/// Cabin as at 8,000 ft, outside as in the standard atmosphere at flight level 370.
-const CABIN: Air = Air { temperature_c: 22.0, pressure_hpa: 752.6, humidity: 0.1, co2_ppm: 800.0 };
-const OUTSIDE: Air = Air { temperature_c: -56.5, pressure_hpa: 216.6, humidity: 0.0, co2_ppm: 420.0 };
+/// Default air: in the cabin as at 8,000 ft, outside as in the standard atmosphere at flight level 370.
+const DEFAULT_CABIN: Air = Air { temperature_c: 22.0, pressure_hpa: 752.6, humidity: 0.1, co2_ppm: 800.0 };
+const DEFAULT_OUTSIDE: Air = Air { temperature_c: -56.5, pressure_hpa: 216.6, humidity: 0.0, co2_ppm: 420.0 };
 
-pub(super) fn window(reader: &mut Reader, file: &Path, table: Option<&tables::Window>) -> Option<Window> {
+pub(super) fn read_window(reader: &mut Reader, file: &Path, table: Option<&tables::WindowTable>) -> Option<Window> {
     let table = table?;
-    let cabin = air(reader, file, "window.cabin", table.cabin.as_ref(), CABIN);
-    let outside = air(reader, file, "window.outside", table.outside.as_ref(), OUTSIDE);
+    let cabin = read_air(reader, file, "window.cabin", table.cabin.as_ref(), DEFAULT_CABIN);
+    let outside = read_air(reader, file, "window.outside", table.outside.as_ref(), DEFAULT_OUTSIDE);
     let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
     if !(300.0..=1700.0).contains(&wavelength_nm) {
         let problem = format!("is {wavelength_nm} nm");
@@ -26,31 +26,33 @@ pub(super) fn window(reader: &mut Reader, file: &Path, table: Option<&tables::Wi
         reader.fault(file, "window.normal", problem, "give the outward normal in the survey frame");
     }
     let normal = normal.map(|n| n.normalize());
-    let pane = pane(reader, file, table);
+    let pane = read_pane(reader, file, table);
     Some(Window { normal, cabin, outside, wavelength_nm, pane })
 }
 
-/// Index of the acrylic that cabin windows are made of.
-const ACRYLIC: f64 = 1.49;
-/// Acrylics and their dispersion differ by some 0.005, -70 K adds 0.007.
-const INDEX_SIGMA: f64 = 0.01;
-/// Two readings of an inclinometer against the window's frame, or a drawing.
-const NORMAL_SIGMA_DEG: f64 = 1.0;
-/// Of a camera that stands as close to the inner pane as it goes, m.
-const DISTANCE_M: f64 = 0.15;
+/// Refractive index of the acrylic of cabin windows.
+const DEFAULT_INDEX: f64 = 1.49;
+/// Default standard deviation of the index: acrylics and their dispersion differ by about 0.005, -70 K adds 0.007.
+const DEFAULT_INDEX_SIGMA: f64 = 0.01;
+/// Default standard deviation of the window's normal, degrees: two readings of an inclinometer against the window's frame,
+/// or a drawing.
+const DEFAULT_NORMAL_SIGMA_DEG: f64 = 1.0;
+/// Default distance of the camera from the inner pane, m: as close as possible.
+const DEFAULT_DISTANCE_M: f64 = 0.15;
 
-/// Of a radius worked out from a plate under pressure, or from a sagitta measured to a quarter.
-const BOW_SIGMA: f64 = 0.25;
-/// Where no radius is stated: the usual one may be, either way.
-const UNSTATED_BOW_SIGMA: f64 = 1.0;
+/// Default relative standard deviation of a radius that is computed for a plate under pressure, or from a sagitta measured
+/// to 25 %.
+const DEFAULT_BOW_SIGMA: f64 = 0.25;
+/// Relative standard deviation if no radius is given: the default radius may occur in either direction.
+const UNKNOWN_BOW_SIGMA: f64 = 1.0;
 
-/// Half the tolerance of cast acrylic sheet (ISO 7823-1: 0.4 mm and a tenth of the thickness), m.
-fn thickness_sigma_m(thickness_m: f64) -> f64 {
+/// Returns half the tolerance of cast acrylic sheet (ISO 7823-1: 0.4 mm and 10 % of the thickness), m.
+fn default_thickness_sigma_m(thickness_m: f64) -> f64 {
     0.5 * (0.4e-3 + 0.1 * thickness_m)
 }
 
-/// The panes, with the widths of what is not stated.
-fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane> {
+/// Reads the panes, with default standard deviations of values that are not given.
+fn read_pane(reader: &mut Reader, file: &Path, table: &tables::WindowTable) -> Option<Pane> {
     let Some(thickness_m) = table.thickness_m else {
         for (place, given) in [
             ("window.index", table.index.is_some()),
@@ -58,34 +60,35 @@ fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane
             ("window.same_on_ground", table.same_on_ground.is_some()),
         ] {
             if given {
-                let mend = "give window.thickness_m, of all panes together, or leave this key out";
-                reader.fault(file, place, "is given without the panes' thickness", mend);
+                let remedy = "give window.thickness_m of all panes together, or delete this key";
+                reader.fault(file, place, "is given without the panes' thickness", remedy);
             }
         }
         return None;
     };
     if table.normal.is_none() {
-        let mend = "give the outward normal in the survey frame; a pane's shift is along it";
-        reader.fault(file, "window.normal", "is missing", mend);
+        let remedy = "give the outward normal in the survey frame, along which a pane displaces rays";
+        reader.fault(file, "window.normal", "is missing", remedy);
     }
     let pane = Pane {
         thickness_m,
-        thickness_sigma_m: table.thickness_sigma_m.unwrap_or(thickness_sigma_m(thickness_m)),
-        index: table.index.unwrap_or(ACRYLIC),
-        index_sigma: table.index_sigma.unwrap_or(INDEX_SIGMA),
-        normal_sigma_rad: table.normal_sigma_deg.unwrap_or(NORMAL_SIGMA_DEG).to_radians(),
+        thickness_sigma_m: table.thickness_sigma_m.unwrap_or(default_thickness_sigma_m(thickness_m)),
+        index: table.index.unwrap_or(DEFAULT_INDEX),
+        index_sigma: table.index_sigma.unwrap_or(DEFAULT_INDEX_SIGMA),
+        normal_sigma_rad: table.normal_sigma_deg.unwrap_or(DEFAULT_NORMAL_SIGMA_DEG).to_radians(),
         bow_radius_m: table.bow_radius_m,
         bow_sigma: table
             .bow_sigma
-            .unwrap_or_else(|| table.bow_radius_m.map_or(UNSTATED_BOW_SIGMA, |_| BOW_SIGMA)),
-        distance_m: table.distance_m.unwrap_or(DISTANCE_M),
+            .unwrap_or_else(|| table.bow_radius_m.map_or(UNKNOWN_BOW_SIGMA, |_| DEFAULT_BOW_SIGMA)),
+        distance_m: table.distance_m.unwrap_or(DEFAULT_DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };
     check_pane(reader, file, &pane, table.thickness_sigma_m);
     Some(pane)
 }
 
-/// `thickness_sigma_m` as stated: what follows from a faulty thickness is no second fault.
+/// Checks the ranges of a pane. `thickness_sigma_m` is the configured value: consequences of a wrong thickness are no
+/// second error.
 fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: Option<f64>) {
     let checks = [
         ("window.thickness_m", pane.thickness_m, 1e-3, 0.1, " m"),
@@ -98,18 +101,17 @@ fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: 
     ];
     for (place, value, low, high, unit) in checks {
         if !(low..=high).contains(&value) {
-            let mend = format!("give a number from {low} to {high}{unit}");
-            reader.fault(file, place, format!("is {value}{unit}"), mend);
+            let remedy = format!("give a number from {low} to {high}{unit}");
+            reader.fault(file, place, format!("is {value}{unit}"), remedy);
         }
     }
     if let Some(radius) = pane.bow_radius_m.filter(|r| !(0.5..=1e6).contains(&r.abs())) {
-        let mend =
-            "give 0.5 m to 1e6 m, positive where the pane bulges outwards; leave it out for a plane one";
-        reader.fault(file, "window.bow_radius_m", format!("is {radius} m"), mend);
+        let remedy = "give 0.5 m to 1e6 m, positive if the pane bulges outwards; delete it for a plane pane";
+        reader.fault(file, "window.bow_radius_m", format!("is {radius} m"), remedy);
     }
 }
 
-fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air>, default: Air) -> Air {
+fn read_air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::AirTable>, default: Air) -> Air {
     let Some(table) = table else { return default };
     let air = Air {
         temperature_c: table.temperature_c,
@@ -125,8 +127,8 @@ fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air
     ];
     for (key, value, low, high) in ranges {
         if !(low..=high).contains(&value) {
-            let mend = format!("give a number from {low} to {high}");
-            reader.fault(file, &format!("{place}.{key}"), format!("is {value}"), mend);
+            let remedy = format!("give a number from {low} to {high}");
+            reader.fault(file, &format!("{place}.{key}"), format!("is {value}"), remedy);
         }
     }
     air

@@ -1,6 +1,6 @@
-//! Pure measuring: pixels and surveys in, deflection out. No files, clocks, network or logs here.
+//! Measurement as pure functions: pixels and surveys in, deflection out. No files, clocks, network or logs here.
 //!
-//! Units inside: metres, radians, pixels, kelvin; `f64`. Frames and symbols: `docs/conventions.md`.
+//! Units: metres, radians, pixels, kelvin; `f64`. Frames and symbols: `docs/conventions.md`.
 
 pub mod adjust;
 pub mod calibrate;

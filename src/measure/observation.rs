@@ -1,23 +1,23 @@
-//! What is observed of a marker, and what is estimated of a quantity: the plain data that adjustment and environment share.
+//! Observations of markers, and estimates of quantities: plain data shared by adjustment and environment.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// One marker seen in one frame.
+/// Observation of one marker in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
     /// Index in [`Setup::markers`](super::setup::Setup::markers).
     pub marker: usize,
     /// Image of the marker's centre, px.
     pub pixel: Vector2<f64>,
-    /// Its covariance, px^2.
+    /// Covariance of the image, px^2.
     pub covariance_px2: Matrix2<f64>,
 }
 
-/// A number with its standard deviation; `None` for one that was held fixed.
+/// An estimated number with its standard deviation; `None` for a fixed one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The value, in the unit that the field's name bears.
+    /// Value, in the unit of the field's name.
     pub value: f64,
-    /// Its standard deviation, same unit.
+    /// Standard deviation, in the unit of the value.
     pub sigma: Option<f64>,
 }

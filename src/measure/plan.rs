@@ -1,21 +1,23 @@
-//! Before an installation: resolution on the wing, depth of field, predicted uncertainty of a layout
-//! of markers (docs/model.md).
+//! Planning of an installation: resolution on the wing, depth of field, predicted uncertainty of a layout of markers
+//! (docs/model.md).
 
 mod draft;
-mod fixed_marks;
+mod fixed_targets;
 mod optics;
 mod prediction;
+mod requirement;
 mod resolution;
 mod terms;
 mod view;
-mod want;
 
-pub use draft::{Draft, best as best_layout, layout};
+pub use draft::{LayoutDraft, best_layout, even_layout};
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
-use resolution::facing;
-pub use resolution::{Footprint, Skin, footprint};
-pub use want::{Answer, Remedy, Requirement, Source, answer, attitude, predict_precision};
+pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma};
+pub use requirement::{
+    Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement, predict_precision,
+};
+use resolution::facing_footprint;
+pub use resolution::{Footprint, SkinProfile, skin_footprint};
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -24,7 +26,7 @@ use super::adjust::{AdjustError, Observation, Options};
 use super::setup::{Orientation, Setup};
 use prediction::SimulatedFlight;
 
-/// What is assumed of the flight to come.
+/// Assumptions about the planned flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanOptions {
     /// Deflection of the outermost marker, m.
@@ -33,7 +35,7 @@ pub struct PlanOptions {
     pub pixel_sigma: f64,
     /// Lens and sensor, for depth of field and diffraction.
     pub optics: Option<Optics>,
-    /// Terms of the curvature.
+    /// Number of terms of the curvature.
     pub curvature_terms: usize,
 }
 
@@ -43,47 +45,48 @@ impl Default for PlanOptions {
     }
 }
 
-/// Resolution and size of one marker's image.
+/// Resolution and image size of a marker.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MarkerPlan {
-    /// Survey id.
+    /// Id in the survey.
     pub id: String,
-    /// `quadrant` or `circle`.
+    /// Kind of marker: `quadrant` or `circle`.
     pub shape: &'static str,
-    /// Along the span from the projection centre, on ground, m.
+    /// Span from the projection centre, on the ground, m.
     pub span_m: f64,
-    /// From the projection centre, on ground, m.
+    /// Distance from the projection centre, on the ground, m.
     pub distance_m: f64,
-    /// On the sensor, on ground and in flight.
+    /// Whether the marker is on the sensor on the ground and in flight.
     pub visible: bool,
-    /// On ground.
+    /// Footprint of a pixel on the ground.
     pub ground: Footprint,
-    /// In flight, the skin sloping with the bending.
+    /// Footprint of a pixel in flight, on the sloped skin.
     pub flight: Footprint,
-    /// Extent of the marker's image along and across the view on ground, px.
+    /// Extent of the marker's image along and across the view, on the ground, px.
     pub image_px: [f64; 2],
-    /// Diameter of the blur disc on ground where the wing's markers are focused best, px; `None` without the lens.
+    /// Diameter of the blur disc on the ground with the best focus for the wing's markers, px; `None` without data of the
+    /// lens.
     pub blur_px: Option<f64>,
     /// Predicted standard deviations.
     pub sigma: Option<MarkerSigma>,
 }
 
-/// A point along the span.
+/// Resolution and precision at a point along the span.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SpanPlan {
-    /// From the projection centre, m.
+    /// Span from the projection centre, m.
     pub span_m: f64,
-    /// On ground.
+    /// Footprint of a pixel on the ground.
     pub ground: Footprint,
-    /// Standard deviation of the deflection of the bending axis, m.
+    /// Standard deviation of the bending axis' deflection, m.
     pub sigma_deflection_m: Option<f64>,
     /// Standard deviation of the twist, degrees.
     pub sigma_twist_deg: Option<f64>,
 }
 
-/// All that can be said beforehand.
+/// Plan of an installation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Plan {
+pub struct InstallationPlan {
     /// Horizontal, vertical and diagonal angle of view, degrees.
     pub field_of_view_deg: [f64; 3],
     /// Mean camera constant, px.
@@ -92,43 +95,45 @@ pub struct Plan {
     pub tip_deflection_m: f64,
     /// Assumed standard deviation of an image coordinate, px.
     pub pixel_sigma: f64,
-    /// Every marker of the survey.
+    /// Markers of the survey.
     pub markers: Vec<MarkerPlan>,
-    /// From the bending root to the outermost marker.
+    /// Points from the bending root to the outermost marker.
     pub span: Vec<SpanPlan>,
-    /// Where the lens was described.
+    /// Depth of field and diffraction, if data of the lens are given.
     pub optics: Option<OpticsPlan>,
-    /// Predicted uncertainty, and what one marker more or less changes.
-    pub prediction: Option<Prediction>,
-    /// What a person should read.
+    /// Predicted uncertainty, and the effect of one marker more or fewer.
+    pub prediction: Option<LayoutPrediction>,
+    /// Remarks for the user.
     pub remarks: Vec<String>,
 }
 
-/// Points of [`Plan::span`].
+/// Number of points of [`InstallationPlan::span`].
 const SPAN_POINTS: usize = 33;
 /// Smallest image of a circle that is measured well, px across its small axis.
 const MIN_IMAGE_PX: f64 = 5.0;
-/// Largest blur disc, px across, with which a mark is still measured: a quarter of it, as a disc's standard deviation is, is two
-/// thirds of the greatest blur that detection takes, which is for lens and motion beside it.
+/// Largest blur disc with which a marker is measured, px across: the standard deviation of a disc is a quarter of its
+/// diameter, and this is two thirds of the largest blur of detection, which includes lens and motion.
 const MAX_BLUR_PX: f64 = 8.0;
 
-/// Plans an installation. Without an orientation the camera is taken to look at the middle of the wing.
-/// Fails where the survey gives no wing at all.
-pub fn plan(
+/// Plans an installation. Without an orientation the camera looks at the middle of the wing.
+///
+/// # Errors
+/// Returns an error if the survey gives no wing.
+pub fn plan_installation(
     setup: &Setup,
     orientation: Option<&Orientation>,
     options: &PlanOptions,
-) -> Result<Plan, AdjustError> {
-    let rehearsal = SimulatedFlight::new(setup, orientation, options)?;
-    let (prediction, failure) = match rehearsal.predict() {
+) -> Result<InstallationPlan, AdjustError> {
+    let simulation = SimulatedFlight::new(setup, orientation, options)?;
+    let (prediction, failure) = match simulation.predict_layout() {
         Ok(prediction) => (Some(prediction), None),
-        Err(error) => (None, Some(format!("no uncertainty can be predicted: {error}"))),
+        Err(error) => (None, Some(format!("the uncertainty cannot be predicted: {error}"))),
     };
-    let mut markers = markers(setup, &rehearsal, prediction.as_ref());
+    let mut markers = plan_markers(setup, &simulation, prediction.as_ref());
     let optics = options.optics.map(|o| {
-        // Marks that are rigid to the cabin stand so near that the wing would be out of focus for their sake.
-        let seen = |wanted: &dyn Fn(bool) -> bool| -> Vec<f64> {
-            let seen = markers.iter().zip(&setup.markers).filter(|(m, s)| m.visible && wanted(s.fixed));
+        // Fixed targets are so near that focusing on them would blur the wing.
+        let seen = |select: &dyn Fn(bool) -> bool| -> Vec<f64> {
+            let seen = markers.iter().zip(&setup.markers).filter(|(m, s)| m.visible && select(s.fixed));
             seen.map(|(m, _)| m.distance_m).collect()
         };
         let mut distances = seen(&|fixed| !fixed);
@@ -142,18 +147,18 @@ pub fn plan(
     for marker in &mut markers {
         marker.blur_px = optics.map(|optics| optics.blur_px(marker.distance_m));
     }
-    let mut plan = Plan {
+    let mut plan = InstallationPlan {
         field_of_view_deg: field_of_view_deg(setup),
         focal_px: setup.lens.focal_px(),
         tip_deflection_m: options.tip_deflection_m,
         pixel_sigma: options.pixel_sigma,
-        span: span(setup, &rehearsal.skin, &markers, prediction.as_ref()),
+        span: plan_span(setup, &simulation.skin, &markers, prediction.as_ref()),
         markers,
         optics,
         prediction,
         remarks: failure.into_iter().collect(),
     };
-    let remarks = remarks(&plan);
+    let remarks = plan_remarks(&plan);
     plan.remarks.extend(remarks);
     Ok(plan)
 }
@@ -164,24 +169,24 @@ fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
     [x, y, x.hypot(y)].map(|tangent| (2.0 * tangent.atan()).to_degrees())
 }
 
-fn markers(setup: &Setup, rehearsal: &SimulatedFlight, prediction: Option<&Prediction>) -> Vec<MarkerPlan> {
+fn plan_markers(setup: &Setup, simulation: &SimulatedFlight, prediction: Option<&LayoutPrediction>) -> Vec<MarkerPlan> {
     let c = setup.lens.focal_px();
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
-        let ground = rehearsal.ground[index];
-        let flight = rehearsal.flight[index];
+        let ground = simulation.ground[index];
+        let flight = simulation.flight[index];
         let covers = |point: &Vector3<f64>, slope: f64| {
-            if marker.fixed { facing(point, c) } else { footprint(point, slope, c) }
+            if marker.fixed { facing_footprint(point, c) } else { skin_footprint(point, slope, c) }
         };
-        let on_ground = covers(&ground, rehearsal.skin.slope(ground.x));
+        let on_ground = covers(&ground, simulation.skin.slope(ground.x));
         let seen = |o: &Observation| o.marker == index;
         MarkerPlan {
             id: marker.id.clone(),
             shape: marker.shape.name(),
             span_m: ground.x,
             distance_m: ground.norm(),
-            visible: rehearsal.observations.iter().any(seen)
-                && rehearsal.orientation.ground.iter().any(|g| g.marker == index),
-            flight: covers(&flight, rehearsal.slope_at(&flight)),
+            visible: simulation.observations.iter().any(seen)
+                && simulation.orientation.ground.iter().any(|g| g.marker == index),
+            flight: covers(&flight, simulation.slope_at(&flight)),
             image_px: [
                 1e3 * marker.diameter_m / on_ground.spanwise_mm,
                 1e3 * marker.diameter_m / on_ground.streamwise_mm,
@@ -194,20 +199,20 @@ fn markers(setup: &Setup, rehearsal: &SimulatedFlight, prediction: Option<&Predi
     setup.markers.iter().enumerate().map(one).collect()
 }
 
-fn span(
+fn plan_span(
     setup: &Setup,
-    skin: &Skin,
+    skin: &SkinProfile,
     markers: &[MarkerPlan],
-    prediction: Option<&Prediction>,
+    prediction: Option<&LayoutPrediction>,
 ) -> Vec<SpanPlan> {
     let tip = markers.iter().fold(0.0, |tip: f64, m| tip.max(m.span_m));
     let root = setup.root_offset_m.max(0.0);
     let point = |k: usize| {
         let span_m = root + (tip - root) * k as f64 / (SPAN_POINTS - 1) as f64;
-        let curve = prediction.and_then(|p| p.at(span_m));
+        let curve = prediction.and_then(|p| p.sigmas_at(span_m));
         SpanPlan {
             span_m,
-            ground: footprint(
+            ground: skin_footprint(
                 &Vector3::new(span_m, skin.height_m(span_m), 0.0),
                 skin.slope(span_m),
                 setup.lens.focal_px(),
@@ -219,25 +224,25 @@ fn span(
     (0..SPAN_POINTS).map(point).collect()
 }
 
-fn remarks(plan: &Plan) -> Vec<String> {
+fn plan_remarks(plan: &InstallationPlan) -> Vec<String> {
     let mut remarks = Vec::new();
-    let ids = |wanted: &dyn Fn(&MarkerPlan) -> bool| {
-        let found: Vec<&str> = plan.markers.iter().filter(|m| wanted(m)).map(|m| m.id.as_str()).collect();
+    let ids = |select: &dyn Fn(&MarkerPlan) -> bool| {
+        let found: Vec<&str> = plan.markers.iter().filter(|m| select(m)).map(|m| m.id.as_str()).collect();
         (!found.is_empty()).then(|| found.join(", "))
     };
     if let Some(hidden) = ids(&|m| !m.visible) {
         remarks.push(format!(
-            "outside the picture on ground or in flight: {hidden}; turn the camera or move the markers"
+            "outside the image on the ground or in flight: {hidden}; turn the camera or move the markers"
         ));
     }
     if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < MIN_IMAGE_PX) {
         remarks.push(format!(
-            "image less than {MIN_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
+            "image smaller than {MIN_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
         ));
     }
     if let Some(soft) = ids(&|m| m.blur_px.is_some_and(|px| px > MAX_BLUR_PX)) {
         remarks.push(format!(
-            "out of focus by more than {MAX_BLUR_PX} px, which is more than is measured: {soft}; stop down, or put \
+            "out of focus by more than {MAX_BLUR_PX} px, too much for a measurement: {soft}; stop down, or put \
              them farther from the camera"
         ));
     }
@@ -251,7 +256,7 @@ fn remarks(plan: &Plan) -> Vec<String> {
     remarks
 }
 
-/// Options of the rehearsed adjustment: exact observations, so that nothing is rejected or chosen.
+/// Returns the options of the simulated adjustment: with exact observations, nothing is rejected or selected.
 fn adjustment_options(options: &PlanOptions) -> Options {
     Options {
         sigma: super::adjust::SigmaKind::Prior,

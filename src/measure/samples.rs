@@ -1,51 +1,48 @@
-//! Bare samples, as a V4L2 device delivers them, to luma.
+//! Conversion of raw samples, as a V4L2 device delivers them, to luma.
 //!
-//! Formats as in the Linux kernel's "Video for Linux API", part "Image Formats". A colour mosaic
-//! becomes luma (R + 2 G + B) / 4 through the kernel (1 2 1) x (1 2 1) / 16: it is symmetric, so no
-//! edge moves, and every pixel gets the same weights of the three colours wherever it lies in the
-//! mosaic.
+//! Formats follow the Linux kernel's "Video for Linux API", part "Image Formats". A colour mosaic becomes luma (R + 2 G +
+//! B) / 4 through the kernel (1 2 1) x (1 2 1) / 16: the kernel is symmetric, so no edge moves, and every pixel has equal
+//! weights of the three colours at any position in the mosaic.
 
 use crate::raster::Raster;
 
-/// Why bytes are not a picture.
+/// An error in raw samples.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SamplesError {
-    /// No reader for this format.
-    #[error("pixel format {0} is not known; use GREY, YUYV or a Bayer format of 8, 10 or 12 bits")]
+    /// The pixel format is not supported.
+    #[error("pixel format {0} is not supported; use GREY, YUYV or a Bayer format of 8, 10 or 12 bits")]
     Format(String),
-    /// Fewer bytes than the size asks for.
-    #[error("{have} bytes where {width} x {height} px with a stride of {stride} need {need}")]
+    /// The data are too short for the image's size.
+    #[error("{have} bytes, but {width} x {height} px with a stride of {stride} need {need}")]
     Length {
-        /// Bytes there.
+        /// Number of bytes available.
         have: usize,
-        /// Bytes needed.
+        /// Number of bytes needed.
         need: usize,
-        /// px.
         width: usize,
-        /// px.
         height: usize,
         /// Bytes from row to row.
         stride: usize,
     },
 }
 
-/// How one row's bytes hold its samples.
+/// Packing of a row's samples in bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Packing {
-    /// A byte each.
+    /// Bytes, one per sample.
     Byte,
     /// Every second byte, from this one on (YUYV: 0, UYVY: 1).
     Second(usize),
-    /// Two bytes, low byte first, with this many bits used.
+    /// Words of two bytes, low byte first, with this many significant bits.
     Word(u32),
-    /// Four samples of 10 bits in five bytes, the low bits in the fifth (MIPI).
+    /// Groups of four 10-bit samples in five bytes, the low bits in the fifth (MIPI).
     Packed10,
-    /// Two samples of 12 bits in three bytes, the low bits in the third (MIPI).
+    /// Groups of two 12-bit samples in three bytes, the low bits in the third (MIPI).
     Packed12,
 }
 
-/// Packing of a FourCC and whether its samples are a colour mosaic.
-fn layout(fourcc: &str) -> Option<(Packing, bool)> {
+/// Returns the packing of a FourCC and whether its samples are a colour mosaic.
+fn sample_layout(fourcc: &str) -> Option<(Packing, bool)> {
     Some(match fourcc {
         "GREY" | "NV12" | "NV21" | "YU12" | "YV12" => (Packing::Byte, false),
         "YUYV" | "YVYU" => (Packing::Second(0), false),
@@ -63,7 +60,7 @@ fn layout(fourcc: &str) -> Option<(Packing, bool)> {
 }
 
 impl Packing {
-    /// Significant bits of a sample.
+    /// Returns the number of significant bits per sample.
     fn bits(self) -> u32 {
         match self {
             Self::Byte | Self::Second(_) => 8,
@@ -73,7 +70,7 @@ impl Packing {
         }
     }
 
-    /// Bytes that `width` samples take.
+    /// Returns the number of bytes of a row of `width` samples.
     fn row_bytes(self, width: usize) -> usize {
         match self {
             Self::Byte => width,
@@ -83,7 +80,7 @@ impl Packing {
         }
     }
 
-    /// Writes one row's samples to `out`.
+    /// Unpacks the samples of a row.
     fn unpack(self, row: &[u8], out: &mut [u16]) {
         match self {
             Self::Byte => {
@@ -105,7 +102,7 @@ impl Packing {
     }
 }
 
-/// `GROUP` - 1 high bytes, then one byte with `low` bits of each, the first sample's lowest.
+/// Unpacks groups of `GROUP` - 1 high bytes followed by one byte with `low` bits of each, the first sample's lowest.
 fn unpack_mipi<const GROUP: usize>(row: &[u8], out: &mut [u16], low: u32) {
     for (samples, group) in out.chunks_mut(GROUP - 1).zip(row.as_chunks::<GROUP>().0) {
         let rest = u16::from(group[GROUP - 1]);
@@ -116,15 +113,18 @@ fn unpack_mipi<const GROUP: usize>(row: &[u8], out: &mut [u16], low: u32) {
     }
 }
 
-/// Luma of bare samples; `stride` is the bytes from one row to the next.
-pub fn luma(
+/// Converts raw samples to luma; `stride` is the number of bytes from one row to the next.
+///
+/// # Errors
+/// Returns an error if the format is not supported or there are too few bytes.
+pub fn decode_luma(
     fourcc: &str,
     width: usize,
     height: usize,
     stride: usize,
     bytes: &[u8],
 ) -> Result<Raster, SamplesError> {
-    let (packing, mosaic) = layout(fourcc).ok_or_else(|| SamplesError::Format(fourcc.to_owned()))?;
+    let (packing, mosaic) = sample_layout(fourcc).ok_or_else(|| SamplesError::Format(fourcc.to_owned()))?;
     let row_bytes = packing.row_bytes(width);
     let need = height.saturating_sub(1).saturating_mul(stride).saturating_add(row_bytes);
     let short = SamplesError::Length { have: bytes.len(), need, width, height, stride };
@@ -139,23 +139,15 @@ pub fn luma(
         let mut samples = vec![0; width];
         for (y, line) in out.chunks_mut(width).enumerate() {
             packing.unpack(row(y), &mut samples);
-            line.iter_mut()
-                .zip(&samples)
-                .for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
+            line.iter_mut().zip(&samples).for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
         }
     }
     Raster::new(width, height, out).ok_or(short)
 }
 
-/// Three rows at a time: unpacked, blended along, then across. Beyond the edge the mosaic is mirrored
-/// at the outermost sample, which keeps its colours in step.
-fn blend_mosaic<'a>(
-    packing: Packing,
-    width: usize,
-    height: usize,
-    row: impl Fn(usize) -> &'a [u8],
-    out: &mut [u8],
-) {
+/// Converts a colour mosaic to luma, three rows at a time: unpacked, blended along the row, then across rows. Beyond the
+/// edge the mosaic is mirrored at the outermost sample, which keeps its colours in step.
+fn blend_mosaic<'a>(packing: Packing, width: usize, height: usize, row: impl Fn(usize) -> &'a [u8], out: &mut [u8]) {
     let mut samples = vec![0; width];
     let mut along = |y: usize, target: &mut Vec<u32>| {
         packing.unpack(row(y), &mut samples);
@@ -176,7 +168,7 @@ fn blend_mosaic<'a>(
     }
 }
 
-/// (1 2 1) along a row, not yet divided.
+/// Blends a row by (1 2 1), without dividing.
 fn blend_row(samples: &[u16], target: &mut [u32]) {
     let wide = |index: usize| samples.get(index).copied().map_or(0, u32::from);
     let last = samples.len() - 1;
@@ -192,7 +184,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// A grey ramp over x and y, different in every pixel's neighbourhood.
+    /// Creates a grey ramp over x and y, with different values in every pixel's neighbourhood.
     fn ramp(width: usize, height: usize) -> Vec<u8> {
         (0..width * height).map(|i| ((i % width) * 3 + (i / width) * 5) as u8).collect()
     }
@@ -201,11 +193,11 @@ mod tests {
     fn grey_honours_the_stride() {
         let grey = ramp(6, 4);
         let padded: Vec<u8> = grey.chunks(6).flat_map(|row| row.iter().copied().chain([9, 9])).collect();
-        assert_eq!(luma("GREY", 6, 4, 8, &padded).unwrap().luma(), grey);
+        assert_eq!(decode_luma("GREY", 6, 4, 8, &padded).unwrap().luma(), grey);
         // The last row's padding may be missing.
-        assert_eq!(luma("GREY", 6, 4, 8, &padded[..30]).unwrap().luma(), grey);
-        assert!(matches!(luma("GREY", 6, 4, 8, &padded[..29]), Err(SamplesError::Length { need: 30, .. })));
-        assert!(luma("GREY", 6, 4, 5, &padded).is_err());
+        assert_eq!(decode_luma("GREY", 6, 4, 8, &padded[..30]).unwrap().luma(), grey);
+        assert!(matches!(decode_luma("GREY", 6, 4, 8, &padded[..29]), Err(SamplesError::Length { need: 30, .. })));
+        assert!(decode_luma("GREY", 6, 4, 5, &padded).is_err());
     }
 
     #[test]
@@ -213,8 +205,8 @@ mod tests {
         let grey = ramp(6, 4);
         let yuyv: Vec<u8> = grey.iter().flat_map(|y| [*y, 128]).collect();
         let uyvy: Vec<u8> = grey.iter().flat_map(|y| [128, *y]).collect();
-        assert_eq!(luma("YUYV", 6, 4, 12, &yuyv).unwrap().luma(), grey);
-        assert_eq!(luma("UYVY", 6, 4, 12, &uyvy).unwrap().luma(), grey);
+        assert_eq!(decode_luma("YUYV", 6, 4, 12, &yuyv).unwrap().luma(), grey);
+        assert_eq!(decode_luma("UYVY", 6, 4, 12, &uyvy).unwrap().luma(), grey);
     }
 
     #[test]
@@ -227,7 +219,7 @@ mod tests {
             ("GBRG", [green, blue, red, green]),
         ] {
             let bytes: Vec<u8> = (0..8 * 6).map(|i| tile[(i / 8 % 2) * 2 + i % 2] as u8).collect();
-            let raster = luma(fourcc, 8, 6, 8, &bytes).unwrap();
+            let raster = decode_luma(fourcc, 8, 6, 8, &bytes).unwrap();
             assert!(raster.luma().iter().all(|l| *l == 110), "{fourcc}: {:?}", raster.luma());
         }
     }
@@ -235,7 +227,7 @@ mod tests {
     #[test]
     fn a_straight_ramp_is_not_moved_by_the_blend() {
         let bytes: Vec<u8> = (0..20 * 8).map(|i| ((i % 20) * 10) as u8).collect();
-        let raster = luma("RGGB", 20, 8, 20, &bytes).unwrap();
+        let raster = decode_luma("RGGB", 20, 8, 20, &bytes).unwrap();
         for y in 0..8 {
             assert_eq!(&raster.row(y)[1..19], &bytes[1..19]);
         }
@@ -252,21 +244,21 @@ mod tests {
                 v.iter().map(|v| (v >> 2) as u8).chain([low]).collect::<Vec<_>>()
             })
             .collect();
-        assert_eq!(luma("RG10", 8, 4, 16, &words), luma("pRAA", 8, 4, 10, &packed));
+        assert_eq!(decode_luma("RG10", 8, 4, 16, &words), decode_luma("pRAA", 8, 4, 10, &packed));
         let twelve: Vec<u16> = values.iter().map(|v| v * 4).collect();
         let words12: Vec<u8> = twelve.iter().flat_map(|v| v.to_le_bytes()).collect();
         let packed12: Vec<u8> = twelve
             .chunks(2)
             .flat_map(|v| [(v[0] >> 4) as u8, (v[1] >> 4) as u8, ((v[0] & 15) | ((v[1] & 15) << 4)) as u8])
             .collect();
-        assert_eq!(luma("RG12", 8, 4, 16, &words12), luma("pRCC", 8, 4, 12, &packed12));
-        assert_eq!(luma("RG10", 8, 4, 16, &words), luma("RG12", 8, 4, 16, &words12));
+        assert_eq!(decode_luma("RG12", 8, 4, 16, &words12), decode_luma("pRCC", 8, 4, 12, &packed12));
+        assert_eq!(decode_luma("RG10", 8, 4, 16, &words), decode_luma("RG12", 8, 4, 16, &words12));
     }
 
     #[test]
     fn unknown_formats_and_tiny_sizes_are_refused() {
-        assert!(matches!(luma("H264", 8, 4, 8, &[0; 32]), Err(SamplesError::Format(_))));
-        assert!(luma("GREY", 0, 0, 0, &[]).is_err());
-        assert!(luma("GREY", usize::MAX, usize::MAX, usize::MAX, &[0; 8]).is_err());
+        assert!(matches!(decode_luma("H264", 8, 4, 8, &[0; 32]), Err(SamplesError::Format(_))));
+        assert!(decode_luma("GREY", 0, 0, 0, &[]).is_err());
+        assert!(decode_luma("GREY", usize::MAX, usize::MAX, usize::MAX, &[0; 8]).is_err());
     }
 }

@@ -1,65 +1,64 @@
-//! Tiles of 8 x 8 px, as a JPEG's blocks lie: which of a picture are wanted, or were read.
+//! Tiles of 8 x 8 px, aligned with a JPEG's blocks: a mask of requested or decoded parts of an image.
 
 use std::ops::Range;
 
 /// Side of a tile, px.
-pub const SIDE: usize = 8;
+pub const TILE_SIDE: usize = 8;
 
-/// Which tiles of a picture are marked.
+/// A mask of the tiles of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tiles {
-    /// Size of the picture, px.
+    /// Width of the image, px.
     width: usize,
     height: usize,
-    /// Tiles of a row.
+    /// Tiles per row.
     across: usize,
-    /// Row by row.
+    /// Marks of the tiles, row by row.
     marked: Vec<bool>,
 }
 
 impl Tiles {
-    /// None of a picture of `width` x `height` px.
+    /// Creates a mask of an image of `width` x `height` px without marked tiles.
     pub fn none(width: usize, height: usize) -> Self {
-        let across = width.div_ceil(SIDE);
-        Self { width, height, across, marked: vec![false; across * height.div_ceil(SIDE)] }
+        let across = width.div_ceil(TILE_SIDE);
+        Self { width, height, across, marked: vec![false; across * height.div_ceil(TILE_SIDE)] }
     }
 
-    /// All of them.
+    /// Creates a mask of an image of `width` x `height` px with all tiles marked.
     pub fn all(width: usize, height: usize) -> Self {
         let mut tiles = Self::none(width, height);
         tiles.marked.fill(true);
         tiles
     }
 
-    /// Marks those that hold some of a box, px; what lies outside the picture is left out.
+    /// Marks the tiles that overlap a box, px, clipped to the image.
     pub fn mark(&mut self, columns: Range<usize>, rows: Range<usize>) {
-        let (columns, rows) =
-            (columns.start..columns.end.min(self.width), rows.start..rows.end.min(self.height));
+        let (columns, rows) = (columns.start..columns.end.min(self.width), rows.start..rows.end.min(self.height));
         if columns.is_empty() || rows.is_empty() {
             return;
         }
-        let across = columns.start / SIDE..columns.end.div_ceil(SIDE);
-        for row in rows.start / SIDE..rows.end.div_ceil(SIDE) {
+        let across = columns.start / TILE_SIDE..columns.end.div_ceil(TILE_SIDE);
+        for row in rows.start / TILE_SIDE..rows.end.div_ceil(TILE_SIDE) {
             self.marked[row * self.across..][across.clone()].fill(true);
         }
     }
 
-    /// Of a row of tiles which are marked; none beyond the picture.
+    /// Returns the marks of a row of tiles; empty outside the image.
     pub fn row(&self, row: usize) -> &[bool] {
         self.marked.chunks(self.across.max(1)).nth(row).unwrap_or_default()
     }
 
-    /// The columns between the first and the last of a pixel row's marked tiles, px.
+    /// Returns the columns between the first and the last marked tile of a pixel row, px.
     pub fn columns(&self, y: usize) -> Range<usize> {
-        let row = self.row(y / SIDE);
+        let row = self.row(y / TILE_SIDE);
         match (row.iter().position(|m| *m), row.iter().rposition(|m| *m)) {
-            (Some(first), Some(last)) => first * SIDE..((last + 1) * SIDE).min(self.width),
+            (Some(first), Some(last)) => first * TILE_SIDE..((last + 1) * TILE_SIDE).min(self.width),
             _ => 0..0,
         }
     }
 
-    /// Marks those of another of the same picture, and leaves in that what was not marked here.
-    pub fn take_up(&mut self, new: &mut Self) {
+    /// Marks the tiles of another mask of the image, and removes from that mask the tiles that were already marked.
+    pub fn merge_new(&mut self, new: &mut Self) {
         for (own, new) in self.marked.iter_mut().zip(&mut new.marked) {
             *new &= !*own;
             *own |= *new;
@@ -67,17 +66,17 @@ impl Tiles {
     }
 }
 
-/// A tile's pixels to its place, told in tiles across and down, in a picture of some width, px, as far as they lie in it.
+/// Copies a tile's pixels to its position, given in tiles across and down, in an image of some width, px, clipped to it.
 #[inline(always)]
-pub fn put(pixels: &[u8; SIDE * SIDE], [column, row]: [usize; 2], picture: &mut [u8], width: usize) {
-    let x = column * SIDE;
-    let wide = SIDE.min(width.saturating_sub(x));
-    let rows = pixels.as_chunks::<SIDE>().0.iter().enumerate();
+pub fn copy_tile(pixels: &[u8; TILE_SIDE * TILE_SIDE], [column, row]: [usize; 2], image: &mut [u8], width: usize) {
+    let x = column * TILE_SIDE;
+    let wide = TILE_SIDE.min(width.saturating_sub(x));
+    let rows = pixels.as_chunks::<TILE_SIDE>().0.iter().enumerate();
     for (y, from) in rows {
-        let start = (row * SIDE + y) * width + x;
-        match picture.get_mut(start..start + wide) {
-            // Known to be eight, it is one step.
-            Some(to) if wide == SIDE => to.copy_from_slice(from),
+        let start = (row * TILE_SIDE + y) * width + x;
+        match image.get_mut(start..start + wide) {
+            // A constant width of 8 compiles to a single move.
+            Some(to) if wide == TILE_SIDE => to.copy_from_slice(from),
             Some(to) => to.copy_from_slice(&from[..wide]),
             None => {}
         }
@@ -89,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boxes_mark_the_tiles_that_hold_some_of_them() {
+    fn boxes_mark_the_tiles_they_overlap() {
         let mut tiles = Tiles::none(61, 43);
         tiles.mark(7..9, 15..16);
         tiles.mark(40..99, 40..99);
@@ -101,9 +100,9 @@ mod tests {
         assert!(tiles.row(9).is_empty());
         let mut new = Tiles::none(61, 43);
         new.mark(0..24, 8..16);
-        tiles.take_up(&mut new);
+        tiles.merge_new(&mut new);
         assert_eq!((tiles.columns(8), new.columns(8)), (0..24, 16..24));
-        tiles.take_up(&mut new);
+        tiles.merge_new(&mut new);
         assert_eq!(new, Tiles::none(61, 43));
     }
 }

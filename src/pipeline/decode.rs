@@ -1,4 +1,4 @@
-//! Bytes as a camera or a file delivers them become a grey picture.
+//! Decoding of image files and raw camera frames to grey images.
 
 use crate::camera::Format;
 use crate::measure::jpeg::{self, JpegFault, MAX_SIDE};
@@ -6,80 +6,88 @@ pub use crate::measure::jpeg::{PartialImage, TileSelection};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
 use crate::measure::tiles::Tiles;
-use crate::pipeline::guard::guarded;
+use crate::pipeline::guard::catch_panic;
 
-mod picture;
+mod image_file;
 
-/// Why a frame cannot be read; each says what to do.
+/// Reason why a frame cannot be read; each message says what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DecodeError {
-    /// No bytes at all.
+    /// The file has no bytes.
     #[error("the file is empty; copy the frame again from the camera or the store")]
     Empty,
-    /// The JPEG is cut short or damaged.
+    /// The JPEG is truncated or damaged.
     #[error("the JPEG is damaged or cut short ({0}); copy the frame again from the camera or the store")]
     Jpeg(String),
-    /// A whole JPEG of a kind that is not read.
+    /// Intact JPEG of an unsupported kind.
+    #[error("this kind of JPEG ({0}) is not supported; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey")]
+    UnsupportedJpeg(String),
+    /// Bytes before the first marker of a JPEG.
+    #[error("{0} bytes precede the JPEG's first marker; save the frame again, or remove them")]
+    LeadingBytes(usize),
+    /// Image file of another format that cannot be read.
+    #[error("the image cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
+    Unreadable(String),
+    /// Samples of 16 bits of which the camera used only the lower ones.
     #[error(
-        "this kind of JPEG ({0}) is not read; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey"
-    )]
-    Kind(String),
-    /// Something stands before the picture.
-    #[error("{0} bytes stand before the JPEG's first marker; save the frame again, or cut them off")]
-    Before(usize),
-    /// Another picture file that cannot be read.
-    #[error("the picture cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
-    Picture(String),
-    /// Samples of 16 bits of which a camera used the lower ones alone.
-    #[error(
-        "its samples have 16 bits, of which {0} are used: it would be black; save it with 8 bits, or with its samples shifted \
+        "its samples have 16 bits, of which only {0} are used: the image would be black; save it with 8 bits, or with its samples shifted \
          to the upper bits"
     )]
-    Narrow(u32),
-    /// A library broke off.
+    LowBits(u32),
+    /// The decoding library panicked.
     #[error(
-        "the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
+        "the decoder failed at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
     )]
-    Broken,
-    /// Samples of a V4L2 device that do not make a picture.
+    DecoderPanic,
+    /// Samples of a V4L2 device that do not form an image.
     #[error("the raw frame cannot be read ({0}); compare series.json with the camera's format")]
     Raw(String),
 }
 
-/// A JPEG's first marker and the next one's first byte.
+/// First marker of a JPEG and the first byte of the next one.
 const JPEG_START: [u8; 3] = [0xff, 0xd8, 0xff];
 
 impl From<JpegFault> for DecodeError {
     fn from(fault: JpegFault) -> Self {
         match fault {
             JpegFault::Damaged(what) => Self::Jpeg(what),
-            JpegFault::Kind(kind) => Self::Kind(kind),
+            JpegFault::Unsupported(kind) => Self::UnsupportedJpeg(kind),
         }
     }
 }
 
-/// Decodes by `format`, or by the first bytes where none is known.
-pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
-    decode_part(bytes, format, &Tiles::all).map(PartialImage::into_raster)
+/// Decodes an image in `format`; without one, the first bytes decide.
+pub fn decode_image(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
+    decode_partial(bytes, format, &Tiles::all).map(PartialImage::into_raster)
 }
 
-/// The same, but of a camera's JPEG only what is `wanted` need be decoded, until more is ([`Part::read`]). The whole file is read
-/// all the same, and damage anywhere noticed.
-pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &TileSelection) -> Result<PartialImage, DecodeError> {
-    guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
+/// Decodes the `wanted` tiles of an image; more can be decoded later ([`PartialImage::decode_tiles`]).
+///
+/// Only camera JPEGs are decoded in part. The whole file is read nevertheless, so damage anywhere is found.
+pub fn decode_partial(
+    bytes: &[u8],
+    format: Option<&Format>,
+    wanted: &TileSelection,
+) -> Result<PartialImage, DecodeError> {
+    catch_panic(|| decode_unguarded(bytes, format, wanted)).unwrap_or(Err(DecodeError::DecoderPanic))
 }
 
-/// Why a picture file is none that is read. Of a JPEG its first bytes are looked at alone: a damaged one is evidence still.
-pub fn unread(bytes: &[u8]) -> Option<DecodeError> {
+/// Returns why an image file cannot be read. For a JPEG only the first bytes are checked: a damaged one is still worth
+/// keeping.
+pub fn unreadable_cause(bytes: &[u8]) -> Option<DecodeError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
-    if bytes[zeros..].starts_with(&JPEG_START) { None } else { decode(bytes, None).err() }
+    if bytes[zeros..].starts_with(&JPEG_START) { None } else { decode_image(bytes, None).err() }
 }
 
-/// At these bytes the decoder breaks, as a library may: tests of what that costs.
+/// Bytes at which the decoder panics, for tests of the consequences.
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &TileSelection) -> Result<PartialImage, DecodeError> {
+fn decode_unguarded(
+    bytes: &[u8],
+    format: Option<&Format>,
+    wanted: &TileSelection,
+) -> Result<PartialImage, DecodeError> {
     #[cfg(test)]
     assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
@@ -87,23 +95,23 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: &TileSelection) -> 
     }
     if let Some(Format::Raw { fourcc, width, height, stride }) = format {
         let size = (*width as usize, *height as usize, *stride as usize);
-        return samples::luma(fourcc, size.0, size.1, size.2, bytes)
+        return samples::decode_luma(fourcc, size.0, size.1, size.2, bytes)
             .map(PartialImage::from_raster)
             .map_err(|e| DecodeError::Raw(e.to_string()));
     }
-    // Zeros before the picture are padding.
+    // Zeros before the image are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
         return Ok(jpeg::decode_partial(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
-        return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
+        return Err(DecodeError::Unreadable("it is HEIC, AVIF, CR3 or a video".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture::luma(bytes, format).map(PartialImage::from_raster),
-        (Err(_), Some(before)) => Err(DecodeError::Before(before)),
-        (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
+        (Ok(format), _) => image_file::decode_luma(bytes, format).map(PartialImage::from_raster),
+        (Err(_), Some(before)) => Err(DecodeError::LeadingBytes(before)),
+        (Err(_), None) => Err(DecodeError::Unreadable("its format is unknown".into())),
     }
 }
 
@@ -113,7 +121,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Files of every kind that cameras write, of one picture: sequential, grey and in colour, with and without restart
+    /// Encodes one image as each kind of file that cameras write: sequential, grey and colour, with and without restart
     /// markers, and one progressive file.
     fn jpeg_files(width: u16, height: u16) -> Vec<Vec<u8>> {
         use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
@@ -143,16 +151,16 @@ mod tests {
     }
 
     #[test]
-    fn one_pass_gives_what_all_scans_give() {
+    fn single_pass_decoding_equals_scan_decoding() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
-            let (header, colour) = jpeg::kind::read_header(bytes).unwrap();
+            let (header, colour) = jpeg::header::read_header(bytes).unwrap();
             let general = jpeg::scans::decode_luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            assert!(decode(bytes, None).unwrap().luma() == general.luma(), "file {k}");
+            assert!(decode_image(bytes, None).unwrap().luma() == general.luma(), "file {k}");
         }
     }
 
-    /// Columns that move from row to row, two stretches of them, and rows of which nothing is wanted.
+    /// Selects columns that move from row to row, in two stretches, and leaves some rows without any.
     fn slanted(width: usize, height: usize) -> Tiles {
         let mut tiles = Tiles::none(width, height);
         for y in (0..height).filter(|y| !(16..27).contains(y)) {
@@ -163,10 +171,10 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_as_in_the_whole() {
+    fn a_part_equals_that_of_the_full_image() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
-            let whole = decode(bytes, None).unwrap();
-            let mut part = decode_part(bytes, None, &slanted).unwrap();
+            let whole = decode_image(bytes, None).unwrap();
+            let mut part = decode_partial(bytes, None, &slanted).unwrap();
             let tiles = slanted(61, 43);
             for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
                 let known = if tiles.row(y / 8)[x / 8] || k == 7 { whole.row(y)[x] } else { 0 };
@@ -182,25 +190,25 @@ mod tests {
             part.decode_tiles(Tiles::all(61, 43));
             assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
-            assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
-            assert!(decode_part(bytes, None, &|_, _| Tiles::none(1, 1)).is_ok());
+            assert!(decode_partial(cut, None, &slanted).is_err(), "file {k}: the end was not read");
+            assert!(decode_partial(bytes, None, &|_, _| Tiles::none(1, 1)).is_ok());
         }
     }
 
     #[test]
-    fn every_truncation_is_noticed() {
+    fn every_truncation_is_detected() {
         for whole in jpeg_files(61, 43) {
-            assert!(decode(&whole, None).is_ok());
+            assert!(decode_image(&whole, None).is_ok());
             for cut in 0..whole.len() - 1 {
-                let taken = decode(&whole[..cut], None).is_ok();
+                let taken = decode_image(&whole[..cut], None).is_ok();
                 assert!(!taken, "cut at {cut} of {} was taken as whole", whole.len());
             }
         }
     }
 
-    /// A packet lost on the way from the camera: the file has its end, but not all of its picture.
+    /// A packet lost during transfer from the camera: the file has its end, but a part of the image is missing.
     #[test]
-    fn a_stretch_lost_in_the_middle_is_noticed() {
+    fn missing_bytes_in_the_middle_are_noticed() {
         for (k, whole) in jpeg_files(301, 203).into_iter().enumerate() {
             let scan = whole.windows(2).position(|w| w == [0xff, 0xda]).unwrap() + 14;
             for lost in [512, 1000, 2000] {
@@ -208,7 +216,7 @@ mod tests {
                     let mut bytes = whole.clone();
                     bytes.drain(start..start + lost);
                     assert!(
-                        decode(&bytes, None).is_err(),
+                        decode_image(&bytes, None).is_err(),
                         "file {k}: {lost} bytes lost at {start} of {}",
                         whole.len()
                     );
@@ -221,9 +229,9 @@ mod tests {
     fn yuyv_takes_the_luma_and_honours_the_stride() {
         let bytes = [10, 128, 20, 128, 0, 0, 30, 128, 40, 128, 0, 0];
         let format = Format::Raw { fourcc: "YUYV".into(), width: 2, height: 2, stride: 6 };
-        assert_eq!(decode(&bytes, Some(&format)).unwrap().luma(), [10, 20, 30, 40]);
+        assert_eq!(decode_image(&bytes, Some(&format)).unwrap().luma(), [10, 20, 30, 40]);
         let short = Format::Raw { fourcc: "YUYV".into(), width: 2, height: 3, stride: 6 };
-        assert!(matches!(decode(&bytes, Some(&short)), Err(DecodeError::Raw(_))));
+        assert!(matches!(decode_image(&bytes, Some(&short)), Err(DecodeError::Raw(_))));
     }
 
     proptest! {
@@ -233,18 +241,18 @@ mod tests {
             let n = bytes.len();
             bytes[at % n] = value;
             bytes.truncate(cut.max(1));
-            let _ = decode(&bytes, None);
+            let _ = decode_image(&bytes, None);
         }
 
-        /// However it is asked for, what is decoded is that of the whole picture, and nothing else is.
+        /// Decoded tiles equal those of the full image in any order of requests, and no other tile is decoded.
         #[test]
-        fn parts_are_read_in_any_order(
+        fn tiles_are_decoded_in_any_order(
             kind in 0usize..8,
             boxes in proptest::collection::vec((0usize..70, 0usize..20, 0usize..50, 0usize..20), 1..6),
         ) {
             let bytes = &jpeg_files(61, 43)[kind];
-            let whole = decode(bytes, None).unwrap();
-            let mut part = decode_part(bytes, None, &Tiles::none).unwrap();
+            let whole = decode_image(bytes, None).unwrap();
+            let mut part = decode_partial(bytes, None, &Tiles::none).unwrap();
             let mut all = Tiles::none(61, 43);
             for (x, across, y, down) in boxes {
                 let mut wanted = Tiles::none(61, 43);
@@ -261,7 +269,7 @@ mod tests {
 
         #[test]
         fn random_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
-            let _ = decode(&bytes, None);
+            let _ = decode_image(&bytes, None);
         }
     }
 }

@@ -1,87 +1,95 @@
-//! What earlier flights taught, beside the frames that are solved: no flight is counted twice.
+//! Application of the prior from earlier flights (`flight_prior.json`) to the frames that are solved; no flight is counted
+//! twice.
 
-use super::{Corrected, Job, ProcessedFrame, corrected, in_its_air, mean_temperature};
+use super::{
+    CorrectedObservations, ProcessedFrame, SolveJob, correct_refraction, mean_temperature, with_frame_conditions,
+};
 use crate::installation::Installation;
 use crate::measure::adjust::flight_prior::FlightContribution;
-use crate::measure::adjust::{self, Method, Observation, Options};
+use crate::measure::adjust::{self, AdjustmentMethod, Observation, Options};
 use crate::measure::setup::Orientation;
-use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::Reason;
 
-/// So much of a store's id tells it from others, characters.
-const STORE_SHOWN: usize = 8;
+/// Characters of a store's id that are shown; enough to identify it.
+const STORE_ID_LENGTH: usize = 8;
 
-/// Options for the adjustment of these frames, and what is to be said where they are of a flight that taught.
-pub(super) fn options(
+/// Adds the flight prior to the options for these frames; returns remarks for frames of a flight that is part of the prior.
+pub(super) fn with_flight_prior(
     options: Options,
     installation: &Installation,
-    sightings: &[ProcessedFrame],
+    processed_frames: &[ProcessedFrame],
 ) -> (Options, Vec<String>) {
-    let Some(learnt) = &installation.learnt else { return (options, vec![]) };
-    let frames: Vec<&str> = sightings.iter().map(|s| s.digest.as_str()).filter(|d| !d.is_empty()).collect();
-    let said = |source: &crate::installation::Source| {
-        let store: String = source.store.chars().take(STORE_SHOWN).collect();
+    let Some(prior) = &installation.flight_prior else { return (options, vec![]) };
+    let frames: Vec<&str> = processed_frames.iter().map(|s| s.digest.as_str()).filter(|d| !d.is_empty()).collect();
+    let remark = |source: &crate::installation::PriorFlight| {
+        let store: String = source.store.chars().take(STORE_ID_LENGTH).collect();
         format!(
-            "{} of store {store} is among the flights that taught: what it told itself is left out",
+            "flight {} (store {store}) is part of flight_prior.json; its own contribution is excluded here",
             source.flight
         )
     };
-    let remarks = learnt.sources_of(&frames).into_iter().map(said).collect();
-    (Options { flight_prior: learnt.beside(&frames, &installation.setup), ..options }, remarks)
+    let remarks = prior.flights_with_frames(&frames).into_iter().map(remark).collect();
+    (Options { flight_prior: prior.prior_without(&frames, &installation.setup), ..options }, remarks)
 }
 
-/// The frames of a flight, ready to be adjusted together.
-pub(super) struct Together<'a> {
-    /// With the mean of its temperatures.
+/// Frames of a flight, ready for the joint adjustment.
+pub(super) struct PreparedFlight<'a> {
+    /// Setup with the mean wing temperature of the frames.
     pub setup: crate::measure::setup::Setup,
-    /// Per frame.
-    pub airs: Vec<std::borrow::Cow<'a, Installation>>,
-    /// Per frame.
-    pub corrected: Vec<Corrected>,
-    /// Of those that were sighted.
+    /// Installation with the frame's air and temperature, for each frame.
+    pub installations: Vec<std::borrow::Cow<'a, Installation>>,
+    /// Observations without refraction, or the failure, of each frame.
+    pub corrected: Vec<CorrectedObservations>,
+    /// Observations of each frame that could be processed.
     pub frames: Vec<Vec<Observation>>,
-    /// With their mountings.
+    /// Options with the mountings of the processed frames.
     pub options: Options,
-    /// What is to be said of each.
+    /// Remarks for every frame.
     pub remarks: Vec<String>,
 }
 
-impl<'a> Together<'a> {
-    /// Of what was seen in them.
+impl<'a> PreparedFlight<'a> {
+    /// Prepares processed frames for the joint adjustment.
     pub fn new(
-        sightings: &[ProcessedFrame],
+        processed_frames: &[ProcessedFrame],
         installation: &'a Installation,
         orientation: &Orientation,
-        job: &Job,
+        job: &SolveJob,
     ) -> Self {
-        let airs: Vec<_> = sightings.iter().map(|s| in_its_air(s, installation)).collect();
-        let corrected: Vec<_> =
-            sightings.iter().zip(&airs).map(|(s, own)| corrected(s, own, orientation)).collect();
+        let installations: Vec<_> = processed_frames.iter().map(|s| with_frame_conditions(s, installation)).collect();
+        let corrected: Vec<_> = processed_frames
+            .iter()
+            .zip(&installations)
+            .map(|(s, own)| correct_refraction(s, own, orientation))
+            .collect();
         let mut setup = installation.setup.clone();
-        mean_temperature(sightings).apply(&mut setup);
+        mean_temperature(processed_frames).apply(&mut setup);
         let frames = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
-        let sighted = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok());
-        let mountings = sighted.map(|(s, _)| s.mounting).collect();
-        let (options, remarks) = options(job.options.clone(), installation, sightings);
-        Self { setup, airs, corrected, frames, options: Options { mountings, ..options }, remarks }
+        let succeeded = processed_frames.iter().zip(&corrected).filter(|(_, c)| c.is_ok());
+        let mountings = succeeded.map(|(s, _)| s.mounting).collect();
+        let (options, remarks) = with_flight_prior(job.options.clone(), installation, processed_frames);
+        Self { setup, installations, corrected, frames, options: Options { mountings, ..options }, remarks }
     }
 }
 
-/// What a flight's frames tell later ones; beside what other flights taught already, which it does not repeat.
+/// Computes a flight's contribution to the flight prior, given the contributions of the other flights, which it does not
+/// repeat.
 ///
 /// # Errors
-/// Where the frames cannot be adjusted together, or contradict the model.
+/// Returns an error if the frames cannot be adjusted jointly or contradict the model.
 pub fn learn_flight(
-    sightings: &[ProcessedFrame],
+    processed_frames: &[ProcessedFrame],
     installation: &Installation,
     orientation: &Orientation,
-    job: &Job,
+    job: &SolveJob,
 ) -> Result<FlightContribution, Reason> {
-    let job = Job { method: Method::Flight, ..job.clone() };
-    let Together { setup, frames, options, .. } = Together::new(sightings, installation, orientation, &job);
+    let job = SolveJob { method: AdjustmentMethod::Flight, ..job.clone() };
+    let PreparedFlight { setup, frames, options, .. } =
+        PreparedFlight::new(processed_frames, installation, orientation, &job);
     if frames.is_empty() {
-        return Err("none of its frames shows enough markers".into());
+        return Err("no frame of the flight shows enough markers".into());
     }
-    let learnt = guarded(|| adjust::learn(&setup, orientation, &frames, &options));
-    learnt.ok_or_else(|| BROKE_OFF.into()).and_then(|lesson| lesson.map_err(Reason::of))
+    let learned = catch_panic(|| adjust::learn_from_flight(&setup, orientation, &frames, &options));
+    learned.ok_or_else(|| PANIC_REASON.into()).and_then(|contribution| contribution.map_err(Reason::from_error))
 }

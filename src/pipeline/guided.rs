@@ -1,8 +1,8 @@
-//! A frame is searched where an earlier one says.
+//! Guided search of a frame at positions that an earlier frame predicts.
 
 use super::decode::{self, PartialImage};
-use super::located::Picture;
-use super::stages::{ProcessedFrame, Work, unseen};
+use super::located::PartialSource;
+use super::stages::{ProcessedFrame, Work, new_frame};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, MarkerPrediction};
 #[cfg(doc)]
@@ -10,58 +10,62 @@ use crate::measure::identify;
 use crate::measure::raster::Raster;
 use crate::measure::tiles::Tiles;
 
-/// The markers of a frame that an earlier one foretells ([`identify::predict`]), without names: only what lies about them is
-/// decoded and searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
+/// Detects the markers that an earlier frame predicts ([`identify::predict_next_frame`]), without names.
+///
+/// Only the area around them is decoded and searched; the full frame is searched if one of them is missing. `rejected`
+/// stays empty unless it was.
 pub fn detect_predicted(
     name: &str,
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[MarkerPrediction],
 ) -> ProcessedFrame {
-    let mut sighting = unseen(name, bytes);
-    look_guided(&mut sighting, bytes, format, predictions, |_| None);
-    sighting
+    let mut processed = new_frame(name, bytes);
+    search_guided(&mut processed, bytes, format, predictions, |_| None);
+    processed
 }
 
-/// How a frame was searched.
+/// Extent of the search in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Search {
-    /// All of it.
+pub enum SearchMode {
+    /// Search of the full frame.
     Full,
-    /// Where the frame before predicted markers.
+    /// Search around the positions that the previous frame predicts.
     Guided,
 }
 
-/// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
-/// says that it is by those found. The picture that comes back may be black where nothing was read.
-pub(super) fn look_guided(
-    sighting: &mut ProcessedFrame,
+/// Detects markers around `predictions`, and in the full frame if there are none.
+///
+/// If a marker of the previous frame is missing, the positions that `predict_again` derives from the markers found are
+/// searched, then the full frame. The returned image may be black where it was not decoded.
+pub(super) fn search_guided(
+    processed: &mut ProcessedFrame,
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[MarkerPrediction],
-    onwards: impl FnOnce(&[Detection]) -> Option<Vec<MarkerPrediction>>,
-) -> (Option<PartialImage>, Search) {
+    predict_again: impl FnOnce(&[Detection]) -> Option<Vec<MarkerPrediction>>,
+) -> (Option<PartialImage>, SearchMode) {
     if predictions.is_empty() {
-        let part = sighting.look(|| decode::decode_part(bytes, format, &Tiles::all), detect::detect);
-        return (part, Search::Full);
+        let part = processed.detect_in(|| decode::decode_partial(bytes, format, &Tiles::all), detect::detect);
+        return (part, SearchMode::Full);
     }
     let tiles = |width, height| detect::tiles_read(predictions, width, height);
     let guided = |raster: &Raster| detect::detect_guided(raster, predictions);
-    let Some(mut part) = sighting.look(|| decode::decode_part(bytes, format, &tiles), guided) else {
-        return (None, Search::Guided);
+    let Some(mut part) = processed.detect_in(|| decode::decode_partial(bytes, format, &tiles), guided) else {
+        return (None, SearchMode::Guided);
     };
-    if detect::is_complete(&sighting.detections, predictions) {
-        return (Some(part), Search::Guided);
+    if detect::is_complete(&processed.detections, predictions) {
+        return (Some(part), SearchMode::Guided);
     }
-    if let Some(better) = onwards(&sighting.detections.markers).filter(|better| !better.is_empty()) {
-        let raster = sighting.timed(Work::Decode, || part.about(&better));
-        let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
-        if detect::is_complete(&found, &better) {
-            sighting.detections = found;
-            return (Some(part), Search::Guided);
+    if let Some(refined) = predict_again(&processed.detections.markers).filter(|refined| !refined.is_empty()) {
+        let raster = processed.timed(Work::Decode, || part.decoded_around(&refined));
+        let found = processed.timed(Work::Detect, || detect::detect_guided(raster, &refined));
+        if detect::is_complete(&found, &refined) {
+            processed.detections = found;
+            return (Some(part), SearchMode::Guided);
         }
     }
-    sighting.look_at_all(&mut part);
-    (Some(part), Search::Full)
+    processed.detect_full(&mut part);
+    (Some(part), SearchMode::Full)
 }

@@ -1,76 +1,73 @@
-//! Frames of one camera as they come (docs/live.md): detection guided by the frame before, adjustment with all that the
-//! frames before determined.
+//! Solution of one camera's frames as they arrive (docs/live.md): detection guided by the previous frame, adjustment with
+//! the information of all previous frames.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::guided::{self, Search};
-use super::stages::{self, ProcessedFrame, Stage, Work};
-use super::{Job, corrected, flight_priors, recording};
+use super::guided::{self, SearchMode};
+use super::stages::{self, ProcessedFrame, StageTime, Work};
+use super::{SolveJob, correct_refraction, flight_priors, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
+use crate::measure::adjust::{AdjustError, LiveAdjustment, Parameter, Solution};
 use crate::measure::detect::{Detection, MarkerPrediction};
 use crate::measure::identify::{self, Identities, MAX_DEFLECTION_CHANGE_M};
 use crate::measure::setup::Orientation;
-use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::{ImageRecord, Provenance, Reason};
 
-/// The image of a marker, as an ellipse in the frame.
+/// Image of a marker, as an ellipse in the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outline {
-    /// Of the survey; `null` for one without a name.
+    /// Survey id; `null` for an unidentified marker.
     pub id: Option<String>,
     /// Centre, px.
     pub u_px: f64,
-    /// px.
     pub v_px: f64,
-    /// px.
     pub semi_major_px: f64,
-    /// px.
     pub semi_minor_px: f64,
-    /// Of the longer axis, from u to v, degrees.
+    /// Direction of the major axis, from u to v, degrees.
     pub angle_deg: f64,
 }
 
-/// What tracking gave of one frame.
+/// Result of tracking in one frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tracked {
-    /// With or without numbers.
+pub struct TrackedFrame {
+    /// Result, solved or failed.
     pub record: ImageRecord,
-    /// How the frame was searched.
-    pub search: Search,
-    /// Which mounting of the camera, from 1; after each mount_disturbed the next. 0 before the first solution.
+    /// Extent of the search.
+    pub search: SearchMode,
+    /// Number of the camera's mounting, from 1; each mount disturbance begins the next one. 0 before the first solution.
     pub mounting: usize,
-    /// Whether this frame showed that the camera mount was disturbed.
+    /// True if this frame showed a mount disturbance.
     pub mount_disturbed: bool,
-    /// Of all that was detected.
+    /// Outlines of the detected markers.
     pub outlines: Vec<Outline>,
-    /// The bending line, where there are numbers.
-    pub curvature: Option<Curvature>,
+    /// Curvature of the wing, if the frame is solved.
+    pub curvature: Option<CurvatureEstimate>,
 }
 
-impl Tracked {
-    /// Of a frame without numbers; its record says why.
+impl TrackedFrame {
+    /// Creates the result of a frame without numbers, whose record says why.
     pub fn failed(record: ImageRecord) -> Self {
         let (outlines, curvature) = (vec![], None);
-        Self { record, search: Search::Full, mounting: 0, mount_disturbed: false, outlines, curvature }
+        Self { record, search: SearchMode::Full, mounting: 0, mount_disturbed: false, outlines, curvature }
     }
 }
 
-/// Coefficients of the curvature, in the shape of the record's `curvature_per_m`, with their covariance.
+/// Curvature coefficients, in the order of the record's `curvature_per_m`, with their covariance.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Curvature {
-    /// 1/m.
+pub struct CurvatureEstimate {
+    /// Coefficients, 1/m.
     pub per_m: Vec<f64>,
-    /// The upper triangle, row by row, 1/m2.
+    /// Upper triangle of the covariance, row by row, 1/m².
     pub covariance: Vec<f64>,
 }
 
-impl Curvature {
-    /// `None` where a coefficient has no standard deviation.
-    fn of(solution: &Solution) -> Option<Self> {
+impl CurvatureEstimate {
+    /// Extracts the curvature of a solution; `None` if a coefficient has no standard deviation.
+    fn from_solution(solution: &Solution) -> Option<Self> {
         let before = |p: &&Parameter| p.name != "curvature_per_m";
         let first: usize = solution.parameters.iter().take_while(before).map(|p| p.values.len()).sum();
         let own = &solution.parameters.iter().find(|p| !before(p))?.values;
@@ -86,77 +83,73 @@ impl Curvature {
     }
 }
 
-/// The last frame's markers.
-struct Seen {
+/// Markers of the previous frame.
+struct PreviousFrame {
     detections: Vec<Detection>,
     identities: Identities,
-    /// When it was exposed, since boot, s.
+    /// Time of exposure since boot, s.
     at_s: f64,
 }
 
-/// A tip moves no faster, m/s: a deflection of 0.25 m at 2 Hz, about where large wings swing by themselves.
-const FASTEST_M_S: f64 = 3.0;
-/// However long ago the last frame is, a tip in gusts is no farther from where it was, m. Where it is, the whole frame is
-/// searched, since markers are missing.
+/// Largest speed of the tip, m/s: a deflection of 0.25 m at 2 Hz, about the natural frequency of large wings.
+const MAX_TIP_SPEED_M_S: f64 = 3.0;
+/// Largest change of the tip's deflection in gusts after any time, m. If it is larger, markers are missing and the full
+/// frame is searched.
 const MAX_DISTANCE_M: f64 = 0.6;
-/// After so long nothing is predicted, s.
+/// Longest gap over which markers are predicted, s.
 const MAX_GAP_S: f64 = 5.0;
 
-/// All that the frames so far determined of one camera.
+/// Live solution of one camera, with the information of all frames so far.
 pub struct Tracker {
     installation: Arc<Installation>,
     orientation: Orientation,
-    job: Job,
-    live: Live,
-    /// Foretells the next frame; none before the first and after a loss.
-    seen: Option<Seen>,
-    /// Exposure of the last frame that was solved, since boot, s.
+    job: SolveJob,
+    live: LiveAdjustment,
+    /// Markers that predict the next frame; `None` before the first frame and after a loss.
+    seen: Option<PreviousFrame>,
+    /// Exposure of the last solved frame since boot, s.
     last_s: Option<f64>,
 }
 
 impl Tracker {
-    /// Begins without a frame.
+    /// Creates a tracker without any frame.
     ///
     /// # Errors
-    /// Where the installation cannot be adjusted.
-    pub fn begin(
-        installation: Arc<Installation>,
-        orientation: Orientation,
-        job: Job,
-    ) -> Result<Self, AdjustError> {
-        let (options, _) = flight_priors::options(job.options.clone(), &installation, &[]);
-        let live = Live::begin(installation.setup.clone(), orientation.clone(), options)?;
+    /// Returns an error if the installation cannot be adjusted.
+    pub fn new(installation: Arc<Installation>, orientation: Orientation, job: SolveJob) -> Result<Self, AdjustError> {
+        let (options, _) = flight_priors::with_flight_prior(job.options.clone(), &installation, &[]);
+        let live = LiveAdjustment::new(installation.setup.clone(), orientation.clone(), options)?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 
-    /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
-    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Tracked {
-        let tracked = guarded(|| {
+    /// Solves the next frame, exposed `at_s` seconds after boot. An error is in the record; the state is then unchanged.
+    pub fn track_frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> TrackedFrame {
+        let tracked = catch_panic(|| {
             let seen = self.seen.take();
-            let predictions = seen.as_ref().map_or(vec![], |seen| self.predicted(seen, at_s));
+            let predictions = seen.as_ref().map_or(vec![], |seen| self.predict_markers(seen, at_s));
             let known = seen.map(|seen| seen.identities);
             self.solve(name, bytes, format, at_s, (&predictions, known.as_ref()))
         });
         tracked.unwrap_or_else(|| {
-            self.failed(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, BROKE_OFF)
+            self.failed_frame(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, PANIC_REASON)
         })
     }
 
-    /// Where this frame shows the markers: the longer ago the last one, the wider.
-    fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<MarkerPrediction> {
+    /// Predicts the markers' images in this frame; the search area grows with the time since the last one.
+    fn predict_markers(&self, seen: &PreviousFrame, at_s: f64) -> Vec<MarkerPrediction> {
         let elapsed_s = at_s - seen.at_s;
         if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
             return vec![];
         }
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        let deflection_m = (FASTEST_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
+        let deflection_m = (MAX_TIP_SPEED_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
         identify::predict_next_frame_within(setup, orientation, &seen.detections, &seen.identities, deflection_m)
     }
 
-    fn failed(&self, sighting: &ProcessedFrame, reason: &str) -> Tracked {
-        let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
+    fn failed_frame(&self, processed: &ProcessedFrame, reason: &str) -> TrackedFrame {
+        let mut record = recording::build_record(processed, &self.installation, &self.job, Err(reason.into()));
         record.provenance = Provenance::default();
-        Tracked { mounting: self.live.mountings(), ..Tracked::failed(record) }
+        TrackedFrame { mounting: self.live.mounting_count(), ..TrackedFrame::failed(record) }
     }
 
     fn solve(
@@ -166,52 +159,52 @@ impl Tracker {
         format: Option<&Format>,
         at_s: f64,
         (predictions, known): (&[MarkerPrediction], Option<&Identities>),
-    ) -> Tracked {
-        let mut sighting = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
+    ) -> TrackedFrame {
+        let mut processed = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
-        let onwards = |found: &[Detection]| identify::predict_from_found(setup, orientation, found, known?);
-        let (part, search) = guided::look_guided(&mut sighting, bytes, format, predictions, onwards);
+        // A fast tip is not at its previous position; the markers near the root predict it.
+        let predict_again = |found: &[Detection]| identify::predict_from_found(setup, orientation, found, known?);
+        let (part, search) = guided::search_guided(&mut processed, bytes, format, predictions, predict_again);
         if let Some(part) = &part {
-            sighting.failure = stages::size_fault(part.raster(), &self.installation);
+            processed.failure = stages::size_fault(part.raster(), &self.installation);
         }
-        if let (None, Some(mut part)) = (&sighting.failure, part) {
+        if let (None, Some(mut part)) = (&processed.failure, part) {
             let (installation, orientation) = (&self.installation, &self.orientation);
-            let known = stages::recognise_for_next(&mut sighting, &mut part, installation, orientation);
-            self.seen = known.map(|(detections, identities)| Seen { detections, identities, at_s });
+            let known = stages::identify_for_tracking(&mut processed, &mut part, installation, orientation);
+            self.seen = known.map(|(detections, identities)| PreviousFrame { detections, identities, at_s });
         }
-        let before = self.live.mountings();
+        let before = self.live.mounting_count();
         let started = std::time::Instant::now();
-        let outcome = corrected(&sighting, &self.installation, &self.orientation);
+        let outcome = correct_refraction(&processed, &self.installation, &self.orientation);
         let outcome = outcome.and_then(|(observations, report)| {
-            // A clock that was set back, or a frame without a time of its own: no time has gone.
+            // Negative if the clock was set back or the frame has no time: no time has passed then.
             let elapsed_s = self.last_s.map_or(0.0, |last| (at_s - last).max(0.0));
-            let solution = self.live.frame(&observations, elapsed_s).map_err(Reason::of)?;
+            let solution = self.live.adjust_frame(&observations, elapsed_s).map_err(Reason::from_error)?;
             self.last_s = Some(at_s);
             Ok((solution, report))
         });
-        sighting.stages.push(Stage::ended(Work::Solve, started));
-        let curvature = outcome.as_ref().ok().and_then(|(solution, _)| Curvature::of(solution));
-        let mut record = recording::record(&sighting, &self.installation, &self.job, outcome);
-        // The same in every line, and written once with the table of results.
+        processed.stages.push(StageTime::since(Work::Solve, started));
+        let curvature = outcome.as_ref().ok().and_then(|(solution, _)| CurvatureEstimate::from_solution(solution));
+        let mut record = recording::build_record(&processed, &self.installation, &self.job, outcome);
+        // Provenance is equal in all lines and written once with the table of results.
         record.provenance = Provenance::default();
         record.quality.correlation = None;
-        let mounting = self.live.mountings();
+        let mounting = self.live.mounting_count();
         let mount_disturbed = before > 0 && mounting > before;
-        Tracked {
+        TrackedFrame {
             record,
             search,
             mounting,
             mount_disturbed,
-            outlines: outlines(&sighting, &self.installation),
+            outlines: marker_outlines(&processed, &self.installation),
             curvature,
         }
     }
 }
 
-fn outlines(sighting: &ProcessedFrame, installation: &Installation) -> Vec<Outline> {
+fn marker_outlines(processed: &ProcessedFrame, installation: &Installation) -> Vec<Outline> {
     let name = |i: usize| {
-        let marker = (*sighting.identities.as_ref()?.marker_of.get(i)?)?;
+        let marker = (*processed.identities.as_ref()?.marker_of.get(i)?)?;
         Some(installation.setup.markers.get(marker)?.id.clone())
     };
     let tenth = |value: f64| (value * 10.0).round() / 10.0;
@@ -223,5 +216,5 @@ fn outlines(sighting: &ProcessedFrame, installation: &Installation) -> Vec<Outli
         semi_minor_px: tenth(seen.semi_minor_px),
         angle_deg: tenth(seen.angle_rad.to_degrees()),
     };
-    sighting.detections.markers.iter().enumerate().map(outline).collect()
+    processed.detections.markers.iter().enumerate().map(outline).collect()
 }

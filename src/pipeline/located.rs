@@ -1,4 +1,4 @@
-//! Markers where the installation says to look, and closer looks at them when they have names.
+//! Detection of markers at the positions that the installation predicts, and second passes over identified markers.
 
 use nalgebra::Vector2;
 
@@ -8,116 +8,121 @@ use crate::measure::jpeg::PartialImage;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
 
-/// How far aside of its place a missing marker is looked for, px: ten times as far as a simple beam's predictions fail.
-const ASIDE_PX: f64 = 100.0;
-/// By how much the length of a marker may differ from what the survey and its distance say, as a share: of a disc, and of
-/// quadrants, whose white is told less well.
-const SAME_SIZE: (f64, f64) = (0.05, 0.15);
+/// Distance from its predicted position within which a missing marker is searched for, px: ten times the error of a simple
+/// beam's predictions.
+const DISPLACED_SEARCH_PX: f64 = 100.0;
+/// Largest relative difference between the length of a marker's image and the one predicted from survey and distance: of a
+/// circle, and of quadrants, whose white area is less well determined.
+const SIZE_TOLERANCES: (f64, f64) = (0.05, 0.15);
 
-/// A picture that is looked at where markers are predicted.
-pub trait Picture {
-    /// What is looked at about them is there.
-    fn about(&mut self, predictions: &[MarkerPrediction]) -> &Raster;
+/// Image of which the parts around predicted markers can be requested.
+pub trait PartialSource {
+    /// Returns the image with the surroundings of the predicted markers decoded.
+    fn decoded_around(&mut self, predictions: &[MarkerPrediction]) -> &Raster;
 }
 
-impl Picture for &Raster {
-    fn about(&mut self, _: &[MarkerPrediction]) -> &Raster {
+impl PartialSource for &Raster {
+    fn decoded_around(&mut self, _: &[MarkerPrediction]) -> &Raster {
         self
     }
 }
 
-impl Picture for PartialImage {
-    fn about(&mut self, predictions: &[MarkerPrediction]) -> &Raster {
+impl PartialSource for PartialImage {
+    fn decoded_around(&mut self, predictions: &[MarkerPrediction]) -> &Raster {
         let (width, height) = (self.raster().width(), self.raster().height());
         self.decode_tiles(detect::tiles_read(predictions, width, height));
         self.raster()
     }
 }
 
-/// A picture's markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere.
-pub(super) fn detected(
-    picture: &mut impl Picture,
+/// Detects the markers of an image from the nearest outwards ([`identify::locate_markers`]); `None` if that fails.
+pub(super) fn detect_located(
+    source: &mut impl PartialSource,
     setup: &Setup,
     orientation: &Orientation,
 ) -> Option<Detections> {
-    let mut looker = GuidedDetector::new(picture.about(&[]));
-    let look = |sought: &[MarkerPrediction]| looker.detect_coarse(picture.about(sought), sought);
-    let predictions = identify::locate_markers(setup, orientation, look)?;
-    Some(looker.detect(picture.about(&predictions), &predictions))
+    let mut detector = GuidedDetector::new(source.decoded_around(&[]));
+    let locate = |targets: &[MarkerPrediction]| detector.detect_coarse(source.decoded_around(targets), targets);
+    let predictions = identify::locate_markers(setup, orientation, locate)?;
+    Some(detector.detect(source.decoded_around(&predictions), &predictions))
 }
 
-/// What shows aside of the places of markers that are missing and is like them, however the wing is bent. What the ground frames
-/// did not show, no frame need show.
-pub(super) fn aside(
-    picture: &mut impl Picture,
+/// Detects candidates for missing markers away from their predicted positions, for any bending of the wing.
+///
+/// Markers that the ground frames did not show are not searched for.
+pub(super) fn detect_displaced(
+    source: &mut impl PartialSource,
     setup: &Setup,
     orientation: &Orientation,
     (found, identities): &(Detections, Identities),
 ) -> Vec<Detection> {
     let mut missing = identify::predict_second_pass(setup, orientation, &found.markers, identities);
-    let on_ground = |e: &ExpectedMarker| orientation.ground.iter().any(|sight| sight.marker == e.marker);
+    let on_ground = |e: &ExpectedMarker| orientation.ground.iter().any(|observation| observation.marker == e.marker);
     missing.retain(|e| e.found.is_none() && on_ground(e));
-    let wider = |e: ExpectedMarker| MarkerPrediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+    let wider =
+        |e: ExpectedMarker| MarkerPrediction { search_px: Vector2::repeat(DISPLACED_SEARCH_PX), ..e.prediction };
     let missing: Vec<MarkerPrediction> = missing.into_iter().map(wider).collect();
     if missing.is_empty() {
         return Vec::new();
     }
-    let mut looker = GuidedDetector::again(found);
+    let mut detector = GuidedDetector::from_detections(found);
     let same =
         |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::MIN_SEPARATION_PX;
     let search_px = Vector2::repeat(identify::MIN_SEPARATION_PX);
-    let like = |m: &Detection| {
-        let like = missing
-            .iter()
-            .find(|p| is_like(m, p))
-            .filter(|_| !found.markers.iter().any(|known| same(known, m)));
-        like.map(|p| MarkerPrediction { centre_px: m.centre_px, search_px, ..p.clone() })
+    let similar = |m: &Detection| {
+        let similar =
+            missing.iter().find(|p| matches_marker(m, p)).filter(|_| !found.markers.iter().any(|known| same(known, m)));
+        similar.map(|p| MarkerPrediction { centre_px: m.centre_px, search_px, ..p.clone() })
     };
-    let shown = looker.detect_coarse(picture.about(&missing), &missing);
-    let there: Vec<MarkerPrediction> = shown.iter().filter_map(like).collect();
-    if there.is_empty() { Vec::new() } else { looker.detect(picture.about(&there), &there).markers }
+    let candidates = detector.detect_coarse(source.decoded_around(&missing), &missing);
+    let similar_predictions: Vec<MarkerPrediction> = candidates.iter().filter_map(similar).collect();
+    if similar_predictions.is_empty() {
+        Vec::new()
+    } else {
+        detector.detect(source.decoded_around(&similar_predictions), &similar_predictions).markers
+    }
 }
 
-/// Whether something has a marker's shape and size.
-fn is_like(found: &Detection, marker: &MarkerPrediction) -> bool {
-    let most = if found.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
+/// Returns whether a detection has the shape and size of a marker.
+fn matches_marker(found: &Detection, marker: &MarkerPrediction) -> bool {
+    let most = if found.shape == Shape::Circle { SIZE_TOLERANCES.0 } else { SIZE_TOLERANCES.1 };
     found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }
 
-/// Closer looks at most.
-pub(super) const LOOKS: usize = 3;
+/// Largest number of second passes.
+pub(super) const MAX_PASSES: usize = 3;
 
-/// Detections, some of them after closer looks at `picture`, and who is who; perspective bias is not removed.
+/// Identifies detections and refines them by second passes over `source`; perspective bias is not removed.
 ///
 /// # Errors
-/// Where no consensus names the markers.
-pub fn identified(
+/// Returns an error if no consensus identifies the markers.
+pub fn identify_and_refine(
     setup: &Setup,
     orientation: &Orientation,
-    picture: &mut impl Picture,
+    source: &mut impl PartialSource,
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
     let identities = identify::identify_markers(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, picture, found, identities))
+    Ok(refine_detections(setup, orientation, source, found, identities))
 }
 
-pub(super) fn looked_closer(
+pub(super) fn refine_detections(
     setup: &Setup,
     orientation: &Orientation,
-    picture: &mut impl Picture,
+    source: &mut impl PartialSource,
     mut found: Detections,
     mut identities: Identities,
 ) -> (Detections, Identities) {
-    // What is measured better foretells the others better.
-    for _ in 0..LOOKS {
+    // More precise measurements improve the predictions of the others.
+    for _ in 0..MAX_PASSES {
         let expected = identify::predict_second_pass(setup, orientation, &found.markers, &identities);
         let places: Vec<MarkerPrediction> = expected.iter().map(|e| e.prediction.clone()).collect();
-        let mut closer = found.clone();
-        if !detect::second_pass(picture.about(&places), &mut closer, &expected) {
-            return (closer, identities);
+        let mut refined = found.clone();
+        if !detect::second_pass(source.decoded_around(&places), &mut refined, &expected) {
+            return (refined, identities);
         }
-        let Ok(again) = identify::identify_markers(setup, orientation, &closer.markers) else { break };
-        (found, identities) = (closer, again);
+        let Ok(again) = identify::identify_markers(setup, orientation, &refined.markers) else { break };
+        (found, identities) = (refined, again);
     }
     (found, identities)
 }

@@ -1,12 +1,12 @@
-//! A picture in which a person marks what the detector did not find: where the others foretell each marker, what the
-//! detector measures where the hand points, and what is solved with it. Nothing of what was detected is changed.
+//! Manual marking of markers that the detector did not find in an image: predicted positions, measurement near the marked
+//! point, and the solution with the marks. Detections are not changed.
 
 use nalgebra::Vector2;
 
-use super::guard::{BROKE_OFF, guarded};
+use super::guard::{PANIC_REASON, catch_panic};
 use super::orienting::{self, GroundFrame};
 use super::stages::{self, ProcessedFrame};
-use super::{Job, decode, solve_sighting};
+use super::{SolveJob, decode, solve_processed_frame};
 use crate::camera::Format;
 use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
@@ -14,42 +14,42 @@ use crate::measure::detect::{self, Detection, ExpectedMarker, MarkerPrediction};
 use crate::measure::identify::{self, OrientationFit, PredictedMarker};
 use crate::measure::raster::Raster;
 use crate::measure::setup::Orientation;
-use crate::record::{ImageRecord, Reason, Status};
+use crate::record::{ImageRecord, Reason, RecordStatus};
 
-/// How well a centre is pointed at on a screen, standard deviation of each coordinate, px. Chosen: an eye that sees edges of
-/// two or three pixels halves a marker to about that.
-pub const HAND_SIGMA_PX: f64 = 2.0;
-/// Standard deviations of the hand within which the detector's own fit is of what the hand points at.
-const WITHIN: f64 = 3.0;
+/// Standard deviation of a centre marked on a screen, px, in each coordinate. Chosen: a person who sees edges of 2 to 3 px
+/// halves a marker to about that.
+pub const MANUAL_SIGMA_PX: f64 = 2.0;
+/// Distance from the marked point, in its standard deviations, within which the detector's measurement is accepted.
+const MAX_OFFSET_SIGMAS: f64 = 3.0;
 
-/// A picture on the desk.
+/// Image that a person marks.
 pub struct MarkingSession {
-    /// What was detected.
-    seen: LoadedImage,
+    /// Image and its detections.
+    image: LoadedImage,
 }
 
 enum LoadedImage {
-    Flight { raster: Raster, sighting: Box<ProcessedFrame>, orientation: Box<Orientation> },
+    Flight { raster: Raster, processed: Box<ProcessedFrame>, orientation: Box<Orientation> },
     Ground(Box<GroundFrame>),
 }
 
-/// What a picture says with what a person says of it.
+/// Solution of an image with manual marks.
 pub struct MarkingResult {
-    /// The result; on ground only the markers' part of it, and the orientation in words as its remark.
+    /// Result; for a ground frame only its markers, with the orientation in words as a remark.
     pub record: ImageRecord,
-    /// What it stands on.
+    /// Observations that the result is computed from.
     pub observations: Vec<Observation>,
-    /// Where the picture should show the markers that lie in it.
+    /// Predicted images of the markers that are in view.
     pub predicted: Vec<PredictedMarker>,
-    /// By which the detector's measurements become centres.
+    /// Orientation that converts measured outlines to marker centres.
     orientation: Option<Orientation>,
 }
 
 impl MarkingSession {
-    /// Decodes and detects as `solve` does, or as `orient` does where `orientation` is `None`.
+    /// Decodes an image and detects markers as `solve` does, or as `orient` does if `orientation` is `None`.
     ///
     /// # Errors
-    /// Where the picture cannot be read, or is not of the calibrated camera's size.
+    /// Returns an error if the image cannot be read or does not have the calibrated camera's size.
     pub fn open(
         name: &str,
         bytes: &[u8],
@@ -57,83 +57,83 @@ impl MarkingSession {
         installation: &Installation,
         orientation: Option<&Orientation>,
     ) -> Result<Self, Reason> {
-        let look = || match orientation {
-            None => Ok(LoadedImage::Ground(Box::new(orienting::sight(name, bytes, installation)?))),
+        let load = || match orientation {
+            None => Ok(LoadedImage::Ground(Box::new(orienting::process_ground_frame(name, bytes, installation)?))),
             Some(orientation) => {
-                let raster = decode::decode(bytes, format).map_err(Reason::of)?;
+                let raster = decode::decode_image(bytes, format).map_err(Reason::from_error)?;
                 if let Some(fault) = stages::size_fault(&raster, installation) {
                     return Err(fault);
                 }
-                let sighting =
-                    stages::process_frame(name, bytes, format, installation, Some(orientation)).into();
-                Ok(LoadedImage::Flight { raster, sighting, orientation: orientation.clone().into() })
+                let processed = stages::process_frame(name, bytes, format, installation, Some(orientation)).into();
+                Ok(LoadedImage::Flight { raster, processed, orientation: orientation.clone().into() })
             }
         };
-        let seen = guarded(look).unwrap_or_else(|| Err(BROKE_OFF.into()))?;
-        Ok(Self { seen })
+        let seen = catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))?;
+        Ok(Self { image: seen })
     }
 
-    /// Its pixels.
+    /// Returns the decoded image.
     pub fn raster(&self) -> &Raster {
-        match &self.seen {
+        match &self.image {
             LoadedImage::Flight { raster, .. } => raster,
             LoadedImage::Ground(frame) => frame.raster(),
         }
     }
 
-    /// What it says with what a person says of it.
-    pub fn solve(&self, said: &[ManualObservation], installation: &Installation) -> MarkingResult {
-        let solve = || match &self.seen {
-            LoadedImage::Flight { sighting, orientation, .. } => {
-                in_flight(sighting, orientation, said, installation)
+    /// Solves the image with the manual observations.
+    pub fn solve(&self, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
+        let solve = || match &self.image {
+            LoadedImage::Flight { processed, orientation, .. } => {
+                solve_in_flight(processed, orientation, manual, installation)
             }
-            LoadedImage::Ground(frame) => on_ground(frame, said, installation),
+            LoadedImage::Ground(frame) => solve_on_ground(frame, manual, installation),
         };
-        guarded(solve).unwrap_or_else(|| MarkingResult {
-            record: ImageRecord::failed("", crate::record::Method::None, BROKE_OFF),
+        catch_panic(solve).unwrap_or_else(|| MarkingResult {
+            record: ImageRecord::failed("", crate::record::Method::None, PANIC_REASON),
             observations: vec![],
             predicted: vec![],
             orientation: None,
         })
     }
 
-    /// What the detector measures of a marker whose centre a person points at, `hand_sigma_px` well, with its own standard
-    /// deviation; `None` where it finds nothing like it there, or tells it worse than the hand.
-    pub fn refined(
+    /// Measures a marker near the point that a person marked with the standard deviation `manual_sigma_px`.
+    ///
+    /// Returns `None` if the detector finds no such marker there or is less precise than the mark.
+    pub fn refine_position(
         &self,
-        said: &MarkingResult,
+        result: &MarkingResult,
         installation: &Installation,
         (marker, at): (usize, Vector2<f64>),
-        hand_sigma_px: f64,
+        manual_sigma_px: f64,
     ) -> Option<ManualPosition> {
         let measured = || {
-            let (setup, orientation) = (&installation.setup, said.orientation.as_ref()?);
-            let foretold = said.predicted.iter().find(|f| f.marker == marker)?;
-            let reach = WITHIN * hand_sigma_px;
-            let centre_px = at + foretold.prediction.centre_px - foretold.point_px;
+            let (setup, orientation) = (&installation.setup, result.orientation.as_ref()?);
+            let predicted = result.predicted.iter().find(|f| f.marker == marker)?;
+            let reach = MAX_OFFSET_SIGMAS * manual_sigma_px;
+            let centre_px = at + predicted.prediction.centre_px - predicted.point_px;
             let search_px = Vector2::repeat(reach);
-            let prediction = MarkerPrediction { centre_px, search_px, ..foretold.prediction.clone() };
+            let prediction = MarkerPrediction { centre_px, search_px, ..predicted.prediction.clone() };
             let plain = detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
-            let closer = || self.closer(marker, &prediction);
+            let refine = || self.detect_closer(marker, &prediction);
             let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
-            let found = plain.into_iter().find(near).or_else(|| closer().filter(near))?;
-            let centred = identify::correct_marker_centre(setup, orientation, &said.observations, marker, &found);
+            let found = plain.into_iter().find(near).or_else(|| refine().filter(near))?;
+            let centred = identify::correct_marker_centre(setup, orientation, &result.observations, marker, &found);
             let covariance_px2 = *centred.covariance_px2;
-            let surer = covariance_px2.trace() < 2.0 * hand_sigma_px * hand_sigma_px;
-            surer.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
+            let is_better = covariance_px2.trace() < 2.0 * manual_sigma_px * manual_sigma_px;
+            is_better.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
         };
-        guarded(measured).flatten()
+        catch_panic(measured).flatten()
     }
 
-    /// The look of the detector at a marker whose size is known.
-    fn closer(&self, marker: usize, prediction: &MarkerPrediction) -> Option<Detection> {
-        let mut found = match &self.seen {
-            LoadedImage::Flight { sighting, .. } => sighting.detections.clone(),
-            LoadedImage::Ground(frame) => frame.sighting.detections.clone(),
+    /// Detects a marker of known size by a second pass.
+    fn detect_closer(&self, marker: usize, prediction: &MarkerPrediction) -> Option<Detection> {
+        let mut found = match &self.image {
+            LoadedImage::Flight { processed, .. } => processed.detections.clone(),
+            LoadedImage::Ground(frame) => frame.processed.detections.clone(),
         };
-        // What lies there was taken for something else.
-        let beside = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
-        found.markers.retain(beside);
+        // The detection there was identified as something else.
+        let elsewhere = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
+        found.markers.retain(elsewhere);
         let before = found.markers.clone();
         let expected = ExpectedMarker { prediction: prediction.clone(), found: None, marker };
         detect::second_pass(self.raster(), &mut found, &[expected]);
@@ -141,67 +141,64 @@ impl MarkingSession {
     }
 }
 
-fn in_flight(
-    sighting: &ProcessedFrame,
+fn solve_in_flight(
+    processed: &ProcessedFrame,
     orientation: &Orientation,
-    said: &[ManualObservation],
+    manual: &[ManualObservation],
     installation: &Installation,
 ) -> MarkingResult {
-    let mut sighting = sighting.clone();
-    sighting.add_manual(said);
-    let record = solve_sighting(&sighting, installation, orientation, &Job::default());
-    let foretold = identify::predict_markers(&installation.setup, orientation, &sighting.observations);
+    let mut processed = processed.clone();
+    processed.add_manual(manual);
+    let record = solve_processed_frame(&processed, installation, orientation, &SolveJob::default());
+    let predicted = identify::predict_markers(&installation.setup, orientation, &processed.observations);
     let orientation = Some(orientation.clone());
-    MarkingResult { record, observations: sighting.observations, predicted: foretold, orientation }
+    MarkingResult { record, observations: processed.observations, predicted, orientation }
 }
 
-fn on_ground(frame: &GroundFrame, said: &[ManualObservation], installation: &Installation) -> MarkingResult {
+fn solve_on_ground(frame: &GroundFrame, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
     let setup = &installation.setup;
     let mut frame = frame.clone();
-    frame.set_manual_observations(said.to_vec());
+    frame.set_manual_observations(manual.to_vec());
     let mut frames = [frame];
-    match orienting::orient(setup, &mut frames) {
+    match orienting::orient_frames(setup, &mut frames) {
         Ok(fit) => {
-            let observations: Vec<Observation> = fit.orientation.ground.iter().map(observation).collect();
-            let foretold = identify::predict_ground_markers(setup, &fit.orientation, &[]);
-            let record = ground_record(&fit, &observations, said, installation);
-            MarkingResult { record, observations, predicted: foretold, orientation: Some(fit.orientation) }
+            let observations: Vec<Observation> = fit.orientation.ground.iter().map(observation_from_ground).collect();
+            let predicted = identify::predict_ground_markers(setup, &fit.orientation, &[]);
+            let record = ground_record(&fit, &observations, manual, installation);
+            MarkingResult { record, observations, predicted, orientation: Some(fit.orientation) }
         }
         Err(error) => {
             let reason = Some(error.to_string());
-            let record = ImageRecord {
-                reason,
-                markers: ground_markers(&[], said, installation),
-                ..ImageRecord::default()
-            };
+            let record =
+                ImageRecord { reason, markers: ground_markers(&[], manual, installation), ..ImageRecord::default() };
             MarkingResult { record, observations: vec![], predicted: vec![], orientation: None }
         }
     }
 }
 
-fn observation(sight: &crate::measure::setup::GroundObservation) -> Observation {
-    Observation { marker: sight.marker, pixel: sight.pixel, covariance_px2: sight.covariance_px2 }
+fn observation_from_ground(ground: &crate::measure::setup::GroundObservation) -> Observation {
+    Observation { marker: ground.marker, pixel: ground.pixel, covariance_px2: ground.covariance_px2 }
 }
 
 fn ground_markers(
     observations: &[Observation],
-    said: &[ManualObservation],
+    manual: &[ManualObservation],
     installation: &Installation,
 ) -> Vec<crate::record::MarkerRecord> {
     let observations = observations.to_vec();
-    let mut sighting = ProcessedFrame { observations, ..ProcessedFrame::default() };
-    sighting.add_manual(said);
-    super::recording::markers(&sighting, installation)
+    let mut processed = ProcessedFrame { observations, ..ProcessedFrame::default() };
+    processed.add_manual(manual);
+    super::recording::marker_records(&processed, installation)
 }
 
-/// The markers of a ground frame as results have them, the orientation in words.
+/// Builds the record of a ground frame: its markers, and the orientation in words.
 fn ground_record(
     fit: &OrientationFit,
     observations: &[Observation],
-    said: &[ManualObservation],
+    manual: &[ManualObservation],
     installation: &Installation,
 ) -> ImageRecord {
-    let mut markers = ground_markers(observations, said, installation);
+    let mut markers = ground_markers(observations, manual, installation);
     for (marker, reason) in fit.unused_markers(&installation.setup) {
         if let Some(line) = markers.get_mut(marker) {
             line.reason = Some(reason);
@@ -209,7 +206,7 @@ fn ground_record(
     }
     for (_, marker, residual) in &fit.residuals {
         if let Some(line) = markers.get_mut(*marker) {
-            // Results have adjusted less observed.
+            // Residuals in results are adjusted minus observed.
             (line.residual_u_px, line.residual_v_px) = (Some(-residual.x), Some(-residual.y));
             (line.used, line.reason) = (true, None);
         }
@@ -220,7 +217,7 @@ fn ground_record(
     });
     let words = format!("orientation from {} markers{sigma}", fit.residuals.len());
     ImageRecord {
-        status: Status::Ok,
+        status: RecordStatus::Ok,
         variance_factor: Some(fit.variance_factor).filter(|v| v.is_finite()),
         redundancy: Some(fit.redundancy),
         markers,

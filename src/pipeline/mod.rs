@@ -1,16 +1,16 @@
-//! From frame bytes and an installation to a record: decode, detect, identify, adjust.
+//! Processing of a frame from its bytes to a record: decode, detect, identify, adjust.
 //!
 //! | stage | in | out | module |
 //! |---|---|---|---|
-//! | decode | bytes as delivered | grey picture | [`decode`] |
-//! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
+//! | decode | bytes as delivered | grey image | [`decode`] |
+//! | measure | grey image, installation | identified markers | [`measure`](self::stages) |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | orient | ground frames | orientation | [`orienting`] |
-//! | mark | one picture and what a person says of it | the same, with that | [`marking`] |
-//! | live | frames as they come | the same, one by one | [`live`] |
-//! | record | solution | the line of the results | [`recording`] |
+//! | mark | image, manual marks | solution with the marks | [`marking`] |
+//! | live | frames as they arrive | one solution per frame | [`live`] |
+//! | record | solution | line of the results | [`recording`] |
 //!
-//! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
+//! [`shrink`] makes a frame small enough for display, and [`guard`] is the boundary around libraries that may panic.
 
 pub mod decode;
 mod flight_priors;
@@ -34,160 +34,167 @@ use serde_json::{Map, Value};
 use crate::aircraft;
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
+use crate::measure::adjust::{self, AdjustmentMethod, Estimate, Observation, Options};
 use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
 use crate::record::{ImageRecord, Parameters, Provenance, Reason};
-use guard::{BROKE_OFF, guarded};
+use guard::{PANIC_REASON, catch_panic};
 
-use flight_priors::Together;
+use flight_priors::PreparedFlight;
 
 pub use flight_priors::learn_flight;
-pub use stages::{ProcessedFrame, Stage, Work};
+pub use stages::{ProcessedFrame, StageTime, Work};
 
-/// What to compute.
+/// Method and options of a computation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Job {
-    /// Profile or spatial; flight is asked for by [`solve_flight`].
-    pub method: Method,
-    /// Choices of the adjustment.
+pub struct SolveJob {
+    /// Profile or spatial method; [`solve_flight`] sets the flight method itself.
+    pub method: AdjustmentMethod,
+    /// Options of the adjustment.
     pub options: Options,
 }
 
-impl Default for Job {
+impl Default for SolveJob {
     fn default() -> Self {
-        Self { method: Method::Spatial, options: Options::default() }
+        Self { method: AdjustmentMethod::Spatial, options: Options::default() }
     }
 }
 
-impl Job {
-    /// Parameters as they enter the provenance.
+impl SolveJob {
+    /// Returns the parameters for the provenance.
     fn parameters(&self) -> Parameters {
-        Parameters::new(recording::method(self.method), &self.options)
+        Parameters::new(recording::record_method(self.method), &self.options)
     }
 }
 
-/// Solves one frame. Whatever goes wrong with the frame is in the record, with the mend; so is a panic.
+/// Solves one frame. Errors and panics are reported in the record, with the remedy.
 pub fn solve_frame(
     name: &str,
     bytes: &[u8],
     format: Option<&Format>,
     installation: &Installation,
     orientation: &Orientation,
-    job: &Job,
+    job: &SolveJob,
 ) -> ImageRecord {
     let solve = || {
-        let sighting = stages::process_frame(name, bytes, format, installation, Some(orientation));
-        solve_sighting(&sighting, installation, orientation, job)
+        let processed = stages::process_frame(name, bytes, format, installation, Some(orientation));
+        solve_processed_frame(&processed, installation, orientation, job)
     };
-    let broken = || ProcessedFrame::failed(name, BROKE_OFF);
-    guarded(solve).unwrap_or_else(|| recording::record(&broken(), installation, job, Err(BROKE_OFF.into())))
+    let broken = || ProcessedFrame::failed(name, PANIC_REASON);
+    catch_panic(solve)
+        .unwrap_or_else(|| recording::build_record(&broken(), installation, job, Err(PANIC_REASON.into())))
 }
 
-/// Adjusts what was seen in one frame.
-pub fn solve_sighting(
-    sighting: &ProcessedFrame,
+/// Adjusts the observations of one processed frame.
+pub fn solve_processed_frame(
+    processed: &ProcessedFrame,
     installation: &Installation,
     orientation: &Orientation,
-    job: &Job,
+    job: &SolveJob,
 ) -> ImageRecord {
     let started = Instant::now();
-    let installation = &*in_its_air(sighting, installation);
-    let corrected = corrected(sighting, installation, orientation);
-    let mountings = sighting.mounting.map(|m| vec![m]);
+    let installation = &*with_frame_conditions(processed, installation);
+    let corrected = correct_refraction(processed, installation, orientation);
+    let mountings = processed.mounting.map(|m| vec![m]);
     let options = Options { mountings, ..job.options.clone() };
-    let (options, remarks) = flight_priors::options(options, installation, std::slice::from_ref(sighting));
-    let job = &Job { options, ..job.clone() };
+    let (options, remarks) = flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed));
+    let job = &SolveJob { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
-        solution.map(|s| (with_remarks(s, &remarks), report)).map_err(Reason::of)
+        solution.map(|s| (with_remarks(s, &remarks), report)).map_err(Reason::from_error)
     });
-    let mut record = recording::record(sighting, installation, job, outcome);
-    record.timing_ms.solve = Some(recording::milliseconds(Stage::ended(Work::Solve, started).ms));
+    let mut record = recording::build_record(processed, installation, job, outcome);
+    record.timing_ms.solve = Some(recording::round_ms(StageTime::since(Work::Solve, started).ms));
     record
 }
 
-/// The installation with the air and the wing's temperature of a frame, where the aircraft's data have them.
-fn in_its_air<'a>(sighting: &ProcessedFrame, installation: &'a Installation) -> Cow<'a, Installation> {
-    if sighting.aircraft.is_empty() {
+/// Returns the installation with the air and wing temperature at the time of the frame, if the aircraft data have them.
+fn with_frame_conditions<'a>(processed: &ProcessedFrame, installation: &'a Installation) -> Cow<'a, Installation> {
+    if processed.aircraft.is_empty() {
         return Cow::Borrowed(installation);
     }
     let mut own = installation.clone();
-    aircraft::conditions(&sighting.aircraft).apply(&mut own.setup);
+    aircraft::flight_conditions(&processed.aircraft).apply(&mut own.setup);
     Cow::Owned(own)
 }
 
-/// Where the air was measured, how far off the refraction may be.
-fn with_sigma(
+/// Adds the standard deviation of the refraction if the air was measured.
+fn with_refraction_sigma(
     report: RefractionReport,
-    sighting: &ProcessedFrame,
+    processed: &ProcessedFrame,
     installation: &Installation,
 ) -> RefractionReport {
-    let measured = installation.setup.window.as_ref().filter(|_| !sighting.aircraft.is_empty());
-    let share = measured.map(|w| aircraft::conditions(&sighting.aircraft).relative_refraction_sigma(w));
+    let measured = installation.setup.window.as_ref().filter(|_| !processed.aircraft.is_empty());
+    let share = measured.map(|w| aircraft::flight_conditions(&processed.aircraft).relative_refraction_sigma(w));
     RefractionReport { sigma_max_shift_px: share.map(|s| s * report.max_shift_px.abs()), ..report }
 }
 
-/// The mean of what the wing's temperatures are over a flight, whose frames share one length.
-fn mean_temperature(sightings: &[ProcessedFrame]) -> FlightConditions {
-    let of = |s: &ProcessedFrame| aircraft::conditions(&s.aircraft).wing_temperature_c;
-    let all: Vec<Estimate> = sightings.iter().filter_map(of).collect();
+/// Computes the mean wing temperature over a flight, whose frames share one length.
+fn mean_temperature(processed_frames: &[ProcessedFrame]) -> FlightConditions {
+    let of = |s: &ProcessedFrame| aircraft::flight_conditions(&s.aircraft).wing_temperature_c;
+    let all: Vec<Estimate> = processed_frames.iter().filter_map(of).collect();
     let count = all.len() as f64;
     let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
     let variance = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
-    // One doubt of the structure for all frames, and how far they differ.
-    let doubt = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
-    let sigma = Some(doubt.hypot(variance.sqrt()));
+    // One uncertainty of the structure's temperature for all frames, and their scatter.
+    let structure_sigma = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
+    let sigma = Some(structure_sigma.hypot(variance.sqrt()));
     let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
     FlightConditions { wing_temperature_c, ..FlightConditions::default() }
 }
 
-/// Observations without the window's refraction, and what that was; or why there are none.
-type Corrected = Result<(Vec<Observation>, Option<RefractionReport>), Reason>;
+/// Observations without the window's refraction and the correction applied, or the reason why there are none.
+type CorrectedObservations = Result<(Vec<Observation>, Option<RefractionReport>), Reason>;
 
 fn with_remarks(mut solution: adjust::Solution, remarks: &[String]) -> adjust::Solution {
     solution.remarks.extend_from_slice(remarks);
     solution
 }
 
-/// A sighting's observations without the window's refraction; the failure of a sighting that has none.
-fn corrected(sighting: &ProcessedFrame, installation: &Installation, orientation: &Orientation) -> Corrected {
-    if let Some(reason) = &sighting.failure {
+/// Removes the window's refraction from a frame's observations; a failed frame returns its failure.
+fn correct_refraction(
+    processed: &ProcessedFrame,
+    installation: &Installation,
+    orientation: &Orientation,
+) -> CorrectedObservations {
+    if let Some(reason) = &processed.failure {
         return Err(reason.clone());
     }
-    let mut observations = sighting.observations.clone();
+    let mut observations = processed.observations.clone();
     let report = correct_observations(&installation.setup, orientation, &mut observations);
-    let report = report.map(|report| report.map(|r| with_sigma(r, sighting, installation)));
-    report.map(|report| (observations, report)).map_err(Reason::of)
+    let report = report.map(|report| report.map(|r| with_refraction_sigma(r, processed, installation)));
+    report.map(|report| (observations, report)).map_err(Reason::from_error)
 }
 
 fn adjust_one(
     installation: &Installation,
     orientation: &Orientation,
     observations: &[Observation],
-    job: &Job,
+    job: &SolveJob,
 ) -> Result<adjust::Solution, adjust::AdjustError> {
     let setup = &installation.setup;
     match job.method {
-        Method::Profile => adjust::profile(setup, orientation, observations, &job.options),
-        Method::Spatial | Method::Flight => adjust::spatial(setup, orientation, observations, &job.options),
+        AdjustmentMethod::Profile => adjust::solve_profile(setup, orientation, observations, &job.options),
+        AdjustmentMethod::Spatial | AdjustmentMethod::Flight => {
+            adjust::solve_spatial(setup, orientation, observations, &job.options)
+        }
     }
 }
 
-/// Adjusts the frames of a flight together; one record per frame, in order. Frames that could not be
-/// sighted fail alone.
+/// Adjusts the frames of a flight jointly; returns one record per frame, in order. Frames that could not be processed fail
+/// individually.
 pub fn solve_flight(
-    sightings: &[ProcessedFrame],
+    processed_frames: &[ProcessedFrame],
     installation: &Installation,
     orientation: &Orientation,
-    job: &Job,
+    job: &SolveJob,
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
-    let job = Job { method: Method::Flight, ..job.clone() };
-    let together = Together::new(sightings, installation, orientation, &job);
-    let Together { setup, airs, corrected, frames, options, remarks } = together;
-    let solved = guarded(|| adjust::flight(&setup, orientation, &frames, &options));
-    let solved = solved.ok_or_else(|| BROKE_OFF.into()).and_then(|s| s.map_err(Reason::of));
+    let job = SolveJob { method: AdjustmentMethod::Flight, ..job.clone() };
+    let together = PreparedFlight::new(processed_frames, installation, orientation, &job);
+    let PreparedFlight { setup, installations, corrected, frames, options, remarks } = together;
+    let solved = catch_panic(|| adjust::solve_flight(&setup, orientation, &frames, &options));
+    let solved = solved.ok_or_else(|| PANIC_REASON.into()).and_then(|s| s.map_err(Reason::from_error));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(reason) => vec![Err(reason); frames.len()],
@@ -195,22 +202,22 @@ pub fn solve_flight(
     .into_iter();
     let solve_ms = 1e3 * started.elapsed().as_secs_f64() / frames.len().max(1) as f64;
     let mut records = vec![];
-    for ((sighting, corrected), own) in sightings.iter().zip(corrected).zip(&airs) {
+    for ((processed, corrected), own) in processed_frames.iter().zip(corrected).zip(&installations) {
         let outcome = corrected.and_then(|(_, report)| {
-            let left_out = || Err("the flight adjustment left this frame out".into());
-            solutions.next().unwrap_or_else(left_out).map(|s| (with_remarks(s, &remarks), report))
+            let excluded = || Err("the flight adjustment omitted this frame".into());
+            solutions.next().unwrap_or_else(excluded).map(|s| (with_remarks(s, &remarks), report))
         });
-        let mut record = recording::record(sighting, own, &job, outcome);
+        let mut record = recording::build_record(processed, own, &job, outcome);
         record.flight = true;
-        record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
+        record.timing_ms.solve = Some(recording::round_ms(solve_ms));
         records.push(record);
     }
-    pane_shifts::name(&mut records, setup.lens.focal_px());
+    pane_shifts::remark_pane_shifts(&mut records, setup.lens.focal_px());
     records
 }
 
-/// Hashes and versions that a result stands on.
-pub fn provenance(installation: &Installation, job: &Job) -> Provenance {
+/// Returns the hashes and versions that a result depends on.
+pub fn provenance(installation: &Installation, job: &SolveJob) -> Provenance {
     let file = |(name, digest): &(String, String)| (format!("{name}.sha256"), digest.clone().into());
     Provenance {
         program: Some(format!("wingd {}", env!("CARGO_PKG_VERSION"))),
@@ -220,8 +227,8 @@ pub fn provenance(installation: &Installation, job: &Job) -> Provenance {
     }
 }
 
-/// The same as the store keeps it.
-pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
+/// Returns the provenance as a map, as the store keeps it.
+pub fn provenance_map(installation: &Installation, job: &SolveJob) -> Map<String, Value> {
     match serde_json::to_value(provenance(installation, job)) {
         Ok(Value::Object(map)) => map,
         _ => Map::new(),
@@ -233,7 +240,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_decoder_that_breaks_costs_one_record_that_says_so() {
+    fn a_decoder_crash_costs_one_record_that_reports_it() {
         let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         let installation = crate::installation::load_without_orientation(&fixture).unwrap();
         let camera_from_survey = nalgebra::Rotation3::identity();
@@ -241,9 +248,9 @@ mod tests {
         for format in [None, Some(Format::Jpeg)] {
             let bytes = decode::BREAKS;
             let record =
-                solve_frame("one.jpg", bytes, format.as_ref(), &installation, &orientation, &Job::default());
-            assert_eq!((record.image.as_str(), record.status), ("one.jpg", crate::record::Status::Failed));
-            assert!(record.reason.as_ref().is_some_and(|r| r.contains("decoder broke off")), "{record:?}");
+                solve_frame("one.jpg", bytes, format.as_ref(), &installation, &orientation, &SolveJob::default());
+            assert_eq!((record.image.as_str(), record.status), ("one.jpg", crate::record::RecordStatus::Failed));
+            assert!(record.reason.as_ref().is_some_and(|r| r.contains("decoder failed")), "{record:?}");
             assert_eq!(record.markers.len(), installation.setup.markers.len());
         }
     }

@@ -1,9 +1,9 @@
-//! Ground frames become an orientation, and with it what was not found at first is sought again.
+//! Estimation of the camera's orientation from ground frames, with second passes for markers that were not found at first.
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::guard::BROKE_OFF;
-use super::located::LOOKS;
+use super::guard::PANIC_REASON;
+use super::located::MAX_PASSES;
 use super::stages::{self, ProcessedFrame};
 use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::detect::{self, Detection, ExpectedMarker};
@@ -12,70 +12,71 @@ use crate::measure::raster::Raster;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::Reason;
 
-/// A frame of the wing on ground.
+/// Frame of the wing on the ground.
 #[derive(Clone)]
 pub struct GroundFrame {
-    /// What was seen in it.
-    pub sighting: ProcessedFrame,
+    /// Detections of the frame.
+    pub processed: ProcessedFrame,
     raster: Raster,
-    said: Vec<ManualObservation>,
+    manual: Vec<ManualObservation>,
 }
 
 impl GroundFrame {
-    /// Its pixels.
+    /// Returns the decoded image.
     pub fn raster(&self) -> &Raster {
         &self.raster
     }
 
-    /// What a person says of its markers: it stands for what is detected of them.
-    pub fn set_manual_observations(&mut self, said: Vec<ManualObservation>) {
-        self.said = said;
+    /// Sets the manual observations of the frame; they replace detections of the same markers.
+    pub fn set_manual_observations(&mut self, observations: Vec<ManualObservation>) {
+        self.manual = observations;
     }
 }
 
-/// Decodes a ground frame and detects.
+/// Decodes a ground frame and detects its markers.
 ///
 /// # Errors
-/// The reason, where the frame cannot be read or is not of the calibrated camera's size.
-pub fn sight(name: &str, bytes: &[u8], installation: &Installation) -> Result<GroundFrame, Reason> {
-    let (mut sighting, raster) = stages::detect_only(name, bytes, None);
+/// Returns an error if the frame cannot be read or does not have the calibrated camera's size.
+pub fn process_ground_frame(name: &str, bytes: &[u8], installation: &Installation) -> Result<GroundFrame, Reason> {
+    let (mut processed, raster) = stages::detect_only(name, bytes, None);
     let fault = raster.as_ref().and_then(|raster| stages::size_fault(raster, installation));
-    match (sighting.failure.take().or(fault), raster) {
-        (None, Some(raster)) => Ok(GroundFrame { sighting, raster, said: vec![] }),
-        (reason, _) => Err(reason.unwrap_or_else(|| BROKE_OFF.into())),
+    match (processed.failure.take().or(fault), raster) {
+        (None, Some(raster)) => Ok(GroundFrame { processed, raster, manual: vec![] }),
+        (reason, _) => Err(reason.unwrap_or_else(|| PANIC_REASON.into())),
     }
 }
 
-/// The markers seen in each frame.
-pub fn markers(frames: &[GroundFrame]) -> Vec<Vec<Detection>> {
-    frames.iter().map(|frame| frame.sighting.detections.markers.clone()).collect()
+/// Returns the detected markers of each frame.
+pub fn detected_markers(frames: &[GroundFrame]) -> Vec<Vec<Detection>> {
+    frames.iter().map(|frame| frame.processed.detections.markers.clone()).collect()
 }
 
-/// The orientation with what the frames show of each marker, perspective bias removed. As in flight, a first orientation
-/// foretells every marker's image, and what is missing there or hardly seen is looked at more closely: only what that
-/// look does not find either is left out, with a reason. The frames get what was found.
+/// Estimates the orientation from ground frames, perspective bias removed.
+///
+/// A first orientation predicts the image of every marker, and second passes measure those that are missing or poorly
+/// visible. Markers that these do not find either are omitted with a reason. The frames are updated with the detections.
 ///
 /// # Errors
-/// Where the frames fit the survey in no orientation.
-pub fn orient(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
-    let mut fit = first(setup, frames)?;
-    for _ in 0..LOOKS {
-        let before: Vec<_> = frames.iter().map(|frame| frame.sighting.detections.clone()).collect();
+/// Returns an error if the frames fit the survey in no orientation.
+pub fn orient_frames(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
+    let mut fit = first_orientation(setup, frames)?;
+    for _ in 0..MAX_PASSES {
+        let before: Vec<_> = frames.iter().map(|frame| frame.processed.detections.clone()).collect();
         let mut changed = false;
         for (frame, identities) in frames.iter_mut().zip(&fit.identities) {
-            let found = &mut frame.sighting.detections;
+            let found = &mut frame.processed.detections;
             let mut expected =
                 identify::predict_ground_second_pass(setup, &fit.orientation, &found.markers, identities);
-            expected.retain(|e: &ExpectedMarker| frame.said.iter().all(|said| said.marker != e.marker));
+            expected.retain(|e: &ExpectedMarker| frame.manual.iter().all(|observation| observation.marker != e.marker));
             changed |= detect::second_pass(&frame.raster, found, &expected);
         }
-        take_in(setup, Some(&fit), frames);
-        // A look that leaves everything in its place may have made it less sure.
-        match identify::estimate_orientation(setup, &markers(frames)) {
+        apply_manual_observations(setup, Some(&fit), frames);
+        // A second pass that moves no marker may have increased the standard deviations.
+        match identify::estimate_orientation(setup, &detected_markers(frames)) {
             Ok(again) => fit = again,
             Err(_) => {
                 for (frame, before) in frames.iter_mut().zip(before) {
-                    frame.sighting.detections = before;
+                    frame.processed.detections = before;
                 }
                 break;
             }
@@ -84,80 +85,84 @@ pub fn orient(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFi
             break;
         }
     }
-    fit.orientation.ground = stages::ground_sights(setup, &markers(frames), &fit);
-    say_rejected(frames, &mut fit);
+    fit.orientation.ground = stages::ground_observations(setup, &detected_markers(frames), &fit);
+    record_rejected(frames, &mut fit);
     Ok(fit)
 }
 
-/// The orientation by what was detected, and with what people say; where the detections alone fit nothing, by both.
-fn first(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
-    let alone = identify::estimate_orientation(setup, &markers(frames));
-    if frames.iter().all(|frame| frame.said.is_empty()) {
+/// Estimates the first orientation from the detections, then from detections and manual observations. If the detections
+/// alone fit nothing, both are used at once.
+fn first_orientation(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
+    let alone = identify::estimate_orientation(setup, &detected_markers(frames));
+    if frames.iter().all(|frame| frame.manual.is_empty()) {
         return alone;
     }
-    take_in(setup, alone.as_ref().ok(), frames);
-    identify::estimate_orientation(setup, &markers(frames))
+    apply_manual_observations(setup, alone.as_ref().ok(), frames);
+    identify::estimate_orientation(setup, &detected_markers(frames))
 }
 
-/// Puts in each frame what a person says of its markers in the place of what was detected of them.
-fn take_in(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
-    let foretold = fit.map_or(vec![], |fit| identify::predict_ground_markers(setup, &fit.orientation, &[]));
-    for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.said.is_empty()) {
+/// Replaces, in each frame, detections of markers that have manual observations.
+fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
+    let predicted = fit.map_or(vec![], |fit| identify::predict_ground_markers(setup, &fit.orientation, &[]));
+    for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.manual.is_empty()) {
         let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
-        let rejected = |marker: usize| frame.said.iter().any(|s| s.marker == marker && s.place.is_none());
-        let all = &mut frame.sighting.detections.markers;
-        // Names are of the detections as they stood: after a look they are asked by their places alone.
+        let rejected = |marker: usize| frame.manual.iter().any(|s| s.marker == marker && s.place.is_none());
+        let all = &mut frame.processed.detections.markers;
+        // Identities belong to the detections before a second pass; after one, only positions are compared.
         if let Some(of_detection) = of_detection.filter(|of| of.len() == all.len()) {
             let mut of_detection = of_detection.into_iter();
             all.retain(|_| of_detection.next().flatten().is_none_or(|marker| !rejected(marker)));
         }
-        for said in &frame.said {
-            let (Some(place), Some(marker)) = (said.place, setup.markers.get(said.marker)) else { continue };
-            let new = detection(setup, marker, &place, foretold.iter().find(|f| f.marker == said.marker));
+        for observation in &frame.manual {
+            let (Some(place), Some(marker)) = (observation.place, setup.markers.get(observation.marker)) else {
+                continue;
+            };
+            let new =
+                manual_detection(setup, marker, &place, predicted.iter().find(|f| f.marker == observation.marker));
             let apart =
-                |d: &Detection| (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(HAND_OFF_PX);
+                |d: &Detection| (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(MANUAL_DISTANCE_PX);
             all.retain(apart);
             all.push(new);
         }
     }
 }
 
-/// What was detected nearer to where a hand points is of the same marker, px: three standard deviations of a hand
-/// ([`HAND_SIGMA_PX`](super::marking::HAND_SIGMA_PX)).
-const HAND_OFF_PX: f64 = 6.0;
-/// Minor over major semi-axis of a marker on a wing where nothing tells how it is seen; hardly counts.
-const SLANT: f64 = 0.5;
+/// Distance from a manual position within which a detection is of the same marker, px: three standard deviations of a
+/// manual mark ([`MANUAL_SIGMA_PX`](super::marking::MANUAL_SIGMA_PX)).
+const MANUAL_DISTANCE_PX: f64 = 6.0;
+/// Ratio of the semi-axes, minor to major, of a marker without a prediction; the result hardly depends on it.
+const DEFAULT_AXIS_RATIO: f64 = 0.5;
 
-/// A place by hand as a detection: its outline's centre is beside the marker's.
-fn detection(
+/// Converts a manual position into a detection, whose outline centre is offset from the marker's centre.
+fn manual_detection(
     setup: &Setup,
     marker: &SurveyMarker,
     place: &ManualPosition,
-    foretold: Option<&PredictedMarker>,
+    predicted: Option<&PredictedMarker>,
 ) -> Detection {
     let distance_m = (marker.position_m - setup.projection_centre_m).norm().max(marker.diameter_m);
     let major = 0.5 * marker.diameter_m / distance_m * setup.lens.focal_px();
-    let outline = foretold.map(|f| &f.prediction);
-    let aside = foretold.map_or(Vector2::zeros(), |f| f.prediction.centre_px - f.point_px);
+    let outline = predicted.map(|f| &f.prediction);
+    let offset_px = predicted.map_or(Vector2::zeros(), |f| f.prediction.centre_px - f.point_px);
     let covariance: Matrix2<f64> = place.covariance_px2;
     Detection {
         shape: marker.shape,
-        centre_px: place.pixel + aside,
+        centre_px: place.pixel + offset_px,
         covariance_px2: covariance.into(),
         semi_major_px: outline.map_or(major, |p| p.semi_major_px),
-        semi_minor_px: outline.map_or(SLANT * major, |p| p.semi_minor_px),
+        semi_minor_px: outline.map_or(DEFAULT_AXIS_RATIO * major, |p| p.semi_minor_px),
         angle_rad: outline.map_or(0.0, |p| p.angle_rad),
         fit_rms: 0.0,
         contrast: 0.0,
     }
 }
 
-/// A marker that a person rejected is missing for that reason.
-fn say_rejected(frames: &[GroundFrame], fit: &mut OrientationFit) {
+/// Records the rejection by a person as the reason why a marker is missing.
+fn record_rejected(frames: &[GroundFrame], fit: &mut OrientationFit) {
     for (frame, identities) in frames.iter().zip(&mut fit.identities) {
-        for said in frame.said.iter().filter(|said| said.place.is_none()) {
-            identities.missing.retain(|(marker, _)| *marker != said.marker);
-            identities.missing.push((said.marker, stages::rejection(said)));
+        for observation in frame.manual.iter().filter(|observation| observation.place.is_none()) {
+            identities.missing.retain(|(marker, _)| *marker != observation.marker);
+            identities.missing.push((observation.marker, stages::rejection_reason(observation)));
         }
     }
 }

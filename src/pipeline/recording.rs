@@ -1,143 +1,136 @@
-//! A solution becomes the line of the results here (docs/interface.md).
+//! Conversion of a solution into a line of the results (docs/interface.md).
 
 use std::collections::HashMap;
 
 use nalgebra::Matrix3;
 
-use super::{Job, ProcessedFrame, Stage, Work, provenance};
+use super::{ProcessedFrame, SolveJob, StageTime, Work, provenance};
 use crate::aircraft;
 use crate::installation::Installation;
 use crate::measure::adjust::{
-    self, CurvePoint, Estimate, MarkerSolution, Observation, Parameter, Solution, Torsion,
+    self, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution,
 };
 use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
 use crate::record::{
-    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
-    Provenance, Quality, Reason, SigmaKind, Status, Timing, Tip, TorsionRecord, VarianceComponent,
+    CadFit, Correlation, CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
+    Provenance, Quality, Reason, RecordStatus, ReportedSigma, Timing, Tip, TorsionRecord, VarianceComponentRecord,
 };
 
-/// The method as results have it; a flight's frames are solved spatially.
-pub fn method(method: adjust::Method) -> Method {
+/// Returns the method as results name it; a flight's frames are solved with the spatial method.
+pub fn record_method(method: adjust::AdjustmentMethod) -> Method {
     match method {
-        adjust::Method::Profile => Method::Profile,
-        adjust::Method::Spatial | adjust::Method::Flight => Method::Spatial,
+        adjust::AdjustmentMethod::Profile => Method::Profile,
+        adjust::AdjustmentMethod::Spatial | adjust::AdjustmentMethod::Flight => Method::Spatial,
     }
 }
 
-/// Milliseconds, to a thousandth.
-pub fn milliseconds(ms: f64) -> f64 {
+/// Rounds milliseconds to 0.001.
+pub fn round_ms(ms: f64) -> f64 {
     (ms * 1e3).round() / 1e3
 }
 
-/// Of a stage that was done twice the last.
-pub fn timing(stages: &[Stage]) -> Timing {
-    // A frame may have been looked at more than once.
+/// Sums the durations of each stage.
+pub fn stage_timing(stages: &[StageTime]) -> Timing {
+    // A frame may have been searched more than once.
     let of = |work| {
         let own = || stages.iter().filter(|s| s.work == work).map(|s| s.ms);
-        own().next().map(|_| milliseconds(own().sum()))
+        own().next().map(|_| round_ms(own().sum()))
     };
-    Timing {
-        decode: of(Work::Decode),
-        detect: of(Work::Detect),
-        identify: of(Work::Identify),
-        solve: of(Work::Solve),
-    }
+    Timing { decode: of(Work::Decode), detect: of(Work::Detect), identify: of(Work::Identify), solve: of(Work::Solve) }
 }
 
-/// A sighting and the outcome of its adjustment as one record.
-pub fn record(
-    sighting: &ProcessedFrame,
+/// Builds the record of a processed frame and the outcome of its adjustment.
+pub fn build_record(
+    frame: &ProcessedFrame,
     installation: &Installation,
-    job: &Job,
+    job: &SolveJob,
     outcome: Result<(Solution, Option<RefractionReport>), Reason>,
 ) -> ImageRecord {
-    let frame_sha256 = Some(sighting.digest.clone()).filter(|digest| !digest.is_empty());
+    let frame_sha256 = Some(frame.digest.clone()).filter(|digest| !digest.is_empty());
     let mut record = ImageRecord {
-        image: sighting.image.clone(),
-        method: method(job.method),
-        markers: unsolved_markers(sighting, installation),
+        image: frame.image.clone(),
+        method: record_method(job.method),
+        markers: unsolved_markers(frame, installation),
         provenance: Provenance { frame_sha256, ..provenance(installation, job) },
-        timing_ms: timing(&sighting.stages),
+        timing_ms: stage_timing(&frame.stages),
         ..ImageRecord::default()
     };
     match outcome {
         Err(reason) => {
             record.reason = Some(reason.to_string());
-            record_manual(&mut record, sighting);
+            record_manual(&mut record, frame);
         }
         Ok((solution, refraction)) => {
-            fill(&mut record, sighting, installation, &solution);
-            record_manual(&mut record, sighting);
-            record.quality.aircraft = aircraft::named(&sighting.aircraft);
+            fill_solution(&mut record, frame, installation, &solution);
+            record_manual(&mut record, frame);
+            record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
             record.quality.refraction = refraction;
         }
     }
     record
 }
 
-/// Why there is no twist.
-const SIDE_UNKNOWN: &str = "which way the nose points is not known, so no twist is given; set wing.side = \"left\" or \
+/// Remark if no twist is given.
+const SIDE_UNKNOWN: &str = "the direction of the nose is unknown, so no twist is given; set wing.side = \"left\" or \
      \"right\" in installation.toml, or name a [[torsion]] pair";
 
-fn fill(record: &mut ImageRecord, sighting: &ProcessedFrame, installation: &Installation, s: &Solution) {
-    record.status = Status::Ok;
+fn fill_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: &Installation, s: &Solution) {
+    record.status = RecordStatus::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
     record.global_test = match s.global_test {
-        adjust::GlobalTest::Passed => Some(GlobalTest::Passed),
-        adjust::GlobalTest::Rejected => Some(GlobalTest::Rejected),
+        adjust::GlobalTest::Passed => Some(GlobalTestVerdict::Passed),
+        adjust::GlobalTest::Rejected => Some(GlobalTestVerdict::Rejected),
         adjust::GlobalTest::NotPossible => None,
     };
-    record.sigma_kind = Some(if s.posterior { SigmaKind::Posterior } else { SigmaKind::Prior });
-    record.model = model(s);
-    let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
-    let mut missing = missing_reasons(sighting);
+    record.sigma_kind = Some(if s.posterior { ReportedSigma::Posterior } else { ReportedSigma::Prior });
+    record.model = model_record(s);
+    let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
+    let mut missing = missing_reasons(frame);
     for m in &s.markers {
-        if let (Some(line), Some(marker)) =
-            (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
+        if let (Some(line), Some(marker)) = (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
         {
             *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
-            to_cad(line, m, installation);
-            say_what_ground_says(line, m.marker, installation);
+            add_cad_position(line, m, installation);
+            add_ground_reason(line, m.marker, installation);
         }
     }
-    record.tip = tip(installation, s);
+    record.tip = tip_record(installation, s);
     record.budget = s.budget.iter().flat_map(|budget| &budget.shares).map(Into::into).collect();
-    record.torsion = s.torsion.iter().map(torsion).collect();
-    record.curve = s.curve.iter().map(curve).collect();
+    record.torsion = s.torsion.iter().map(torsion_record).collect();
+    record.curve = s.curve.iter().map(curve_record).collect();
     record.remarks = s.remarks.clone();
     if installation.setup.side().is_none() && !s.curve.is_empty() {
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
-    record.remarks.extend(aircraft::contradiction(&sighting.aircraft));
-    let accepted = installation.accepted.as_ref();
-    record.remarks.extend(
-        accepted.map(|reason| format!("the camera's calibration was refused and accepted: {reason}")),
-    );
-    record.quality = quality(installation, s);
+    record.remarks.extend(aircraft::pressure_contradiction(&frame.aircraft));
+    let accepted =
+        |reason: &String| format!("the camera's calibration was refused, but accepted by the user: {reason}");
+    record.remarks.extend(installation.accepted.as_ref().map(accepted));
+    record.quality = quality_record(installation, s);
 }
 
-/// Standard deviations of the mounting from which on a turn of the camera is no chance: one in 3000.
-const TURNED: f64 = 4.0;
+/// Significant rotation of the camera, in standard deviations of the mounting: probability 1 in 3000.
+const MAX_MOUNT_SIGMAS: f64 = 4.0;
 
-/// A camera that is turned farther against the ground frames than its mounting repeats.
+/// Returns a remark if the camera is turned by more than the mounting's repeatability since the ground frames.
 fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
     let about = &s.parameters.iter().find(|p| p.name == "mount_rotation_rad")?.values;
     let (setup, [x, y]) = (&installation.setup, [about.first()?.value, about.get(1)?.value]);
     let (shift_px, expected_px) = (setup.lens.focal_px() * x.hypot(y), setup.mount_repeatability_px);
-    (shift_px > TURNED * expected_px && expected_px > 0.0).then(|| {
+    (shift_px > MAX_MOUNT_SIGMAS * expected_px && expected_px > 0.0).then(|| {
         format!(
-            "the camera is turned by {shift_px:.0} px against the ground frames, where mount_repeatability_px is \
+            "the camera is turned by {shift_px:.0} px relative to the ground frames, but mount_repeatability_px is \
              {expected_px}; take a ground frame with this mounting (`wingd orient`)"
         )
     })
 }
 
-/// Radians inside, degrees at the edge.
-fn model(s: &Solution) -> Model {
+/// Converts the model parameters; radians become degrees.
+fn model_record(s: &Solution) -> Model {
     let of = |name: &str, factor: f64| {
         let scaled = |e: &Estimate| Measured {
             value: e.value * factor,
@@ -159,51 +152,47 @@ fn model(s: &Solution) -> Model {
     }
 }
 
-/// A marker that the ground frames turned down is not merely hidden in flight.
-fn say_what_ground_says(line: &mut MarkerRecord, marker: usize, installation: &Installation) {
-    let ground = installation.not_on_ground.iter().find(|(k, _)| *k == marker).filter(|_| !line.used);
+/// Appends the reason why a marker was not used in the ground frames.
+fn add_ground_reason(line: &mut MarkerRecord, marker: usize, installation: &Installation) {
+    let ground = installation.unused_on_ground.iter().find(|(k, _)| *k == marker).filter(|_| !line.used);
     if let (Some((_, ground)), Some(reason)) = (ground, &mut line.reason) {
-        reason.push_str(&format!("; not used on ground either: {ground}"));
+        reason.push_str(&format!("; not used on the ground either: {ground}"));
     }
 }
 
-fn missing_reasons(sighting: &ProcessedFrame) -> HashMap<usize, String> {
-    let seen = sighting.identities.iter().flat_map(|i| i.missing.iter().cloned());
-    let said = sighting.manual.iter().filter_map(|(marker, said)| Some((*marker, said.clone()?)));
-    seen.chain(said).collect()
+fn missing_reasons(frame: &ProcessedFrame) -> HashMap<usize, String> {
+    let seen = frame.identities.iter().flat_map(|i| i.missing.iter().cloned());
+    let rejected = frame.manual.iter().filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
+    seen.chain(rejected).collect()
 }
 
-/// Says of which markers the place is a person's.
-fn record_manual(record: &mut ImageRecord, sighting: &ProcessedFrame) {
-    for (marker, _) in sighting.manual.iter().filter(|(_, said)| said.is_none()) {
+/// Flags the markers whose positions were marked manually.
+fn record_manual(record: &mut ImageRecord, frame: &ProcessedFrame) {
+    for (marker, _) in frame.manual.iter().filter(|(_, rejection)| rejection.is_none()) {
         if let Some(line) = record.markers.get_mut(*marker) {
             line.manual = true;
         }
     }
 }
 
-/// Every marker of the survey as not used, with what is known of it.
-pub(super) fn markers(sighting: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
-    let mut record =
-        ImageRecord { markers: unsolved_markers(sighting, installation), ..ImageRecord::default() };
-    record_manual(&mut record, sighting);
+/// Builds the records of all survey markers as not used, with their observations.
+pub(super) fn marker_records(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
+    let mut record = ImageRecord { markers: unsolved_markers(frame, installation), ..ImageRecord::default() };
+    record_manual(&mut record, frame);
     record.markers
 }
 
-fn unsolved_markers(sighting: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
-    let missing = missing_reasons(sighting);
-    let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
+fn unsolved_markers(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
+    let missing = missing_reasons(frame);
+    let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
-        blank(
-            marker,
-            seen.get(&k).copied(),
-            missing.get(&k).cloned().or(Some("not measured in this frame".into())),
-        )
+        let reason = missing.get(&k).cloned().or(Some("not measured in this frame".into()));
+        blank_marker(marker, seen.get(&k).copied(), reason)
     };
     installation.setup.markers.iter().enumerate().map(line).collect()
 }
 
-fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
+fn blank_marker(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
     MarkerRecord {
         id: marker.id.clone(),
         shape: marker.shape,
@@ -242,11 +231,7 @@ fn solved_marker(
     seen: Option<&Observation>,
     missing: Option<String>,
 ) -> MarkerRecord {
-    let reason = if m.used {
-        None
-    } else {
-        missing.or(m.reason.clone()).or(Some("not measured in this frame".into()))
-    };
+    let reason = if m.used { None } else { missing.or(m.reason.clone()).or(Some("not measured in this frame".into())) };
     let residual = m.residual_px;
     MarkerRecord {
         used: m.used,
@@ -257,33 +242,32 @@ fn solved_marker(
         w_test: m.w_test,
         mdb_u_px: m.minimal_detectable_bias_px.map(|b| b.x).filter(|b| b.is_finite()),
         mdb_v_px: m.minimal_detectable_bias_px.map(|b| b.y).filter(|b| b.is_finite()),
-        distance_m: value(m.distance_m),
-        sigma_distance_m: sigma(m.distance_m),
+        distance_m: estimate_value(m.distance_m),
+        sigma_distance_m: estimate_sigma(m.distance_m),
         position_m: m.position_m.map(Into::into),
-        sigma_position_m: m.covariance_m2.as_ref().map(sigmas),
-        deflection_m: value(m.deflection_m),
-        sigma_deflection_m: sigma(m.deflection_m),
-        deflection_ground_m: value(m.deflection_ground_m),
-        sigma_deflection_ground_m: sigma(m.deflection_ground_m),
-        deflection_root_m: value(m.deflection_root_m),
-        sigma_deflection_root_m: sigma(m.deflection_root_m),
-        ..blank(marker, seen, reason)
+        sigma_position_m: m.covariance_m2.as_ref().map(diagonal_sigmas),
+        deflection_m: estimate_value(m.deflection_m),
+        sigma_deflection_m: estimate_sigma(m.deflection_m),
+        deflection_ground_m: estimate_value(m.deflection_ground_m),
+        sigma_deflection_ground_m: estimate_sigma(m.deflection_ground_m),
+        deflection_root_m: estimate_value(m.deflection_root_m),
+        sigma_deflection_root_m: estimate_sigma(m.deflection_root_m),
+        ..blank_marker(marker, seen, reason)
     }
 }
 
-/// Position and standard deviations in the CAD frame, where there is one.
-fn to_cad(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installation) {
-    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2)
-    else {
+/// Adds position and standard deviations in the CAD frame, if there is one.
+fn add_cad_position(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installation) {
+    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2) else {
         return;
     };
     let (position, covariance) = fit.apply_with_covariance(&position, &covariance);
     line.position_cad_m = Some(position.into());
-    line.sigma_position_cad_m = Some(sigmas(&covariance));
+    line.sigma_position_cad_m = Some(diagonal_sigmas(&covariance));
 }
 
-/// The panes that the result allows for.
-fn panes(installation: &Installation) -> Option<Panes> {
+/// Returns the panes that the result allows for.
+fn window_panes(installation: &Installation) -> Option<Panes> {
     let pane = installation.setup.window.as_ref()?.pane?;
     Some(Panes {
         thickness_m: pane.thickness_m,
@@ -294,9 +278,9 @@ fn panes(installation: &Installation) -> Option<Panes> {
     })
 }
 
-/// Quality of the CAD transform, as it stands in every result.
-fn cad(fit: &TransformFit) -> CadFit {
-    let verdict = |passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected };
+/// Returns the quality of the CAD transform, as written in every result.
+fn cad_fit(fit: &TransformFit) -> CadFit {
+    let verdict = |passed| if passed { GlobalTestVerdict::Passed } else { GlobalTestVerdict::Rejected };
     CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
@@ -306,23 +290,19 @@ fn cad(fit: &TransformFit) -> CadFit {
     }
 }
 
-/// Roots of a covariance's diagonal.
-pub fn sigmas(c: &Matrix3<f64>) -> [f64; 3] {
+/// Returns the square roots of a covariance's diagonal.
+pub fn diagonal_sigmas(c: &Matrix3<f64>) -> [f64; 3] {
     [0, 1, 2].map(|k| c[(k, k)].max(0.0).sqrt())
 }
 
-/// The used marker that lies farthest along the span.
-fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
+/// Returns the deflection of the used marker that is farthest along the span.
+fn tip_record(installation: &Installation, s: &Solution) -> Option<Tip> {
     let setup = &installation.setup;
-    let frame = setup.wing_frame();
-    let span = |m: &&MarkerSolution| {
-        setup.markers.get(m.marker).map_or(f64::MIN, |k| frame.wing_point(&k.position_m).x)
-    };
-    let outermost = s
-        .markers
-        .iter()
-        .filter(|m| m.used && m.deflection_m.is_some())
-        .max_by(|a, b| span(a).total_cmp(&span(b)))?;
+    let wing_frame = setup.wing_frame();
+    let span =
+        |m: &&MarkerSolution| setup.markers.get(m.marker).map_or(f64::MIN, |k| wing_frame.wing_point(&k.position_m).x);
+    let outermost =
+        s.markers.iter().filter(|m| m.used && m.deflection_m.is_some()).max_by(|a, b| span(a).total_cmp(&span(b)))?;
     let deflection = outermost.deflection_m?;
     let id = setup.markers.get(outermost.marker)?.id.clone();
     let (ground, root) = (outermost.deflection_ground_m, outermost.deflection_root_m);
@@ -330,23 +310,23 @@ fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
         marker: id,
         deflection_m: deflection.value,
         sigma_deflection_m: deflection.sigma,
-        deflection_ground_m: value(ground),
-        sigma_deflection_ground_m: sigma(ground),
-        deflection_root_m: value(root),
-        sigma_deflection_root_m: sigma(root),
+        deflection_ground_m: estimate_value(ground),
+        sigma_deflection_ground_m: estimate_sigma(ground),
+        deflection_root_m: estimate_value(root),
+        sigma_deflection_root_m: estimate_sigma(root),
         reference: s.budget.as_ref().map(|budget| budget.reference.into()),
     })
 }
 
-fn value(estimate: Option<Estimate>) -> Option<f64> {
+fn estimate_value(estimate: Option<Estimate>) -> Option<f64> {
     estimate.map(|e| e.value)
 }
 
-fn sigma(estimate: Option<Estimate>) -> Option<f64> {
+fn estimate_sigma(estimate: Option<Estimate>) -> Option<f64> {
     estimate.and_then(|e| e.sigma)
 }
 
-fn torsion(t: &Torsion) -> TorsionRecord {
+fn torsion_record(t: &PairTorsion) -> TorsionRecord {
     let degrees = |e: Option<Estimate>| e.map(|e| e.value.to_degrees());
     let sigma = |e: Option<Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
     TorsionRecord {
@@ -358,7 +338,7 @@ fn torsion(t: &Torsion) -> TorsionRecord {
     }
 }
 
-fn curve(p: &CurvePoint) -> CurveRecord {
+fn curve_record(p: &CurvePoint) -> CurveRecord {
     CurveRecord {
         arc_length_m: p.arc_length_m,
         span_m: p.span_m,
@@ -369,8 +349,8 @@ fn curve(p: &CurvePoint) -> CurveRecord {
     }
 }
 
-fn quality(installation: &Installation, s: &Solution) -> Quality {
-    let component = |c: &adjust::VarianceComponent| VarianceComponent {
+fn quality_record(installation: &Installation, s: &Solution) -> Quality {
+    let component = |c: &adjust::VarianceComponent| VarianceComponentRecord {
         group: c.group.into(),
         factor: c.factor.map(|f| f.value),
         sigma_factor: c.factor.and_then(|f| f.sigma),
@@ -379,17 +359,16 @@ fn quality(installation: &Installation, s: &Solution) -> Quality {
     Quality {
         iterations: Some(s.iterations),
         pitch_bending_correlation: s.pitch_bending_correlation,
-        correlation: correlation(s),
+        correlation: correlation_record(s),
         variance_components: s.variance_components.iter().map(component).collect(),
-        window: panes(installation),
-        cad: installation.cad.as_ref().map(cad),
+        window: window_panes(installation),
+        cad: installation.cad.as_ref().map(cad_fit),
         ..Quality::default()
     }
 }
 
-fn correlation(s: &Solution) -> Option<Correlation> {
-    let names =
-        |p: &Parameter| (0..p.values.len()).map(|k| format!("{}[{k}]", p.name)).collect::<Vec<String>>();
+fn correlation_record(s: &Solution) -> Option<Correlation> {
+    let names = |p: &Parameter| (0..p.values.len()).map(|k| format!("{}[{k}]", p.name)).collect::<Vec<String>>();
     let finite = |r: &f64| Some(*r).filter(|r| r.is_finite());
     (s.correlation.nrows() > 0).then(|| Correlation {
         parameters: s.parameters.iter().flat_map(names).collect(),

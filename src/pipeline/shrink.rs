@@ -1,9 +1,11 @@
-//! A frame is made small, to be shown.
+//! Reduction of a frame for display.
 
 use crate::measure::raster::Raster;
 
-/// The picture as a JPEG file whose longer side is at most `largest` px: means of square blocks, of a quality in percent.
-/// `None` where it is too large for such a file.
+/// Encodes the image as a JPEG whose longer side is at most `largest` px, from means of square blocks, with `quality` in
+/// percent.
+///
+/// Returns `None` if it is too large for a JPEG.
 pub fn small_jpeg(raster: &Raster, largest: usize, quality: u8) -> Option<Vec<u8>> {
     let block = raster.width().max(raster.height()).div_ceil(largest).max(1);
     let (width, height) = (raster.width() / block, raster.height() / block);

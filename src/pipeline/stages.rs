@@ -1,12 +1,12 @@
-//! One frame is decoded, its markers are detected and identified.
+//! Decoding of one frame, detection and identification of its markers.
 
 use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 
 use super::decode;
-use super::located::{self, Picture, looked_closer};
-use crate::aircraft::State;
+use super::located::{self, PartialSource, refine_detections};
+use crate::aircraft::AircraftState;
 use crate::camera::Format;
 use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::{Mounting, Observation};
@@ -18,138 +18,136 @@ use crate::measure::setup::{GroundObservation, Orientation, Setup};
 use crate::measure::tiles::Tiles;
 use crate::record::Reason;
 
-pub use super::located::identified;
+pub use super::located::identify_and_refine;
 
-/// What is done with a frame.
+/// Processing step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// Bytes to a grey picture.
+    /// Decoding of the file to a grey image.
     Decode,
-    /// Markers in it.
+    /// Detection of markers.
     Detect,
-    /// Their names.
+    /// Identification of the detected markers.
     Identify,
-    /// The adjustment.
+    /// Adjustment.
     Solve,
 }
 
-/// A stage's duration.
+/// Duration of a processing step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stage {
-    /// Which one.
+pub struct StageTime {
+    /// Step that took the time.
     pub work: Work,
-    /// Milliseconds.
+    /// Duration, ms.
     pub ms: f64,
 }
 
-impl Stage {
-    /// What was begun at `started` and ends now.
-    pub fn ended(work: Work, started: Instant) -> Self {
+impl StageTime {
+    /// Measures a step that began at `started` and ends now.
+    pub fn since(work: Work, started: Instant) -> Self {
         Self { work, ms: 1e3 * started.elapsed().as_secs_f64() }
     }
 }
 
-/// What was seen in one frame.
+/// Detections, identities and observations of one frame.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct ProcessedFrame {
     /// File name of the frame.
     pub image: String,
     /// SHA-256 of its bytes.
     pub digest: String,
-    /// Size, px; `None` where it could not be decoded.
+    /// Width and height, px; `None` if the frame could not be decoded.
     pub size: Option<(usize, usize)>,
-    /// All that the detector says; circles' perspective bias removed where identified.
+    /// Output of the detector; perspective bias is removed from identified circles.
     pub detections: Detections,
-    /// Who is who; `None` without an orientation.
+    /// Identities of the detections; `None` without an orientation.
     pub identities: Option<Identities>,
-    /// For the adjustment.
+    /// Observations for the adjustment.
     pub observations: Vec<Observation>,
-    /// Markers of which a person said something: where they are (`None`), or why they are not to be used.
+    /// Markers with a manual observation: `None` for a marked position, or the reason for a rejection.
     pub manual: Vec<(usize, Option<String>)>,
-    /// Whether the frame cannot be solved because nobody could name what was detected.
+    /// True if the frame cannot be solved because the detections could not be identified.
     pub is_unnamed: bool,
-    /// The camera's mounting, where it is known.
+    /// Mounting of the camera, if known.
     pub mounting: Option<Mounting>,
-    /// What the aircraft's data say of it; empty where nothing does.
-    pub aircraft: State,
-    /// Why the frame cannot be solved; one sentence with the mend.
+    /// Aircraft data at the time of the frame; empty if there are none.
+    pub aircraft: AircraftState,
+    /// Reason why the frame cannot be solved: one sentence with the remedy.
     pub failure: Option<Reason>,
-    /// Stages and their durations.
-    pub stages: Vec<Stage>,
+    /// Durations of the steps.
+    pub stages: Vec<StageTime>,
 }
 
 impl ProcessedFrame {
-    /// From measurements by hand.
-    pub fn manual<'a>(name: &str, observations: impl IntoIterator<Item = &'a ManualObservation>) -> Self {
-        let mut sighting = Self { image: name.into(), ..Self::default() };
-        sighting.add_manual(observations);
-        sighting
+    /// Creates a frame from manual observations alone.
+    pub fn from_manual<'a>(name: &str, observations: impl IntoIterator<Item = &'a ManualObservation>) -> Self {
+        let mut processed = Self { image: name.into(), ..Self::default() };
+        processed.add_manual(observations);
+        processed
     }
 
-    /// What a person says beside what was detected: where both are of one marker, the person's stands for it. A frame whose
-    /// detections nobody could name may be solved by what a person named in it.
+    /// Adds manual observations, which replace detections of the same markers.
+    ///
+    /// A frame whose detections could not be identified may be solved by them.
     pub fn add_manual<'a>(&mut self, observations: impl IntoIterator<Item = &'a ManualObservation>) {
         for o in observations {
             let marker = o.marker;
             self.observations.retain(|seen| seen.marker != marker);
-            let said = match o.place {
+            let rejection = match o.place {
                 Some(ManualPosition { pixel, covariance_px2 }) => {
                     self.observations.push(Observation { marker, pixel, covariance_px2 });
                     self.failure.take_if(|_| self.is_unnamed);
                     None
                 }
-                None => Some(rejection(o)),
+                None => Some(rejection_reason(o)),
             };
-            self.manual.push((marker, said));
+            self.manual.push((marker, rejection));
         }
         self.observations.sort_by_key(|o| o.marker);
     }
 
-    /// The same, with none that were detected: for a picture that nothing is looked for in.
-    pub fn only_manual<'a>(
+    /// Creates a frame from an image in which nothing is detected and from manual observations.
+    pub fn without_detection<'a>(
         name: &str,
         bytes: &[u8],
         observations: impl IntoIterator<Item = &'a ManualObservation>,
     ) -> Self {
-        Self { digest: unseen(name, bytes).digest, ..Self::manual(name, observations) }
+        Self { digest: new_frame(name, bytes).digest, ..Self::from_manual(name, observations) }
     }
 
-    /// Without anything seen, and why.
+    /// Creates a frame without observations, with the reason.
     pub fn failed(image: impl Into<String>, reason: impl Into<Reason>) -> Self {
         Self { image: image.into(), failure: Some(reason.into()), ..Self::default() }
     }
 
-    /// Takes up what is detected in a picture, which comes back, or why there is none.
-    pub(super) fn look<P: AsRef<Raster>>(
+    /// Decodes an image and stores its size and detections, or the failure. Returns the image.
+    pub(super) fn detect_in<P: AsRef<Raster>>(
         &mut self,
         decode: impl FnOnce() -> Result<P, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
     ) -> Option<P> {
-        let picture = self.decoded(decode)?;
-        self.detections = self.timed(Work::Detect, || detect(picture.as_ref()));
-        Some(picture)
+        let image = self.decode_with(decode)?;
+        self.detections = self.timed(Work::Detect, || detect(image.as_ref()));
+        Some(image)
     }
 
-    /// Takes up a picture's size, or why there is none.
-    fn decoded<P: AsRef<Raster>>(
-        &mut self,
-        decode: impl FnOnce() -> Result<P, decode::DecodeError>,
-    ) -> Option<P> {
+    /// Decodes an image and stores its size, or the failure. Returns the image.
+    fn decode_with<P: AsRef<Raster>>(&mut self, decode: impl FnOnce() -> Result<P, decode::DecodeError>) -> Option<P> {
         match self.timed(Work::Decode, decode) {
             Err(error) => {
-                self.failure = Some(Reason::of(error));
+                self.failure = Some(Reason::from_error(error));
                 None
             }
-            Ok(picture) => {
-                let raster = picture.as_ref();
+            Ok(image) => {
+                let raster = image.as_ref();
                 self.size = Some((raster.width(), raster.height()));
-                Some(picture)
+                Some(image)
             }
         }
     }
 
-    /// Decodes what was not yet, and takes up what is detected in all of it.
-    pub(super) fn look_at_all(&mut self, part: &mut PartialImage) {
+    /// Decodes the remaining tiles and detects markers in the full image.
+    pub(super) fn detect_full(&mut self, part: &mut PartialImage) {
         let all = Tiles::all(part.raster().width(), part.raster().height());
         self.timed(Work::Decode, || part.decode_tiles(all));
         self.detections = self.timed(Work::Detect, || detect::detect(part.raster()));
@@ -158,20 +156,20 @@ impl ProcessedFrame {
     pub(super) fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let result = run();
-        self.stages.push(Stage::ended(work, started));
+        self.stages.push(StageTime::since(work, started));
         result
     }
 }
 
-/// Why a marker is not used that a person rejected.
-pub(super) fn rejection(of: &ManualObservation) -> String {
+/// Returns the reason for a marker that a person rejected.
+pub(super) fn rejection_reason(of: &ManualObservation) -> String {
     let [who, _, why] = &of.note;
-    let by = if who.is_empty() { String::new() } else { format!(" ({who})") };
+    let author = if who.is_empty() { String::new() } else { format!(" ({who})") };
     let because = if why.is_empty() { String::new() } else { format!(": {why}") };
-    format!("rejected by hand{by}{because}")
+    format!("rejected manually{author}{because}")
 }
 
-/// Decodes and detects; with an orientation also identifies and removes the perspective bias.
+/// Decodes a frame and detects markers; with an orientation, identifies them and removes the perspective bias.
 pub fn process_frame(
     name: &str,
     bytes: &[u8],
@@ -181,25 +179,26 @@ pub fn process_frame(
 ) -> ProcessedFrame {
     let setup = &installation.setup;
     let size = (setup.lens.width as usize, setup.lens.height as usize);
-    let mut sighting = unseen(name, bytes);
+    let mut processed = new_frame(name, bytes);
     let first = |width, height| match orientation.filter(|_| (width, height) == size) {
         Some(orientation) => detect::tiles_read(&identify::predict_nearest(setup, orientation), width, height),
         None => Tiles::all(width, height),
     };
-    let Some(mut part) = sighting.decoded(|| decode::decode_part(bytes, format, &first)) else {
-        return sighting;
+    let Some(mut part) = processed.decode_with(|| decode::decode_partial(bytes, format, &first)) else {
+        return processed;
     };
-    let fits = sighting.size == Some(size);
-    let located = |orientation| look_located(&mut sighting, &mut part, setup, orientation);
+    let fits = processed.size == Some(size);
+    let located = |orientation| search_located(&mut processed, &mut part, setup, orientation);
     if orientation.filter(|_| fits).and_then(located).is_none() {
-        sighting.look_at_all(&mut part);
-        recognise_if_it_fits(&mut sighting, part.raster(), installation, orientation);
+        processed.detect_full(&mut part);
+        identify_if_size_fits(&mut processed, part.raster(), installation, orientation);
     }
-    sighting
+    processed
 }
 
-/// The same from the whole frame, also where the installation says where to look: all that is there is seen, and why a candidate
-/// was turned down. The picture comes back for drawing.
+/// Processes a frame by a search of the full frame, even if the installation predicts the markers.
+///
+/// Everything visible is detected, and rejected candidates have a reason. Returns the image for drawing.
 pub fn process_full_frame(
     name: &str,
     bytes: &[u8],
@@ -207,150 +206,152 @@ pub fn process_full_frame(
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) -> (ProcessedFrame, Option<Raster>) {
-    let (mut sighting, raster) = detect_only(name, bytes, format);
+    let (mut processed, raster) = detect_only(name, bytes, format);
     if let Some(raster) = &raster {
-        recognise_if_it_fits(&mut sighting, raster, installation, orientation);
+        identify_if_size_fits(&mut processed, raster, installation, orientation);
     }
-    (sighting, raster)
+    (processed, raster)
 }
 
-/// Names what was detected in a frame of the camera's size, where there is an orientation.
-fn recognise_if_it_fits(
-    sighting: &mut ProcessedFrame,
+/// Identifies the detections of a frame that has the camera's size, if there is an orientation.
+fn identify_if_size_fits(
+    processed: &mut ProcessedFrame,
     raster: &Raster,
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) {
-    sighting.failure = size_fault(raster, installation);
-    if let (None, Some(orientation)) = (&sighting.failure, orientation) {
-        recognise(sighting, raster, installation, orientation);
+    processed.failure = size_fault(raster, installation);
+    if let (None, Some(orientation)) = (&processed.failure, orientation) {
+        identify_frame(processed, raster, installation, orientation);
     }
 }
 
-/// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
-/// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
-fn look_located(
-    sighting: &mut ProcessedFrame,
+/// Searches at the positions that the installation predicts, from the nearest markers outwards
+/// ([`identify::locate_markers`]); only the tiles that may show markers are decoded.
+///
+/// Candidates for missing markers away from their positions are added. Returns `None` if the search fails.
+fn search_located(
+    processed: &mut ProcessedFrame,
     part: &mut PartialImage,
     setup: &Setup,
     orientation: &Orientation,
 ) -> Option<()> {
-    let found = sighting.timed(Work::Detect, || located::detected(part, setup, orientation))?;
-    let name = |found, part: &mut PartialImage| identified(setup, orientation, part, found);
-    let mut known = sighting.timed(Work::Identify, || name(found, part)).ok()?;
-    let aside = sighting.timed(Work::Detect, || located::aside(part, setup, orientation, &known));
-    if !aside.is_empty() {
-        known.0.add(aside);
-        known = sighting.timed(Work::Identify, || name(known.0, part)).ok()?;
+    let found = processed.timed(Work::Detect, || located::detect_located(part, setup, orientation))?;
+    let name = |found, part: &mut PartialImage| identify_and_refine(setup, orientation, part, found);
+    let mut known = processed.timed(Work::Identify, || name(found, part)).ok()?;
+    let displaced = processed.timed(Work::Detect, || located::detect_displaced(part, setup, orientation, &known));
+    if !displaced.is_empty() {
+        known.0.add(displaced);
+        known = processed.timed(Work::Identify, || name(known.0, part)).ok()?;
     }
-    take_up(sighting, setup, orientation, Ok(known));
+    store_identities(processed, setup, orientation, Ok(known));
     Some(())
 }
 
-/// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
+/// Decodes an image and detects markers, without an installation. Returns the image for drawing.
 pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (ProcessedFrame, Option<Raster>) {
-    let mut sighting = unseen(name, bytes);
-    let raster = sighting.look(|| decode::decode(bytes, format), detect::detect);
-    (sighting, raster)
+    let mut processed = new_frame(name, bytes);
+    let raster = processed.detect_in(|| decode::decode_image(bytes, format), detect::detect);
+    (processed, raster)
 }
 
-pub(super) fn unseen(name: &str, bytes: &[u8]) -> ProcessedFrame {
-    ProcessedFrame {
-        image: name.into(),
-        digest: hex::encode(Sha256::digest(bytes)),
-        ..ProcessedFrame::default()
-    }
+pub(super) fn new_frame(name: &str, bytes: &[u8]) -> ProcessedFrame {
+    ProcessedFrame { image: name.into(), digest: hex::encode(Sha256::digest(bytes)), ..ProcessedFrame::default() }
 }
 
-/// A sentence where the frame is not of the calibrated camera's size.
+/// Returns a message if the frame does not have the calibrated camera's size.
 pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<Reason> {
     let lens = &installation.setup.lens;
     let fits = raster.width() == lens.width as usize && raster.height() == lens.height as usize;
-    let turned = raster.width() == lens.height as usize && raster.height() == lens.width as usize;
+    let rotated = raster.width() == lens.height as usize && raster.height() == lens.width as usize;
     let frame = format!("{} x {} px", raster.width(), raster.height());
     let camera = format!("{} x {} px", lens.width, lens.height);
-    let text = match (fits, turned) {
+    let text = match (fits, rotated) {
         (true, _) => return None,
         (false, true) => format!(
-            "the frame is {frame}, camera.toml is for {camera}: it was turned by 90 degrees; switch the rotation of \
-             pictures off in the camera and in what copies them"
+            "the frame is {frame}, camera.toml is for {camera}: it was rotated by 90 degrees; switch off the \
+             rotation of images in the camera and in the program that copies them"
         ),
-        (false, false) => format!(
-            "the frame is {frame}, but camera.toml was calibrated for {camera}; use the camera's full frames"
-        ),
+        (false, false) => {
+            format!("the frame is {frame}, but camera.toml was calibrated for {camera}; use the camera's full frames")
+        }
     };
     Some(text.into())
 }
 
-/// Identities, closer looks at markers that are hidden in part or hardly seen, perspective bias, observations.
-pub fn recognise(
-    sighting: &mut ProcessedFrame,
+/// Identifies detections, refines partly hidden or poorly visible markers, removes the perspective bias, and stores the
+/// observations.
+pub fn identify_frame(
+    processed: &mut ProcessedFrame,
     raster: &Raster,
     installation: &Installation,
     orientation: &Orientation,
 ) {
     let setup = &installation.setup;
-    let found = sighting.detections.clone();
-    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &mut { raster }, found));
-    take_up(sighting, setup, orientation, known);
+    let found = processed.detections.clone();
+    let known = processed.timed(Work::Identify, || identify_and_refine(setup, orientation, &mut { raster }, found));
+    store_identities(processed, setup, orientation, known);
 }
 
-/// The same, and what foretells the next frame: what was found without a closer look, and who that is. Guided detection does not
-/// find what only a closer look shows: were it promised, the whole frame would be searched each time.
-pub(super) fn recognise_for_next(
-    sighting: &mut ProcessedFrame,
-    picture: &mut impl Picture,
+/// Identifies detections as [`identify_frame`] does and returns those found without a second pass, which predict the next
+/// frame.
+///
+/// Guided detection does not find markers that need a second pass: if they were predicted, every frame would be searched in
+/// full.
+pub(super) fn identify_for_tracking(
+    processed: &mut ProcessedFrame,
+    image: &mut impl PartialSource,
     installation: &Installation,
     orientation: &Orientation,
 ) -> Option<(Vec<Detection>, Identities)> {
     let setup = &installation.setup;
-    let found = sighting.detections.clone();
+    let found = processed.detections.clone();
     let mut plainly = None;
-    let known = sighting.timed(Work::Identify, || {
+    let known = processed.timed(Work::Identify, || {
         let first = identify::identify_markers(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
-        Ok(looked_closer(setup, orientation, picture, found, first))
+        Ok(refine_detections(setup, orientation, image, found, first))
     });
-    take_up(sighting, setup, orientation, known);
+    store_identities(processed, setup, orientation, known);
     plainly
 }
 
-fn take_up(
-    sighting: &mut ProcessedFrame,
+fn store_identities(
+    processed: &mut ProcessedFrame,
     setup: &Setup,
     orientation: &Orientation,
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
         Err(error) => {
-            sighting.failure = Some(unidentified(setup, orientation, sighting, error));
-            sighting.is_unnamed = true;
+            processed.failure = Some(unidentified_reason(setup, orientation, processed, error));
+            processed.is_unnamed = true;
         }
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
-            sighting.observations = observations(&centred, &identities);
-            sighting.detections = Detections { markers: centred, ..found };
-            sighting.identities = Some(identities);
+            processed.observations = identified_observations(&centred, &identities);
+            processed.detections = Detections { markers: centred, ..found };
+            processed.identities = Some(identities);
         }
     }
 }
 
-/// Why a frame's markers have no names: what they fit after all, or the failure itself.
-fn unidentified(
+/// Returns why the markers of a frame could not be identified: the diagnosed cause, or else the error itself.
+fn unidentified_reason(
     setup: &Setup,
     orientation: &Orientation,
-    sighting: &ProcessedFrame,
+    processed: &ProcessedFrame,
     error: IdentifyError,
 ) -> Reason {
     let cause = match error {
         IdentifyError::TooFew { .. } => None,
-        _ => identify::diagnose_flight_frame(setup, orientation, &sighting.detections.markers),
+        _ => identify::diagnose_flight_frame(setup, orientation, &processed.detections.markers),
     };
-    cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
+    cause.map_or_else(|| Reason::from_error(error), |cause| Reason::from(cause.to_string()))
 }
 
-/// The identified detections, in the survey's order.
-fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observation> {
+/// Returns the identified detections as observations, in the order of the survey.
+fn identified_observations(detections: &[Detection], identities: &Identities) -> Vec<Observation> {
     let mut list: Vec<Observation> = detections
         .iter()
         .zip(&identities.marker_of)
@@ -362,20 +363,16 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
     list
 }
 
-/// Where the ground frames show the identified markers: the weighted mean over the frames.
-pub fn ground_sights(
-    setup: &Setup,
-    frames: &[Vec<Detection>],
-    fit: &OrientationFit,
-) -> Vec<GroundObservation> {
-    let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
+/// Returns the mean observations of the identified markers, weighted over the ground frames.
+pub fn ground_observations(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundObservation> {
+    let observed = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
-        observations(&centred, identities)
+        identified_observations(&centred, identities)
     });
-    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundObservation {
+    let observed = observed.map(|Observation { marker, pixel, covariance_px2 }| GroundObservation {
         marker,
         pixel,
         covariance_px2,
     });
-    GroundObservation::means(setup.markers.len(), sights)
+    GroundObservation::mean_observations(setup.markers.len(), observed)
 }

@@ -1,32 +1,32 @@
-//! The tip's deflection is counted from three places; one of them is shown, with what its variance comes from.
+//! Deflection of the wing tip relative to three references, the reference that is reported, and its variance budget.
 
 use serde::{Deserialize, Serialize};
 
 use super::MarkerRecord;
 use crate::measure::adjust;
 
-/// Against what a deflection is counted.
+/// Reference that a deflection is measured from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Reference {
-    /// The survey.
     #[default]
     Survey,
     /// The wing in the ground frame, which may have been bent since the survey.
     Ground,
-    /// The root's tangent, which may have turned and moved since the ground frame.
+    /// The root's tangent, which may have rotated and moved since the ground frame.
     Root,
 }
 
-/// Sigma of a deflection below this share of another's tells better: less shows in no figure of two digits.
-const BETTER: f64 = 0.99;
+/// Largest ratio of standard deviations at which another reference replaces the preferred one: a smaller gain is not
+/// visible in two digits.
+const MIN_SIGMA_RATIO: f64 = 0.99;
 
 impl Reference {
-    /// All of them, in the order in which they are preferred where sigma is alike.
+    /// References in order of preference if their standard deviations are equal.
     pub const ALL: [Self; 3] = [Self::Survey, Self::Ground, Self::Root];
 
-    /// In words, for a caption.
-    pub fn words(self) -> &'static str {
+    /// Returns the reference in words, for a caption.
+    pub fn description(self) -> &'static str {
         match self {
             Self::Survey => "against the survey",
             Self::Ground => "against the ground frame",
@@ -34,18 +34,23 @@ impl Reference {
         }
     }
 
-    /// The one that frames have in common and that their set-up tells best: the survey, or the ground frame or the root's
-    /// tangent where the mean of their variances is smaller, their standard deviation by more than a hundredth.
-    pub fn of<'a>(tips: impl Iterator<Item = &'a Tip> + Clone) -> Self {
+    /// Selects the reference with the smallest mean variance among those that all tips have.
+    ///
+    /// The survey is preferred, then the ground frame: another reference replaces it only if its standard deviation is
+    /// smaller by more than 1 %.
+    pub fn most_precise<'a>(tips: impl Iterator<Item = &'a Tip> + Clone) -> Self {
         let variance = |reference: Self| {
-            let of = |tip: &Tip| {
-                tip.deflection(reference).and_then(|deflection| deflection.1).map(|sigma| sigma * sigma)
-            };
+            let of =
+                |tip: &Tip| tip.deflection(reference).and_then(|deflection| deflection.1).map(|sigma| sigma * sigma);
             tips.clone().map(of).sum::<Option<f64>>()
         };
         let better = |best: Self, other: Self| {
             let both = variance(other).zip(variance(best));
-            if both.is_some_and(|(other, best)| other < BETTER * BETTER * best) { other } else { best }
+            if both.is_some_and(|(other, best)| other < MIN_SIGMA_RATIO * MIN_SIGMA_RATIO * best) {
+                other
+            } else {
+                best
+            }
         };
         Self::ALL.into_iter().reduce(better).unwrap_or_default()
     }
@@ -54,37 +59,35 @@ impl Reference {
 /// Deflection of the outermost used marker.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tip {
-    /// Its id.
+    /// Survey id of the marker.
     pub marker: String,
-    /// Against the survey, m, positive up.
+    /// Deflection relative to the survey, m, positive up.
     pub deflection_m: f64,
-    /// m.
     pub sigma_deflection_m: Option<f64>,
-    /// Against the ground frame, m; `None` with the profile method and in results of older programs.
+    /// Deflection relative to the ground frame, m; `None` with the profile method and in results of older programs.
     pub deflection_ground_m: Option<f64>,
-    /// m.
     pub sigma_deflection_ground_m: Option<f64>,
-    /// From the root's tangent, m.
+    /// Deflection relative to the root's tangent, m.
     pub deflection_root_m: Option<f64>,
-    /// m.
     pub sigma_deflection_root_m: Option<f64>,
-    /// Which of them the frame tells best: the one that is shown, and whose variance the budget splits.
+    /// Reference with the smallest standard deviation in this frame: it is the reported one, and the budget splits its
+    /// variance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
 }
 
-impl From<adjust::Reference> for Reference {
-    fn from(of: adjust::Reference) -> Self {
+impl From<adjust::DeflectionReference> for Reference {
+    fn from(of: adjust::DeflectionReference) -> Self {
         match of {
-            adjust::Reference::Survey => Self::Survey,
-            adjust::Reference::Ground => Self::Ground,
-            adjust::Reference::Root => Self::Root,
+            adjust::DeflectionReference::Survey => Self::Survey,
+            adjust::DeflectionReference::Ground => Self::Ground,
+            adjust::DeflectionReference::Root => Self::Root,
         }
     }
 }
 
 impl Tip {
-    /// One of its deflections with its standard deviation, m.
+    /// Returns the deflection relative to `reference` and its standard deviation, m.
     pub fn deflection(&self, reference: Reference) -> Option<(f64, Option<f64>)> {
         match reference {
             Reference::Survey => Some((self.deflection_m, self.sigma_deflection_m)),
@@ -95,7 +98,7 @@ impl Tip {
 }
 
 impl MarkerRecord {
-    /// One of its deflections, and its standard deviation, m.
+    /// Returns the deflection relative to `reference` and its standard deviation, m.
     pub fn deflection(&self, reference: Reference) -> (Option<f64>, Option<f64>) {
         match reference {
             Reference::Survey => (self.deflection_m, self.sigma_deflection_m),
@@ -105,20 +108,20 @@ impl MarkerRecord {
     }
 }
 
-/// A source's part of the variance of the tip's deflection.
+/// Contribution of one error source to the variance of the tip's deflection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BudgetShare {
-    /// In the field's words (docs/adjustment/standard-deviations.md).
+    /// Name of the source (docs/adjustment/standard-deviations.md).
     pub source: String,
-    /// 0 to 1; those of a result add up to 1.
+    /// Fraction of the variance, 0 to 1; the fractions of a result add up to 1.
     pub share: f64,
-    /// Standard deviation of the deflection if the source were known without error, m; left out for observations.
+    /// Standard deviation of the deflection if the source had no error, m; omitted for observations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma_if_known_m: Option<f64>,
 }
 
-impl From<&adjust::BudgetShare> for BudgetShare {
-    fn from(one: &adjust::BudgetShare) -> Self {
+impl From<&adjust::VarianceShare> for BudgetShare {
+    fn from(one: &adjust::VarianceShare) -> Self {
         Self { source: one.source.into(), share: one.share, sigma_if_known_m: one.sigma_if_known_m }
     }
 }
@@ -140,15 +143,11 @@ mod tests {
     }
 
     #[test]
-    fn the_deflection_that_all_frames_have_and_tell_best_is_shown() {
-        let of = |tips: &[Tip]| Reference::of(tips.iter());
+    fn the_most_precise_deflection_common_to_all_frames_is_reported() {
+        let of = |tips: &[Tip]| Reference::most_precise(tips.iter());
         assert_eq!(of(&[]), Reference::Survey);
         assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.002))]), Reference::Root);
-        assert_eq!(
-            of(&[tip(0.01, Some(0.003), Some(0.00299))]),
-            Reference::Ground,
-            "no better in two digits"
-        );
+        assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.00299))]), Reference::Ground, "no better in two digits");
         assert_eq!(of(&[tip(0.01, Some(0.01), Some(0.01))]), Reference::Survey);
         let older = tip(0.01, None, None);
         assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.002)), older]), Reference::Survey, "not all have it");
@@ -157,8 +156,7 @@ mod tests {
     #[test]
     fn a_tip_of_an_older_program_is_read() {
         let tip: Tip =
-            serde_json::from_str(r#"{"marker":"M19","deflection_m":2.9,"sigma_deflection_m":0.006}"#)
-                .unwrap();
+            serde_json::from_str(r#"{"marker":"M19","deflection_m":2.9,"sigma_deflection_m":0.006}"#).unwrap();
         assert_eq!((tip.deflection_ground_m, tip.reference), (None, None));
         assert_eq!(tip.deflection(Reference::Survey), Some((2.9, Some(0.006))));
     }

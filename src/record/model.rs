@@ -1,42 +1,42 @@
-//! The parameters of a solution are written under their names, each with its standard deviation.
+//! Estimated model parameters, written under their names with their standard deviations.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// A value with its standard deviation, in the unit that the field's name bears.
+/// Value with its standard deviation, in the unit that the field's name has as its suffix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// The value; what is not finite is written as `null` and read as NaN.
-    #[serde(deserialize_with = "or_nan")]
+    /// Estimated value; a value that is not finite is written as `null` and read as NaN.
+    #[serde(deserialize_with = "deserialize_or_nan")]
     pub value: f64,
-    /// `null` for a parameter that was held fixed.
+    /// Standard deviation; `null` for a parameter that was held fixed.
     pub sigma: Option<f64>,
 }
 
-fn or_nan<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
+fn deserialize_or_nan<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
 }
 
-/// The model's parameters; those that a method does not have are left out.
+/// Model parameters; those that a method does not have are omitted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Model {
     /// Coefficients of the curvature along the span, 1/m.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub curvature_per_m: Vec<Measured>,
-    /// Coefficients of the twist, nose up positive, degrees; an empty list, written as `null`, where it is not known which
-    /// way the nose points.
+    /// Coefficients of the twist, nose up positive, degrees; an empty list, written as `null`, if the direction of the nose
+    /// is not known.
     #[serde(with = "terms", skip_serializing_if = "Option::is_none")]
     pub twist_deg: Option<Vec<Measured>>,
-    /// Rotation of the mounting against the ground frames', about the camera's axes, degrees.
+    /// Rotation of the mounting relative to the ground frames, about the camera's axes, degrees.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub mount_rotation_deg: Vec<Measured>,
-    /// The published parabola, fitted to the curve where the method is spatial, 1/m.
+    /// Coefficient of the published parabola, 1/m; with the spatial method it is fitted to the curve.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub a_per_m: Option<Measured>,
-    /// How much higher the bending axis lies than stated, mean along the span, m.
+    /// Height of the bending axis above the configured one, mean along the span, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_raise_m: Option<Measured>,
-    /// How far the shapes of a flight's frames depart from each other, a share.
+    /// Relative departure of the deflection shapes of a flight's frames from each other.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_departure: Option<Measured>,
     /// Rotation of the mounting between two frames of a flight, degrees.
@@ -44,19 +44,19 @@ pub struct Model {
     pub mount_drift_deg: Option<Measured>,
 }
 
-/// One number of the model.
+/// Single number of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term {
-    /// The parameter's name.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// Which one of a list, from 0.
+    /// Index in a list, from 0; `None` for a scalar.
     pub index: Option<usize>,
-    /// `None` for a parameter that could not be determined.
+    /// Value and standard deviation; `None` for a parameter that could not be determined.
     pub measured: Option<Measured>,
 }
 
 impl Model {
-    /// Every number, in the order written.
+    /// Lists all numbers in the order in which they are written.
     pub fn terms(&self) -> Vec<Term> {
         let single = |name, one: Option<Measured>| {
             one.map(|one| Term { name, index: None, measured: Some(one) }).into_iter().collect::<Vec<_>>()
@@ -65,12 +65,12 @@ impl Model {
             None => vec![],
             Some([]) => vec![Term { name: "twist_deg", index: None, measured: None }],
             Some([one]) => single("twist_deg", Some(*one)),
-            Some(many) => list("twist_deg", many),
+            Some(many) => list_terms("twist_deg", many),
         };
         [
-            list("curvature_per_m", &self.curvature_per_m),
+            list_terms("curvature_per_m", &self.curvature_per_m),
             twist,
-            list("mount_rotation_deg", &self.mount_rotation_deg),
+            list_terms("mount_rotation_deg", &self.mount_rotation_deg),
             single("a_per_m", self.a_per_m),
             single("axis_raise_m", self.axis_raise_m),
             single("shape_departure", self.shape_departure),
@@ -80,12 +80,12 @@ impl Model {
     }
 }
 
-fn list(name: &'static str, values: &[Measured]) -> Vec<Term> {
+fn list_terms(name: &'static str, values: &[Measured]) -> Vec<Term> {
     let term = |(k, one): (usize, &Measured)| Term { name, index: Some(k), measured: Some(*one) };
     values.iter().enumerate().map(term).collect()
 }
 
-/// A list as it is written: `null` for none, one value bare.
+/// Serialization of a list of terms: `null` for an empty one, one value without brackets.
 mod terms {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -93,11 +93,12 @@ mod terms {
 
     #[derive(Deserialize)]
     #[serde(untagged)]
-    enum Written {
+    enum WrittenTerms {
         One(Measured),
         Many(Vec<Measured>),
     }
 
+    /// Writes one term as an object, several as an array, none as `null`.
     pub fn serialize<S: Serializer>(terms: &Option<Vec<Measured>>, output: S) -> Result<S::Ok, S::Error> {
         match terms.as_deref() {
             None | Some([]) => output.serialize_none(),
@@ -106,11 +107,12 @@ mod terms {
         }
     }
 
+    /// Reads terms as written by [`serialize`].
     pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<Vec<Measured>>, D::Error> {
         Ok(Some(match Option::deserialize(input)? {
             None => vec![],
-            Some(Written::One(one)) => vec![one],
-            Some(Written::Many(many)) => many,
+            Some(WrittenTerms::One(one)) => vec![one],
+            Some(WrittenTerms::Many(many)) => many,
         }))
     }
 }
@@ -121,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_reads_back_and_is_written_alike() {
+    fn a_record_reads_back_and_is_written_identically() {
         let texts = [
             r#"{}"#,
             r#"{"a_per_m":{"value":0.002,"sigma":1e-6}}"#,

@@ -1,4 +1,4 @@
-//! A record says what its numbers follow from and what each stage took.
+//! Inputs of a result (hashes, program version, parameters) and the duration of each stage.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -6,53 +6,53 @@ use serde_json::{Map, Value};
 use super::Method;
 use crate::measure::adjust::{Options, SigmaKind};
 
-/// What a result follows from.
+/// Inputs that a result was computed from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Provenance {
-    /// Name and version.
+    /// Name and version of the program.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<String>,
-    /// `<file>.sha256` of every file of the installation -> SHA-256; other programs' inputs by their names.
+    /// `<file>.sha256` -> SHA-256 for every file of the installation; inputs of other programs under their names.
     #[serde(flatten)]
     pub files: Map<String, Value>,
-    /// What was asked for.
+    /// Parameters of the adjustment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parameters: Option<Parameters>,
-    /// Of the frame.
+    /// SHA-256 of the frame.
     #[serde(rename = "frame.sha256", skip_serializing_if = "Option::is_none")]
     pub frame_sha256: Option<String>,
 }
 
 impl Provenance {
-    /// Whether nothing is said.
+    /// Returns whether no input is recorded.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// Choices of an adjustment.
+/// Parameters of an adjustment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Parameters {
-    /// How the deflection is modelled.
+    /// Deflection model.
     pub method: Method,
-    /// Terms of the curvature; `null`: chosen by test.
+    /// Number of curvature terms; `null`: chosen by a significance test.
     pub curvature_terms: Option<usize>,
-    /// Terms of the twist.
+    /// Number of twist terms.
     pub twist_terms: usize,
-    /// Variance components are estimated.
+    /// True if variance components are estimated.
     pub variance_components: bool,
-    /// Level of significance of the global test.
+    /// Significance level of the global test.
     pub global_alpha: f64,
-    /// Level of significance of the w-test; 0: no data snooping.
+    /// Significance level of the w-test; 0: no data snooping.
     pub snooping_alpha: f64,
-    /// Which standard deviations are asked for.
+    /// Requested kind of standard deviations.
     pub sigma: SigmaKind,
 }
 
 impl Parameters {
-    /// Of a method with its options.
+    /// Creates the parameters of a method with its options.
     pub fn new(method: Method, options: &Options) -> Self {
         Self {
             method,
@@ -72,26 +72,26 @@ impl Default for Parameters {
     }
 }
 
-/// Durations of the stages, ms to a thousandth; `None` for one that was not come to.
+/// Durations of the stages, ms, rounded to 0.001; `None` for a stage that was not reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Timing {
-    /// Bytes to a grey picture.
+    /// Decoding of the file to a grey image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decode: Option<f64>,
-    /// Markers in it.
+    /// Detection of markers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detect: Option<f64>,
-    /// Their names.
+    /// Identification of the detected markers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub identify: Option<f64>,
-    /// The adjustment.
+    /// Adjustment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solve: Option<f64>,
 }
 
 impl Timing {
-    /// All stages together, ms.
+    /// Returns the sum of all stages, ms.
     pub fn total(&self) -> f64 {
         [self.decode, self.detect, self.identify, self.solve].into_iter().flatten().sum()
     }

@@ -1,11 +1,10 @@
-//! An image without a result has a reason: one sentence, with the error that it comes from.
+//! Reason for an image without a result: one sentence and the error that caused it.
 
 use std::error::Error;
 use std::fmt::Display;
 use std::sync::Arc;
 
-/// One sentence for a person that says what to do, with the error that it comes from. All that anybody does with it is to
-/// write it down.
+/// Sentence for the user that says what to do, with the error that caused it; programs only write it down.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{text}")]
 pub struct Reason {
@@ -14,23 +13,23 @@ pub struct Reason {
 }
 
 impl Reason {
-    /// Where the error says it all.
-    pub fn of(error: impl Error + Send + Sync + 'static) -> Self {
+    /// Creates a reason from an error whose message is sufficient.
+    pub fn from_error(error: impl Error + Send + Sync + 'static) -> Self {
         Self::new(error.to_string(), error)
     }
 
-    /// A sentence with the error that it comes from.
+    /// Creates a reason from a sentence and the error that caused it.
     pub fn new(text: impl Into<String>, source: impl Error + Send + Sync + 'static) -> Self {
         Self { text: text.into(), source: Some(Arc::new(source)) }
     }
 
-    /// The sentence.
+    /// Returns the sentence.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The same after what it is about.
-    pub fn about(self, what: impl Display) -> Self {
+    /// Prefixes the sentence with the thing that it is about.
+    pub fn with_context(self, what: impl Display) -> Self {
         Self { text: format!("{what}: {}", self.text), ..self }
     }
 }

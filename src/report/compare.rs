@@ -1,83 +1,83 @@
-//! Two sets of results of the same frames are compared here, frame by frame.
+//! Comparison of two sets of results of the same frames, frame by frame.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 use serde_json::Value;
 
-use super::number::words;
-use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, Status, word};
+use super::number::json_text;
+use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, variant_name};
 use crate::store::result_sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 
-/// One frame, on both sides.
+/// Change of one frame's result between two result sets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Change {
-    /// Its series.
+pub struct FrameChange {
     pub series: String,
-    /// Its file.
     pub frame: String,
-    /// Solved before and now; `None` where there is no result.
-    pub status: (Option<Status>, Option<Status>),
-    /// Of the outermost marker, before and now, m.
+    /// Status before and after; `None` if there is no result.
+    pub status: (Option<RecordStatus>, Option<RecordStatus>),
+    /// Deflection of the outermost marker before and after, m.
     pub tip_deflection_m: (Option<f64>, Option<f64>),
-    /// Now less before, m; of the same marker only.
+    /// Deflection after minus before, m; `None` if the outermost marker differs.
     pub change_m: Option<f64>,
-    /// Now, m. The two come from one picture: this is a scale to judge by, not the change's own.
+    /// Standard deviation of the new deflection, m. Both results use the same image, so this is a scale for the change, not
+    /// its standard deviation.
     pub sigma_m: Option<f64>,
-    /// The change over that.
+    /// Change divided by `sigma_m`.
     pub change_sigmas: Option<f64>,
-    /// The marker whose deflection changed most, and by how much, m.
+    /// Marker with the largest change of deflection, and the change, m.
     pub marker: Option<(String, f64)>,
-    /// Of the first torsion pair's twist, now less before, degrees.
+    /// Twist of the first torsion pair after minus before, degrees.
     pub twist_change_deg: Option<f64>,
 }
 
-impl Change {
-    /// In a word or two.
+impl FrameChange {
+    /// Describes the status, or its change, in one or two words.
     pub fn status_text(&self) -> String {
-        let said = |status: Option<Status>| status.map_or("no result".to_owned(), word);
-        let (old, new) = (said(self.status.0), said(self.status.1));
+        let text = |status: Option<RecordStatus>| status.map_or("no result".to_owned(), variant_name);
+        let (old, new) = (text(self.status.0), text(self.status.1));
         if old == new { new } else { format!("{old} -> {new}") }
     }
 }
 
-/// A flight with the results of it that are meant.
+/// Flight with one of its result sets.
 #[derive(Clone, Debug)]
-pub struct Side {
-    /// The flight.
+pub struct ComparedFlight {
     pub flight: FlightRef,
-    /// Its results.
     pub set: ResultSet,
 }
 
-/// All frames of two flights that are the same pictures (by SHA-256), in order.
-pub fn changes(disk: &dyn Disk, old: &Side, new: &Side) -> Result<Vec<Change>, StoreError> {
+/// Compares the results of two flights frame by frame, matching frames by SHA-256; sorted by series and frame.
+pub fn compare_frames(
+    disk: &dyn Disk,
+    old: &ComparedFlight,
+    new: &ComparedFlight,
+) -> Result<Vec<FrameChange>, StoreError> {
     let mut before = BTreeMap::new();
     for series in catalogue::list_series(disk, &old.flight)? {
-        before
-            .extend(records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
+        before.extend(read_records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
     }
     let mut all = Vec::new();
     for series in catalogue::list_series(disk, &new.flight)? {
-        for (key, record) in records(disk, &series, &new.set)? {
+        for (key, record) in read_records(disk, &series, &new.set)? {
             let old = before.remove(&key.2).map(|(_, record)| record);
-            all.push(change(key, old.as_ref(), Some(&record)));
+            all.push(frame_change(key, old.as_ref(), Some(&record)));
         }
     }
-    all.extend(before.into_values().map(|(key, record)| change(key, Some(&record), None)));
+    all.extend(before.into_values().map(|(key, record)| frame_change(key, Some(&record), None)));
     all.sort_by(|a, b| (&a.series, &a.frame).cmp(&(&b.series, &b.frame)));
     Ok(all)
 }
 
-/// Series, frame, SHA-256.
-type Key = (String, String, String);
+/// Series, frame, and SHA-256 of the frame.
+type FrameKey = (String, String, String);
 
-fn records(
+fn read_records(
     disk: &dyn Disk,
     series: &SeriesRef,
     set: &ResultSet,
-) -> Result<Vec<(Key, ImageRecord)>, StoreError> {
+) -> Result<Vec<(FrameKey, ImageRecord)>, StoreError> {
     let lines = result_sets::results_in_set(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
@@ -92,14 +92,14 @@ fn records(
     Ok(lines.filter_map(one).collect())
 }
 
-fn change(key: Key, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> Change {
+fn frame_change(key: FrameKey, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> FrameChange {
     let tip = |record: Option<&ImageRecord>| record.and_then(|r| r.tip.clone());
     let (was, is) = (tip(old), tip(new));
     let same = was.as_ref().zip(is.as_ref()).filter(|(a, b)| a.marker == b.marker);
     let change_m = same.map(|(a, b)| b.deflection_m - a.deflection_m);
     let sigma_m = is.as_ref().and_then(|tip| tip.sigma_deflection_m);
     let twist = |record: Option<&ImageRecord>| record?.torsion.first()?.twist_deg;
-    Change {
+    FrameChange {
         series: key.0,
         frame: key.1,
         status: (old.map(|r| r.status), new.map(|r| r.status)),
@@ -107,12 +107,12 @@ fn change(key: Key, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> Cha
         change_m,
         sigma_m,
         change_sigmas: change_m.zip(sigma_m).filter(|(_, s)| *s > 0.0).map(|(c, s)| c / s),
-        marker: old.zip(new).and_then(|(a, b)| largest(&a.markers, &b.markers)),
+        marker: old.zip(new).and_then(|(a, b)| largest_marker_change(&a.markers, &b.markers)),
         twist_change_deg: twist(old).zip(twist(new)).map(|(a, b)| b - a),
     }
 }
 
-fn largest(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> {
+fn largest_marker_change(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> {
     let change = |m: &MarkerRecord| {
         let was = old.iter().find(|o| o.id == m.id)?.deflection_m?;
         Some((m.id.clone(), m.deflection_m? - was))
@@ -120,9 +120,9 @@ fn largest(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> 
     new.iter().filter_map(change).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
 }
 
-/// Inputs that differ: name, before, now.
-pub fn inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)> {
-    let text = |value: Option<&Value>| value.map_or("none".to_owned(), words);
+/// Returns the inputs that differ between two result sets: name, before, after.
+pub fn differing_inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)> {
+    let text = |value: Option<&Value>| value.map_or("none".to_owned(), json_text);
     let mut names: Vec<&String> = old.provenance.keys().chain(new.provenance.keys()).collect();
     names.sort();
     names.dedup();
@@ -131,34 +131,32 @@ pub fn inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)>
     names.into_iter().filter_map(|name| differing(name).map(|(n, (a, b))| (n, a, b))).collect()
 }
 
-/// Over all frames.
+/// Summary of the changes of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Summary {
-    /// Frames whose tip deflection can be compared.
+pub struct ChangeSummary {
+    /// Number of frames whose tip deflections can be compared.
     pub both: usize,
-    /// m, with its sign.
+    /// Change with the largest magnitude, m, signed.
     pub largest_m: Option<f64>,
-    /// Largest change over its sigma, with its sign.
+    /// Largest change in units of its sigma, signed.
     pub largest_sigmas: Option<f64>,
-    /// m.
     pub root_mean_square_m: Option<f64>,
-    /// Solved now and not before.
+    /// Number of frames solved only after.
     pub gained: usize,
-    /// Solved before and not now.
+    /// Number of frames solved only before.
     pub lost: usize,
-    /// Without a result on one side.
+    /// Number of frames with a result on one side only.
     pub one_side: usize,
 }
 
-impl Summary {
-    /// Of a flight's changes.
-    pub fn of(changes: &[Change]) -> Self {
+impl ChangeSummary {
+    /// Summarises the changes of a flight.
+    pub fn from_changes(changes: &[FrameChange]) -> Self {
         let metres: Vec<f64> = changes.iter().filter_map(|c| c.change_m).collect();
-        let extreme =
-            |values: &mut dyn Iterator<Item = f64>| values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let extreme = |values: &mut dyn Iterator<Item = f64>| values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
         let squares = metres.iter().map(|m| m * m).sum::<f64>();
-        let ok = Some(Status::Ok);
-        let count = |f: &dyn Fn(&Change) -> bool| changes.iter().filter(|c| f(c)).count();
+        let ok = Some(RecordStatus::Ok);
+        let count = |f: &dyn Fn(&FrameChange) -> bool| changes.iter().filter(|c| f(c)).count();
         Self {
             both: metres.len(),
             largest_m: extreme(&mut metres.iter().copied()),

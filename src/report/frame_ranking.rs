@@ -1,63 +1,63 @@
-//! The frames that a person should look at first.
+//! Ranking of the frames that should be checked first.
 
 use std::cmp::Ordering;
 
-use super::Whole;
-use crate::record::{GlobalTest, ImageRecord};
+use super::FullRecord;
+use crate::record::{GlobalTestVerdict, ImageRecord};
 
-/// Markers that were seen and yet took no part.
-fn turned_down(record: &ImageRecord) -> usize {
+/// Counts the markers that were detected but not used.
+fn count_rejected_markers(record: &ImageRecord) -> usize {
     record.markers.iter().filter(|m| !m.used && m.u_px.is_some()).count()
 }
 
-/// Why a frame is to be looked at; `None` where nothing speaks against it.
-pub fn doubt(record: &ImageRecord) -> Option<String> {
-    if record.global_test == Some(GlobalTest::Rejected) {
+/// Returns the warning for a frame; `None` if there is none.
+pub fn frame_warning(record: &ImageRecord) -> Option<String> {
+    if record.global_test == Some(GlobalTestVerdict::Rejected) {
         return Some("global test rejected".to_owned());
     }
-    match turned_down(record) {
+    match count_rejected_markers(record) {
         0 => None,
-        1 => Some("1 marker turned down".to_owned()),
-        n => Some(format!("{n} markers turned down")),
+        1 => Some("1 marker rejected".to_owned()),
+        n => Some(format!("{n} markers rejected")),
     }
 }
 
-/// Frames whose global test rejects the model stand first, then those with markers turned down, then by variance factor;
-/// frames without a result stand last.
-fn order(a: &Whole, b: &Whole) -> Ordering {
-    let key = |w: &Whole| {
+/// Orders frames: global test rejected first, then the number of rejected markers, then the variance factor; frames without
+/// a result come last.
+fn ranking_order(a: &FullRecord, b: &FullRecord) -> Ordering {
+    let key = |w: &FullRecord| {
         let r = &w.record;
         let factor = r.variance_factor.filter(|f| f.is_finite()).unwrap_or(0.0);
-        (r.is_solved(), r.global_test == Some(GlobalTest::Rejected), turned_down(r), factor)
+        (r.is_solved(), r.global_test == Some(GlobalTestVerdict::Rejected), count_rejected_markers(r), factor)
     };
     let ((s, t, n, f), (s2, t2, n2, f2)) = (key(a), key(b));
     (s2, t2, n2).cmp(&(s, t, n)).then(f2.total_cmp(&f))
 }
 
-/// Keeps the frames that are to be looked at first.
-pub struct Ranked {
+/// List of the frames that rank first, of limited length.
+pub struct FrameRanking {
     most: usize,
-    /// In their order.
-    frames: Vec<Whole>,
+    /// Frames in ranking order.
+    frames: Vec<FullRecord>,
 }
 
-impl Ranked {
-    /// At most so many.
+impl FrameRanking {
+    /// Creates an empty ranking of at most `most` frames.
     pub fn new(most: usize) -> Self {
         Self { most, frames: Vec::new() }
     }
 
-    /// Another frame.
-    pub fn push(&mut self, frame: Whole) {
-        let place = self.frames.partition_point(|known| order(known, &frame) != Ordering::Greater);
+    /// Inserts a frame at its rank.
+    pub fn push(&mut self, frame: FullRecord) {
+        let place = self.frames.partition_point(|known| ranking_order(known, &frame) != Ordering::Greater);
         if place < self.most {
             self.frames.insert(place, frame);
             self.frames.truncate(self.most);
         }
     }
 
-    /// In their order.
-    pub fn end(self) -> Vec<Whole> {
+    /// Returns the frames in ranking order.
+    pub fn into_frames(self) -> Vec<FullRecord> {
         self.frames
     }
 }
@@ -68,17 +68,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rejected_frame_stands_first_and_a_failed_one_last() {
-        let mut ranked = Ranked::new(3);
+    fn a_rejected_frame_is_first_and_a_failed_one_last() {
+        let mut ranked = FrameRanking::new(3);
         let mut rejected = sample::record("rejected.jpg", 2.0);
-        rejected.global_test = Some(GlobalTest::Rejected);
+        rejected.global_test = Some(GlobalTestVerdict::Rejected);
         let mut strained = sample::record("strained.jpg", 2.0);
         strained.variance_factor = Some(1.4);
         let failed = sample::failed("failed.jpg", "dark");
         for record in [failed, sample::record("good.jpg", 2.0), strained, rejected] {
-            ranked.push(Whole { series: "s1".to_owned(), record });
+            ranked.push(FullRecord { series: "s1".to_owned(), record });
         }
-        let names: Vec<String> = ranked.end().into_iter().map(|w| w.record.image).collect();
+        let names: Vec<String> = ranked.into_frames().into_iter().map(|w| w.record.image).collect();
         assert_eq!(names, ["rejected.jpg", "strained.jpg", "good.jpg"]);
     }
 }

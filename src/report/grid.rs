@@ -1,47 +1,47 @@
-//! A grid is a table that is built once and shown in a terminal or in the report.
+//! Tables that are built once and shown in a terminal or in the report.
 
 mod fit;
 
 use maud::{Markup, html};
 
-/// Words up to so many characters stay on one line of the report; longer ones get room for as many.
-const SHORT: usize = 24;
+/// Maximum length, in characters, of a cell that stays on one line of the report; columns with longer cells are set wider.
+const MAX_SHORT_CELL: usize = 24;
 
-/// A column's heading and how its cells are set.
+/// Heading of a column, and how its cells are set.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Column {
-    /// With the unit.
+pub struct GridColumn {
+    /// Heading, with the unit.
     pub title: String,
-    /// Numbers to the right, words to the left.
-    pub right: bool,
-    /// Left out where the table is too wide for a terminal.
-    pub spare: bool,
+    /// Aligned right (numbers) instead of left (words).
+    pub is_right_aligned: bool,
+    /// Omitted if the table is too wide for a terminal.
+    pub optional: bool,
 }
 
-/// Rows of cells under headings.
+/// Table: rows of cells under headings.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grid {
-    /// Left to right.
-    pub columns: Vec<Column>,
-    /// As many cells each as there are columns.
+    /// Columns from left to right.
+    pub columns: Vec<GridColumn>,
+    /// Rows; each has one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Grid {
-    /// Headings; one that starts with `<` is a column of words, one with `~` before that is left out where there is no
-    /// room for it.
+    /// Creates an empty table. A heading with the prefix `<` marks a column of words; a `~` before it marks an optional
+    /// column, which is omitted if there is no room for it.
     pub fn new(titles: &[&str]) -> Self {
         let column = |t: &&str| {
-            let (spare, title) = t.strip_prefix('~').map_or((false, *t), |title| (true, title));
-            let (right, title) = title.strip_prefix('<').map_or((true, title), |title| (false, title));
-            Column { title: title.to_owned(), right, spare }
+            let (optional, title) = t.strip_prefix('~').map_or((false, *t), |title| (true, title));
+            let (is_right_aligned, title) = title.strip_prefix('<').map_or((true, title), |title| (false, title));
+            GridColumn { title: title.to_owned(), is_right_aligned, optional }
         };
         Self { columns: titles.iter().map(column).collect(), rows: Vec::new() }
     }
 
-    /// Begins a table with a row for each of these.
-    pub fn each<I>(rows: I) -> Each<I> {
-        Each(rows)
+    /// Begins a table with one row per item.
+    pub fn for_rows<I>(rows: I) -> GridRows<I> {
+        GridRows(rows)
     }
 
     /// Adds a row.
@@ -49,25 +49,25 @@ impl Grid {
         self.rows.push(cells);
     }
 
-    /// For a terminal of 80 columns: columns two blanks apart, a rule under the headings. What is wider gets its headings
-    /// on two lines, then loses its spare columns, then has its longest words on several lines.
+    /// Formats the table for a terminal of 80 columns: two blanks between columns, a rule under the headings. If it is too
+    /// wide, its headings are folded to two lines, then optional columns are omitted, then the longest words are wrapped.
     pub fn text(&self) -> String {
-        fit::text(self, fit::Width::Terminal)
+        fit::fit_text(self, fit::TableWidth::Terminal)
     }
 
-    /// Every column, as wide as it comes.
-    pub fn wide(&self) -> String {
-        fit::text(self, fit::Width::All)
+    /// Formats the table with all columns in full width.
+    pub fn wide_text(&self) -> String {
+        fit::fit_text(self, fit::TableWidth::All)
     }
 
-    /// As [`Self::wide`] or as [`Self::text`].
-    pub fn text_at(&self, wide: bool) -> String {
-        if wide { self.wide() } else { self.text() }
+    /// Formats the table as [`Self::wide_text`] if `wide`, otherwise as [`Self::text`].
+    pub fn text_with_width(&self, wide: bool) -> String {
+        if wide { self.wide_text() } else { self.text() }
     }
 
-    /// For the report.
+    /// Formats the table as HTML for the report.
     pub fn html(&self) -> Markup {
-        let classes: Vec<&str> = (0..self.columns.len()).map(|k| self.class(k)).collect();
+        let classes: Vec<&str> = (0..self.columns.len()).map(|k| self.column_class(k)).collect();
         html! {
             table {
                 thead { tr { @for (c, class) in self.columns.iter().zip(&classes) { th class=(class) { (c.title.replace("sigma", "σ")) } } } }
@@ -80,26 +80,26 @@ impl Grid {
         }
     }
 
-    /// How the report sets a column: numbers, short words, long words.
-    fn class(&self, column: usize) -> &'static str {
-        let long = |row: &Vec<String>| row.get(column).is_some_and(|cell| cell.chars().count() > SHORT);
+    /// Returns the CSS class of a column: numbers `n`, short words `s`, long words `l`.
+    fn column_class(&self, column: usize) -> &'static str {
+        let long = |row: &Vec<String>| row.get(column).is_some_and(|cell| cell.chars().count() > MAX_SHORT_CELL);
         match self.columns.get(column) {
-            Some(Column { right: true, .. }) => "n",
+            Some(GridColumn { is_right_aligned: true, .. }) => "n",
             _ if self.rows.iter().any(long) => "l",
             _ => "s",
         }
     }
 }
 
-/// A column: its heading, and what stands below of each row.
-pub type Titled<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
+/// Definition of a column: its heading, and the function that makes its cell from an item.
+pub type ColumnDefinition<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
 
-/// A table whose columns are still to be named.
-pub struct Each<I>(I);
+/// Table whose rows are given and whose columns are not yet defined.
+pub struct GridRows<I>(I);
 
-impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> Each<I> {
-    /// Of each column its heading, as [`Grid::new`] takes it, and what stands below.
-    pub fn columns(self, columns: &[Titled<T>]) -> Grid {
+impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> GridRows<I> {
+    /// Builds the table from its column definitions; headings have the prefixes of [`Grid::new`].
+    pub fn columns(self, columns: &[ColumnDefinition<T>]) -> Grid {
         let titles: Vec<&str> = columns.iter().map(|(title, _)| *title).collect();
         let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
         Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles) }
@@ -115,7 +115,8 @@ mod tests {
         let mut grid = Grid::new(&["<name", "deflection / m"]);
         grid.push(vec!["a\u{1b}[2J".into(), "2.93".into()]);
         grid.push(vec!["é".into(), "-0.1".into()]);
-        let expected = "name   deflection / m\n-----  --------\na\u{fffd}[2J      2.93\né          -0.1\n";
+        let expected =
+            "name   deflection / m\n-----  --------------\na\u{fffd}[2J            2.93\né                -0.1\n";
         assert_eq!(grid.text(), expected);
     }
 

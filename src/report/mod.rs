@@ -1,21 +1,21 @@
-//! Everything that people and other programs read of results is made here: figures, tables and exports.
+//! Figures, tables and exports of results, for people and for other programs.
 //!
-//! | file | from | to |
+//! | file | input | output |
 //! |---|---|---|
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
-//! | `aircraft` | a store | the aircraft's data of each shot |
-//! | `source` | a store | what the report shows |
+//! | `aircraft` | a store | the aircraft data of each shot |
+//! | `source` | a store | the data of a report |
 //! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
-//! | `doubt` | records | which frames are to be looked at first |
-//! | `compare` | two sets of results | what changed |
-//! | `overview` | a store | a flight's series in a line each, without reading whole records |
-//! | `html` | that | one page that opens offline |
-//! | `export` | that | CSV, Parquet, VTK |
-//! | `protocol` | the record of an image | its adjustment as a text to read |
+//! | `frame_ranking` | records | the frames to check first |
+//! | `compare` | two result sets | changes |
+//! | `overview` | a store | one line per series of a flight, without reading full records |
+//! | `html` | the data of a report | one page that opens offline |
+//! | `export` | the data of a report | CSV, Parquet, VTK |
+//! | `protocol` | the record of an image | the protocol of its adjustment as text |
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
-//! | `layout_figure` | a layout of markers | the wing from above to scale, and as the camera sees it, SVG |
-//! | `overlay` | a frame and its detections | a picture to look at |
+//! | `layout_figure` | a layout of markers | the wing from above, to scale, and the camera view, SVG |
+//! | `overlay` | a frame and its detections | the frame with the detections drawn on it |
 
 pub mod aircraft;
 #[cfg(feature = "boards")]
@@ -40,7 +40,7 @@ pub mod table;
 #[cfg(test)]
 mod sample;
 
-use crate::aircraft::{State, Unused};
+use crate::aircraft::{AircraftState, UnusedLines};
 use crate::camera::Format;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
@@ -48,86 +48,85 @@ use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{CurveRecord, ImageRecord};
 
-/// A series as the report needs it.
+/// Series as the report needs it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SeriesData {
-    /// The flight it belongs to.
     pub flight: String,
-    /// Unique in the store.
+    /// Name, unique in the store.
     pub name: String,
-    /// When it began, where that is known.
+    /// Start time, if known.
     pub begun: Option<Stamp>,
-    /// A crash or a power cut ended it early.
+    /// Ended early by a crash or a power failure.
     pub interrupted: bool,
-    /// Shots that were wanted.
+    /// Number of planned shots.
     pub planned: usize,
     /// Results in the order of the shots.
     pub records: Vec<ImageRecord>,
-    /// Mean over the records; empty where it is still to be computed from them.
+    /// Mean curve of the records; empty if it has not been computed.
     pub curve: Vec<CurveRecord>,
-    /// Markers of each record; empty where the records have them.
+    /// Marker counts of each record; empty if the records contain their markers.
     pub counts: Vec<MarkerCount>,
-    /// Key of the inputs that the records were computed from.
+    /// Key of the inputs of the records.
     pub inputs: Option<String>,
-    /// Every shot asked for, failed ones included.
+    /// Requested shots, failed ones included.
     pub shots: Vec<ShotData>,
-    /// What a person should read.
+    /// Remarks for the reader.
     pub remarks: Vec<String>,
 }
 
 impl SeriesData {
-    /// The result of a shot's frame.
-    pub fn record_of(&self, shot: &ShotData) -> Option<&ImageRecord> {
+    /// Returns the result of a shot's frame.
+    pub fn record_for_shot(&self, shot: &ShotData) -> Option<&ImageRecord> {
         self.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
     }
 
-    /// The shot that a result is of.
-    pub fn shot_of(&self, record: &ImageRecord) -> Option<&ShotData> {
+    /// Returns the shot of a result.
+    pub fn shot_for_record(&self, record: &ImageRecord) -> Option<&ShotData> {
         self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
     }
 }
 
-/// Markers of an image.
+/// Number of markers of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MarkerCount {
-    /// That took part in the adjustment.
+    /// Markers used in the adjustment.
     pub used: usize,
-    /// Of the survey.
+    /// Markers of the survey.
     pub surveyed: usize,
 }
 
 impl MarkerCount {
-    /// Of a record that has its markers.
-    pub fn of(record: &ImageRecord) -> Self {
-        Self { used: record.used(), surveyed: record.markers.len() }
+    /// Counts the markers of a full record.
+    pub fn from_record(record: &ImageRecord) -> Self {
+        Self { used: record.used_count(), surveyed: record.markers.len() }
     }
 }
 
-/// A shot as the series' manifest keeps it.
+/// Shot, as in the manifest of the series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShotData {
-    /// From 1.
+    /// Number from 1.
     pub number: u32,
-    /// File name of the frame; `None` where the camera gave none.
+    /// File name of the frame; `None` if the camera delivered none.
     pub image: Option<String>,
-    /// The name that it came under, where it came from a file.
+    /// Original file name, if the frame was imported from a file.
     pub source: Option<String>,
-    /// When the camera was asked.
+    /// Time of the camera request.
     pub stamp: Option<Stamp>,
-    /// When the frame was exposed.
+    /// Time of the exposure.
     pub exposure: Option<Exposure>,
-    /// What the aircraft's data say of it.
-    pub aircraft: State,
+    /// Aircraft data at the exposure.
+    pub aircraft: AircraftState,
     /// SHA-256 of the frame, hexadecimal.
     pub sha256: Option<String>,
-    /// How to read the frame.
+    /// Pixel format of the frame.
     pub format: Option<Format>,
-    /// Attempts that failed, before the frame or instead of it.
+    /// Failed attempts, before the frame or instead of it.
     pub failures: Vec<String>,
 }
 
-/// Each once, in the order of their first appearance.
-pub fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+/// Returns the distinct values in the order of their first appearance.
+pub fn distinct_values<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
     let mut known = Vec::new();
     for one in all {
         if !known.contains(&one) {
@@ -137,76 +136,70 @@ pub fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
     known
 }
 
-/// A marker as surveyed on ground.
+/// Marker as surveyed on ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroundMarker {
-    /// Survey id.
+    /// Marker id of the survey.
     pub id: String,
-    /// Survey frame, m.
+    /// Position in the survey frame, m.
     pub position_m: [f64; 3],
 }
 
-/// What an installation adds to the results: the ground shape and the camera's place.
+/// Installation data of a report: ground shape and camera position.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Site {
-    /// The user's name of it.
+pub struct ReportSite {
+    /// Name given by the user.
     pub name: String,
-    /// Origin in the projection centre.
+    /// Wing frame, with its origin in the projection centre.
     pub wing: WingFrame,
-    /// The survey.
+    /// Surveyed markers.
     pub ground: Vec<GroundMarker>,
 }
 
-impl From<&Setup> for Site {
+impl From<&Setup> for ReportSite {
     fn from(setup: &Setup) -> Self {
         let marker = |m: &SurveyMarker| GroundMarker { id: m.id.clone(), position_m: m.position_m.into() };
-        Self {
-            name: setup.name.clone(),
-            wing: setup.wing_frame(),
-            ground: setup.markers.iter().map(marker).collect(),
-        }
+        Self { name: setup.name.clone(), wing: setup.wing_frame(), ground: setup.markers.iter().map(marker).collect() }
     }
 }
 
-/// A stored frame to be shown.
+/// Image of a frame shown in the report.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
-    /// Its series.
+pub struct FramePicture {
     pub series: String,
-    /// Its file name.
+    /// File name of the frame.
     pub image: String,
-    /// As delivered.
+    /// File content as delivered by the camera.
     pub bytes: Vec<u8>,
-    /// How to read them, where that is known.
+    /// Pixel format, if known.
     pub format: Option<Format>,
-    /// Why there are no bytes.
+    /// Reason for missing `bytes`.
     pub fault: Option<String>,
 }
 
-/// A frame's record as it was written.
+/// Record of a frame with all its data.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Whole {
-    /// Its series.
+pub struct FullRecord {
     pub series: String,
-    /// With markers and curve.
+    /// Record with markers and curve.
     pub record: ImageRecord,
 }
 
-/// All that a report shows.
+/// Data of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReportData {
-    /// In order of time.
+    /// Series in order of time.
     pub series: Vec<SeriesData>,
-    /// The installation, where it is at hand.
-    pub site: Option<Site>,
-    /// Frames to be shown: of the records below, in their order.
-    pub pictures: Vec<Picture>,
-    /// Whole records, those to be looked at first before all.
-    pub frames: Vec<Whole>,
-    /// Lines of the aircraft's data that say nothing, and those that do; `None` without any.
-    pub feed: Option<(Unused, usize)>,
-    /// What could not be read, and series that were refused.
+    /// Installation, if available.
+    pub site: Option<ReportSite>,
+    /// Images shown: of the frames below, in their order.
+    pub pictures: Vec<FramePicture>,
+    /// Full records, in the order of [`frame_ranking`].
+    pub frames: Vec<FullRecord>,
+    /// Unused lines of the aircraft data, and the number of samples; `None` without aircraft data.
+    pub feed: Option<(UnusedLines, usize)>,
+    /// Unreadable files and refused series.
     pub notes: Vec<String>,
-    /// What is to be known of what is shown: results of other inputs.
+    /// Warnings about the results shown, such as results from other inputs.
     pub warnings: Vec<String>,
 }

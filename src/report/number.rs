@@ -1,43 +1,43 @@
-//! Numbers for people are rounded by their standard deviation; where there is none, none is shown.
+//! Formatting of numbers for people, rounded according to their standard deviation; missing numbers are shown as such.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// What stands where there is no number.
+/// Text of a missing number.
 pub const NONE: &str = "-";
 
-/// Decimals that show two significant digits of `sigma`; 0 to 12.
+/// Returns the number of decimals that shows two significant digits of `sigma`, 0 to 12.
 pub fn decimals_for(sigma: f64) -> usize {
     if !sigma.is_finite() || sigma <= 0.0 {
         return 3;
     }
-    // 0.00996 rounds to 0.010: two digits after rounding, so the exponent is taken of that.
+    // 0.00996 rounds to 0.010, so the exponent is that of the rounded value.
     let exponent = (sigma * 0.995_f64.recip()).log10().floor();
     (1.0 - exponent).clamp(0.0, 12.0) as usize
 }
 
-/// A value with `decimals`, or [`NONE`] where it is missing or not finite.
-pub fn fixed(value: Option<f64>, decimals: usize) -> String {
+/// Formats a value with `decimals`; [`NONE`] if it is missing or not finite.
+pub fn format_fixed(value: Option<f64>, decimals: usize) -> String {
     match value.filter(|v| v.is_finite()) {
         Some(v) => without_negative_zero(format!("{v:.decimals$}")),
         None => NONE.to_owned(),
     }
 }
 
-/// Value and standard deviation, both rounded to two significant digits of the latter.
-/// Without a standard deviation the value gets `fallback` decimals.
-pub fn rounded(value: Option<f64>, sigma: Option<f64>, fallback: usize) -> (String, String) {
+/// Formats a value and its standard deviation, both rounded to two significant digits of the latter. A value without
+/// standard deviation gets `fallback` decimals.
+pub fn format_rounded(value: Option<f64>, sigma: Option<f64>, fallback: usize) -> (String, String) {
     match sigma.filter(|s| s.is_finite() && *s > 0.0) {
         Some(s) => {
             let n = decimals_for(s);
-            (fixed(value, n), fixed(Some(s), n))
+            (format_fixed(value, n), format_fixed(Some(s), n))
         }
-        None => (fixed(value, fallback), NONE.to_owned()),
+        None => (format_fixed(value, fallback), NONE.to_owned()),
     }
 }
 
-/// A number for small and large magnitudes: 4 significant digits, scientific where that is shorter.
-pub fn general(value: f64) -> String {
+/// Formats a number of any magnitude with 4 significant digits, in scientific notation if that is shorter.
+pub fn format_general(value: f64) -> String {
     let magnitude = value.abs();
     if !value.is_finite() {
         NONE.to_owned()
@@ -51,19 +51,19 @@ pub fn general(value: f64) -> String {
     }
 }
 
-/// A count with its noun: 1 marker, 2 markers, 1 series, 2 series.
-pub fn count(number: usize, noun: &str) -> String {
+/// Formats a count with its noun: 1 marker, 2 markers, 1 series, 2 series.
+pub fn count_text(number: usize, noun: &str) -> String {
     let plural = if number == 1 || noun.ends_with("series") { "" } else { "s" };
     format!("{number} {noun}{plural}")
 }
 
-/// A JSON value in words.
-pub fn words(value: &Value) -> String {
+/// Formats a JSON value; strings without quotes.
+pub fn json_text(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// What is written of a part of a record, key by key.
-pub fn fields(part: &impl Serialize) -> Map<String, Value> {
+/// Returns the JSON fields of a part of a record; empty if it is not an object.
+pub fn json_fields(part: &impl Serialize) -> Map<String, Value> {
     match serde_json::to_value(part) {
         Ok(Value::Object(map)) => map,
         _ => Map::new(),
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn two_digits_of_sigma_decide() {
-        let pair = |v, s| rounded(Some(v), Some(s), 3);
+        let pair = |v, s| format_rounded(Some(v), Some(s), 3);
         assert_eq!(pair(2.93456, 0.0061), ("2.9346".into(), "0.0061".into()));
         assert_eq!(pair(2.93456, 0.014), ("2.935".into(), "0.014".into()));
         assert_eq!(pair(2.93456, 0.0999), ("2.93".into(), "0.10".into()));
@@ -90,12 +90,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_what_is_not_there() {
-        assert_eq!(rounded(None, None, 2), ("-".into(), "-".into()));
-        assert_eq!(rounded(Some(f64::NAN), Some(0.1), 2).0, "-");
-        assert_eq!(rounded(Some(1.0), Some(f64::INFINITY), 2), ("1.00".into(), "-".into()));
-        assert_eq!(general(f64::NAN), "-");
-        assert_eq!(general(0.00219), "0.002190");
-        assert_eq!(general(5.9e-6), "5.900e-6");
+    fn missing_numbers_are_dashes() {
+        assert_eq!(format_rounded(None, None, 2), ("-".into(), "-".into()));
+        assert_eq!(format_rounded(Some(f64::NAN), Some(0.1), 2).0, "-");
+        assert_eq!(format_rounded(Some(1.0), Some(f64::INFINITY), 2), ("1.00".into(), "-".into()));
+        assert_eq!(format_general(f64::NAN), "-");
+        assert_eq!(format_general(0.00219), "0.002190");
+        assert_eq!(format_general(5.9e-6), "5.900e-6");
     }
 }

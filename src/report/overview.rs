@@ -1,53 +1,51 @@
-//! A flight in a line per series, for pages that must cost little: of each result only its beginning is
-//! read, so that a thousand series take a moment and no memory to speak of.
+//! Overview of a flight, one line per series, for pages that must load quickly. Only the beginning of each result is read,
+//! so that 1000 series take little time and memory.
 
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::summary::{Mean, Single};
+use super::summary::{FrameDeflection, Mean};
 use crate::clock::Stamp;
-use crate::record::{Reference, Status, Tip};
+use crate::record::{RecordStatus, Reference, Tip};
 use crate::store::manifest::{SeriesManifest, SeriesState};
 use crate::store::result_sets::{ResultGrouper, ResultSets};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, layout, result_summary};
 
-/// A series.
+/// Series of a flight in one line.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Line {
-    /// Its name.
+pub struct SeriesOverview {
     pub name: String,
-    /// When it began, where that is known.
+    /// Start time, if known.
     pub begun: Option<Stamp>,
-    /// A crash or a power cut ended it early.
+    /// Ended early by a crash or a power failure.
     pub interrupted: bool,
-    /// Shots that were wanted.
+    /// Number of planned shots.
     pub planned: usize,
-    /// Frames that are there.
+    /// Number of stored frames.
     pub frames: usize,
-    /// Their bytes.
+    /// Size of the stored frames.
     pub bytes: u64,
-    /// Frames solved.
     pub solved: usize,
-    /// Frames with a result that says why not.
+    /// Number of frames with a result that reports a failure.
     pub failed: usize,
-    /// Deflection of the outermost marker, as the flight's `reference` says.
+    /// Deflection of the outermost marker, relative to the flight's `reference`.
     pub tip_deflection_m: Option<Mean>,
-    /// The greatest of single frames.
-    pub greatest: Option<Single>,
+    /// Largest tip deflection of a single frame.
+    pub greatest: Option<FrameDeflection>,
 }
 
-impl Line {
-    /// What is not as it should be, in words; empty where all is there.
-    pub fn missing(&self) -> Vec<String> {
+impl SeriesOverview {
+    /// Describes missing frames and results; empty if the series is complete.
+    pub fn problems(&self) -> Vec<String> {
         let mut all = Vec::new();
-        let mut say = |count: usize, what: &str| {
+        let mut add_problem = |count: usize, text: &str| {
             if count > 0 {
-                all.push(format!("{count} {what}"));
+                all.push(format!("{count} {text}"));
             }
         };
-        say(self.planned.saturating_sub(self.frames), "shots without a frame");
-        say(self.failed, "frames not solvable");
-        say(self.frames.saturating_sub(self.solved + self.failed), "frames not solved yet");
+        add_problem(self.planned.saturating_sub(self.frames), "shots without a frame");
+        add_problem(self.failed, "frames with a failed solution");
+        add_problem(self.frames.saturating_sub(self.solved + self.failed), "frames not solved yet");
         if self.interrupted {
             all.push("interrupted".to_owned());
         }
@@ -55,104 +53,108 @@ impl Line {
     }
 }
 
-/// A flight.
+/// Overview of a flight.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Overview {
-    /// Its name.
+pub struct FlightOverview {
     pub flight: String,
-    /// Against what its deflections are counted.
+    /// Reference of the deflections.
     pub reference: Reference,
-    /// Its series, in order.
-    pub series: Vec<Line>,
-    /// What could not be read.
+    /// Series in order.
+    pub series: Vec<SeriesOverview>,
+    /// Unreadable files.
     pub notes: Vec<String>,
-    /// Results of other inputs than those that are shown.
+    /// Warning if there are results from other inputs than those shown.
     pub warning: Option<String>,
-    /// The last frame's moment.
+    /// Time of the last frame.
     pub last_frame: Option<Stamp>,
 }
 
-impl Overview {
-    /// A sum over the series.
-    pub fn sum(&self, of: impl Fn(&Line) -> usize) -> usize {
-        self.series.iter().map(of).sum()
+impl FlightOverview {
+    /// Adds up a count over all series.
+    pub fn sum(&self, count: impl Fn(&SeriesOverview) -> usize) -> usize {
+        self.series.iter().map(count).sum()
     }
 
-    /// The single frame with the greatest tip deflection, and its series.
-    pub fn greatest(&self) -> Option<(&Line, &Single)> {
+    /// Returns the single frame with the largest tip deflection, and its series.
+    pub fn greatest(&self) -> Option<(&SeriesOverview, &FrameDeflection)> {
         let deflections = self.series.iter().filter_map(|line| Some((line, line.greatest.as_ref()?)));
         deflections.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
     }
 
-    /// Bytes of frames an hour, over the last day of series; `None` before there are two.
+    /// Returns the size of the frames per hour over the last 24 series, bytes; `None` if there are fewer than two.
     pub fn bytes_per_hour(&self) -> Option<f64> {
-        let lines: Vec<&Line> = self.series.iter().rev().take(24).collect();
+        let lines: Vec<&SeriesOverview> = self.series.iter().rev().take(24).collect();
         let (last, first) = (lines.first()?.begun.as_ref()?, lines.last()?.begun.as_ref()?);
         let hours = super::summary::hours_between(first, last);
-        // The first of them stands for the time before it.
+        // The first series was recorded before this period.
         let bytes: u64 = lines.iter().rev().skip(1).map(|line| line.bytes).sum();
         (hours > 0.0).then(|| bytes as f64 / hours)
     }
 }
 
-/// What the pages ask of a record.
+/// Fields of a record that the pages need.
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Brief {
-    status: Status,
+struct ResultBrief {
+    status: RecordStatus,
     tip: Option<Tip>,
 }
 
-/// What a head says of deflection and success.
-struct Seen {
+/// Result of a frame: success, deflection and result set.
+struct FrameResult {
     set: usize,
     frame: String,
     ok: bool,
     tip: Option<Tip>,
 }
 
-/// Reads a flight. Damage in one place does not hide the rest: it is noted.
-pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreError> {
-    let mut overview = Overview { flight: flight.id.clone(), ..Overview::default() };
-    let mut gather = ResultGrouper::default();
+/// Reads the overview of a flight. Damaged files are reported in `notes` and do not hide the rest.
+pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightOverview, StoreError> {
+    let mut overview = FlightOverview { flight: flight.id.clone(), ..FlightOverview::default() };
+    let mut grouper = ResultGrouper::default();
     let mut all = Vec::new();
     for series in catalogue::list_series(disk, flight)? {
         match catalogue::read_series_manifest(disk, &series) {
             Err(error) => overview.notes.push(error.to_string()),
             Ok(manifest) => {
-                let seen = seen(disk, &series, &mut gather, &mut overview.notes);
+                let results = read_results(disk, &series, &mut grouper, &mut overview.notes);
                 let shots = manifest.shots.iter().rev().filter(|shot| shot.frame.is_some());
                 overview.last_frame = shots.map(|s| s.stamp.clone()).next().or(overview.last_frame);
-                all.push((line(manifest), seen));
+                all.push((manifest_line(manifest), results));
             }
         }
     }
-    let sets: ResultSets = gather.finish();
+    let sets: ResultSets = grouper.finish();
     let chosen = sets.choose_set(None).map(|set| set.index());
     overview.warning = sets.mixed_inputs_warning(&flight.id, None);
-    let of_set = |seen: &&Seen| seen.ok && Some(seen.set) == chosen;
-    let tips = all.iter().flat_map(|(_, seen)| seen).filter(of_set).filter_map(|seen| seen.tip.as_ref());
-    overview.reference = Reference::of(tips);
-    let counted = all.into_iter().map(|(line, seen)| with_results(line, &seen, chosen, overview.reference));
+    let of_set = |results: &&FrameResult| results.ok && Some(results.set) == chosen;
+    let tips = all.iter().flat_map(|(_, results)| results).filter(of_set).filter_map(|results| results.tip.as_ref());
+    overview.reference = Reference::most_precise(tips);
+    let counted = all.into_iter().map(|(line, results)| add_results(line, &results, chosen, overview.reference));
     overview.series = counted.collect();
     Ok(overview)
 }
 
-fn line(manifest: SeriesManifest) -> Line {
+fn manifest_line(manifest: SeriesManifest) -> SeriesOverview {
     let begun = manifest.start_time();
     let frames = || manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
-    Line {
+    SeriesOverview {
         begun,
         interrupted: manifest.state == SeriesState::Interrupted,
         planned: manifest.planned_shots as usize,
         frames: frames().count(),
         bytes: frames().map(|frame| frame.bytes).sum(),
         name: manifest.series,
-        ..Line::default()
+        ..SeriesOverview::default()
     }
 }
 
-fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut ResultGrouper, notes: &mut Vec<String>) -> Vec<Seen> {
+fn read_results(
+    disk: &dyn Disk,
+    series: &SeriesRef,
+    grouper: &mut ResultGrouper,
+    notes: &mut Vec<String>,
+) -> Vec<FrameResult> {
     let path = series.folder.join(layout::RESULTS_FILE);
     let bytes = match disk.read(&path) {
         Ok(bytes) => bytes,
@@ -163,23 +165,28 @@ fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut ResultGrouper, notes: 
         }
     };
     let heads = result_summary::parse_summaries(&bytes, &["status", "tip"]);
-    let sets = gather.add_series(&series.id, &heads);
+    let sets = grouper.add_series(&series.id, &heads);
     let one = |(head, set): (result_summary::ResultSummary, usize)| {
-        let brief: Brief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
-        Seen { set, frame: head.frame, ok: brief.status == Status::Ok, tip: brief.tip }
+        let brief: ResultBrief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
+        FrameResult { set, frame: head.frame, ok: brief.status == RecordStatus::Ok, tip: brief.tip }
     };
     heads.into_iter().zip(sets).map(one).collect()
 }
 
-fn with_results(line: Line, seen: &[Seen], chosen: Option<usize>, reference: Reference) -> Line {
+fn add_results(
+    line: SeriesOverview,
+    results: &[FrameResult],
+    chosen: Option<usize>,
+    reference: Reference,
+) -> SeriesOverview {
     let mut latest = std::collections::BTreeMap::new();
-    for one in seen.iter().filter(|one| Some(one.set) == chosen) {
+    for one in results.iter().filter(|one| Some(one.set) == chosen) {
         latest.insert(&one.frame, one);
     }
     let solved = || latest.values().filter(|s| s.ok);
     let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
     let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();
-    let (tip_deflection_m, greatest) = (Mean::of(&deflections), Single::greatest(tips(), reference));
+    let (tip_deflection_m, greatest) = (Mean::from_values(&deflections), FrameDeflection::greatest(tips(), reference));
     let solved = solved().count();
-    Line { solved, failed: latest.len() - solved, tip_deflection_m, greatest, ..line }
+    SeriesOverview { solved, failed: latest.len() - solved, tip_deflection_m, greatest, ..line }
 }

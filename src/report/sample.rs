@@ -1,26 +1,26 @@
-//! The tests of this folder work on the small made-up series of this file.
+//! Small synthetic series for the tests of this folder.
 
 use jiff::{SignedDuration, Timestamp};
 
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
 use crate::record::{
-    CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Provenance, Shape,
-    SigmaKind, Status, Tip, TorsionRecord,
+    CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Measured, Method, Model, Provenance, RecordStatus,
+    ReportedSigma, Shape, Tip, TorsionRecord,
 };
 
-/// A solved image of a wing along +y with four markers, the last one hidden.
+/// Returns the record of a solved image of a wing along +y with four markers, the last one hidden.
 pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
     let markers = (1..=4).map(|i| marker(i, tip_deflection_m)).collect();
     let a_per_m = Some(Measured { value: 0.00219, sigma: Some(5.9e-6) });
     ImageRecord {
         image: image.to_owned(),
-        status: Status::Ok,
+        status: RecordStatus::Ok,
         method: Method::Spatial,
         variance_factor: Some(0.97),
         redundancy: Some(33),
-        global_test: Some(GlobalTest::Passed),
-        sigma_kind: Some(SigmaKind::Prior),
+        global_test: Some(GlobalTestVerdict::Passed),
+        sigma_kind: Some(ReportedSigma::Prior),
         model: Model { a_per_m, ..Model::default() },
         tip: Some(Tip {
             marker: "M03".to_owned(),
@@ -91,15 +91,12 @@ fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
     }
 }
 
-/// An image without a result.
+/// Returns the record of an image without a solution.
 pub fn failed(image: &str, reason: &str) -> ImageRecord {
-    ImageRecord {
-        provenance: record(image, 0.0).provenance,
-        ..ImageRecord::failed(image, Method::Spatial, reason)
-    }
+    ImageRecord { provenance: record(image, 0.0).provenance, ..ImageRecord::failed(image, Method::Spatial, reason) }
 }
 
-/// A series that began `after_s` seconds after the first one, one shot per deflection.
+/// Returns a series that began `after_s` seconds after the first one, with one shot per deflection.
 pub fn series(name: &str, after_s: i64, deflections_m: &[f64]) -> SeriesData {
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {

@@ -1,159 +1,155 @@
-//! This file reads what a report shows from a store. Damage in one place does not hide the rest: it is noted.
+//! Reading of a report's data from a store. Damaged files are reported in the notes and do not hide the rest.
 
 use std::path::Path;
 
-use super::frame_ranking::Ranked;
-use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, Whole, aircraft, summary};
-use crate::aircraft::{State as AircraftState, Track};
+use super::frame_ranking::FrameRanking;
+use super::{FramePicture, FullRecord, MarkerCount, ReportData, ReportSite, SeriesData, ShotData, aircraft, summary};
+use crate::aircraft::{AircraftState, AircraftTrack};
 use crate::installation;
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
-use crate::store::manifest::{RefusedSeries, ResultLine, Shot, SeriesState};
+use crate::store::manifest::{RefusedSeries, ResultLine, SeriesState, Shot};
 use crate::store::result_sets::{self, ResultSet};
-use crate::store::{
-    self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout,
-};
+use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout};
 
-/// Which results of a store are meant.
+/// Selection of a flight and of one of its result sets.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Choice<'a> {
-    /// A flight's name; its reader says what is meant without one.
+pub struct ResultChoice<'a> {
+    /// Name of the flight; `None` for the default of the reading function.
     pub flight: Option<&'a str>,
-    /// The beginning of the key of the inputs that they were computed from; without one, what
-    /// [`sets::Sets::chosen`] says.
+    /// Beginning of the key of the inputs; `None` for the default of [`result_sets::ResultSets::choose_set`].
     pub inputs: Option<&'a str>,
 }
 
-impl<'a> Choice<'a> {
-    /// One flight, with the results that stand for it.
-    pub fn flight(flight: &'a str) -> Self {
+impl<'a> ResultChoice<'a> {
+    /// Selects a flight with its default results.
+    pub fn for_flight(flight: &'a str) -> Self {
         Self { flight: Some(flight), inputs: None }
     }
 }
 
-/// Frames whose records a report keeps whole: 3 MB of its page with 40 markers each.
-const FRAMES: usize = 400;
-/// Pictures that a report shows where nothing else is asked for; one is some 200 kB of its page.
-pub const PICTURES: usize = 4;
+/// Maximum number of frames with a full record in a report: about 3 MB of the page with 40 markers each.
+const MAX_FULL_RECORDS: usize = 400;
+/// Default number of images in a report, about 200 kB of the page each.
+pub const DEFAULT_PICTURES: usize = 4;
 
-/// Reads one flight, the newest with a series where none is named, with [`PICTURES`] frames to be shown. Without a setup
-/// ground shape and camera are those of the installation that the store keeps with its results.
+/// Reads one flight with [`DEFAULT_PICTURES`] images: the named one, or the newest one that has a series. Without a setup,
+/// ground shape and camera are those of the installation that the store keeps with the results.
 ///
 /// # Errors
-/// As [`flight_with`].
-pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
-    flight_with(root, choice, setup, PICTURES)
+/// Returns an error if [`read_flight_with_pictures`] does.
+pub fn read_flight(root: &Path, choice: ResultChoice, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
+    read_flight_with_pictures(root, choice, setup, DEFAULT_PICTURES)
 }
 
-/// The same with so many frames to be shown. Of the records those are whole that are to be looked at first: the others
-/// have what a list of them shows.
+/// Reads one flight with up to `pictures` images. Only the frames that rank first keep their full records; the others keep
+/// the values of a list.
 ///
 /// # Errors
-/// Where there is no store, no such flight, or no results of the inputs that are asked for.
-pub fn flight_with(
+/// Returns an error if there is no store, no such flight, or no result with the selected inputs.
+pub fn read_flight_with_pictures(
     root: &Path,
-    choice: Choice,
+    choice: ResultChoice,
     setup: Option<&Setup>,
     pictures: usize,
 ) -> Result<ReportData, StoreError> {
     let disk = RealDisk;
     catalogue::check_format(&disk, root)?;
-    let mut data = ReportData { site: setup.map(Site::from), ..ReportData::default() };
-    let mut whole = Ranked::new(FRAMES.max(pictures));
-    if let Some(chosen) = choose(&disk, root, choice.flight)? {
-        let set = pick(&disk, &chosen, choice, &mut data.warnings)?;
-        data.site = data.site.or_else(|| kept(root, set.as_ref()?));
-        let track = track(&disk, root, &chosen, &mut data.notes)?;
+    let mut data = ReportData { site: setup.map(ReportSite::from), ..ReportData::default() };
+    let mut whole = FrameRanking::new(MAX_FULL_RECORDS.max(pictures));
+    if let Some(chosen) = find_flight(&disk, root, choice.flight)? {
+        let set = select_results(&disk, &chosen, choice, &mut data.warnings)?;
+        data.site = data.site.or_else(|| stored_site(root, set.as_ref()?));
+        let track = read_track(&disk, root, &chosen, &mut data.notes)?;
         data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
         for series in catalogue::list_series(&disk, &chosen)? {
             let read = read_series(&disk, &series, set.as_ref(), &mut data.notes);
             let joined = read.map(|mut series| {
-                aircraft::join(&track, &mut series);
+                aircraft::join_aircraft_data(&track, &mut series);
                 series
             });
-            data.series.extend(joined.map(|series| lean(series, &mut whole)));
+            data.series.extend(joined.map(|series| reduce_series(series, &mut whole)));
         }
     }
-    data.notes.extend(refusals(&disk, root));
-    data.frames = whole.end();
-    data.pictures = shown(&data, pictures, |series, shot| picture(&disk, root, series, shot));
-    let said = data.pictures.iter().filter_map(|p| p.fault.clone());
-    data.notes.extend(said);
+    data.notes.extend(read_refusals(&disk, root));
+    data.frames = whole.into_frames();
+    data.pictures = select_pictures(&data, pictures, |series, shot| read_picture(&disk, root, series, shot));
+    let errors = data.pictures.iter().filter_map(|p| p.fault.clone());
+    data.notes.extend(errors);
     Ok(data)
 }
 
-/// Of the installation that results came from; `None` where the store does not keep it, or this program cannot read it.
-fn kept(root: &Path, set: &ResultSet) -> Option<Site> {
+/// Returns the installation of a result set; `None` if the store does not keep it or this program cannot read it.
+fn stored_site(root: &Path, set: &ResultSet) -> Option<ReportSite> {
     let digest = installations::digest_from_provenance(&set.provenance)?;
     let folder = installations::installation_folder(root, &digest);
-    installation::load_without_orientation(&folder).ok().map(|kept| Site::from(&kept.setup))
+    installation::load_without_orientation(&folder).ok().map(|installation| ReportSite::from(&installation.setup))
 }
 
-/// Flight of pictures that are in no store.
-pub const OF_PICTURES: &str = "pictures";
+/// Flight name of images that are in no store.
+pub const PICTURES_FLIGHT: &str = "pictures";
 
-/// What is shown of pictures that are in no store: their series, with whole records. `picture` gives the bytes of a series'
-/// picture by its name.
-pub fn pictures(
+/// Builds the report of images that are in no store, from series with full records. `picture` returns the image of a shot.
+pub fn pictures_report(
     series: Vec<SeriesData>,
     setup: &Setup,
-    picture: impl Fn(&SeriesData, &ShotData) -> Option<Picture>,
+    picture: impl Fn(&SeriesData, &ShotData) -> Option<FramePicture>,
 ) -> ReportData {
-    let mut data = ReportData { site: Some(Site::from(setup)), ..ReportData::default() };
-    let mut whole = Ranked::new(FRAMES);
-    data.series.extend(series.into_iter().map(|series| lean(series, &mut whole)));
-    data.frames = whole.end();
-    data.pictures = shown(&data, PICTURES, picture);
+    let mut data = ReportData { site: Some(ReportSite::from(setup)), ..ReportData::default() };
+    let mut whole = FrameRanking::new(MAX_FULL_RECORDS);
+    data.series.extend(series.into_iter().map(|series| reduce_series(series, &mut whole)));
+    data.frames = whole.into_frames();
+    data.pictures = select_pictures(&data, DEFAULT_PICTURES, picture);
     data
 }
 
-/// Hands out the series of the chosen flight, or of all flights, one at a time; what could not be read
-/// and what is to be said comes back. `take` gets the records whole.
-pub fn each<E: From<StoreError>>(
+/// Passes the series of the selected flight, or of all flights, to `take` one at a time, with full records. Returns notes
+/// and warnings.
+pub fn for_each_series<E: From<StoreError>>(
     root: &Path,
-    choice: Choice,
+    choice: ResultChoice,
     mut take: impl FnMut(SeriesData) -> Result<(), E>,
 ) -> Result<ReportData, E> {
     let disk = RealDisk;
-    let mut said = ReportData::default();
-    for flight in chosen(root, choice.flight)? {
-        let set = pick(&disk, &flight, choice, &mut said.warnings)?;
-        let track = track(&disk, root, &flight, &mut said.notes)?;
+    let mut messages = ReportData::default();
+    for flight in selected_flights(root, choice.flight)? {
+        let set = select_results(&disk, &flight, choice, &mut messages.warnings)?;
+        let track = read_track(&disk, root, &flight, &mut messages.notes)?;
         for series in catalogue::list_series(&disk, &flight)? {
-            if let Some(mut series) = read_series(&disk, &series, set.as_ref(), &mut said.notes) {
-                aircraft::join(&track, &mut series);
+            if let Some(mut series) = read_series(&disk, &series, set.as_ref(), &mut messages.notes) {
+                aircraft::join_aircraft_data(&track, &mut series);
                 take(series)?;
             }
         }
     }
-    Ok(said)
+    Ok(messages)
 }
 
-fn track(
+fn read_track(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
     notes: &mut Vec<String>,
-) -> Result<Track, StoreError> {
-    let (track, said) = aircraft::track(disk, root, flight)?;
-    notes.extend(said);
+) -> Result<AircraftTrack, StoreError> {
+    let (track, messages) = aircraft::read_track(disk, root, flight)?;
+    notes.extend(messages);
     Ok(track)
 }
 
-/// The flight that is named, or all.
-pub fn chosen(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, StoreError> {
+/// Returns the named flight, or all flights.
+pub fn selected_flights(root: &Path, name: Option<&str>) -> Result<Vec<FlightRef>, StoreError> {
     catalogue::check_format(&RealDisk, root)?;
-    match wanted {
-        Some(_) => Ok(choose(&RealDisk, root, wanted)?.into_iter().collect()),
+    match name {
+        Some(_) => Ok(find_flight(&RealDisk, root, name)?.into_iter().collect()),
         None => catalogue::list_flights(&RealDisk, root),
     }
 }
 
-/// The results of a flight that are meant; that there are others is said.
-fn pick(
+/// Selects the results of a flight, and warns if there are results from other inputs.
+fn select_results(
     disk: &dyn Disk,
     flight: &FlightRef,
-    choice: Choice,
+    choice: ResultChoice,
     warnings: &mut Vec<String>,
 ) -> Result<Option<ResultSet>, StoreError> {
     let sets = result_sets::flight_result_sets(disk, flight)?;
@@ -161,18 +157,18 @@ fn pick(
     let found = sets.choose_set(choice.inputs).cloned();
     if let (None, Some(key)) = (&found, choice.inputs) {
         let known: Vec<String> = sets.sets.iter().map(ResultSet::description).collect();
-        let why = format!("no results have inputs {key}, there are: {}", known.join(", "));
+        let why = format!("no results have inputs {key}; available: {}", known.join(", "));
         return Err(StoreError::NotAStore { path: flight.folder.clone(), why });
     }
     Ok(found)
 }
 
-/// A record as a list of records needs it; as it was it goes among the frames.
-fn lean(mut series: SeriesData, whole: &mut Ranked) -> SeriesData {
-    series.curve = summary::curve_of(&series.records);
+/// Reduces the records of a series to the values of a list; the full records are added to the ranking.
+fn reduce_series(mut series: SeriesData, whole: &mut FrameRanking) -> SeriesData {
+    series.curve = summary::mean_solved_curve(&series.records);
     for record in &mut series.records {
-        whole.push(Whole { series: series.name.clone(), record: record.clone() });
-        series.counts.push(MarkerCount::of(record));
+        whole.push(FullRecord { series: series.name.clone(), record: record.clone() });
+        series.counts.push(MarkerCount::from_record(record));
         record.markers.retain(|m| !m.used);
         record.markers.shrink_to_fit();
         record.curve = Vec::new();
@@ -182,24 +178,19 @@ fn lean(mut series: SeriesData, whole: &mut Ranked) -> SeriesData {
     series
 }
 
-fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<FlightRef>, StoreError> {
+fn find_flight(disk: &dyn Disk, root: &Path, name: Option<&str>) -> Result<Option<FlightRef>, StoreError> {
     let flights = catalogue::list_flights(disk, root)?;
-    if let Some(wanted) = wanted {
+    if let Some(name) = name {
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
-        let why = format!("there is no flight {wanted}, only: {}", known.join(", "));
-        let missing = || StoreError::NotAStore { path: layout::series_folder(root, wanted, ""), why };
-        return flights
-            .iter()
-            .find(|f| catalogue::is_called(disk, f, wanted))
-            .cloned()
-            .map(Some)
-            .ok_or_else(missing);
+        let why = format!("there is no flight {name}; available: {}", known.join(", "));
+        let missing = || StoreError::NotAStore { path: layout::series_folder(root, name, ""), why };
+        return flights.iter().find(|f| catalogue::is_called(disk, f, name)).cloned().map(Some).ok_or_else(missing);
     }
     let taken = |f: &&FlightRef| catalogue::list_series(disk, f).is_ok_and(|s| !s.is_empty());
     Ok(flights.iter().rev().find(taken).cloned())
 }
 
-/// A series with the results of a set, its records whole; `None` where its manifest cannot be read.
+/// Reads a series with full records of a result set; `None` if its manifest cannot be read.
 pub fn read_series(
     disk: &dyn Disk,
     series: &SeriesRef,
@@ -211,7 +202,7 @@ pub fn read_series(
         notes.push(e.to_string());
         Vec::new()
     });
-    let records = lines.into_iter().filter_map(|line| record(series, line, notes)).collect();
+    let records = lines.into_iter().filter_map(|line| parse_record(series, line, notes)).collect();
     Some(SeriesData {
         flight: series.flight.clone(),
         name: series.id.clone(),
@@ -223,12 +214,12 @@ pub fn read_series(
         inputs: set.map(|set| set.key.clone()),
         records,
         remarks: manifest.remarks,
-        shots: manifest.shots.into_iter().map(shot).collect(),
+        shots: manifest.shots.into_iter().map(shot_data).collect(),
     })
 }
 
-/// The result as written, under the name that its frame has in the store.
-fn record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Option<ImageRecord> {
+/// Parses a result, with the file name that its frame has in the store.
+fn parse_record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Option<ImageRecord> {
     let place = format!("{}/{}/{}: {}", series.flight, series.id, layout::RESULTS_FILE, line.frame);
     match serde_json::from_value::<ImageRecord>(line.record) {
         Ok(record) => Some(ImageRecord { image: line.frame, ..record }),
@@ -239,7 +230,7 @@ fn record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Opti
     }
 }
 
-fn shot(shot: Shot) -> ShotData {
+fn shot_data(shot: Shot) -> ShotData {
     let reason = |f: &store::manifest::ShotFailure| format!("{}: {}", f.kind, f.reason);
     let failures = shot.failures.iter().map(reason).collect();
     let source = shot.frame.as_ref().and_then(|f| f.settings.get("source")?.as_str().map(str::to_owned));
@@ -262,19 +253,19 @@ fn shot(shot: Shot) -> ShotData {
     }
 }
 
-fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
+fn read_refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
     let bytes = disk.read(&root.join(layout::REFUSED_FILE)).unwrap_or_default();
     let lines = jsonl::parse_lines::<RefusedSeries>(&bytes).good;
-    let text = |r: RefusedSeries| format!("Series refused at {}: {}", r.stamp.utc, r.reason);
+    let text = |r: RefusedSeries| format!("Series rejected at {}: {}", r.stamp.utc, r.reason);
     lines.into_iter().map(|(_, refusal)| text(refusal)).collect()
 }
 
-/// The frames that stand first, or the first frame at all.
-fn shown(
+/// Selects the images of the frames that rank first, or the first frame if there are none.
+fn select_pictures(
     data: &ReportData,
     most: usize,
-    picture: impl Fn(&SeriesData, &ShotData) -> Option<Picture>,
-) -> Vec<Picture> {
+    picture: impl Fn(&SeriesData, &ShotData) -> Option<FramePicture>,
+) -> Vec<FramePicture> {
     let ranked = data.frames.iter().filter_map(|frame| {
         let series = data.series.iter().find(|s| s.name == frame.series)?;
         let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&frame.record.image))?;
@@ -287,7 +278,7 @@ fn shown(
     chosen.into_iter().filter_map(|(series, shot)| picture(series, shot)).collect()
 }
 
-fn picture(disk: &dyn Disk, root: &Path, series: &SeriesData, shot: &ShotData) -> Option<Picture> {
+fn read_picture(disk: &dyn Disk, root: &Path, series: &SeriesData, shot: &ShotData) -> Option<FramePicture> {
     let image = shot.image.clone().filter(|name| layout::is_frame_name(name))?;
     let path = layout::series_folder(root, &series.flight, &series.name).join(&image);
     let (bytes, fault) = match disk.read(&path) {
@@ -297,5 +288,5 @@ fn picture(disk: &dyn Disk, root: &Path, series: &SeriesData, shot: &ShotData) -
             (Vec::new(), Some(text))
         }
     };
-    Some(Picture { series: series.name.clone(), image, bytes, format: shot.format.clone(), fault })
+    Some(FramePicture { series: series.name.clone(), image, bytes, format: shot.format.clone(), fault })
 }

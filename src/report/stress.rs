@@ -1,170 +1,161 @@
-//! The moments of a flight at the stations of the structure say what it meant for wear (docs/stress.md).
+//! Bending moments of a flight at structural stations: extremes, exceedances, cycles and damage (docs/stress.md).
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use super::number::general;
+use super::number::format_general;
 use crate::clock::Stamp;
 use crate::measure::stress::{
-    self, Curvature, Damage, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling,
-    Section,
+    self, BendingCurvature, BendingMoment, Damage, FlightCycles, GoodmanLine, GroundAirGround, SAMPLES_PER_PERIOD,
+    Sampling, StiffnessSection,
 };
 use crate::record::ImageRecord;
 
-/// A solved frame.
+/// Solved frame with its bending line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
-    /// Its series.
+pub struct StressFrame {
     pub series: String,
-    /// File in the series' folder.
+    /// File name in the folder of the series.
     pub image: String,
-    /// When it was exposed; where that is not recorded, when the camera was asked.
+    /// Time of the exposure; if that is not recorded, time of the camera request.
     pub stamp: Stamp,
-    /// Its bending line.
-    pub curvature: Curvature,
+    pub curvature: BendingCurvature,
 }
 
-/// What is asked for.
+/// Parameters of the load evaluation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Question {
-    /// Where.
-    pub sections: Vec<Section>,
-    /// The wing's lowest bending frequency, Hz.
+pub struct StressQuery {
+    /// Stations with their stiffness.
+    pub sections: Vec<StiffnessSection>,
+    /// Lowest bending frequency of the wing, Hz.
     pub bending_hz: f64,
-    /// Slopes of S-N curves.
+    /// Slopes of the S-N curves.
     pub slopes: Vec<f64>,
-    /// Correct for the mean by Goodman's line.
+    /// Correct for the mean moment with Goodman's line.
     pub goodman: bool,
-    /// Levels of the exceedances.
+    /// Number of levels of the exceedances.
     pub levels: usize,
 }
 
-/// A flight's answer.
+/// Loads of a flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlightLoad {
-    /// Frames with a moment.
+    /// Number of frames with a moment.
     pub frames: usize,
-    /// Frames a second, by the median interval; `null` with fewer than two.
+    /// Frame rate by the median interval; `null` with fewer than two frames.
     pub rate_hz: Option<f64>,
-    /// What cycles need: ten frames a period of the lowest bending.
+    /// Frame rate needed to count cycles: ten frames per period of the lowest bending mode.
     pub needed_hz: f64,
-    /// Where frames are missing.
-    pub gaps: Gaps,
-    /// Why no cycles are counted; `null` where they are.
+    /// Gaps between frames.
+    pub gaps: FrameGaps,
+    /// Reason why no cycles are counted; `null` if they are.
     pub no_cycles_because: Option<String>,
-    /// From root to tip.
+    /// Stations from root to tip.
     pub stations: Vec<StationLoad>,
 }
 
-/// Where frames are missing, and what is told of cycles.
+/// Gaps between frames, and the time over which cycles were counted.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Gaps {
-    /// Intervals longer than one and a half usual ones.
+pub struct FrameGaps {
+    /// Number of intervals longer than 1.5 times the median interval.
     pub count: usize,
-    /// The longest, s; 0 without one.
+    /// Longest gap, s; 0 if there is none.
     pub longest_s: f64,
-    /// Time whose cycles are counted, s.
-    pub told_s: f64,
-    /// Time whose cycles are not, s.
-    pub untold_s: f64,
+    /// Time over which cycles were counted, s.
+    pub counted_s: f64,
+    /// Time over which no cycles were counted, s.
+    pub uncounted_s: f64,
 }
 
-impl Gaps {
-    fn of(sampling: &Sampling) -> Self {
-        let Sampling { gaps, longest_gap_s, told_s, untold_s, .. } = *sampling;
-        let (told_s, untold_s) = match sampling.tells_cycles() {
-            true => (told_s, untold_s),
-            false => (0.0, told_s + untold_s),
+impl FrameGaps {
+    fn from_sampling(sampling: &Sampling) -> Self {
+        let Sampling { gaps, longest_gap_s, covered_s, uncovered_s, .. } = *sampling;
+        let (counted_s, uncounted_s) = match sampling.has_countable_cycles() {
+            true => (covered_s, uncovered_s),
+            false => (0.0, covered_s + uncovered_s),
         };
-        Self { count: gaps, longest_s: longest_gap_s, told_s, untold_s }
+        Self { count: gaps, longest_s: longest_gap_s, counted_s, uncounted_s }
     }
 
-    /// For people; `None` without a gap.
+    /// Describes the gaps in a sentence; `None` if there are none.
     #[must_use]
-    pub fn said(&self) -> Option<String> {
+    pub fn message(&self) -> Option<String> {
         let minutes = |s: f64| format!("{:.1} min", s / 60.0);
-        let (told, untold) = (minutes(self.told_s), minutes(self.untold_s));
+        let (counted, uncounted) = (minutes(self.counted_s), minutes(self.uncounted_s));
         (self.count > 0).then(|| {
             format!(
-                "{} gaps between frames, the longest {:.1} s; cycles are told over {told}, not over {untold}: those are \
-                 not in the damage, and in its standard deviation as if they were like the others",
+                "{} gaps between frames, longest {:.1} s. Cycles were counted over {counted}; the remaining {uncounted} is \
+                 not in the damage, but the standard deviation allows for it at the same damage rate",
                 self.count, self.longest_s
             )
         })
     }
 }
 
-/// At one station. Moments are the change against ground, N m, positive where they bend the tip up.
+/// Loads at one station. Moments are changes relative to the ground, N m, positive if they bend the tip up.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StationLoad {
-    /// From the bending root, m.
+    /// Arc length from the bending root, m.
     pub s_m: f64,
-    /// N m^2.
+    /// Bending stiffness EI.
     pub ei_n_m2: f64,
-    /// The greatest.
+    /// Largest moment.
     pub greatest: ExtremeLoad,
-    /// The smallest.
+    /// Smallest moment.
     pub smallest: ExtremeLoad,
-    /// From the ground to the extreme and back.
+    /// Cycle from the ground to the extremes and back.
     pub ground_air_ground: GroundAirGround,
-    /// Levels from low to high.
+    /// Exceedances from the lowest to the highest level.
     pub exceedances: Vec<ExceedanceLoad>,
-    /// Rainflow cycles, largest first; `null` where the sampling shows none.
+    /// Rainflow cycles, largest range first; `null` if no cycles are counted.
     pub cycles: Option<Vec<CycleLoad>>,
-    /// Smallest range counted, N m.
+    /// Smallest counted range.
     pub smallest_range_n_m: Option<f64>,
-    /// Cycles below it.
-    pub cycles_left_out: Option<f64>,
-    /// One for each slope; `null` as above.
+    /// Number of cycles below the smallest counted range.
+    pub cycles_excluded: Option<f64>,
+    /// Damage for each slope; `null` if no cycles are counted.
     pub damage: Option<Vec<Damage>>,
 }
 
-/// An extreme moment and its frame.
+/// Extreme moment and its frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExtremeLoad {
-    /// N m.
     pub moment_n_m: f64,
-    /// N m.
     pub sigma_moment_n_m: f64,
-    /// Of it, from the stiffness, N m: common to all frames.
+    /// Part of `sigma_moment_n_m` due to the stiffness; common to all frames.
     pub sigma_by_stiffness_n_m: f64,
-    /// The frame's series.
     pub series: String,
-    /// The frame.
+    /// File name of the frame.
     pub image: String,
-    /// When.
     pub utc: jiff::Timestamp,
 }
 
-/// How often a level was exceeded.
+/// Number of exceedances of a level.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ExceedanceLoad {
-    /// N m.
     pub level_n_m: f64,
-    /// Frames above.
+    /// Number of frames above the level.
     pub frames_above: usize,
-    /// Upward crossings; `null` where the sampling shows none.
+    /// Number of upward crossings; `null` if no cycles are counted.
     pub upward_crossings: Option<usize>,
 }
 
-/// A rainflow cycle.
+/// Rainflow cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CycleLoad {
-    /// N m.
     pub range_n_m: f64,
-    /// From the curvature, N m.
+    /// Part of the standard deviation due to the curvature.
     pub sigma_range_n_m: f64,
-    /// N m.
     pub mean_n_m: f64,
-    /// 1 or 0.5.
+    /// 1 for a full cycle, 0.5 for a half cycle.
     pub count: f64,
 }
 
-/// The coefficients of a record's bending line, 1/m, with their covariance, 1/m^2.
+/// Returns the curvature coefficients of a record, 1/m, with their covariance, 1/m².
 ///
 /// # Errors
-/// Where there are none.
-pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
+/// Returns an error if the record has no curvature or no correlations.
+pub fn curvature_coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
     if !record.is_solved() {
         return Err(NoCurvature::Unsolved);
     }
@@ -174,14 +165,14 @@ pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>)
     }
     let place = |k: usize| format!("curvature_per_m[{k}]");
     let sigma = |k: usize| terms[k].sigma.unwrap_or(0.0);
-    let entry = |i: usize, j: usize| record.quality.correlation.as_ref()?.of(&place(i), &place(j));
+    let entry = |i: usize, j: usize| record.quality.correlation.as_ref()?.coefficient(&place(i), &place(j));
     let mut covariance = DMatrix::zeros(terms.len(), terms.len());
     for i in 0..terms.len() {
         for j in 0..terms.len() {
-            // A coefficient that was held varies with none.
-            let held = sigma(i) == 0.0 || sigma(j) == 0.0;
+            // A fixed coefficient has no covariance.
+            let fixed = sigma(i) == 0.0 || sigma(j) == 0.0;
             let correlated = if i == j { Some(1.0) } else { entry(i, j) };
-            covariance[(i, j)] = match (held, correlated) {
+            covariance[(i, j)] = match (fixed, correlated) {
                 (true, _) => 0.0,
                 (false, Some(r)) => r * sigma(i) * sigma(j),
                 (false, None) => return Err(NoCurvature::NoCorrelations),
@@ -191,22 +182,22 @@ pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>)
     Ok((DVector::from_iterator(terms.len(), terms.iter().map(|m| m.value)), covariance))
 }
 
-/// Why a result has no bending line to take moments from.
+/// Reason why a result has no bending line from which moments can be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoCurvature {
-    /// It has no numbers.
-    #[error("it was not solved")]
+    /// The frame has no solution.
+    #[error("the frame was not solved")]
     Unsolved,
-    /// The published parabola is no beam.
-    #[error("its result has no curvature: solve it with --method spatial")]
+    /// The profile method fits a parabola, which has no curvature coefficients.
+    #[error("the result has no curvature: solve the frame with --method spatial")]
     OtherMethod,
-    /// A program that did not write them.
-    #[error("its result has no correlations: solve it again")]
+    /// The result was written by a program without correlations.
+    #[error("the result has no correlations: solve the frame again")]
     NoCorrelations,
 }
 
-/// Seconds from the first frame: time since boot within a boot, UTC from boot to boot.
-pub fn seconds<'a>(stamps: impl Iterator<Item = &'a Stamp>) -> Vec<f64> {
+/// Returns the seconds since the first frame: by time since boot within a boot, by UTC between boots.
+pub fn seconds_since_first<'a>(stamps: impl Iterator<Item = &'a Stamp>) -> Vec<f64> {
     let mut at = Vec::new();
     let mut last: Option<(&Stamp, f64)> = None;
     for stamp in stamps {
@@ -224,68 +215,70 @@ pub fn seconds<'a>(stamps: impl Iterator<Item = &'a Stamp>) -> Vec<f64> {
     at
 }
 
-/// The answer for frames in order of time; `None` without one.
-pub fn of(frames: &[Frame], question: &Question) -> Option<FlightLoad> {
-    let times_s = seconds(frames.iter().map(|frame| &frame.stamp));
-    let sampling = stress::sampling(&times_s, question.bending_hz);
-    let station = |section: &Section| station(frames, section, question, &sampling);
+/// Evaluates the loads of frames in order of time; `None` without frames.
+pub fn flight_load(frames: &[StressFrame], question: &StressQuery) -> Option<FlightLoad> {
+    let times_s = seconds_since_first(frames.iter().map(|frame| &frame.stamp));
+    let sampling = stress::analyse_sampling(&times_s, question.bending_hz);
+    let station = |section: &StiffnessSection| station_load(frames, section, question, &sampling);
     let stations = question.sections.iter().map(station).collect::<Option<Vec<_>>>();
     Some(FlightLoad {
         frames: frames.len(),
         rate_hz: sampling.rate_hz,
         needed_hz: sampling.needed_hz,
-        gaps: Gaps::of(&sampling),
-        no_cycles_because: no_cycles(&sampling, question.bending_hz),
+        gaps: FrameGaps::from_sampling(&sampling),
+        no_cycles_because: no_cycles_reason(&sampling, question.bending_hz),
         stations: stations?,
     })
 }
 
-fn no_cycles(sampling: &Sampling, bending_hz: f64) -> Option<String> {
-    if sampling.tells_cycles() {
+fn no_cycles_reason(sampling: &Sampling, bending_hz: f64) -> Option<String> {
+    if sampling.has_countable_cycles() {
         return None;
     }
-    let still = "extremes and the ground-air-ground cycle are of the frames there are";
-    let rate = sampling.rate_hz.map(general).filter(|_| sampling.is_fast_enough());
+    let remaining = "extremes and the ground-air-ground cycle are from the available frames";
+    let rate = sampling.rate_hz.map(format_general).filter(|_| sampling.is_fast_enough());
     if let Some(rate) = rate {
-        let (told, all) = (sampling.told_s, sampling.told_s + sampling.untold_s);
+        let (covered_s, total_s) = (sampling.covered_s, sampling.covered_s + sampling.uncovered_s);
         return Some(format!(
-            "frames come at {rate} a second over {told:.1} s of {all:.1} s only, which tells no cycles of a flight; {still}"
+            "the rate of {rate} frames per second covers only {covered_s:.1} s of {total_s:.1} s, too little to count the cycles of \
+             a flight; {remaining}"
         ));
     }
-    let rate =
-        sampling.rate_hz.map_or("one frame".to_owned(), |rate| format!("{} frames a second", general(rate)));
+    let rate = sampling.rate_hz.map_or("one frame is too few".to_owned(), |rate| {
+        format!("{} frames per second is too low", format_general(rate))
+    });
     Some(format!(
-        "{rate} tell no cycles of a wing that bends at {bending_hz} Hz and above: {} a second are needed, \
-         {SAMPLES_PER_PERIOD} a period; {still}",
+        "{rate} to count cycles of a {bending_hz} Hz bending mode; at least {} per second ({SAMPLES_PER_PERIOD} per \
+         period) are needed; {remaining}",
         sampling.needed_hz
     ))
 }
 
-fn station(
-    frames: &[Frame],
-    section: &Section,
-    question: &Question,
+fn station_load(
+    frames: &[StressFrame],
+    section: &StiffnessSection,
+    question: &StressQuery,
     sampling: &Sampling,
 ) -> Option<StationLoad> {
-    let moments: Vec<Moment> = frames.iter().map(|frame| frame.curvature.moment(section)).collect();
+    let moments: Vec<BendingMoment> = frames.iter().map(|frame| frame.curvature.bending_moment(section)).collect();
     let whole = stress::ground_air_ground(&moments)?;
-    let counted = sampling.tells_cycles().then(|| stress::over_a_flight(&moments));
+    let counted = sampling.has_countable_cycles().then(|| stress::count_flight_cycles(&moments));
     Some(StationLoad {
         s_m: section.s_m,
         ei_n_m2: section.ei_n_m2,
-        greatest: extreme(frames, &moments, 1.0)?,
-        smallest: extreme(frames, &moments, -1.0)?,
+        greatest: extreme_load(frames, &moments, 1.0)?,
+        smallest: extreme_load(frames, &moments, -1.0)?,
         ground_air_ground: whole,
-        exceedances: exceedances(&moments, question.levels, sampling),
-        cycles: counted.as_ref().map(cycles),
+        exceedances: exceedance_loads(&moments, question.levels, sampling),
+        cycles: counted.as_ref().map(cycle_loads),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
-        cycles_left_out: counted.as_ref().map(|flight| flight.left_out),
-        damage: counted.map(|flight| damage((&flight, sampling), &whole, section, question)),
+        cycles_excluded: counted.as_ref().map(|flight| flight.excluded),
+        damage: counted.map(|flight| station_damage((&flight, sampling), &whole, section, question)),
     })
 }
 
-fn extreme(frames: &[Frame], moments: &[Moment], sign: f64) -> Option<ExtremeLoad> {
-    let (at, moment) = stress::extreme(moments, sign)?;
+fn extreme_load(frames: &[StressFrame], moments: &[BendingMoment], sign: f64) -> Option<ExtremeLoad> {
+    let (at, moment) = stress::extreme_moment(moments, sign)?;
     let frame = frames.get(at)?;
     Some(ExtremeLoad {
         moment_n_m: moment.value,
@@ -297,16 +290,16 @@ fn extreme(frames: &[Frame], moments: &[Moment], sign: f64) -> Option<ExtremeLoa
     })
 }
 
-fn exceedances(moments: &[Moment], levels: usize, sampling: &Sampling) -> Vec<ExceedanceLoad> {
+fn exceedance_loads(moments: &[BendingMoment], levels: usize, sampling: &Sampling) -> Vec<ExceedanceLoad> {
     let one = |e: stress::Exceedance| ExceedanceLoad {
         level_n_m: e.level_n_m,
         frames_above: e.frames,
-        upward_crossings: sampling.tells_cycles().then_some(e.crossings),
+        upward_crossings: sampling.has_countable_cycles().then_some(e.crossings),
     };
-    stress::exceedances(moments, levels).into_iter().map(one).collect()
+    stress::count_exceedances(moments, levels).into_iter().map(one).collect()
 }
 
-fn cycles(flight: &OverAFlight) -> Vec<CycleLoad> {
+fn cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
     let mut all: Vec<CycleLoad> = flight
         .cycles
         .iter()
@@ -322,14 +315,14 @@ fn cycles(flight: &OverAFlight) -> Vec<CycleLoad> {
     all
 }
 
-fn damage(
-    (flight, sampling): (&OverAFlight, &Sampling),
+fn station_damage(
+    (flight, sampling): (&FlightCycles, &Sampling),
     whole: &GroundAirGround,
-    section: &Section,
-    question: &Question,
+    section: &StiffnessSection,
+    question: &StressQuery,
 ) -> Vec<Damage> {
     let line = section.ultimate_n_m.filter(|_| question.goodman);
-    let goodman = line.map(|ultimate_n_m| Goodman { ground_n_m: section.ground_n_m, ultimate_n_m });
-    let share = (section.sigma_ei_n_m2 / section.ei_n_m2, sampling.unseen());
-    question.slopes.iter().map(|slope| stress::damage(flight, whole, *slope, goodman, share)).collect()
+    let goodman = line.map(|ultimate_n_m| GoodmanLine { ground_n_m: section.ground_n_m, ultimate_n_m });
+    let share = (section.sigma_ei_n_m2 / section.ei_n_m2, sampling.unseen_fractions());
+    question.slopes.iter().map(|slope| stress::relative_damage(flight, whole, *slope, goodman, share)).collect()
 }

@@ -67,12 +67,12 @@ impl StoreConfig {
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.path.as_os_str().is_empty() {
-            let mend = "name a directory, for example /var/lib/wingd";
-            faults.push(KeyFault::new("store.path", "is empty", mend));
+            let remedy = "name a directory, for example /var/lib/wingd";
+            faults.push(KeyFault::new("store.path", "is empty", remedy));
         }
         if self.new_flight_after.is_zero() {
-            let mend = "for example \"3h\"";
-            faults.push(KeyFault::new("store.new_flight_after", "must be longer than 0", mend));
+            let remedy = "for example \"3h\"";
+            faults.push(KeyFault::new("store.new_flight_after", "must be longer than 0", remedy));
         }
         faults
     }

@@ -2,10 +2,8 @@
 //! disks.
 //!
 //! A store is one directory of plain files, and the only source of truth: everything kept in memory can be rebuilt
-//! by
-//! scanning it. Frames and results are opaque bytes and JSON here. `docs/store.md` specifies the layout and the
-//! invariants,
-//! `docs/store/durability.md` the order of every write, and [`verify`] checks all of it.
+//! by scanning it. Frames and results are opaque bytes and JSON here. `docs/store.md` specifies the layout and the
+//! invariants, `docs/store/durability.md` the order of every write, and [`verify`] checks all of it.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -32,25 +30,24 @@
 //! ```
 //!
 //! Modules, lowest layer first; each uses only those before it: [`disk`] calls the file system, `format` encodes
-//! and decodes
-//! files, `read` reads a store without a lock, `write` makes new data durable, `maintenance` verifies, copies and
-//! prunes.
+//! and decodes files, `read` reads a store without a lock, `write` makes new data durable, `maintenance` verifies,
+//! copies and prunes.
 
-mod maintenance;
 mod config;
 pub mod disk;
 mod format;
+mod maintenance;
 mod read;
 mod write;
 
-pub use maintenance::upgrade::upgrade_store;
-pub use maintenance::{prune, receive, verify};
 pub use config::{BootPolicy, StoreConfig};
 pub use disk::{Disk, RealDisk, StoreError, fake};
-pub use format::columns::{LiveColumn, ValueKind, LiveTable, LiveRow};
+pub use format::columns::{LiveColumn, LiveRow, LiveTable, ValueKind};
 pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256_hex};
+pub use maintenance::upgrade::upgrade_store;
+pub use maintenance::{prune, receive, verify};
 pub use read::catalogue::{FlightRef, SeriesRef};
-pub use read::frames::{FrameRef, series_frames, read_frame};
+pub use read::frames::{FrameRef, read_frame, series_frames};
 pub use read::{aircraft, bundle, catalogue, installations, live, manual_marks, result_sets};
 pub use write::opening::{is_vacant, unwritable_reason};
 pub use write::recover::Recovery;

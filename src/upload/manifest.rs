@@ -1,120 +1,117 @@
-//! What is published of a flight: whose it is, each file with its digest, and where each lies.
+//! Manifest of a published flight: aircraft, wing, files with digests, and object keys.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::store::bundle::{FlightBundle, BundleContent, BundleFile};
+use crate::store::bundle::{BundleContent, BundleFile, FlightBundle};
 use crate::store::{Disk, FlightRef, RealDisk, StoreError, catalogue, installations, layout, sha256_hex};
 
-/// Of the manifest's own fields.
+/// Format of the manifest.
 const FORMAT: u32 = 2;
-/// Characters of a name in a key.
+/// Maximum length of a name in a key, characters.
 const MAX_NAME_LENGTH: usize = 64;
-/// Bytes of an object at most: longer files are parts, so that what a break costs is bounded. At 0.25 MB/s a part
-/// takes 17 s.
+/// Maximum length of an object, bytes: longer files are uploaded in parts, which bounds the cost of an interruption. A part
+/// takes 17 s at 0.25 MB/s.
 pub(super) const PART_BYTES: usize = 4 << 20;
-/// Where a record's own digest stands until it is known.
+/// Placeholder in the seal field while the digest is computed.
 const EMPTY_SEAL: &str = "0000000000000000000000000000000000000000000000000000000000000000";
-/// Characters of a recorder's id that name an aircraft nobody has named.
+/// Length of the recorder id in the default aircraft name, characters.
 const SHORT_ID_LENGTH: usize = 8;
 
-/// Whose wing it is: what can be corrected later, and identifies nothing. `None`: not said.
+/// Aircraft and wing of a flight: labels that can be corrected later and do not identify the flight. `None`: not given.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct WingLabels {
-    /// Registration; [`About::is_name`] holds.
+    /// Registration, valid for [`WingLabels::is_valid_name`].
     pub aircraft: Option<String>,
-    /// Kind of aircraft.
     pub aircraft_type: Option<String>,
-    /// Which wing of it: `left`, `right`, or another name.
+    /// Name of the wing: `left`, `right`, or another name.
     pub wing: Option<String>,
 }
 
 impl WingLabels {
-    /// Letters, digits, `.`, `_`, `-`, at most 64: what every object store, file system and table engine
-    /// takes without quoting. Not `.` first, which would be hidden, or lead up.
+    /// Returns whether a text is a valid name: 1 to 64 letters, digits, `.`, `_`, `-`, which every object store, file
+    /// system and table engine takes without quoting; no leading `.`, which would hide a file or lead up.
     pub fn is_valid_name(text: &str) -> bool {
         let plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
         (1..=MAX_NAME_LENGTH).contains(&text.len()) && text.chars().all(plain) && !text.starts_with('.')
     }
 }
 
-/// `manifests/recorder=R/flight=F/manifest.json`: the flight exists, and this is all of it. What of it has arrived
-/// is said by the marks beside it, [`Stage`].
+/// Manifest of a flight, `manifests/recorder=R/flight=F/manifest.json`: announces the flight with all its files. Completion
+/// objects next to it show the stages that have arrived ([`UploadStage`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UploadManifest {
-    /// Of this file.
+    /// Format of the manifest.
     pub format: u32,
-    /// The store's id. With the flight's name it is the flight's identity.
+    /// Id of the store; together with the flight's name it identifies the flight.
     pub recorder: String,
-    /// The flight's name in its store.
+    /// Name of the flight in its store.
     pub flight: String,
-    /// Registration as first said; of a recorder that nobody named one of its own.
+    /// Registration as first published; by default a name derived from the recorder's id.
     pub aircraft: String,
-    /// Kind of aircraft; `null` where it was not said.
+    /// Type of aircraft; `null` if not given.
     pub aircraft_type: Option<String>,
-    /// Which wing; `null` where neither the call nor the installation says it.
+    /// Name of the wing; `null` if neither the call nor the installation gives it.
     pub wing: Option<String>,
-    /// When it began, UTC as the recorder knew it.
+    /// Beginning of the flight, UTC by the recorder's clock.
     pub started: String,
-    /// Over all files.
+    /// Digest of all files.
     pub digest: String,
-    /// Bytes of all files.
+    /// Total length of all files.
     pub bytes: u64,
-    /// From the flight's folder: together they are a store.
+    /// Files of the flight; together they are a store.
     pub files: Vec<PublishedFile>,
-    /// SHA-256 of this text with the 64 digits of this field as zeros.
+    /// SHA-256 of this text with 64 zeros in this field.
     pub seal: String,
 }
 
-/// A file of a published flight.
+/// File of a published flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PublishedFile {
-    /// With `/`.
+    /// Path with `/`.
     pub name: String,
-    /// Bytes.
+    /// Length, bytes.
     pub length: u64,
-    /// Hex.
+    /// SHA-256 of the file, hex.
     pub sha256: String,
-    /// Of a file that lies in several objects, `NAME.part-0000` and on: each one's SHA-256.
+    /// SHA-256 of each part, if the file is split into objects `NAME.part-0000`, ….
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub parts: Vec<String>,
 }
 
-/// What arrives one after the other.
+/// Stage of an upload, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UploadStage {
-    /// All that is no frame.
+    /// Everything except frames.
     Results,
-    /// The frames.
     Frames,
 }
 
-/// An object of a flight.
+/// Object of a flight.
 #[derive(Clone, Debug)]
 pub(super) struct UploadObject {
     pub key: String,
     pub stage: UploadStage,
-    /// Bytes before it in its file.
+    /// Offset in its file, bytes.
     pub offset: u64,
     pub length: u64,
     pub sha256: String,
-    /// Its file.
     pub file: BundleFile,
 }
 
-/// A mark: everything of a stage is there.
+/// Completion object: all objects of a stage have arrived.
 #[derive(Serialize)]
 struct CompletionRecord<'a> {
     format: u32,
     stage: &'a str,
-    /// SHA-256 of the manifest that it speaks of.
+    /// SHA-256 of the manifest.
     manifest: String,
     seal: &'a str,
 }
 
 impl UploadStage {
-    /// As files name it.
+    /// Returns the name of the stage in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Results => "results",
@@ -122,7 +119,8 @@ impl UploadStage {
         }
     }
 
-    /// Frames lie below a prefix of their own, which a rule of the bucket can age.
+    /// Returns the key prefix of the stage. Frames have their own prefix, so that a lifecycle rule of the bucket can delete
+    /// them.
     fn key_prefix(self) -> &'static str {
         match self {
             Self::Results => "flights",
@@ -139,11 +137,11 @@ impl UploadStage {
 }
 
 impl UploadManifest {
-    /// Of a flight as it is here; files that lie in parts are read for their digests.
+    /// Creates the manifest of a local flight; reads files that are uploaded in parts for their digests.
     pub(super) fn from_bundle(
         root: &Path,
         flight: &FlightRef,
-        about: &WingLabels,
+        labels: &WingLabels,
         bundle: &FlightBundle,
     ) -> Result<Self, StoreError> {
         let recorder = catalogue::store_id(&RealDisk, root).ok_or_else(|| missing_id_error(root))?;
@@ -151,9 +149,9 @@ impl UploadManifest {
         let short = recorder.get(..SHORT_ID_LENGTH).unwrap_or(&recorder);
         let mut manifest = Self {
             format: FORMAT,
-            aircraft: about.aircraft.clone().unwrap_or_else(|| format!("recorder-{short}")),
-            aircraft_type: about.aircraft_type.clone(),
-            wing: about.wing.clone().or(wing_side(root, flight)?),
+            aircraft: labels.aircraft.clone().unwrap_or_else(|| format!("recorder-{short}")),
+            aircraft_type: labels.aircraft_type.clone(),
+            wing: labels.wing.clone().or(wing_side(root, flight)?),
             recorder,
             flight: flight.id.clone(),
             started: catalogue::read_flight_manifest(&RealDisk, flight)?.started.utc.to_string(),
@@ -171,7 +169,7 @@ impl UploadManifest {
         self.seal = sha256_hex(self.json_text().as_bytes());
     }
 
-    /// A manifest that its seal fits.
+    /// Parses a manifest; `None` if its seal does not match.
     pub(super) fn parse_sealed(bytes: &[u8]) -> Option<Self> {
         let found: Self = serde_json::from_slice(bytes).ok()?;
         let text = std::str::from_utf8(bytes).ok()?;
@@ -179,12 +177,12 @@ impl UploadManifest {
         (sha256_hex(open.as_bytes()) == found.seal).then_some(found)
     }
 
-    /// With whose it is as another one says it, where the call does not say it; `None` where the call contradicts.
-    pub(super) fn adopt_labels(mut self, there: &Self, about: &WingLabels) -> Option<Self> {
-        let fits = |said: &Option<String>, there: Option<&String>| said.is_none() || said.as_ref() == there;
-        let all = fits(&about.aircraft, Some(&there.aircraft))
-            && fits(&about.aircraft_type, there.aircraft_type.as_ref())
-            && fits(&about.wing, there.wing.as_ref());
+    /// Adopts the labels of the published manifest if the call does not give them; `None` if the call contradicts them.
+    pub(super) fn adopt_labels(mut self, there: &Self, labels: &WingLabels) -> Option<Self> {
+        let fits = |given: &Option<String>, there: Option<&String>| given.is_none() || given.as_ref() == there;
+        let all = fits(&labels.aircraft, Some(&there.aircraft))
+            && fits(&labels.aircraft_type, there.aircraft_type.as_ref())
+            && fits(&labels.wing, there.wing.as_ref());
         self.aircraft.clone_from(&there.aircraft);
         self.aircraft_type.clone_from(&there.aircraft_type);
         self.wing.clone_from(&there.wing);
@@ -196,12 +194,12 @@ impl UploadManifest {
         format!("recorder={}/flight={}", self.recorder, self.flight)
     }
 
-    /// Its own key.
+    /// Returns the key of the manifest.
     pub fn key(&self) -> String {
         format!("manifests/{}/manifest.json", self.flight_path())
     }
 
-    /// Key and text of the mark of a stage.
+    /// Returns key and text of the completion object of a stage.
     pub(super) fn completion_object(&self, stage: UploadStage) -> (String, String) {
         let manifest = sha256_hex(self.json_text().as_bytes());
         let text = |seal: &str| {
@@ -212,12 +210,13 @@ impl UploadManifest {
         (key, text(&sha256_hex(text(EMPTY_SEAL).as_bytes())))
     }
 
-    /// What all keys of its files begin with.
+    /// Returns the key prefixes of its files.
     pub fn key_prefixes(&self) -> [String; 2] {
-        [UploadStage::Results, UploadStage::Frames].map(|stage| format!("{}/{}", stage.key_prefix(), self.flight_path()))
+        [UploadStage::Results, UploadStage::Frames]
+            .map(|stage| format!("{}/{}", stage.key_prefix(), self.flight_path()))
     }
 
-    /// Every object of its files, in the order in which they are sent.
+    /// Returns all objects of its files, in sending order.
     pub(super) fn upload_objects(&self, bundle: &FlightBundle) -> Vec<UploadObject> {
         let mut pieces: Vec<UploadObject> =
             self.files.iter().zip(&bundle.items).flat_map(|(file, item)| self.file_objects(file, item)).collect();
@@ -247,7 +246,7 @@ impl UploadManifest {
         file.parts.iter().enumerate().map(part).collect()
     }
 
-    /// The same flight gives the same bytes: there is nothing of the moment or the machine in it.
+    /// Returns the JSON text. The same flight always gives the same bytes: nothing depends on time or machine.
     pub(super) fn json_text(&self) -> String {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
@@ -262,7 +261,7 @@ fn published_file(item: &BundleFile) -> Result<PublishedFile, StoreError> {
     Ok(PublishedFile { name: item.name.clone(), length: item.length, sha256: item.sha256.clone(), parts })
 }
 
-/// A file's bytes, of the state that the bundle is; they are the ones that the chain knows, or none.
+/// Reads a file's bytes in the state of the bundle; returns an error if they do not have the digest in the chain.
 pub(super) fn read_verified(item: &BundleFile) -> Result<Vec<u8>, StoreError> {
     let (bytes, path) = match &item.content {
         BundleContent::Bytes(bytes) => (bytes.clone(), item.name.clone().into()),
@@ -275,11 +274,11 @@ pub(super) fn read_verified(item: &BundleFile) -> Result<Vec<u8>, StoreError> {
     if sha256_hex(&bytes) == item.sha256 {
         return Ok(bytes);
     }
-    let what = "has other bytes than its SHA-256 is of, and the flight is not sent".to_owned();
-    Err(StoreError::Damaged { path, problem: what, remedy: "take it from a copy; `wingd verify` says what else" })
+    let problem = "does not match its SHA-256, so the flight is not uploaded".to_owned();
+    Err(StoreError::Damaged { path, problem, remedy: "restore it from a copy; run `wingd verify` for other damage" })
 }
 
-/// Which wing, as the installation that the flight's results came from last has it.
+/// Returns the wing side in the latest installation of the flight's results.
 fn wing_side(root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreError> {
     let last = installations::flight_installations(&RealDisk, flight)?.pop();
     let file = last.map(|digest| installations::installation_folder(root, &digest).join("installation.toml"));
@@ -292,8 +291,8 @@ fn wing_side(root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreErr
 fn missing_id_error(root: &Path) -> StoreError {
     StoreError::Damaged {
         path: root.to_owned(),
-        problem: "is of format 1 and has no id that would tell its flights from those of other recorders".into(),
-        remedy: "`wingd verify --upgrade` gives it one",
+        problem: "has format 1 and no id that distinguishes its flights from those of other recorders".into(),
+        remedy: "run `wingd verify --upgrade` to add one",
     }
 }
 
@@ -332,18 +331,18 @@ mod tests {
     }
 
     #[test]
-    fn whose_it_is_stays_as_first_said_and_is_not_contradicted() {
+    fn labels_stay_as_first_published_and_contradictions_are_refused() {
         let mut there = manifest();
         there.aircraft = "D-A".into();
         there.update_seal();
-        let about = |name: &str| WingLabels { aircraft: Some(name.into()), ..WingLabels::default() };
+        let labels = |name: &str| WingLabels { aircraft: Some(name.into()), ..WingLabels::default() };
         assert_eq!(manifest().adopt_labels(&there, &WingLabels::default()), Some(there.clone()));
-        assert_eq!(manifest().adopt_labels(&there, &about("D-A")), Some(there.clone()));
-        assert_eq!(manifest().adopt_labels(&there, &about("DA")), None);
+        assert_eq!(manifest().adopt_labels(&there, &labels("D-A")), Some(there.clone()));
+        assert_eq!(manifest().adopt_labels(&there, &labels("DA")), None);
     }
 
     #[test]
-    fn frames_alone_go_below_their_prefix_and_long_files_in_parts() {
+    fn only_frames_go_below_their_prefix_and_long_files_in_parts() {
         assert_eq!(UploadStage::from_file_name("flights/f0001/s000001/0001.jpg"), UploadStage::Frames);
         for name in ["flights/f0001/s000001/results.jsonl", "store.toml", "flights/f0001/live-000001.rows"] {
             assert_eq!(UploadStage::from_file_name(name), UploadStage::Results, "{name}");

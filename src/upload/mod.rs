@@ -1,7 +1,8 @@
-//! Flights into an object store (S3, or a directory): for `wingd upload`.
+//! Upload of flights to an object store (S3 or a directory), for `wingd upload`.
 //!
-//! What exists first, then results, then frames, over all flights. Every object is put only where none is, with its
-//! SHA-256; a mark says when all of a stage is there. What is broken off goes on with what is missing.
+//! Manifests are uploaded first, then results, then frames, each for all flights. Every object is created only if it does
+//! not exist, with its SHA-256; a completion object shows that a stage is complete. An interrupted upload continues with
+//! the missing objects.
 
 mod bucket;
 mod manifest;
@@ -11,48 +12,46 @@ mod target;
 
 use std::path::Path;
 
-pub use manifest::{WingLabels, UploadManifest, UploadStage};
-pub use target::{PutOutcome, UploadSettings, UploadTarget, TargetError};
+pub use manifest::{UploadManifest, UploadStage, WingLabels};
+pub use target::{PutOutcome, TargetError, UploadSettings, UploadTarget};
 
 use crate::store::{FlightRef, StoreError};
 use pace::SendPace;
 use send::FlightUpload;
 
-/// Why a flight is not whole there.
+/// Error that leaves a flight incomplete at the target.
 #[derive(Debug, thiserror::Error)]
 pub enum UploadError {
-    /// The flight is not sound here.
+    /// The local flight is not sound.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The other side did not do its part.
+    /// The target failed.
     #[error(transparent)]
     Target(#[from] TargetError),
-    /// Another flight met what this one would have met.
-    #[error("was not tried further; call the command again, it goes on where it ended")]
+    /// Not tried because another flight met an error that affects all.
+    #[error("was not tried; run the command again to continue")]
     Stopped,
 }
 
 impl UploadError {
-    /// Whether other flights will meet the same: the other side cannot be reached, or refuses us.
+    /// Returns whether other flights will meet the same error: the target is not reachable or refuses access.
     pub fn affects_all_flights(&self) -> bool {
         matches!(self, Self::Target(TargetError::Failed { .. }))
     }
 }
 
-/// What was done for a flight.
+/// Counts of the objects of an uploaded flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UploadCounts {
-    /// Objects of the flight, manifest and marks among them.
+    /// Objects of the flight, including manifest and completion objects.
     pub objects: usize,
-    /// Their bytes.
     pub bytes: u64,
-    /// Objects that this call put.
+    /// Objects put by this call.
     pub sent: usize,
-    /// Their bytes.
     pub sent_bytes: u64,
-    /// Of them those that took the place of damaged ones.
+    /// Objects that replaced damaged ones.
     pub repaired: usize,
-    /// Frames that had arrived and are there no more: a rule of the bucket ages them.
+    /// Frames that had arrived and were deleted by a lifecycle rule of the bucket.
     pub expired: usize,
 }
 
@@ -67,53 +66,48 @@ impl UploadCounts {
     }
 }
 
-/// What is sent where.
+/// Upload of flights of one store to a target.
 pub struct Upload<'a> {
-    /// Where to.
     pub target: &'a UploadTarget,
-    /// The store's root.
+    /// Root of the store.
     pub root: &'a Path,
-    /// Whose flights they are.
     pub labels: &'a WingLabels,
-    /// Whether damaged objects get their bytes again.
+    /// Replace damaged objects.
     pub repair: bool,
-    /// Gets the length of each object that is there.
+    /// Callback that receives the length of each object that has arrived.
     pub progress: &'a (dyn Fn(u64) + Sync),
 }
 
-/// What became of a flight.
+/// Result of uploading a flight.
 pub type UploadOutcome = Result<(UploadCounts, UploadManifest), UploadError>;
 
-/// A flight on its way, or why it stays.
+/// Upload in progress, or the error that stopped it.
 type PendingUpload = Result<FlightUpload, UploadError>;
 
 impl Upload<'_> {
-    /// Sends flights stage by stage; an outcome for each.
+    /// Uploads flights stage by stage; returns an outcome for each.
     pub async fn upload_flights(&self, flights: &[FlightRef]) -> Vec<UploadOutcome> {
         let mut pace = SendPace::new(self.target.settings().jobs, std::time::Instant::now());
-        let mut on_their_way: Vec<PendingUpload> = Vec::new();
+        let mut uploads: Vec<PendingUpload> = Vec::new();
         for flight in flights {
-            let begun = match on_their_way.iter().find_map(blocking_error) {
+            let upload = match uploads.iter().find_map(blocking_error) {
                 Some(()) => Err(UploadError::Stopped),
-                None => self.publish_manifest(flight, on_their_way.is_empty()).await,
+                None => self.publish_manifest(flight, uploads.is_empty()).await,
             };
-            on_their_way.push(begun);
+            uploads.push(upload);
         }
         for stage in [UploadStage::Results, UploadStage::Frames] {
-            for place in 0..on_their_way.len() {
-                let stopped = on_their_way.iter().find_map(blocking_error).is_some();
-                let Some(Ok(flight)) = on_their_way.get_mut(place) else { continue };
-                let sent = if stopped {
-                    Err(UploadError::Stopped)
-                } else {
-                    self.upload_stage(flight, stage, &mut pace).await
-                };
-                if let (Err(error), Some(one)) = (sent, on_their_way.get_mut(place)) {
+            for place in 0..uploads.len() {
+                let stopped = uploads.iter().find_map(blocking_error).is_some();
+                let Some(Ok(flight)) = uploads.get_mut(place) else { continue };
+                let sent =
+                    if stopped { Err(UploadError::Stopped) } else { self.upload_stage(flight, stage, &mut pace).await };
+                if let (Err(error), Some(one)) = (sent, uploads.get_mut(place)) {
                     *one = Err(error);
                 }
             }
         }
-        on_their_way.into_iter().map(|flight| flight.map(|flight| (flight.sent, flight.manifest))).collect()
+        uploads.into_iter().map(|flight| flight.map(|flight| (flight.sent, flight.manifest))).collect()
     }
 }
 

@@ -1,4 +1,4 @@
-//! How many objects are sent at a time, and how fast.
+//! Concurrency and rate limit of uploads.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -9,32 +9,32 @@ use std::time::{Duration, Instant};
 
 use futures_util::{StreamExt, stream};
 use object_store::client::{
-    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpResponseBody,
-    HttpService,
+    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpResponseBody, HttpService,
 };
 
-/// A break should not cost more of an object than was sent in this time: more objects at a time only where each is
-/// through sooner.
+/// Time bound for an object: an interruption should not cost more than this much sending. More objects are sent
+/// concurrently only if each is finished sooner.
 const MAX_OBJECT_TIME: Duration = Duration::from_secs(2);
-/// Objects that the rate is taken of.
+/// Number of recent objects from which the rate is measured.
 const RATE_WINDOW: usize = 8;
-/// Bytes that go at once where the rate is limited: 16 kB at 128 kbit/s are a second.
+/// Bytes sent at once if the rate is limited: 16 kB take 1 s at 128 kbit/s.
 const SLICE_BYTES: usize = 16 << 10;
 
-/// Measures the rate of what was sent, and tells how many objects may be under way.
+/// Measured upload rate, which determines the number of concurrent objects.
 #[derive(Debug)]
 pub(super) struct SendPace {
     max_objects: usize,
-    /// When objects arrived, and their bytes.
+    /// Time of arrival and length of recent objects.
     arrived: VecDeque<(Instant, u64)>,
 }
 
 impl SendPace {
-    /// One at a time until a rate is known, `most` at the most.
+    /// Starts with one object at a time; never more than `most`.
     pub fn new(most: usize, now: Instant) -> Self {
         Self { max_objects: most.max(1), arrived: VecDeque::from([(now, 0)]) }
     }
 
+    /// Records an object of `length` bytes that arrived at `now`.
     pub fn record_object(&mut self, length: u64, now: Instant) {
         self.arrived.push_back((now, length));
         if self.arrived.len() > RATE_WINDOW {
@@ -42,7 +42,7 @@ impl SendPace {
         }
     }
 
-    /// Objects of that length at a time.
+    /// Returns the number of objects of this length to send concurrently.
     pub fn max_concurrent(&self, length: u64) -> usize {
         let (Some(first), Some(last)) = (self.arrived.front(), self.arrived.back()) else { return 1 };
         let bytes: u64 = self.arrived.iter().skip(1).map(|(_, length)| length).sum();
@@ -55,19 +55,20 @@ impl SendPace {
     }
 }
 
-/// Bytes a second at most, over all requests of a program.
+/// Maximum rate over all requests of the program.
 pub(super) struct RateLimit {
     bytes_per_s: f64,
-    /// When what was let through is through.
+    /// Time at which the bytes admitted so far have been sent.
     free_at: Mutex<Instant>,
 }
 
 impl RateLimit {
+    /// Creates a pace for at most `most` objects at a time.
     pub fn new(bytes_per_s: u64) -> Self {
         Self { bytes_per_s: bytes_per_s.max(1) as f64, free_at: Mutex::new(Instant::now()) }
     }
 
-    /// When so many bytes more may go.
+    /// Reserves the transmission of bytes; returns the time at which it may begin.
     fn reserve_slot(&self, bytes: usize, now: Instant) -> Instant {
         let mut free = self.free_at.lock().unwrap_or_else(PoisonError::into_inner);
         let turn = (*free).max(now);
@@ -76,7 +77,7 @@ impl RateLimit {
     }
 }
 
-/// Makes clients whose requests keep the limit.
+/// HTTP client whose requests observe the rate limit.
 #[derive(Clone)]
 pub(super) struct RateLimitedClient {
     pub limit: Arc<RateLimit>,
@@ -117,12 +118,11 @@ impl HttpService for RateLimitedClient {
 }
 
 impl RateLimitedClient {
-    /// The same request whose body waits for its turn, slice by slice.
+    /// Returns the request with a body that is sent slice by slice at the limited rate.
     async fn pace_request(&self, request: HttpRequest) -> Result<reqwest::Request, HttpError> {
         let (parts, body) = request.into_parts();
         let url = parts.uri.to_string().parse();
-        let url =
-            url.map_err(|error| HttpError::new(HttpErrorKind::Request, std::io::Error::other(error)))?;
+        let url = url.map_err(|error| HttpError::new(HttpErrorKind::Request, std::io::Error::other(error)))?;
         let mut paced = reqwest::Request::new(parts.method, url);
         *paced.headers_mut() = parts.headers;
         let length = body.content_length();
@@ -164,13 +164,13 @@ mod tests {
 
     #[test]
     fn a_slow_link_gets_one_object_at_a_time() {
-        let begun = Instant::now();
-        let at = |ms| begun + Duration::from_millis(ms);
-        let mut pace = SendPace::new(4, begun);
+        let start = Instant::now();
+        let at = |ms| start + Duration::from_millis(ms);
+        let mut pace = SendPace::new(4, start);
         assert_eq!(pace.max_concurrent(1_000_000), 1, "nothing is known yet");
         pace.record_object(1_000_000, at(4000));
         assert_eq!(pace.max_concurrent(1_000_000), 1, "0.25 MB/s");
-        assert_eq!(pace.max_concurrent(100_000), 4, "short ones are through soon");
+        assert_eq!(pace.max_concurrent(100_000), 4, "short ones finish soon");
         for n in 1..=RATE_WINDOW as u64 {
             pace.record_object(1_000_000, at(4000 + 100 * n));
         }
@@ -181,8 +181,7 @@ mod tests {
     fn turns_follow_from_the_limit() {
         let limit = RateLimit::new(1000);
         let now = Instant::now() + Duration::from_secs(1);
-        let turns: Vec<f64> =
-            (0..3).map(|_| limit.reserve_slot(500, now).duration_since(now).as_secs_f64()).collect();
+        let turns: Vec<f64> = (0..3).map(|_| limit.reserve_slot(500, now).duration_since(now).as_secs_f64()).collect();
         assert_eq!(turns, [0.0, 0.5, 1.0]);
     }
 }

@@ -1,4 +1,4 @@
-//! The stages of a flight: announced, its results there, its frames there.
+//! Stages of uploading a flight: manifest, results, frames.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -7,20 +7,20 @@ use futures_util::stream::{self, FuturesUnordered, StreamExt, TryStreamExt};
 
 use super::manifest::{self, UploadManifest, UploadObject, UploadStage};
 use super::pace::SendPace;
-use super::{PutOutcome, UploadCounts, UploadTarget, TargetError, Upload, UploadError};
+use super::{PutOutcome, TargetError, Upload, UploadCounts, UploadError, UploadTarget};
 use crate::store::bundle;
 use crate::store::{self, FlightRef, RealDisk, StoreError};
 
-/// A flight whose manifest is there.
+/// Flight whose manifest is published.
 pub(super) struct FlightUpload {
     pub manifest: UploadManifest,
     pub sent: UploadCounts,
-    /// In the order in which they are sent.
+    /// Objects in sending order.
     pieces: Vec<UploadObject>,
 }
 
 impl Upload<'_> {
-    /// Puts a flight's manifest: what exists is known before the rest has come.
+    /// Publishes a flight's manifest, so that the flight is known before its data arrive.
     pub(super) async fn publish_manifest(&self, flight: &FlightRef, first: bool) -> Result<FlightUpload, UploadError> {
         let bundle = bundle::bundle_flight(&RealDisk, self.root, flight)?;
         let manifest = UploadManifest::from_bundle(self.root, flight, self.labels, &bundle)?;
@@ -51,7 +51,10 @@ impl Upload<'_> {
         Ok(FlightUpload { manifest, sent, pieces })
     }
 
-    /// The manifest as it is published; an error where it is of another state of the flight, or another aircraft's.
+    /// Returns the manifest as published.
+    ///
+    /// # Errors
+    /// Returns an error if the published one describes another state of the flight, or another aircraft.
     fn adopt_published(&self, manifest: UploadManifest, there: &UploadManifest) -> Result<UploadManifest, TargetError> {
         let key = manifest.key();
         let Some(agreed) = manifest.adopt_labels(there, self.labels) else {
@@ -67,7 +70,7 @@ impl Upload<'_> {
         if agreed == *there { Ok(agreed) } else { Err(self.target.different_error(&key)) }
     }
 
-    /// Brings everything of a stage there, and its mark.
+    /// Uploads all objects of a stage, then its completion object.
     pub(super) async fn upload_stage(
         &self,
         flight: &mut FlightUpload,
@@ -83,7 +86,7 @@ impl Upload<'_> {
         let mut sent = flight.sent;
         self.compare_objects(&known, &there, &mut sent).await?;
         let (key, text) = flight.manifest.completion_object(stage);
-        // Frames that were there and are gone were aged by a rule of the bucket.
+        // Frames that had arrived and are missing were deleted by a lifecycle rule of the bucket.
         if stage == UploadStage::Frames && !self.repair && target.read_object(&key).await?.is_some() {
             sent.expired = missing.len();
             missing.clear();
@@ -105,7 +108,7 @@ impl Upload<'_> {
         Ok(())
     }
 
-    /// Holds what is there against the flight's digests; what differs is an error, or put again.
+    /// Compares existing objects with the flight's digests; a difference is an error, or is repaired.
     async fn compare_objects(
         &self,
         known: &[&UploadObject],
@@ -113,14 +116,14 @@ impl Upload<'_> {
         sent: &mut UploadCounts,
     ) -> Result<(), UploadError> {
         let target = self.target;
-        let looks = known.iter().map(|piece| async move {
+        let comparisons = known.iter().map(|piece| async move {
             let fits = there.get(&piece.key) == Some(&piece.length);
             let same = fits && target.has_digest(&piece.key, piece.length, &piece.sha256).await?;
             Result::<_, UploadError>::Ok((*piece, same))
         });
-        let mut looked = stream::iter(looks).buffer_unordered(target.settings().jobs);
+        let mut compared = stream::iter(comparisons).buffer_unordered(target.settings().jobs);
         let mut damaged = Vec::new();
-        while let Some((piece, same)) = looked.try_next().await? {
+        while let Some((piece, same)) = compared.try_next().await? {
             match same {
                 true => {
                     sent.add(PutOutcome::AlreadyPresent, piece.length);
@@ -139,8 +142,13 @@ impl Upload<'_> {
         Ok(())
     }
 
-    /// Sends what is missing, as many objects at a time as the link is quick.
-    async fn send_objects(&self, missing: &[&UploadObject], pace: &mut SendPace, sent: &mut UploadCounts) -> Result<(), UploadError> {
+    /// Sends missing objects concurrently, as far as the measured rate permits.
+    async fn send_objects(
+        &self,
+        missing: &[&UploadObject],
+        pace: &mut SendPace,
+        sent: &mut UploadCounts,
+    ) -> Result<(), UploadError> {
         let target = self.target;
         let mut waiting = missing.iter().copied().peekable();
         let mut under_way = FuturesUnordered::new();
@@ -159,7 +167,7 @@ impl Upload<'_> {
     }
 }
 
-/// An object's bytes, held against its file's digest and its own.
+/// Reads the bytes of an object, after checking the digest of its file.
 async fn read_object(piece: &UploadObject) -> Result<Vec<u8>, UploadError> {
     let piece = piece.clone();
     let read = tokio::task::spawn_blocking(move || {
@@ -169,10 +177,8 @@ async fn read_object(piece: &UploadObject) -> Result<Vec<u8>, UploadError> {
         bytes.truncate(usize::try_from(piece.length).unwrap_or(usize::MAX));
         Result::<_, StoreError>::Ok(bytes)
     });
-    let failed = |error: tokio::task::JoinError| TargetError::Failed {
-        url: "upload".to_owned(),
-        reason: error.to_string(),
-    };
+    let failed =
+        |error: tokio::task::JoinError| TargetError::Failed { url: "upload".to_owned(), reason: error.to_string() };
     Ok(read.await.map_err(failed)??)
 }
 
@@ -184,25 +190,29 @@ async fn list_objects(target: &UploadTarget, manifest: &UploadManifest) -> Resul
     Ok(all)
 }
 
-/// Objects of another flight's, or of nobody's.
+/// Refuses objects that do not belong to the flight.
 fn refuse_foreign(
     target: &UploadTarget,
     pieces: &[UploadObject],
     there: &BTreeMap<String, u64>,
 ) -> Result<(), TargetError> {
-    let ours: BTreeSet<&String> = pieces.iter().map(|piece| &piece.key).collect();
-    match there.keys().find(|key| !ours.contains(*key)) {
+    let own_keys: BTreeSet<&String> = pieces.iter().map(|piece| &piece.key).collect();
+    match there.keys().find(|key| !own_keys.contains(*key)) {
         Some(key) => Err(TargetError::Foreign { url: target.display_url(key) }),
         None => Ok(()),
     }
 }
 
-/// What was said to be there is.
-fn check_arrived(target: &UploadTarget, pieces: &[&UploadObject], there: &BTreeMap<String, u64>) -> Result<(), TargetError> {
+/// Checks that the sent objects have arrived completely.
+fn check_arrived(
+    target: &UploadTarget,
+    pieces: &[&UploadObject],
+    there: &BTreeMap<String, u64>,
+) -> Result<(), TargetError> {
     match pieces.iter().find(|piece| there.get(&piece.key) != Some(&piece.length)) {
         None => Ok(()),
         Some(piece) => {
-            let why = "was put, and is not there with its length; call the command again".to_owned();
+            let why = "was uploaded, but is not there with its length; run the command again".to_owned();
             Err(TargetError::Failed { url: target.display_url(&piece.key), reason: why })
         }
     }

@@ -1,4 +1,4 @@
-//! A flight goes to a bucket of S3's kind, or to a directory.
+//! Target of an upload: an S3 bucket or a directory.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,96 +7,84 @@ use std::time::Duration;
 use futures_util::TryStreamExt;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
-use object_store::{
-    Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload,
-};
+use object_store::{Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload};
 
-use super::bucket::{self, option_fault, is_transient, describe_error};
+use super::bucket::{self, describe_error, is_transient, option_fault};
 use crate::installation::Fault;
 use crate::store::sha256_hex;
 
-/// Pause before the first repeat, doubled before each further one.
+/// Pause before the first retry, doubled before each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
-/// Longest pause between two repeats.
+/// Maximum pause between retries.
 const MAX_PAUSE: Duration = Duration::from_secs(8);
-/// Metadata of an object with its SHA-256, so that it can be compared without being read.
+/// Metadata key of an object's SHA-256, which allows comparison without reading the object.
 const DIGEST_KEY: &str = "sha256";
 
-/// How much at once, and how often again.
+/// Concurrency, retries and rate limit of an upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UploadSettings {
-    /// Objects at a time, at most.
+    /// Maximum number of concurrent objects.
     pub jobs: usize,
-    /// Repeats of a request that failed.
+    /// Number of retries of a failed request.
     pub retries: u32,
-    /// Bytes a second at most, over the network; `None`: what the link gives.
+    /// Maximum rate over the network, bytes per second; `None` for no limit.
     pub limit: Option<u64>,
 }
 
-/// What the other side did not do.
+/// Error of an upload target.
 #[derive(Debug, thiserror::Error)]
 pub enum TargetError {
-    /// Other bytes under a name of ours.
+    /// An object exists with different content.
     #[error("{url}: already exists with different content and is not overwritten; {remedy}")]
-    Different {
-        /// URL.
-        url: String,
-        /// What to do.
-        remedy: &'static str,
-    },
-    /// The same flight, of another aircraft, type or wing than the call says.
+    Different { url: String, remedy: &'static str },
+    /// The flight is published with another aircraft, type or wing than given.
     #[error(
         "{url}: already published as {published}; upload cannot change the aircraft. Use `wingd-fleet correct`, or \
         omit the options"
     )]
     Contradicted {
-        /// URL.
         url: String,
-        /// Aircraft, type and wing there.
+        /// Published aircraft, type and wing.
         published: String,
     },
-    /// Something that is not of this flight.
+    /// An object does not belong to the flight.
     #[error("{url}: is not a file of this flight; move it away, or upload below another prefix")]
-    Foreign {
-        /// URL.
-        url: String,
-    },
-    /// After all repeats.
+    Foreign { url: String },
+    /// A request failed after all retries.
     #[error("{url}: {reason}")]
     Failed {
-        /// URL.
         url: String,
-        /// The other side's answer, and the mend.
+        /// Answer of the target, with a remedy.
         reason: String,
     },
 }
 
-/// What became of an object.
+/// Result of putting an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PutOutcome {
-    /// It is there by us.
+    /// The object was put.
     Sent,
-    /// It was there, with the same bytes.
+    /// The object existed with the same bytes.
     AlreadyPresent,
 }
 
-/// A bucket and prefix, or a directory.
+/// Bucket and prefix, or directory.
 #[derive(Debug)]
 pub struct UploadTarget {
     store: Arc<dyn ObjectStore>,
     prefix: Path,
     url: String,
-    /// Objects carry their digest; files are read instead.
+    /// Set if objects carry their digest as metadata; otherwise they are read for comparison.
     metadata: bool,
     settings: UploadSettings,
 }
 
 impl UploadTarget {
-    /// `s3://bucket/prefix` or `file:///directory`. Credentials, region and endpoint come from the environment
-    /// (`AWS_ACCESS_KEY_ID` and its like) and from nowhere else.
+    /// Opens `s3://bucket/prefix` or `file:///directory`. Credentials, region and endpoint come only from the environment
+    /// (`AWS_ACCESS_KEY_ID` etc.).
     ///
     /// # Errors
-    /// A fault names the option or variable.
+    /// Returns an error that names the option or variable if the URL or the environment is not valid.
     pub fn open(url: &str, settings: UploadSettings) -> Result<Self, Fault> {
         let url = url.trim_end_matches('/');
         if let Some(path) = url.strip_prefix("file://") {
@@ -109,10 +97,10 @@ impl UploadTarget {
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let plain = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
         if bucket.is_empty() || !bucket.chars().all(plain) {
-            // The text is not repeated: what stands before an @ may be a secret.
-            let problem = "names no bucket (letters, digits, '.', '-', '_' alone)".to_owned();
-            let mend = "give s3://BUCKET/PREFIX, credentials in AWS_* variables";
-            return Err(option_fault("--to", "value", problem, mend));
+            // The text is not repeated: the part before an @ may be a secret.
+            let problem = "names no bucket (only letters, digits, '.', '-', '_')".to_owned();
+            let remedy = "give s3://BUCKET/PREFIX, credentials in AWS_* variables";
+            return Err(option_fault("--to", "value", problem, remedy));
         }
         let prefix = Path::parse(prefix).map_err(|e| option_fault("--to", "prefix", e.to_string(), known))?;
         let store = bucket::open_bucket(bucket, settings.limit)?;
@@ -120,25 +108,23 @@ impl UploadTarget {
     }
 
     fn open_directory(path: &str, settings: UploadSettings) -> Result<Self, Fault> {
-        let wrong = |problem: String| {
-            option_fault("--to", "value", problem, "give file:///DIRECTORY, a directory that can be written")
-        };
+        let wrong =
+            |problem: String| option_fault("--to", "value", problem, "give file:///DIRECTORY, a writable directory");
         if !path.starts_with('/') {
-            return Err(wrong("names no directory from the root".to_owned()));
+            return Err(wrong("names no absolute directory".to_owned()));
         }
-        std::fs::create_dir_all(path).map_err(|e| wrong(format!("{path} cannot be made ({e})")))?;
-        let store =
-            LocalFileSystem::new_with_prefix(path).map_err(|e| wrong(e.to_string()))?.with_fsync(true);
+        std::fs::create_dir_all(path).map_err(|e| wrong(format!("{path} cannot be created ({e})")))?;
+        let store = LocalFileSystem::new_with_prefix(path).map_err(|e| wrong(e.to_string()))?.with_fsync(true);
         let url = format!("file://{path}");
         Ok(Self { store: Arc::new(store), prefix: Path::default(), url, metadata: false, settings })
     }
 
-    /// As it was opened.
+    /// Returns the settings.
     pub fn settings(&self) -> UploadSettings {
         self.settings
     }
 
-    /// A key as a URL, for people.
+    /// Returns the URL of a key, for messages.
     pub fn display_url(&self, key: &str) -> String {
         format!("{}/{key}", self.url)
     }
@@ -147,26 +133,25 @@ impl UploadTarget {
         key.split('/').fold(self.prefix.clone(), |path, part| path.join(part))
     }
 
-    /// The first question, asked once: whether anybody is there, and lets us in.
+    /// Checks, without retries, that the target is reachable and permits access.
     pub async fn check_access(&self, place: &str) -> Result<(), TargetError> {
         let below = self.object_path(place);
         let listed = self.store.list(Some(&below)).try_collect::<Vec<_>>().await;
         listed.map(|_| ()).map_err(|error| self.request_error(place, &error))
     }
 
-    /// Keys below a place, with their lengths.
+    /// Lists the keys below a prefix, with lengths.
     pub async fn list_keys(&self, place: &str) -> Result<BTreeMap<String, u64>, TargetError> {
         let below = self.object_path(place);
         let list = || async { self.store.list(Some(&below)).try_collect::<Vec<_>>().await };
         let all = self.with_retries(place, list).await?;
         let own = self.prefix.parts().count();
-        let key = |path: &Path| {
-            path.parts().skip(own).map(|part| part.as_ref().to_owned()).collect::<Vec<_>>().join("/")
-        };
+        let key =
+            |path: &Path| path.parts().skip(own).map(|part| part.as_ref().to_owned()).collect::<Vec<_>>().join("/");
         Ok(all.iter().map(|meta| (key(&meta.location), meta.size)).collect())
     }
 
-    /// An object's bytes; `None` where there is none.
+    /// Reads an object; `None` if it does not exist.
     pub async fn read_object(&self, key: &str) -> Result<Option<Vec<u8>>, TargetError> {
         let path = self.object_path(key);
         let get = || async {
@@ -187,7 +172,7 @@ impl UploadTarget {
         PutOptions { mode, attributes, ..PutOptions::default() }
     }
 
-    /// Puts an object where there is none. One that is there with the same bytes is as good: it may be ours, of an
+    /// Puts an object that must not exist. An existing object with the same bytes counts as success: it may come from an
     /// attempt whose answer was lost.
     pub async fn put_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
         let (path, length) = (self.object_path(key), bytes.len() as u64);
@@ -203,10 +188,14 @@ impl UploadTarget {
         if self.with_retries(key, put).await? {
             return Ok(PutOutcome::Sent);
         }
-        if self.has_digest(key, length, digest).await? { Ok(PutOutcome::AlreadyPresent) } else { Err(self.different_error(key)) }
+        if self.has_digest(key, length, digest).await? {
+            Ok(PutOutcome::AlreadyPresent)
+        } else {
+            Err(self.different_error(key))
+        }
     }
 
-    /// Puts the right bytes in place of damaged ones.
+    /// Replaces a damaged object.
     pub async fn replace_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
         let path = self.object_path(key);
         let payload = PutPayload::from(bytes);
@@ -215,39 +204,38 @@ impl UploadTarget {
         self.with_retries(key, put).await.map(|_| PutOutcome::Sent)
     }
 
-    /// Whether an object is the one that was to be put; read where it does not carry its digest.
+    /// Returns whether an object has the given length and digest; reads it if it has no digest metadata.
     pub async fn has_digest(&self, key: &str, length: u64, digest: &str) -> Result<bool, TargetError> {
         let path = self.object_path(key);
         let get = |head: bool| {
             let options = GetOptions { head, ..GetOptions::default() };
             self.store.get_opts(&path, options)
         };
-        let look = || async {
+        let compare = || async {
             let found = get(self.metadata).await?;
             if found.meta.size != length {
                 return Ok(false);
             }
-            let said = found.attributes.get(&Attribute::Metadata(DIGEST_KEY.into())).map(|v| v.to_string());
-            match said {
-                Some(said) => Ok(said == digest),
+            let stored = found.attributes.get(&Attribute::Metadata(DIGEST_KEY.into())).map(|v| v.to_string());
+            match stored {
+                Some(stored) => Ok(stored == digest),
                 None => Ok(sha256_hex(&get(false).await?.bytes().await?) == digest),
             }
         };
-        self.with_retries(key, look).await
+        self.with_retries(key, compare).await
     }
 
     pub(super) fn different_error(&self, key: &str) -> TargetError {
-        let mend = "a published flight stays as it is: results that were added since belong into tables \
-            (docs/fleet.md), another state of the flight below another prefix; where the object was changed \
-            or damaged there, `--repair` puts the right bytes again";
-        TargetError::Different { url: self.display_url(key), remedy: mend }
+        let remedy = "a published flight does not change: publish later results as tables (docs/fleet.md), and another state of \
+            the flight below another prefix; if the object was changed or damaged there, `--repair` restores it";
+        TargetError::Different { url: self.display_url(key), remedy }
     }
 
     fn request_error(&self, key: &str, error: &object_store::Error) -> TargetError {
         TargetError::Failed { url: self.display_url(key), reason: describe_error(error) }
     }
 
-    /// Does it again where the reason may pass, so many times, with growing pauses.
+    /// Repeats a request while its error is transient, up to the configured number of retries, with growing pauses.
     async fn with_retries<T, W>(&self, key: &str, mut work: impl FnMut() -> W) -> Result<T, TargetError>
     where
         W: Future<Output = object_store::Result<T>>,

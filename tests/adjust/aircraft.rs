@@ -1,41 +1,41 @@
-//! Promise: what an aircraft does that a laboratory does not (docs/model.md) is in the standard deviations, or is rejected
-//! or remarked on. Drawn with exact geometry by `common::beam_truth::Aircraft`.
+//! Promise: in-flight effects (docs/model.md) are covered by the standard deviations, or the frame is rejected or a remark
+//! reports them. Simulated with exact geometry by `common::beam_truth::Aircraft`.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{FlightEffectPriors, Setup, Uncertainty};
-use wingd::measure::stress::{Curvature, Section, USUAL_STEPS};
+use wingd::measure::setup::{FlightEffectPriors, Setup, SetupUncertainty};
+use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS, StiffnessSection};
 
 use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, When, median, normal, normal3, random_wing, remounted, rms, rng,
+    Aircraft, Effects, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
 pub const NOISE_PX: f64 = 0.05;
 pub const SURVEY_M: f64 = 0.002;
 
-/// How the camera was set up.
+/// Camera set-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SetUp {
-    /// Remounted, widths as where an installation says nothing.
+    /// Remounted, all priors at their defaults.
     Default,
-    /// Remounted within half a millimetre, the wing known from good drawings.
+    /// Remounted within half a millimetre, with tight priors of the wing.
     Careful,
-    /// The camera stayed since the ground frame.
+    /// Not remounted since the ground frame.
     Stayed,
-    /// Remounted, four marks fixed to the cabin at 3 m.
+    /// Remounted, with four fixed targets at 3 m.
     Fixed,
 }
 
 pub const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetUp::Fixed];
 
 impl SetUp {
-    pub fn widths(self) -> Uncertainty {
-        let usual = Uncertainty::default();
+    pub fn priors(self) -> SetupUncertainty {
+        let usual = SetupUncertainty::default();
         match self {
-            SetUp::Careful => Uncertainty {
+            SetUp::Careful => SetupUncertainty {
                 mount_shift_m: 0.0005,
                 skin_height_sigma_m: 0.02,
                 root_offset_m: 0.05,
@@ -49,7 +49,7 @@ impl SetUp {
 
     pub fn truth(self, rng: &mut StdRng) -> Truth {
         let truth = Truth::new(random_wing(rng), 21);
-        if self == SetUp::Fixed { truth.with_fixed_marks(4) } else { truth }
+        if self == SetUp::Fixed { truth.with_fixed_targets(4) } else { truth }
     }
 
     pub fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
@@ -60,25 +60,25 @@ impl SetUp {
     }
 }
 
-/// What one wing or flight shows.
+/// Errors of one wing or flight.
 #[derive(Default)]
-pub struct Shown {
-    /// Errors of the deflections over their standard deviations: against survey, ground frame, root.
+pub struct EffectErrors {
+    /// Normalised errors of the deflections relative to survey, ground frame and root.
     pub deflections: [Vec<f64>; 3],
     pub twist: Vec<f64>,
-    /// Bending moments along the span, of a stiffness that is known.
+    /// Bending moments along the span, with a known stiffness.
     pub moments: Vec<f64>,
-    /// Of the same three.
+    /// Normalised errors of the same three deflections.
     pub tip_sigmas_m: [Vec<f64>; 3],
     pub passed: Vec<f64>,
-    /// Errors of the tip's deflection, m: of the same three.
+    /// Tip deflection errors relative to survey, ground frame and root, m.
     pub tip_errors_m: [Vec<f64>; 3],
-    /// Per source of the tip's variance: its share, and the standard deviation if it were known, m.
+    /// For each source of the tip's variance: its fraction, and the standard deviation if the source were known, m.
     budget: BTreeMap<&'static str, Vec<(f64, f64)>>,
 }
 
-impl Shown {
-    pub fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
+impl EffectErrors {
+    pub fn add(&mut self, aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Setup) {
         let deflections = aircraft.deflections_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
             let found = [marker.deflection_m, marker.deflection_ground_m, marker.deflection_root_m];
@@ -91,10 +91,9 @@ impl Shown {
         }
         let twist = solution.torsion[0].twist_rad;
         self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
-        self.of_tip(solution, &deflections);
+        self.add_tip(solution, &deflections);
         for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
-            let of =
-                |m: &MarkerSolution| [m.deflection_m, m.deflection_ground_m, m.deflection_root_m][k]?.sigma;
+            let of = |m: &MarkerSolution| [m.deflection_m, m.deflection_ground_m, m.deflection_root_m][k]?.sigma;
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
         self.moments.extend(moments(aircraft, when, solution, setup));
@@ -102,7 +101,7 @@ impl Shown {
     }
 }
 
-impl Shown {
+impl EffectErrors {
     fn extend(&mut self, other: &Self) {
         for k in 0..3 {
             self.deflections[k].extend(&other.deflections[k]);
@@ -117,7 +116,7 @@ impl Shown {
         }
     }
 
-    fn of_tip(&mut self, solution: &Solution, truth: &[[f64; 3]]) {
+    fn add_tip(&mut self, solution: &Solution, truth: &[[f64; 3]]) {
         let Some(budget) = &solution.budget else { return };
         for part in &budget.shares {
             let known_m = part.sigma_if_known_m.unwrap_or(f64::NAN);
@@ -127,12 +126,11 @@ impl Shown {
         for (k, deflection) in
             [tip.deflection_m, tip.deflection_ground_m, tip.deflection_root_m].into_iter().enumerate()
         {
-            self.tip_errors_m[k]
-                .extend(deflection.map(|deflection| deflection.value - truth[budget.marker][k]));
+            self.tip_errors_m[k].extend(deflection.map(|deflection| deflection.value - truth[budget.marker][k]));
         }
     }
 
-    /// Largest first: mean share in percent, and median standard deviation of the tip if it were known, mm.
+    /// Sources, largest first: mean fraction in percent, and median tip standard deviation if the source were known, mm.
     pub fn budget(&self) -> String {
         let part = |(name, all): (&&str, &Vec<(f64, f64)>)| {
             let share = all.iter().map(|(share, _)| share).sum::<f64>() / self.passed.len() as f64;
@@ -145,30 +143,30 @@ impl Shown {
     }
 }
 
-/// Where moments are looked at, shares of the length.
+/// Positions of the moments, as fractions of the length.
 const SHARES: [f64; 7] = [0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8];
 
-/// Errors of the bending moments over their standard deviations.
-fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) -> Vec<f64> {
+/// Normalised errors of the bending moments.
+fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Setup) -> Vec<f64> {
     let p = solution.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
     let (n, sigma) = (p.values.len(), |k: usize| p.values[k].sigma.unwrap());
-    let curvature = Curvature {
+    let curvature = BendingCurvature {
         coefficients_per_m: DVector::from_iterator(n, p.values.iter().map(|v| v.value)),
         covariance: DMatrix::from_fn(n, n, |i, j| solution.correlation[(i, j)] * sigma(i) * sigma(j)),
         length_m: aircraft.truth.length_m(),
         root_sigma_m: setup.uncertainty.root_offset_m,
-        steps: USUAL_STEPS,
+        steps: DEFAULT_STEPS,
     };
     let one = |(share, bent): (&f64, f64)| {
         let s_m = share * aircraft.truth.length_m();
-        let section = Section { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
-        let moment = curvature.moment(&section);
+        let section = StiffnessSection { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
+        let moment = curvature.bending_moment(&section);
         (moment.value - bent) / moment.sigma
     };
     SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
-/// Tip's deflection at a flight's start and end, m: what fuel burnt leaves, or as `DEFLECTIONS=4.0,-0.4` says.
+/// Tip deflection at a flight's start and end, m (fuel burn), or as `DEFLECTIONS=4.0,-0.4` sets it.
 fn deflections_m() -> (f64, f64) {
     let words = std::env::var("DEFLECTIONS").unwrap_or_default();
     words.split_once(',').map_or((3.2, 2.0), |(high, low)| {
@@ -176,15 +174,15 @@ fn deflections_m() -> (f64, f64) {
     })
 }
 
-/// Widths that `KNOWN=skin,readout` asks to be left out; `flight`: all of them.
-fn known(setup: &mut Setup) {
+/// Removes the priors that `KNOWN=skin,readout` names; `flight` removes all of them.
+fn remove_known_priors(setup: &mut Setup) {
     let words = std::env::var("KNOWN").unwrap_or_default();
     let uncertainty = &mut setup.uncertainty;
     let of = &mut uncertainty.in_flight;
     for word in words.split(',').filter(|word| !word.is_empty()) {
         match word {
             "flight" => *of = FlightEffectPriors::NONE,
-            "held" => *of = of.held(),
+            "held" => *of = of.without_frame_scaling(),
             "bend" => of.ground_bend_m = 0.0,
             "skin" => of.skin_motion_m = 0.0,
             "root" => (of.root_rotation_rad, of.root_translation_m) = (0.0, 0.0),
@@ -201,56 +199,56 @@ fn known(setup: &mut Setup) {
                 uncertainty.span_direction_rad = 0.0;
             }
             "marks" => setup.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0),
-            other => panic!("no width is called {other}"),
+            other => panic!("no prior is called {other}"),
         }
     }
 }
 
-/// What wings or flights show.
+/// Errors of sampled wings or flights.
 #[derive(Default)]
-pub struct Drawn {
+pub struct SampledErrors {
     /// All of them.
-    pub all: Shown,
-    /// Those of which the program said nothing: neither rejected nor remarked.
-    pub unsaid: Shown,
-    /// Share of which it did.
-    pub said: f64,
+    pub all: EffectErrors,
+    /// Those without a rejection or a remark.
+    pub unreported: EffectErrors,
+    /// Fraction with a rejection or a remark.
+    pub reported_fraction: f64,
 }
 
-/// Whether the program says that something is wrong: a test that rejects, or a remark on a cause, on marks or on motions.
-fn is_said(solution: &Solution) -> bool {
-    const WORDS: [&str; 5] =
-        ["lie together", "contradict", "are usual", "are stated", "one cause is likelier"];
+/// Whether the program reports an error: a rejecting test, or a remark on a displacement, on fixed targets or on motion.
+fn is_reported(solution: &Solution) -> bool {
+    const WORDS: [&str; 6] =
+        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause"];
     let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
     remarked || solution.global_test == GlobalTest::Rejected
 }
 
-/// Draws wings or flights of so many frames with an effect each.
-pub fn draw(
+/// Samples wings or flights of the given number of frames with one effect each.
+pub fn sample_errors(
     seed: u64,
     set_up: SetUp,
     frames: usize,
     wings: usize,
     effects: impl Fn(&mut StdRng) -> Effects,
-) -> Drawn {
+) -> SampledErrors {
     let mut rng = rng(seed);
     let (high_m, low_m) = deflections_m();
-    let mut drawn = Drawn::default();
+    let mut drawn = SampledErrors::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
         let truth = set_up.truth(&mut rng);
         let aircraft = Aircraft::new(&mut rng, truth, effects);
         let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
-        setup.uncertainty = set_up.widths();
-        known(&mut setup);
+        setup.uncertainty = set_up.priors();
+        remove_known_priors(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mount, shift) = set_up.mounting(&mut rng, &setup);
         let fuel = aircraft.truth.fuel();
-        let whens: Vec<When> = (0..frames)
+        let whens: Vec<WingState> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
                 let deflection_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
-                When::Flight { deflection_m, fuel: fuel * (1.0 - 0.24 * share) }
+                WingState::Flight { deflection_m, fuel: fuel * (1.0 - 0.24 * share) }
             })
             .collect();
         let seen: Vec<_> = whens
@@ -260,33 +258,33 @@ pub fn draw(
                 aircraft.frame(&mut rng, *when, (mount + drift, shift), NOISE_PX)
             })
             .collect();
-        let mounting = if set_up == SetUp::Stayed { Mounting::OfTheGround } else { Mounting::Numbered(0) };
+        let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
         let options = Options { mountings: Some(vec![mounting; frames]), ..Options::default() };
         let solved = match frames {
-            1 => adjust::spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
-            _ => adjust::flight(&setup, &orientation, &seen, &options),
+            1 => adjust::solve_spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
+            _ => adjust::solve_flight(&setup, &orientation, &seen, &options),
         };
         let solved = solved.expect("a solution");
-        let mut shown = Shown::default();
+        let mut shown = EffectErrors::default();
         whens.iter().zip(&solved).for_each(|(when, one)| shown.add(&aircraft, *when, one, &setup));
-        if solved.iter().any(is_said) {
-            drawn.said += 1.0 / wings as f64;
+        if solved.iter().any(is_reported) {
+            drawn.reported_fraction += 1.0 / wings as f64;
         } else {
-            drawn.unsaid.extend(&shown);
+            drawn.unreported.extend(&shown);
         }
         drawn.all.extend(&shown);
     }
     drawn
 }
 
-/// What skin bulges by over many panels, over what each marker moves by itself.
+/// Skin bulge shared by many panels, relative to the displacement of each marker.
 const BULGE: f64 = 2.5;
-/// From the kink at a third of the length to the tip, m.
+/// Distance from the kink (33 % of the length) to the tip, m.
 const KINK_ARM_M: f64 = 20.0;
 
-/// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
-/// meets (steps, kinks, engines) too.
-pub fn all_together(rng: &mut StdRng) -> Effects {
+/// All effects at once, each sampled from its prior, including those declared in survey.csv (an aileron) and changes of the
+/// bending shape (steps, kinks, engines).
+pub fn combined_effects(rng: &mut StdRng) -> Effects {
     let width = FlightEffectPriors::DEFAULT;
     Effects {
         ground_bend_m: width.ground_bend_m * normal(rng),
@@ -309,22 +307,17 @@ pub fn all_together(rng: &mut StdRng) -> Effects {
     }
 }
 
-/// Of 23 kinds none is known to a tenth with so few wings: 1.5 is 1.3 with the spread of 24 wings whose markers err together
-/// (1 / sqrt(2 x 24) of it, at two of these).
+/// With this few wings none of the 23 kinds is known to 10 %: 1.5 is 1.3 plus the scatter of 24 wings whose markers have
+/// correlated errors (1 / sqrt(2 x 24) = 14 % each, two of them).
 #[test]
-fn what_flight_does_is_in_the_standard_deviations() {
+fn in_flight_effects_are_in_the_standard_deviations() {
     for (frames, wings) in [(1, 24), (5, 12)] {
         for (k, set_up) in SET_UPS.into_iter().enumerate() {
-            let shown = draw(7100 + k as u64, set_up, frames, wings, all_together).all;
+            let shown = sample_errors(7100 + k as u64, set_up, frames, wings, combined_effects).all;
             let deflections = shown.deflections.each_ref().map(|deflections| rms(deflections));
             let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
-            println!(
-                "{frames} {set_up:?}: deflections {deflections:.2?}, twist {twist:.2}, moment {moment:.2}"
-            );
-            assert!(
-                deflections.iter().all(|deflection| *deflection < 1.5),
-                "{frames} {set_up:?}: {deflections:.2?}"
-            );
+            println!("{frames} {set_up:?}: deflections {deflections:.2?}, twist {twist:.2}, moment {moment:.2}");
+            assert!(deflections.iter().all(|deflection| *deflection < 1.5), "{frames} {set_up:?}: {deflections:.2?}");
             assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
         }
     }

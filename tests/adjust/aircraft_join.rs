@@ -1,10 +1,10 @@
-//! Promise: what the aircraft's data say of a frame is within its standard deviation in climbs and turns, with lines 1 to 30 s
-//! apart, late and jumping; and no tag that cannot be is joined.
+//! Promise: aircraft data joined to a frame are within their standard deviation in climbs and turns, with lines 1 to 30 s
+//! apart, late and jumping; impossible time tags are not joined.
 
 use jiff::Timestamp;
 use rand::Rng;
 use rand::rngs::StdRng;
-use wingd::aircraft::{Column, Layout, Quantity, Received, Track};
+use wingd::aircraft::{AircraftTrack, Layout, Quantity, QuantityColumn, ReceivedLine};
 use wingd::clock::Stamp;
 use wingd::clock::exposure::Exposure;
 use wingd::clock::quality::ClockQuality;
@@ -14,8 +14,8 @@ use crate::common::random::{normal, rng};
 /// 2026-06-01T08:00:00Z.
 const BEGIN_S: f64 = 1_780_300_800.0;
 const LASTING_S: usize = 1200;
-/// What is told, with the standard deviation of the instrument's own error, which stays as it is over a flight.
-const TOLD: [(Quantity, f64); 5] = [
+/// Quantities of the feed, with the standard deviation of the instrument's bias, which is constant during a flight.
+const FEED_SIGMAS: [(Quantity, f64); 5] = [
     (Quantity::PressureAltitudeM, 20.0),
     (Quantity::Mach, 0.005),
     (Quantity::StaticTemperatureC, 1.0),
@@ -24,10 +24,10 @@ const TOLD: [(Quantity, f64); 5] = [
 ];
 
 /// A flight, second by second: climbs and descents with level-offs, accelerations, turns.
-struct Truth(Vec<[f64; TOLD.len()]>);
+struct Truth(Vec<[f64; FEED_SIGMAS.len()]>);
 
 impl Truth {
-    fn drawn(rng: &mut StdRng) -> Self {
+    fn random(rng: &mut StdRng) -> Self {
         let (mut height_m, mut climb_m_s, mut mach, mut bank) = (3000.0, 0.0_f64, 0.5, 0.0_f64);
         let (mut wanted_m_s, mut faster, mut wanted_bank) = (0.0_f64, 0.0, 0.0_f64);
         let mut all = vec![];
@@ -49,7 +49,7 @@ impl Truth {
         Self(all)
     }
 
-    fn at(&self, time_s: f64) -> [f64; TOLD.len()] {
+    fn values_at(&self, time_s: f64) -> [f64; FEED_SIGMAS.len()] {
         let (k, part) = (time_s as usize, time_s.fract());
         let of = |k: usize| self.0[k.min(LASTING_S - 1)];
         std::array::from_fn(|i| of(k)[i] + part * (of(k + 1)[i] - of(k)[i]))
@@ -62,27 +62,27 @@ fn stamp(time_s: f64) -> Stamp {
 }
 
 fn layout() -> Layout {
-    let column = |(k, (quantity, _)): (usize, &(Quantity, f64))| Column {
+    let column = |(k, (quantity, _)): (usize, &(Quantity, f64))| QuantityColumn {
         field: k + 2,
         quantity: *quantity,
         scale: 1.0,
         offset: 0.0,
     };
-    Layout::text(',', 1, TOLD.iter().enumerate().map(column).collect())
+    Layout::separated(',', 1, FEED_SIGMAS.iter().enumerate().map(column).collect())
 }
 
-/// A line with this tag that tells what is true at another moment.
-fn line(truth: &Truth, (tag_s, true_s, came_s): (f64, f64, f64), errors: &[f64]) -> Received {
+/// A feed line with this tag and the true values of another moment.
+fn line(truth: &Truth, (tag_s, true_s, came_s): (f64, f64, f64), errors: &[f64]) -> ReceivedLine {
     let mut text = format!("{:.3}", BEGIN_S + tag_s);
-    for (value, error) in truth.at(true_s).iter().zip(errors) {
+    for (value, error) in truth.values_at(true_s).iter().zip(errors) {
         text.push_str(&format!(",{:.5}", value + error));
     }
-    Received { at: Some(stamp(came_s)), line: text }
+    ReceivedLine { at: Some(stamp(came_s)), line: text }
 }
 
-/// A feed with lines so far apart, up to six seconds late; of `jumps` one tag in so many is wrong.
-fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Vec<Received> {
-    let errors: Vec<f64> = TOLD.iter().map(|(_, sigma)| sigma * normal(rng)).collect();
+/// A feed with one line per `every_s`, up to 6 s late; one in `jumps` tags is wrong.
+fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Vec<ReceivedLine> {
+    let errors: Vec<f64> = FEED_SIGMAS.iter().map(|(_, sigma)| sigma * normal(rng)).collect();
     let mut lines = vec![];
     let mut at_s = 0.0;
     while at_s < LASTING_S as f64 - 1.0 {
@@ -100,25 +100,25 @@ fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Ve
     lines.into_iter().map(|(_, line)| line).collect()
 }
 
-/// Each flight has instruments of its own.
+/// Each flight has its own instrument errors.
 const FLIGHTS: u64 = 80;
 const FRAMES: usize = 100;
 
-/// Error over standard deviation by quantity, of all flights.
+/// Error over standard deviation for each quantity, over all flights.
 fn ratios(seed: u64, every_s: f64, jumps: Option<u32>) -> Vec<Vec<f64>> {
-    let mut all = vec![vec![]; TOLD.len()];
+    let mut all = vec![vec![]; FEED_SIGMAS.len()];
     for flight in 0..FLIGHTS {
         let rng = &mut rng(seed + flight);
-        let truth = Truth::drawn(rng);
-        let mut track = Track::default();
-        track.add(&layout(), &feed(rng, &truth, every_s, jumps));
+        let truth = Truth::random(rng);
+        let mut track = AircraftTrack::default();
+        track.add_lines(&layout(), &feed(rng, &truth, every_s, jumps));
         for _ in 0..FRAMES {
             let at_s = 1.0 + (LASTING_S as f64 - 3.0) * rng.random::<f64>();
             let exposure = Exposure::from_request(&stamp(at_s), 50.0 + at_s, ClockQuality::exact());
-            let state = track.at(&stamp(at_s), Some(&exposure));
-            for (k, (quantity, _)) in TOLD.iter().enumerate() {
+            let state = track.state_at(&stamp(at_s), Some(&exposure));
+            for (k, (quantity, _)) in FEED_SIGMAS.iter().enumerate() {
                 if let Some(joined) = state.get(quantity) {
-                    all[k].push((joined.value - truth.at(at_s)[k]) / joined.sigma);
+                    all[k].push((joined.value - truth.values_at(at_s)[k]) / joined.sigma);
                 }
             }
         }
@@ -131,7 +131,7 @@ fn rms(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn what_is_joined_keeps_its_sigma() {
+fn joined_values_have_consistent_sigmas() {
     for (seed, every_s, jumps) in [
         (100, 1.0, None),
         (200, 2.0, Some(30)),
@@ -151,16 +151,16 @@ fn what_is_joined_keeps_its_sigma() {
 }
 
 #[test]
-fn tags_that_cannot_be_are_joined_with_no_frame() {
+fn impossible_tags_are_joined_with_no_frame() {
     let rng = &mut rng(9);
-    let truth = Truth::drawn(rng);
+    let truth = Truth::random(rng);
     for ahead_s in [40.0, 3600.0, -3600.0] {
-        let lines: Vec<Received> = (60..900)
+        let lines: Vec<ReceivedLine> = (60..900)
             .map(|k| line(&truth, (f64::from(k) + ahead_s, f64::from(k), f64::from(k) + 1.0), &[0.0; 5]))
             .collect();
-        let mut track = Track::default();
-        track.add(&layout(), &lines);
+        let mut track = AircraftTrack::default();
+        track.add_lines(&layout(), &lines);
         assert_eq!((track.len(), track.unused.jumped), (0, lines.len()), "{ahead_s}");
-        assert!(track.at(&stamp(500.0), None).is_empty());
+        assert!(track.state_at(&stamp(500.0), None).is_empty());
     }
 }

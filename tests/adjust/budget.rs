@@ -1,27 +1,27 @@
-//! Promise: what a result says its variance comes from is what errors of that source do, and what `plan` says beforehand.
+//! Promise: the variance budget of a result matches the effect of errors of each source, and `plan` predicts it.
 
 use nalgebra::{SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{
-    self, Budget, BudgetShare, Observation, Options, Reference, SigmaKind, Solution,
+    self, DeflectionReference, Observation, Options, SigmaKind, Solution, VarianceBudget, VarianceShare,
 };
 use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
-use wingd::measure::setup::{FlightEffectPriors, Orientation, Setup, SkinHeight, Uncertainty};
+use wingd::measure::setup::{FlightEffectPriors, Orientation, Setup, SetupUncertainty, SkinHeight};
 
-use crate::common::beam_truth::{Aircraft, Effects, Truth, When, Wing, normal, normal2, normal3, rms, rng};
+use crate::common::beam_truth::{Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng};
 
 const NOISE_PX: f64 = 0.05;
 const SURVEY_M: f64 = 0.002;
 const DRAWS: usize = 100;
-/// Of fx, fy, cx, cy, px, and of the distortion, which is held.
+/// Standard deviations of fx, fy, cx, cy, in px, and of the distortion, which is fixed.
 const LENS_SIGMA: [f64; BROWN] = [2.0, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-/// Shares below this are not drawn: nobody argues with them.
+/// Contributions below this fraction are not tested.
 const MIN_FRACTION: f64 = 0.002;
 
-/// All that an adjustment is given.
+/// Input of an adjustment.
 #[derive(Clone)]
-struct Given {
+struct AdjustmentInput {
     setup: Setup,
     orientation: Orientation,
     seen: Vec<Observation>,
@@ -31,13 +31,13 @@ fn options() -> Options {
     Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, curvature_terms: Some(8), ..Options::default() }
 }
 
-impl Given {
-    /// Without any error.
+impl AdjustmentInput {
+    /// Creates input without any error.
     fn exact(aircraft: &Aircraft) -> Self {
         let mut rng = rng(1);
         let mut setup = aircraft.surveyed(&mut rng, 0.0);
         setup.markers.iter_mut().for_each(|m| m.sigma_m = SURVEY_M);
-        setup.uncertainty = Uncertainty { in_flight: FlightEffectPriors::DEFAULT, ..Uncertainty::default() };
+        setup.uncertainty = SetupUncertainty { in_flight: FlightEffectPriors::DEFAULT, ..SetupUncertainty::default() };
         setup.uncertainty.in_flight.readout_s = 0.0;
         let mut orientation = aircraft.orientation(&mut rng, 0.0);
         let variance = NOISE_PX * NOISE_PX;
@@ -45,49 +45,49 @@ impl Given {
         orientation.ground.iter_mut().for_each(|g| g.covariance_px2 = covariance_px2);
         setup.uncertainty.lens = Some(SMatrix::from_diagonal(&LENS_SIGMA.map(|s| s * s).into()));
         setup.thermal.as_mut().unwrap().flight_temperature_sigma_k = Some(15.0);
-        let mut seen = aircraft.frame(&mut rng, when(aircraft), (Vector3::zeros(), Vector3::zeros()), 0.0);
+        let mut seen = aircraft.frame(&mut rng, state_of(aircraft), (Vector3::zeros(), Vector3::zeros()), 0.0);
         seen.iter_mut().for_each(|o| o.covariance_px2 = covariance_px2);
         Self { setup, orientation, seen }
     }
 
     fn solve(&self) -> Solution {
-        adjust::spatial(&self.setup, &self.orientation, &self.seen, &options()).unwrap()
+        adjust::solve_spatial(&self.setup, &self.orientation, &self.seen, &options()).unwrap()
     }
 
-    /// The same frame of an aircraft that something happens to.
-    fn of(&mut self, aircraft: &Aircraft, mounting: (Vector3<f64>, Vector3<f64>)) {
+    /// Observes the frame again, of an aircraft with effects.
+    fn observe(&mut self, aircraft: &Aircraft, mounting: (Vector3<f64>, Vector3<f64>)) {
         let covariance_px2 = self.seen[0].covariance_px2;
-        self.seen = aircraft.frame(&mut rng(1), when(aircraft), mounting, 0.0);
+        self.seen = aircraft.frame(&mut rng(1), state_of(aircraft), mounting, 0.0);
         self.seen.iter_mut().for_each(|o| o.covariance_px2 = covariance_px2);
         let pixels = aircraft.orientation(&mut rng(1), 0.0).ground;
         self.orientation.ground.iter_mut().zip(pixels).for_each(|(g, p)| g.pixel = p.pixel);
     }
 }
 
-fn when(aircraft: &Aircraft) -> When {
-    When::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() }
+fn state_of(aircraft: &Aircraft) -> WingState {
+    WingState::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() }
 }
 
 fn truth() -> Truth {
-    Truth::new(Wing::default(), 21).with_fixed_marks(2)
+    Truth::new(Wing::default(), 21).with_fixed_targets(2)
 }
 
-/// An aircraft that only this happens to.
-fn with(effects: Effects) -> Aircraft {
+/// Creates an aircraft with only these effects.
+fn aircraft_with(effects: Effects) -> Aircraft {
     Aircraft::new(&mut rng(2), truth(), effects)
 }
 
-/// What happened to the aircraft, where that is where the error lies.
-type Draw = fn(&mut Given, &mut StdRng) -> Option<Aircraft>;
+/// Applies an error of one source; returns the changed aircraft if the error is in the aircraft.
+type SourceError = fn(&mut AdjustmentInput, &mut StdRng) -> Option<Aircraft>;
 
-fn effects(given: &mut Given, effects: Effects) -> Option<Aircraft> {
-    let aircraft = with(effects);
-    given.of(&aircraft, Default::default());
+fn effects(given: &mut AdjustmentInput, effects: Effects) -> Option<Aircraft> {
+    let aircraft = aircraft_with(effects);
+    given.observe(&aircraft, Default::default());
     Some(aircraft)
 }
 
-/// One error of each source, as wide as stated.
-const SOURCES: [(&str, Draw); 17] = [
+/// One error of each source, with its configured standard deviation.
+const SOURCES: [(&str, SourceError); 17] = [
     ("image", |given, rng| {
         given.seen.iter_mut().for_each(|o| o.pixel += normal2(rng) * NOISE_PX);
         None
@@ -140,7 +140,7 @@ const SOURCES: [(&str, Draw); 17] = [
     ("mounting", |given, rng| {
         let turn = given.setup.mount_repeatability_px / given.setup.lens.focal_px();
         let mounting = (normal3(rng) * turn, normal3(rng) * given.setup.uncertainty.mount_shift_m);
-        given.of(&with(Effects::default()), mounting);
+        given.observe(&aircraft_with(Effects::default()), mounting);
         None
     }),
     ("ground bend", |given, rng| {
@@ -150,13 +150,13 @@ const SOURCES: [(&str, Draw); 17] = [
     ("skin", |given, rng| {
         let skin_m = given.setup.uncertainty.in_flight.skin_motion_m;
         let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, ..Effects::default() });
-        given.of(&aircraft, Default::default());
+        given.observe(&aircraft, Default::default());
         Some(aircraft)
     }),
-    ("fixed marks", |given, rng| {
+    ("fixed targets", |given, rng| {
         let fixed_each_m = given.setup.markers.last().unwrap().flight_motion_m;
         let aircraft = Aircraft::new(rng, truth(), Effects { fixed_each_m, ..Effects::default() });
-        given.of(&aircraft, Default::default());
+        given.observe(&aircraft, Default::default());
         Some(aircraft)
     }),
     ("root motion", |given, rng| {
@@ -167,13 +167,12 @@ const SOURCES: [(&str, Draw); 17] = [
     }),
     ("camera in flight", |given, rng| {
         let width = given.setup.uncertainty.in_flight;
-        let (flight_scale, principal_px) =
-            (normal(rng) * width.scale, normal2(rng) * width.principal_point_px);
+        let (flight_scale, principal_px) = (normal(rng) * width.scale, normal2(rng) * width.principal_point_px);
         effects(given, Effects { flight_scale, principal_px, ..Effects::default() })
     }),
     ("vertical", |given, rng| {
         let tilt_rad = normal2(rng) * given.setup.uncertainty.in_flight.vertical_rad;
-        let aircraft = with(Effects { tilt_rad, ..Effects::default() });
+        let aircraft = aircraft_with(Effects { tilt_rad, ..Effects::default() });
         let tilted = aircraft.surveyed(&mut rng.clone(), 0.0);
         for (marker, tilted) in given.setup.markers.iter_mut().zip(tilted.markers) {
             marker.position_m = tilted.position_m;
@@ -184,21 +183,21 @@ const SOURCES: [(&str, Draw); 17] = [
     }),
 ];
 
-/// Of the deflection that a budget is of, against what is true of the aircraft.
-fn error_m(solution: &Solution, budget: &Budget, aircraft: &Aircraft) -> f64 {
-    let truth_m = aircraft.deflections_m(when(aircraft))[budget.marker][budget.reference as usize];
+/// Errors of the deflection that the budget belongs to, relative to the true aircraft.
+fn error_m(solution: &Solution, budget: &VarianceBudget, aircraft: &Aircraft) -> f64 {
+    let truth_m = aircraft.deflections_m(state_of(aircraft))[budget.marker][budget.reference as usize];
     solution.markers[budget.marker].deflection_against(budget.reference).unwrap().value - truth_m
 }
 
 #[test]
-fn each_share_is_what_errors_of_that_source_do() {
-    let still = with(Effects::default());
-    let exact = Given::exact(&still);
+fn each_contribution_is_the_effect_of_errors_of_its_source() {
+    let still = aircraft_with(Effects::default());
+    let exact = AdjustmentInput::exact(&still);
     let nominal = exact.solve();
     let budget = nominal.budget.clone().unwrap();
     let sigma = nominal.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
     println!("sigma {:.2} mm, {:?}: {:.3?}", 1e3 * sigma, budget.reference, budget.shares);
-    // What the model does not follow of this wing, without any error.
+    // Model error for this wing without any other error.
     let nominal_m = error_m(&nominal, &budget, &still);
     let (mut rng, mut drawn) = (rng(52), 0.0);
     for (source, draw) in SOURCES {
@@ -211,82 +210,80 @@ fn each_share_is_what_errors_of_that_source_do() {
             error_m(&given.solve(), &budget, aircraft.as_ref().unwrap_or(&still)) - nominal_m
         });
         let ratio = rms(&errors.collect::<Vec<_>>()) / (sigma * share.share.sqrt());
-        println!("{source}: share {:.4}, drawn over told {ratio:.2}", share.share);
+        println!("{source}: share {:.4}, sampled over predicted {ratio:.2}", share.share);
         drawn += share.share;
         if share.share > MIN_FRACTION {
             assert!((0.75..1.3).contains(&ratio), "{source}: {ratio}");
         }
     }
-    println!("drawn: {drawn:.3} of the variance");
+    println!("tested: {drawn:.3} of the variance");
 }
 
-fn sum(shares: &[BudgetShare]) -> f64 {
+fn sum(shares: &[VarianceShare]) -> f64 {
     shares.iter().map(|one| one.share).sum()
 }
 
-fn share(shares: &[BudgetShare], source: &str) -> f64 {
+fn fraction_of(shares: &[VarianceShare], source: &str) -> f64 {
     shares.iter().find(|one| one.source == source).map_or(0.0, |one| one.share)
 }
 
-/// A frame, a flight, live frames, the profile: shares add up to 1, and propagation gives the sigma that stands beside.
+/// Checks for a frame, a flight, live frames and the profile that contributions sum to 1 and propagate to the reported sigma.
 #[test]
-fn shares_add_up_with_every_method() {
-    let exact = Given::exact(&with(Effects::default()));
+fn contributions_add_up_with_every_method() {
+    let exact = AdjustmentInput::exact(&aircraft_with(Effects::default()));
     let frames: Vec<Vec<Observation>> = (0..4).map(|_| exact.seen.clone()).collect();
-    let mut solved = adjust::flight(&exact.setup, &exact.orientation, &frames, &options()).unwrap();
-    let mut live = adjust::Live::begin(exact.setup.clone(), exact.orientation.clone(), options()).unwrap();
-    solved.extend((0..4).map(|_| live.frame(&exact.seen, 0.1).unwrap()));
+    let mut solved = adjust::solve_flight(&exact.setup, &exact.orientation, &frames, &options()).unwrap();
+    let mut live = adjust::LiveAdjustment::new(exact.setup.clone(), exact.orientation.clone(), options()).unwrap();
+    solved.extend((0..4).map(|_| live.adjust_frame(&exact.seen, 0.1).unwrap()));
     solved.push(exact.solve());
-    solved.push(adjust::profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap());
+    solved.push(adjust::solve_profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap());
     for solution in &solved {
         let budget = solution.budget.as_ref().unwrap();
         println!("{:?} {:?}: {:.3?}", solution.method, budget.reference, budget.shares);
         assert!((sum(&budget.shares) - 1.0).abs() < 1e-9);
         assert!(budget.shares.iter().all(|one| (0.0..=1.0).contains(&one.share)));
-        let shown =
-            solution.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
+        let shown = solution.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
         let known = budget.shares.iter().filter_map(|one| one.sigma_if_known_m);
         assert!(known.into_iter().all(|known| known <= shown * (1.0 + 1e-9)));
-        for reference in [Reference::Survey, Reference::Ground, Reference::Root] {
-            let other = solution.markers[budget.marker]
-                .deflection_against(reference)
-                .and_then(|deflection| deflection.sigma);
-            assert!(other.is_none_or(|other| shown <= other / 0.99), "{reference:?} is told better");
+        for reference in [DeflectionReference::Survey, DeflectionReference::Ground, DeflectionReference::Root] {
+            let other =
+                solution.markers[budget.marker].deflection_against(reference).and_then(|deflection| deflection.sigma);
+            assert!(other.is_none_or(|other| shown <= other / 0.99), "{reference:?} is more precise");
         }
     }
     let last = solved[7].budget.as_ref().unwrap();
-    assert!(share(&last.shares, "survey") > 0.0 && share(&last.shares, "frames before") > 0.0);
-    // The mounting's shift keeps its name from frame to frame.
-    let alone = share(&solved[8].budget.as_ref().unwrap().shares, "mounting");
-    assert!(share(&last.shares, "mounting") > 0.5 * alone, "{alone}");
+    assert!(fraction_of(&last.shares, "survey") > 0.0 && fraction_of(&last.shares, "earlier frames") > 0.0);
+    // The contribution of the mounting shift keeps its name from frame to frame.
+    let alone = fraction_of(&solved[8].budget.as_ref().unwrap().shares, "mounting");
+    assert!(fraction_of(&last.shares, "mounting") > 0.5 * alone, "{alone}");
 }
 
 #[test]
-fn plan_says_the_same_beforehand() {
-    let exact = Given::exact(&with(Effects::default()));
+fn plan_predicts_the_contributions_of_the_adjustment() {
+    let exact = AdjustmentInput::exact(&aircraft_with(Effects::default()));
     let wanted = PlanOptions { tip_deflection_m: 2.9, pixel_sigma: NOISE_PX, ..PlanOptions::default() };
-    let planned = plan::plan(&exact.setup, Some(&exact.orientation), &wanted).unwrap().prediction.unwrap();
+    let planned = plan::plan_installation(&exact.setup, Some(&exact.orientation), &wanted).unwrap().prediction.unwrap();
     let budget = exact.solve().budget.unwrap();
     assert_eq!(planned.tip.as_ref().unwrap().reference, budget.reference);
     for one in &budget.shares {
-        let there = share(&planned.budget, one.source);
+        let there = fraction_of(&planned.budget, one.source);
         println!("{}: {:.3}, planned {there:.3}", one.source, one.share);
-        // The rehearsed frame bends by one term of the curvature, so that small shares are not the same.
+        // The simulated frame bends by one term of the curvature, so small contributions differ.
         let allowed = if one.share > 0.1 { 0.1 * one.share } else { 0.02 };
         assert!((one.share - there).abs() < allowed, "{}", one.source);
     }
     assert!((sum(&planned.budget) - 1.0).abs() < 1e-9);
 }
 
-type Know = fn(&mut Setup);
+type SetKnown = fn(&mut Setup);
 
-/// Beside a share stands what `plan` finds by rehearsing the frame with the source known.
+/// Compares "if known" of a contribution with a simulated plan in which the source is known.
 #[test]
-fn what_is_known_brings_what_another_adjustment_brings() {
-    let exact = Given::exact(&with(Effects::default()));
+fn variance_if_known_is_that_of_another_adjustment() {
+    let exact = AdjustmentInput::exact(&aircraft_with(Effects::default()));
     let solution = exact.solve();
     let budget = solution.budget.unwrap();
-    let known: [(&str, Know); 4] = [
+    let known: [(&str, SetKnown); 4] = [
         ("root", |s| s.uncertainty.root_offset_m = 0.0),
         ("chord offset", |s| s.uncertainty.axis_chord_offset_m = 0.0),
         ("in-plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),
@@ -295,10 +292,9 @@ fn what_is_known_brings_what_another_adjustment_brings() {
     for (source, know) in known {
         let mut given = exact.clone();
         know(&mut given.setup);
-        let there =
-            given.solve().markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
-        let told = budget.shares.iter().find(|one| one.source == source).unwrap().sigma_if_known_m.unwrap();
-        println!("{source}: {:.3} mm, adjusted again {:.3} mm", 1e3 * told, 1e3 * there);
-        assert!((told / there - 1.0).abs() < 0.02, "{source}");
+        let there = given.solve().markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
+        let predicted = budget.shares.iter().find(|one| one.source == source).unwrap().sigma_if_known_m.unwrap();
+        println!("{source}: {:.3} mm, adjusted again {:.3} mm", 1e3 * predicted, 1e3 * there);
+        assert!((predicted / there - 1.0).abs() < 0.02, "{source}");
     }
 }

@@ -1,5 +1,5 @@
-//! The predicted covariance against sampled errors, and the tests at their levels. Wings, loads,
-//! sides, mountings, survey and images are drawn anew in every run.
+//! The predicted covariance compared with sampled errors, and the tests with their levels. Wings, loads, sides, mountings,
+//! survey and images are sampled again in every run.
 
 use crate::common::beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
@@ -10,7 +10,7 @@ use wingd::measure::estimation::{Block, Group, Linearised, Problem, solve};
 
 const RUNS: usize = 500;
 
-/// Errors over their standard deviations.
+/// Normalised errors.
 #[derive(Default)]
 struct Errors {
     position: Vec<f64>,
@@ -47,12 +47,12 @@ fn predicted_covariance_covers_sampled_errors() {
     for _ in 0..RUNS {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
+        let flight = truth.positions_in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let seen = truth.observations(&mut rng, &flight, mount, 0.05);
-        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         rejected += usize::from(s.global_test == GlobalTest::Rejected);
         errors.add(&truth, &flight, &s);
         let section = s.torsion[0].twist_rad.unwrap();
@@ -84,7 +84,7 @@ fn detected(rng: &mut StdRng, marker: usize, pixel: &mut Vector2<f64>) -> Matrix
     Matrix2::new(u * u, 0.0, 0.0, v * v)
 }
 
-/// Images far sharper than the model: its standard deviations must not follow them down.
+/// Images far more precise than the model: the reported standard deviations must not become too small.
 #[test]
 fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     let mut rng = rng(78);
@@ -93,7 +93,7 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     for _ in 0..200 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
+        let flight = truth.positions_in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let mut orientation = truth.orientation(&mut rng, 0.0, true);
@@ -104,7 +104,7 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
         for o in &mut seen {
             o.covariance_px2 = detected(&mut rng, o.marker, &mut o.pixel);
         }
-        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         errors.add(&truth, &flight, &s);
     }
     let ratios = errors.ratios();
@@ -161,16 +161,16 @@ fn a_wrong_survey_point_of_twice_its_minimal_detectable_bias_is_found() {
     for marker in [3, 8, 12, 16] {
         for _ in 0..15 {
             let truth = Truth::new(Wing::default(), 21);
-            let flight = truth.in_flight(2.6, truth.fuel());
+            let flight = truth.positions_in_flight(2.6, truth.fuel());
             let mount = remounted(&mut rng, &truth.setup) * 0.5;
             let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
             let orientation = truth.orientation(&mut rng, 0.05, true);
             let seen = truth.observations(&mut rng, &flight, mount, 0.05);
-            let clean = adjust::spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+            let clean = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
             let Some(bias) = clean.markers[marker].minimal_detectable_bias_m else { continue };
             // Y of the wing frame is up, z of the survey.
             setup.markers[marker].position_m.z += 2.0 * bias.y;
-            let solution = adjust::spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+            let solution = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
             runs += 1;
             found += usize::from(!solution.markers[marker].used);
         }

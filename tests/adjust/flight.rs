@@ -1,4 +1,4 @@
-//! A flight's frames together, against wings that the model does not know.
+//! Joint adjustment of the frames of a flight, for wings that differ from the model.
 
 use crate::common::beam_truth::{Truth, random_wing, remounted, rms, rng};
 use wingd::measure::adjust::{self, Options};
@@ -11,8 +11,8 @@ struct Outcome {
     mountings_found: Vec<bool>,
 }
 
-/// Flights of 7 frames, the deflection falling from 3.0 m; after two frames the camera is remounted. With
-/// `burning`, the fuel's share goes from the wing's own to 40 % of it, which changes the shape.
+/// Flights of 7 frames, the deflection falling from 3.0 m; after two frames the camera is remounted. With `burning`, the fuel
+/// fraction falls from the wing's own to 40 % of it, which changes the shape.
 fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
     let mut rng = rng(21);
     let mut out = Outcome {
@@ -32,11 +32,11 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
         for k in 0..7 {
             let t = k as f64 / 6.0;
             let fuel = truth.fuel() * if burning { 1.0 - 0.6 * t } else { 1.0 };
-            let flight = truth.in_flight(3.0 - 1.2 * t, fuel);
+            let flight = truth.positions_in_flight(3.0 - 1.2 * t, fuel);
             frames.push(truth.observations(&mut rng, &flight, mounts[usize::from(k >= 2)], 0.05));
             points.push(flight);
         }
-        let solutions = adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap();
+        let solutions = adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
         let before = out.vertical.len();
         for (solution, flight) in solutions.iter().zip(&points) {
             for m in &solution.markers {
@@ -67,7 +67,7 @@ fn print(what: &str, o: &Outcome) {
 }
 
 #[test]
-fn shared_shapes() {
+fn joint_adjustment_reduces_the_errors_of_shared_shapes() {
     let o = flights(20, false, true);
     print("shared shape", &o);
     assert!(rms(&o.vertical) < 0.004 && rms(&o.horizontal) < 0.005);
@@ -84,7 +84,7 @@ fn burning_fuel_changes_the_shape() {
 }
 
 #[test]
-fn without_the_ground_frames_sights() {
+fn flights_without_ground_observations_keep_their_sigma() {
     let shared = flights(20, false, false);
     print("shared shape, rotation only", &shared);
     assert!(rms(&shared.vertical) < 0.008 && (0.5..1.3).contains(&rms(&shared.normalised)));

@@ -1,4 +1,4 @@
-//! Identities are never wrong, orientation needs no guess, and what cannot be told is said.
+//! Identities are never wrong, orientation needs no initial value, and ambiguity is reported.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::Detection;
 use wingd::measure::identify::{
-    IdentifyError, Identities, identify_markers, estimate_orientation, predict_next_frame, remove_perspective_bias,
+    IdentifyError, Identities, estimate_orientation, identify_markers, predict_next_frame, remove_perspective_bias,
 };
 use wingd::measure::setup::{Orientation, Setup, Shape};
 
@@ -17,7 +17,7 @@ const HARD: Conditions =
 const PLAIN: Conditions =
     Conditions { noise_px: 0.05, hidden: 0.0, false_ones: 0, mount_px: 10.0, deflection_m: (0.5, 3.0) };
 
-/// Visible, rightly identified, wrongly identified.
+/// Visible, correctly identified, wrongly identified.
 #[derive(Default, Debug)]
 struct Tally {
     visible: usize,
@@ -28,9 +28,9 @@ struct Tally {
 impl Tally {
     fn add(&mut self, view: &View, identities: &Identities) {
         self.visible += view.visible.iter().filter(|v| **v).count();
-        for (truth, said) in view.truth.iter().zip(&identities.marker_of) {
-            match (truth, said) {
-                (t, Some(_)) if t == said => self.right += 1,
+        for (truth, named) in view.truth.iter().zip(&identities.marker_of) {
+            match (truth, named) {
+                (t, Some(_)) if t == named => self.right += 1,
                 (_, Some(_)) => self.wrong += 1,
                 _ => {}
             }
@@ -50,7 +50,7 @@ fn known(world: &World) -> Orientation {
     Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] }
 }
 
-/// Every marker is either identified or missing with a reason, and none twice.
+/// Whether every marker is either identified or missing with a reason, and none twice.
 fn is_complete(setup: &Setup, detections: &[Detection], identities: &Identities) {
     assert_eq!(identities.marker_of.len(), detections.len());
     for j in 0..setup.markers.len() {
@@ -72,8 +72,7 @@ fn ground_frames_are_oriented_without_a_guess_and_none_is_misidentified() {
             Ok(fit) => {
                 is_complete(&world.setup, &view.detections, &fit.identities[0]);
                 tally.add(&view, &fit.identities[0]);
-                let off =
-                    (world.camera_from_survey * fit.orientation.camera_from_survey.inverse()).scaled_axis();
+                let off = (world.camera_from_survey * fit.orientation.camera_from_survey.inverse()).scaled_axis();
                 errors.push(off.norm());
                 let covariance = fit.orientation.covariance_rad2.unwrap();
                 normalised += off.dot(&(covariance.try_inverse().unwrap() * off)) / 3.0;
@@ -117,13 +116,13 @@ fn frames_in_flight_are_never_misidentified() {
                 tally.add(&view, &identities);
                 if tally.wrong > before {
                     eprintln!(
-                        "seed {seed}: wrong at deflection {deflection_m:.2}, said {:.2}",
+                        "seed {seed}: wrong at deflection {deflection_m:.2}, reported {:.2}",
                         identities.tip_deflection_m
                     );
                 }
             }
             Err(e) => {
-                // Eight unknowns are not checked by four points: a refusal is right.
+                // Four points do not check eight unknowns: a refusal is correct.
                 let visible = view.visible.iter().filter(|v| **v).count();
                 failed += usize::from(visible >= 6);
                 refused += usize::from(visible < 6);
@@ -139,7 +138,7 @@ fn frames_in_flight_are_never_misidentified() {
 }
 
 #[test]
-fn plain_frames_lose_nothing() {
+fn plain_frames_lose_no_marker() {
     let mut tally = Tally::default();
     for seed in 1000..1100 {
         let world = World::random(seed, &PLAIN);
@@ -196,7 +195,7 @@ fn the_next_frame_is_predicted_within_the_search_radius() {
     }
 }
 
-/// A setup whose directions come to themselves by a half turn about the camera's axis.
+/// A setup whose directions are symmetric under a half turn about the camera's axis.
 fn symmetric_world() -> (Setup, Vec<Detection>) {
     let world = World::random(2, &PLAIN);
     let mut setup = world.setup.clone();
@@ -234,7 +233,7 @@ fn a_layout_that_fits_two_ways_is_reported() {
 }
 
 #[test]
-fn too_little_or_nothing_but_clutter_is_refused() {
+fn too_few_markers_and_clutter_alone_are_refused() {
     let world = World::random(4, &PLAIN);
     let view = world.ground_view(4, &PLAIN);
     assert!(matches!(estimate_orientation(&world.setup, &[]), Err(IdentifyError::TooFew { .. })));
@@ -243,7 +242,8 @@ fn too_little_or_nothing_but_clutter_is_refused() {
         estimate_orientation(&world.setup, std::slice::from_ref(&three)),
         Err(IdentifyError::TooFew { found: 3, .. })
     ));
-    assert!(matches!(identify_markers(&world.setup, &known(&world), &three), Err(IdentifyError::TooFew { .. })));
+    let refused = identify_markers(&world.setup, &known(&world), &three);
+    assert!(matches!(refused, Err(IdentifyError::TooFew { .. })));
     for seed in 0..20 {
         let mut rng = StdRng::seed_from_u64(seed);
         let mut clutter = view.detections.clone();
@@ -258,7 +258,7 @@ fn too_little_or_nothing_but_clutter_is_refused() {
 }
 
 #[test]
-fn values_that_are_no_numbers_do_no_harm() {
+fn non_finite_values_do_no_harm() {
     let world = World::random(6, &PLAIN);
     let mut view = world.flight_view(1.0, 6, &PLAIN);
     let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
@@ -284,12 +284,12 @@ fn several_ground_frames_are_one_orientation() {
     assert_eq!(four.identities.len(), 4);
     let trace = |f: &wingd::measure::identify::OrientationFit| f.orientation.covariance_rad2.unwrap().trace();
     assert!(trace(&four) < trace(&one));
-    // The survey's errors are common: four frames are not worth half the standard deviation.
+    // The survey errors are common: four frames do not halve the standard deviation.
     assert!(trace(&four) > 0.3 * trace(&one));
 }
 
 #[test]
-fn a_wrong_survey_point_is_taken_out_and_named() {
+fn a_wrong_survey_point_is_excluded_and_named() {
     let world = World::random(10, &PLAIN);
     let view = world.ground_view(10, &PLAIN);
     let mut setup = world.setup.clone();
@@ -305,7 +305,7 @@ struct Dev {
     frames: Vec<(String, View, Matrix3<f64>)>,
 }
 
-/// Detections made from the truth of the fixture: no picture needed.
+/// Simulated detections from the truth of the fixture, without an image.
 fn dev() -> Dev {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
     let setup = wingd::installation::load_without_orientation(&root.join("installation")).unwrap().setup;
@@ -339,8 +339,7 @@ fn dev() -> Dev {
         let rotation = Matrix3::from_fn(|a, b| r[a][b].as_f64().unwrap());
         (f["image"].as_str().unwrap().to_string(), view, rotation)
     });
-    let frames = frames.collect();
-    Dev { setup, frames }
+    Dev { frames: frames.collect(), setup }
 }
 
 #[test]
@@ -351,7 +350,7 @@ fn the_independent_set_is_oriented_and_identified() {
     let truth = Rotation3::from_matrix_unchecked(*rotation);
     let off = truth.angle_to(&fit.orientation.camera_from_survey);
     eprintln!("dev: {:.3} mrad, variance factor {:.2}", 1e3 * off, fit.variance_factor);
-    // Pixels without any error leave 0.51 mrad in this set: the survey's 2 mm decide.
+    // Error-free pixels leave 0.51 mrad in this set: the survey's 2 mm dominate.
     let sigma = fit.orientation.covariance_rad2.unwrap().trace().sqrt();
     assert!(off < 2.0 * sigma && sigma < 0.4e-3, "{off} {sigma}");
     assert_eq!(fit.identities[0].marker_of, ground.truth);
@@ -362,7 +361,7 @@ fn the_independent_set_is_oriented_and_identified() {
     }
 }
 
-/// The ground frame of the fixture, its pixels known without error, one detection per visible marker.
+/// The ground frame of the fixture with error-free pixels, one detection per visible marker.
 fn exact(view: &View) -> Vec<Detection> {
     let mut detections = view.detections.clone();
     for (detection, marker) in detections.iter_mut().zip(view.truth.iter().flatten()) {
@@ -372,15 +371,14 @@ fn exact(view: &View) -> Vec<Detection> {
     detections
 }
 
-/// What stands between the orientation and the truth is the survey, not the picture
-/// (docs/validation/2026-11-orientation.md).
+/// The error comes from the survey, not from the image (docs/validation/2026-11-orientation.md).
 #[test]
 fn the_picture_orients_as_well_as_pixels_without_error() {
     let dev = dev();
     let (_, view, rotation) = &dev.frames[0];
     let truth = Rotation3::from_matrix(rotation);
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
-    let picture = wingd::pipeline::decode::decode(&std::fs::read(file).unwrap(), None).unwrap();
+    let picture = wingd::pipeline::decode::decode_image(&std::fs::read(file).unwrap(), None).unwrap();
     let found = wingd::measure::detect::detect(&picture).markers;
     let off = |detections: Vec<Detection>| {
         let fit = estimate_orientation(&dev.setup, &[detections]).unwrap();
@@ -389,13 +387,10 @@ fn the_picture_orients_as_well_as_pixels_without_error() {
     };
     let (all, _) = off(exact(view));
     let (seen, markers) = off(found);
-    let sought: Vec<usize> = markers.iter().flatten().copied().collect();
-    let same =
-        exact(view).into_iter().zip(&view.truth).filter(|(_, m)| m.is_some_and(|m| sought.contains(&m)));
+    let ids: Vec<usize> = markers.iter().flatten().copied().collect();
+    let same = exact(view).into_iter().zip(&view.truth).filter(|(_, m)| m.is_some_and(|m| ids.contains(&m)));
     let (same, _) = off(same.map(|(d, _)| d).collect());
-    eprintln!(
-        "orientation, mrad: exact pixels of all markers {all:.3}, of those found {same:.3}, picture {seen:.3}"
-    );
+    eprintln!("orientation, mrad: exact pixels of all markers {all:.3}, of those found {same:.3}, image {seen:.3}");
     assert!((seen - same).abs() < 0.03, "{seen} {same}");
-    assert!(sought.len() + 1 >= view.truth.len(), "{} of {}", sought.len(), view.truth.len());
+    assert!(ids.len() + 1 >= view.truth.len(), "{} of {}", ids.len(), view.truth.len());
 }

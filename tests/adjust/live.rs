@@ -1,39 +1,39 @@
-//! Promise: frames adjusted as they come, ten a second, are right within their standard deviations in gusts and with a
-//! mounting that walks; they are better than each frame by itself; a mount disturbance is noticed; a wrong image is left out.
+//! Promise: live frames at 10 Hz are within their standard deviations in gusts and with a drifting mounting; they are more
+//! precise than single frames; a mount disturbance is detected; a wrong image is excluded.
 
 use nalgebra::Vector3;
 use rand::Rng;
 use rand::rngs::StdRng;
 use std::f64::consts::TAU;
 use std::time::Instant;
-use wingd::measure::adjust::{self, Live, Observation, Options, Solution};
-use wingd::measure::setup::{Orientation, Setup, Uncertainty};
+use wingd::measure::adjust::{self, LiveAdjustment, Observation, Options, Solution};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty};
 
 use crate::common::beam_truth::{Truth, median, normal, normal3, random_wing, remounted, rms, rng};
 
 /// Time between two frames, s.
 const STEP_S: f64 = 0.1;
 
-/// An installation with a wing in gusts, seen by a camera whose mounting walks.
-struct Ride {
+/// An installation with a wing in gusts, seen by a camera whose mounting drifts.
+struct SimulatedFlight {
     truth: Truth,
     setup: Setup,
     orientation: Orientation,
     turn: Vector3<f64>,
     shift: Vector3<f64>,
-    /// Of the walk in a second's root, rad.
+    /// Random walk of the mounting, rad per square root of a second.
     walk: f64,
     gusts: [(f64, f64, f64); 3],
     level_m: f64,
     frames: usize,
 }
 
-impl Ride {
+impl SimulatedFlight {
     fn new(rng: &mut StdRng, markers: usize) -> Self {
         let truth = Truth::new(random_wing(rng), markers);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
         setup.uncertainty =
-            Uncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..Uncertainty::of_drawings() };
+            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
         let orientation = truth.orientation(rng, 0.05, true);
         let gust = |hz: f64, rng: &mut StdRng| (0.15 * normal(rng), hz, rng.random_range(0.0..6.0));
         Self {
@@ -49,21 +49,21 @@ impl Ride {
         }
     }
 
-    /// The next frame and where the markers are.
+    /// Samples the next frame; returns observations and true marker positions.
     fn frame(&mut self, rng: &mut StdRng) -> (Vec<Observation>, Vec<Vector3<f64>>) {
         let t = self.frames as f64 * STEP_S;
         self.frames += 1;
         self.turn += normal3(rng) * (self.walk * STEP_S.sqrt());
         let gust: f64 = self.gusts.iter().map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin()).sum();
-        // The fuel's inertia answers the fastest gust with a delay, which changes the shape.
+        // The fuel's inertia responds to the fastest gust with a delay, which changes the shape.
         let relief = 1.0 + 0.1 * (TAU * 1.9 * t).sin();
-        let points = self.truth.in_flight(self.level_m + gust, self.truth.fuel() * relief);
+        let points = self.truth.positions_in_flight(self.level_m + gust, self.truth.fuel() * relief);
         let seen: Vec<_> = points.iter().map(|p| p - self.shift).collect();
         (self.truth.observations(rng, &seen, self.turn, 0.05), points)
     }
 
-    fn live(&self) -> Live {
-        Live::begin(self.setup.clone(), self.orientation.clone(), Options::default()).unwrap()
+    fn live(&self) -> LiveAdjustment {
+        LiveAdjustment::new(self.setup.clone(), self.orientation.clone(), Options::default()).unwrap()
     }
 }
 
@@ -91,31 +91,31 @@ fn deflections_are_in_sigma_from_the_first_frame_to_the_last() {
     let (mut single, mut single_sigma, mut single_normalised, mut times) = (vec![], vec![], vec![], vec![]);
     let mut mountings = 0;
     for _ in 0..40 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         for k in 0..60 {
-            let (seen, points) = ride.frame(&mut rng);
+            let (seen, points) = flight.frame(&mut rng);
             let begun = Instant::now();
-            let solution = live.frame(&seen, STEP_S).unwrap();
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
             if k > 0 {
                 times.push(begun.elapsed().as_secs_f64());
             }
             if let Some(at) = checked.iter().position(|c| *c == k) {
-                let (n, e) = errors(&ride.truth, &points, &solution);
+                let (n, e) = errors(&flight.truth, &points, &solution);
                 normalised[at].extend(n);
                 apart[at].extend(e);
                 sigmas[at].push(tip_sigma(&solution));
             }
             if k == 59 {
                 let alone =
-                    adjust::spatial(&ride.setup, &ride.orientation, &seen, &Options::default()).unwrap();
-                let (n, e) = errors(&ride.truth, &points, &alone);
+                    adjust::solve_spatial(&flight.setup, &flight.orientation, &seen, &Options::default()).unwrap();
+                let (n, e) = errors(&flight.truth, &points, &alone);
                 single_normalised.extend(n);
                 single.extend(e);
                 single_sigma.push(tip_sigma(&alone));
             }
         }
-        mountings += live.mountings();
+        mountings += live.mounting_count();
     }
     for (k, frame) in checked.iter().enumerate() {
         println!(
@@ -145,22 +145,22 @@ fn a_mount_disturbance_is_noticed_and_deflections_stay_in_sigma() {
     let mut rng = rng(302);
     let (mut normalised, mut late, mut noticed) = (vec![], vec![], 0);
     for _ in 0..24 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         for k in 0..40 {
             if k == 20 {
-                ride.turn += normal3(&mut rng).normalize() * 3e-4;
-                ride.shift = normal3(&mut rng) * 0.002;
+                flight.turn += normal3(&mut rng).normalize() * 3e-4;
+                flight.shift = normal3(&mut rng) * 0.002;
             }
-            let (seen, points) = ride.frame(&mut rng);
-            let solution = live.frame(&seen, STEP_S).unwrap();
-            let (n, _) = errors(&ride.truth, &points, &solution);
+            let (seen, points) = flight.frame(&mut rng);
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
+            let (n, _) = errors(&flight.truth, &points, &solution);
             match k {
                 20 => normalised.extend(n),
                 39 => late.extend(n),
                 _ => {}
             }
-            noticed += usize::from(k == 20 && live.mountings() == 2);
+            noticed += usize::from(k == 20 && live.mounting_count() == 2);
         }
     }
     println!(
@@ -173,131 +173,130 @@ fn a_mount_disturbance_is_noticed_and_deflections_stay_in_sigma() {
 }
 
 #[test]
-fn a_wrong_image_is_left_out_and_is_no_mount_disturbance() {
+fn a_wrong_image_is_excluded_and_is_no_mount_disturbance() {
     let mut rng = rng(303);
     let (mut normalised, mut left_out) = (vec![], 0);
     for wing in 0..12 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         for k in 0..12 {
-            let (mut seen, points) = ride.frame(&mut rng);
+            let (mut seen, points) = flight.frame(&mut rng);
             let wrong = (wing + k) % 21;
             if k > 3 {
                 seen[wrong].pixel.y += if k % 2 == 0 { 1.5 } else { -8.0 };
             }
-            let solution = live.frame(&seen, STEP_S).unwrap();
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
             if k > 3 {
                 left_out += usize::from(!solution.markers[wrong].used);
-                normalised.extend(errors(&ride.truth, &points, &solution).0);
+                normalised.extend(errors(&flight.truth, &points, &solution).0);
             }
         }
-        assert_eq!(live.mountings(), 1, "wing {wing}");
+        assert_eq!(live.mounting_count(), 1, "wing {wing}");
     }
-    println!("wrong images left out: {left_out} of 96, normalised {:.2}", rms(&normalised));
-    assert!(left_out >= 94 && rms(&normalised) < 1.3);
+    println!("wrong images excluded: {left_out} of 96, normalised {:.2}", rms(&normalised));
+    assert!(left_out >= 94 && (0.4..1.3).contains(&rms(&normalised)));
 }
 
-/// One picture's inner markers with another's outer ones, as of a buffer that is overwritten while it is read: another deflection,
-/// another mounting. The first marker of the other picture is given.
-fn torn(ride: &mut Ride, rng: &mut StdRng, outer: usize) -> Vec<Observation> {
-    let (level_m, turn) = (ride.level_m, ride.turn);
-    let (mut inner, _) = ride.frame(rng);
-    (ride.level_m, ride.turn) = (level_m * 0.6, remounted(rng, &ride.truth.setup));
-    let (other, _) = ride.frame(rng);
-    (ride.level_m, ride.turn) = (level_m, turn);
+/// Combines the inner markers of one image with the outer ones of another, as if a buffer were overwritten while being read:
+/// another deflection, another mounting. `outer` is the first marker of the other image.
+fn torn_frame(flight: &mut SimulatedFlight, rng: &mut StdRng, outer: usize) -> Vec<Observation> {
+    let (level_m, turn) = (flight.level_m, flight.turn);
+    let (mut inner, _) = flight.frame(rng);
+    (flight.level_m, flight.turn) = (level_m * 0.6, remounted(rng, &flight.truth.setup));
+    let (other, _) = flight.frame(rng);
+    (flight.level_m, flight.turn) = (level_m, turn);
     inner.retain(|o| o.marker < outer);
     inner.extend(other.into_iter().filter(|o| o.marker >= outer));
     inner
 }
 
 #[test]
-fn a_torn_picture_teaches_nothing_wherever_it_comes() {
+fn a_damaged_frame_updates_nothing_at_any_position() {
     let mut rng = rng(306);
     for at in [0, 1, 2, 8] {
         let (mut normalised, mut wholly) = (vec![], vec![]);
         for wing in 0..12 {
-            let mut ride = Ride::new(&mut rng, 21);
-            let mut live = ride.live();
+            let mut flight = SimulatedFlight::new(&mut rng, 21);
+            let mut live = flight.live();
             for k in 0..=at + 12 {
                 if k == at {
-                    let seen = torn(&mut ride, &mut rng, 8 + wing / 2);
-                    // With numbers or without.
-                    let _ = live.frame(&seen, STEP_S);
+                    let seen = torn_frame(&mut flight, &mut rng, 8 + wing / 2);
+                    // With and without numbers.
+                    let _ = live.adjust_frame(&seen, STEP_S);
                     continue;
                 }
-                let (seen, points) = ride.frame(&mut rng);
-                let solution = live.frame(&seen, STEP_S).unwrap();
-                let (n, _) = errors(&ride.truth, &points, &solution);
+                let (seen, points) = flight.frame(&mut rng);
+                let solution = live.adjust_frame(&seen, STEP_S).unwrap();
+                let (n, _) = errors(&flight.truth, &points, &solution);
                 if k > at {
                     wholly.push(rms(&n));
                     normalised.extend(n);
                 }
             }
         }
-        // A frame's deflections err together: beyond 3.5 sigma one frame in 2,000 would be, of 144.
+        // Errors of a frame's deflections are correlated: beyond 3.5 sigma one frame in 2,000 is expected; there are 144.
         let worst = wholly.iter().fold(0.0, |m: f64, n| m.max(*n));
         println!(
             "torn in frame {}: normalised {:.2} after it, {worst:.2} in the worst frame",
             at + 1,
             rms(&normalised)
         );
-        assert!(rms(&normalised) < 1.3 && worst < 3.5, "torn in frame {}", at + 1);
+        assert!((0.3..1.3).contains(&rms(&normalised)) && worst < 3.5, "torn in frame {}", at + 1);
     }
 }
 
 #[test]
-fn noise_that_is_stated_too_small_is_no_contradiction() {
+fn underestimated_noise_is_no_contradiction() {
     let mut rng = rng(307);
     let (mut apart, mut single, mut by_itself) = (vec![], vec![], 0);
     for _ in 0..12 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         for k in 0..40 {
-            let (mut seen, points) = ride.frame(&mut rng);
+            let (mut seen, points) = flight.frame(&mut rng);
             seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
-            let solution = live.frame(&seen, STEP_S).unwrap();
-            by_itself += usize::from(solution.remarks.iter().any(|r| r.starts_with("adjusted by itself")));
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
+            by_itself += usize::from(solution.remarks.iter().any(|r| r.starts_with("adjusted on its own")));
             if k == 39 {
                 let alone =
-                    adjust::spatial(&ride.setup, &ride.orientation, &seen, &Options::default()).unwrap();
-                apart.extend(errors(&ride.truth, &points, &solution).1);
-                single.extend(errors(&ride.truth, &points, &alone).1);
+                    adjust::solve_spatial(&flight.setup, &flight.orientation, &seen, &Options::default()).unwrap();
+                apart.extend(errors(&flight.truth, &points, &solution).1);
+                single.extend(errors(&flight.truth, &points, &alone).1);
             }
         }
     }
     println!(
-        "noise twice what is stated: deflection {:.2} mm rms, {:.2} mm alone; {by_itself} of 480 frames by themselves",
+        "noise twice the configured: deflection {:.2} mm rms, {:.2} mm alone; {by_itself} of 480 frames by themselves",
         1e3 * rms(&apart),
         1e3 * rms(&single)
     );
-    // By 1.5 a frame, four times what is stated takes four frames, of each of the 12 wings.
+    // At 1.5 per frame, reaching four times the configured noise takes four frames, for each of the 12 wings.
     assert!(by_itself <= 48 && rms(&apart) < 0.8 * rms(&single), "{by_itself}");
 }
 
-/// Frames of one flight adjusted together, with one mounting that is known, against the same as they came.
+/// Compares the joint adjustment of one flight's frames, with one known mounting, with their live adjustment.
 #[test]
-fn the_last_of_many_frames_agrees_with_all_of_them_together() {
+fn the_last_of_many_frames_agrees_with_their_joint_adjustment() {
     let mut rng = rng(304);
     let (mut apart, mut live_errors, mut together_errors) = (vec![], vec![], vec![]);
     for _ in 0..12 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         let (mut frames, mut last) = (vec![], None);
         for _ in 0..40 {
-            let (seen, points) = ride.frame(&mut rng);
-            last = Some((live.frame(&seen, STEP_S).unwrap(), points));
+            let (seen, points) = flight.frame(&mut rng);
+            last = Some((live.adjust_frame(&seen, STEP_S).unwrap(), points));
             frames.push(seen);
         }
         let (own, points) = last.unwrap();
-        let options =
-            Options { mountings: Some(vec![adjust::Mounting::Numbered(1); 40]), ..Options::default() };
-        let all = adjust::flight(&ride.setup, &ride.orientation, &frames, &options).unwrap().pop().unwrap();
+        let options = Options { mountings: Some(vec![adjust::Mounting::Numbered(1); 40]), ..Options::default() };
+        let all = adjust::solve_flight(&flight.setup, &flight.orientation, &frames, &options).unwrap().pop().unwrap();
         for (a, b) in own.markers.iter().zip(&all.markers) {
             let (Some(a), Some(b)) = (a.deflection_m, b.deflection_m) else { continue };
             apart.push((a.value - b.value) / a.sigma.unwrap());
         }
-        live_errors.extend(errors(&ride.truth, &points, &own).0);
-        together_errors.extend(errors(&ride.truth, &points, &all).0);
+        live_errors.extend(errors(&flight.truth, &points, &own).0);
+        together_errors.extend(errors(&flight.truth, &points, &all).0);
     }
     println!(
         "as they came against together: {:.2} sigma apart, normalised {:.2} and {:.2}",
@@ -305,31 +304,31 @@ fn the_last_of_many_frames_agrees_with_all_of_them_together() {
         rms(&live_errors),
         rms(&together_errors)
     );
-    assert!(rms(&apart) < 1.0 && rms(&live_errors) < 1.3);
+    assert!(rms(&apart) < 1.0 && (0.6..1.3).contains(&rms(&live_errors)));
 }
 
-/// The gusts' answer of the shape repeats, so what is remembered of them must not grow without bound.
+/// The gusts repeat the same response of the shape, so the accumulated information must not grow without bound.
 #[test]
-fn minutes_of_frames_do_not_make_it_too_sure() {
+fn minutes_of_frames_do_not_make_sigma_too_small() {
     let mut rng = rng(305);
     let (mut normalised, mut sigmas) = ([vec![], vec![]], [vec![], vec![]]);
     for _ in 0..4 {
-        let mut ride = Ride::new(&mut rng, 21);
-        let mut live = ride.live();
+        let mut flight = SimulatedFlight::new(&mut rng, 21);
+        let mut live = flight.live();
         for k in 0..900 {
-            let (seen, points) = ride.frame(&mut rng);
-            let solution = live.frame(&seen, STEP_S).unwrap();
+            let (seen, points) = flight.frame(&mut rng);
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
             if k % 100 == 99 {
                 let late = usize::from(k > 450);
-                normalised[late].extend(errors(&ride.truth, &points, &solution).0);
+                normalised[late].extend(errors(&flight.truth, &points, &solution).0);
                 sigmas[late].push(tip_sigma(&solution));
             }
         }
-        assert_eq!(live.mountings(), 1);
+        assert_eq!(live.mounting_count(), 1);
     }
     for (part, (n, s)) in normalised.iter().zip(&sigmas).enumerate() {
         println!("part {part}: normalised {:.2}, sigma of the tip {:.2} mm", rms(n), 1e3 * median(s));
     }
-    assert!(rms(&normalised[1]) < 1.3);
+    assert!(normalised.iter().all(|part| (0.4..1.3).contains(&rms(part))));
     assert!(median(&sigmas[1]) > 0.9 * median(&sigmas[0]), "it remembers too much");
 }

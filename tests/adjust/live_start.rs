@@ -1,13 +1,13 @@
-//! Promise: the first live frames are solved although little tells their unknowns apart.
+//! Promise: the first live frames are solved although their unknowns are poorly separable.
 
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
-use wingd::measure::adjust::{Live, Observation, Options};
+use wingd::measure::adjust::{LiveAdjustment, Observation, Options};
 use wingd::measure::setup::FlightEffectPriors;
 
 #[test]
-fn the_first_frames_are_solved_where_rounding_turns_down_the_last_steps() {
+fn the_first_frames_are_solved_if_rounding_rejects_the_last_steps() {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/live-start");
     let installation = wingd::installation::load(&fixture.join("installation")).unwrap();
     let orientation = installation.require_orientation().unwrap().clone();
@@ -28,15 +28,15 @@ fn the_first_frames_are_solved_where_rounding_turns_down_the_last_steps() {
         }
     }
     assert_eq!(frames.len(), 6);
-    // As it was recorded, with nothing of what flight does, and as the defaults have it.
+    // As recorded, without in-flight effects, and with the default priors.
     for in_flight in [FlightEffectPriors::NONE, FlightEffectPriors::DEFAULT] {
         let mut setup = installation.setup.clone();
         setup.uncertainty.in_flight = in_flight;
-        let mut live = Live::begin(setup, orientation.clone(), Options::default()).unwrap();
+        let mut live = LiveAdjustment::new(setup, orientation.clone(), Options::default()).unwrap();
         for (frame, observations) in &frames {
-            let solution = live.frame(observations, 0.1).unwrap_or_else(|e| panic!("frame {frame}: {e}"));
+            let solution = live.adjust_frame(observations, 0.1).unwrap_or_else(|e| panic!("frame {frame}: {e}"));
             assert!(solution.iterations < 200, "frame {frame}: {} iterations", solution.iterations);
         }
-        assert_eq!(live.mountings(), 1, "nothing was taken for a mount disturbance");
+        assert_eq!(live.mounting_count(), 1, "nothing was taken for a mount disturbance");
     }
 }

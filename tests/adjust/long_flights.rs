@@ -1,5 +1,5 @@
-//! Flights of many frames on wings that the model does not know: what all frames have in common is
-//! tested at its level, real faults are found.
+//! Flights of many frames with wings that differ from the model: parameters common to all frames are tested at their level,
+//! and real faults are found.
 
 use crate::common::beam_truth::{Truth, Wing, normal2, normal3, random_wing, remounted, rng};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
@@ -20,7 +20,7 @@ struct Flight {
 
 impl Flight {
     fn solve(&self) -> Vec<Solution> {
-        adjust::flight(&self.setup, &self.orientation, &self.frames, &Options::default()).unwrap()
+        adjust::solve_flight(&self.setup, &self.orientation, &self.frames, &Options::default()).unwrap()
     }
 }
 
@@ -29,7 +29,7 @@ fn noisy(rng: &mut StdRng, marker: usize, pixel: Vector2<f64>) -> Observation {
     Observation { marker, pixel: pixel + normal2(rng) * PIXEL_SIGMA, covariance_px2 }
 }
 
-/// The deflection falls from 3.0 to 1.8 m; the camera is `jump_px` off from the middle frame on.
+/// The deflection falls from 3.0 to 1.8 m; the camera moves by `jump_px` at the middle frame.
 fn cantilever(wing: Wing, rng: &mut StdRng, count: usize, jump_px: f64) -> Flight {
     let truth = Truth::new(wing, 21);
     let before = remounted(rng, &truth.setup);
@@ -38,13 +38,13 @@ fn cantilever(wing: Wing, rng: &mut StdRng, count: usize, jump_px: f64) -> Fligh
     let setup = truth.surveyed(rng, SURVEY_SIGMA_M, 0.002);
     let orientation = truth.orientation(rng, PIXEL_SIGMA, true);
     let frame = |k: usize| {
-        let points = truth.in_flight(3.0 - 1.2 * k as f64 / count as f64, truth.fuel());
+        let points = truth.positions_in_flight(3.0 - 1.2 * k as f64 / count as f64, truth.fuel());
         truth.observations(rng, &points, if 2 * k < count { before } else { after }, PIXEL_SIGMA)
     };
     Flight { setup, orientation, frames: (0..count).map(frame).collect() }
 }
 
-/// The rendered wing's geometry, remounted since the ground frame.
+/// Geometry of the rendered wing, remounted since the ground frame.
 fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
     let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
     let scene = Scene::random(seed, &render::SceneOptions::random(seed, side));
@@ -82,27 +82,27 @@ fn mountings(solutions: &[Solution]) -> usize {
     count.and_then(|c| c.parse().ok()).unwrap_or_else(|| panic!("{remark}"))
 }
 
-/// Markers taken out of all frames: their survey was blamed.
-fn blamed(solutions: &[Solution]) -> Vec<usize> {
+/// Markers removed from all frames because of their survey.
+fn excluded_markers(solutions: &[Solution]) -> Vec<usize> {
     let out = |m: &usize| solutions.iter().all(|s| !s.markers[*m].used);
     (0..solutions[0].markers.len()).filter(out).collect()
 }
 
-/// Flights without a fault.
-fn clean(flights: &[Flight]) {
+/// Checks flights without a fault.
+fn check_without_fault(flights: &[Flight]) {
     let (mut points, mut lost, mut images, mut out) = (0, 0, 0, 0);
     for flight in flights {
         let solutions = flight.solve();
         assert_eq!(mountings(&solutions), 1);
         assert_ne!(solutions[0].global_test, GlobalTest::Rejected);
-        lost += blamed(&solutions).len();
+        lost += excluded_markers(&solutions).len();
         points += flight.setup.markers.len();
         images += flight.frames.iter().map(Vec::len).sum::<usize>();
-        out += solutions.iter().map(|s| s.remarks.len() - 1 - blamed(&solutions).len()).sum::<usize>();
+        out += solutions.iter().map(|s| s.remarks.len() - 1 - excluded_markers(&solutions).len()).sum::<usize>();
     }
-    println!("survey points blamed {lost} of {points}, images left out {out} of {images}");
-    // Five coordinates of each point are tested at 1e-3: 1.4 of 278 points, 0.7 of 147 are to be expected,
-    // more than three by chance in one run of 20 and of 170.
+    println!("survey points removed {lost} of {points}, images removed {out} of {images}");
+    // Five coordinates of each point are tested at 1e-3: 1.4 of 278 points and 0.7 of 147 are expected,
+    // more than three in one run of 20 and of 170.
     assert!(lost <= 3, "{lost} of {points}");
     assert!((out as f64) < 3e-3 * images as f64, "{out} of {images}");
 }
@@ -113,7 +113,7 @@ fn nothing_is_blamed_in_85_frames_without_a_fault() {
     let mut flights: Vec<_> = (0..6).map(|_| cantilever(random_wing(&mut rng), &mut rng, 85, 0.0)).collect();
     flights.push(cantilever(Wing::default(), &mut rng, 85, 0.0));
     flights.extend((1..=6).map(|seed| rendered(seed, &mut rng, 85)));
-    clean(&flights);
+    check_without_fault(&flights);
 }
 
 #[test]
@@ -122,20 +122,20 @@ fn nothing_is_blamed_in_400_frames_without_a_fault() {
     let mut flights: Vec<_> = (0..3).map(|_| cantilever(random_wing(&mut rng), &mut rng, 400, 0.0)).collect();
     flights.push(cantilever(Wing::default(), &mut rng, 400, 0.0));
     flights.extend((1..=3).map(|seed| rendered(seed, &mut rng, 400)));
-    clean(&flights);
+    check_without_fault(&flights);
 }
 
-/// A surveyed height wrong by twice what one frame can find: many frames see no less. Returns who is blamed
-/// without the fault and with it.
-fn blamed_with_a_fault(mut flight: Flight, marker: usize) -> (Vec<usize>, Vec<usize>) {
-    let before = blamed(&flight.solve());
-    let one = adjust::spatial(&flight.setup, &flight.orientation, &flight.frames[0], &Options::default());
+/// Adds an error of a surveyed height twice as large as one frame can detect: many frames detect no smaller one. Returns the
+/// removed markers without and with the fault.
+fn excluded_with_a_fault(mut flight: Flight, marker: usize) -> (Vec<usize>, Vec<usize>) {
+    let before = excluded_markers(&flight.solve());
+    let one = adjust::solve_spatial(&flight.setup, &flight.orientation, &flight.frames[0], &Options::default());
     let bias = one.unwrap().markers[marker].minimal_detectable_bias_m.unwrap();
     flight.setup.markers[marker].position_m.z += 2.0 * bias.y;
     let solutions = flight.solve();
     assert_eq!(mountings(&solutions), 1);
-    println!("{:.1} mm: {before:?} {:?}", 2e3 * bias.y, blamed(&solutions));
-    (before, blamed(&solutions))
+    println!("{:.1} mm: {before:?} {:?}", 2e3 * bias.y, excluded_markers(&solutions));
+    (before, excluded_markers(&solutions))
 }
 
 #[test]
@@ -148,9 +148,9 @@ fn a_wrong_survey_point_takes_no_good_one_with_it() {
             _ => rendered(k + 40, &mut rng, 85),
         };
         let marker = [3, 8, 12, 16, 5, 10][k as usize % 6];
-        let (before, after) = blamed_with_a_fault(flight, marker);
+        let (before, after) = excluded_with_a_fault(flight, marker);
         assert!(after.contains(&marker));
-        // Points that stand out by chance do so without the fault, too.
+        // Points removed without the fault may be removed with it, too.
         others += after.iter().filter(|m| **m != marker && !before.contains(m)).count();
     }
     assert!(others <= 1, "{others}");
@@ -161,7 +161,7 @@ fn a_wrong_survey_point_is_found_in_85_frames() {
     let mut rng = rng(9);
     for marker in [3, 8, 12, 16] {
         let flight = cantilever(Wing::default(), &mut rng, 85, 0.0);
-        let (before, after) = blamed_with_a_fault(flight, marker);
+        let (before, after) = excluded_with_a_fault(flight, marker);
         assert!(after.contains(&marker));
         assert!(after.iter().all(|m| *m == marker || before.contains(m)));
     }

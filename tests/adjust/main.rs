@@ -1,4 +1,4 @@
-//! Promises of orientation, identification, adjustment and planning, on wings that the models do not know.
+//! Promises of orientation, identification, adjustment and planning, for wings that differ from the models.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod aircraft;

@@ -1,6 +1,6 @@
-//! Promise: what live frames tell of a swinging wing is good enough for its modes (docs/fleet/modes.md). Two modes of known
-//! frequency, damping and shape, excited at random, ten frames a second, exact geometry, observations with the detector's
-//! noise, a mounting that walks. `fleet/tests/test_modes.py` finds the modes in the five minutes that are written here.
+//! Promise: live results of a vibrating wing are precise enough for its modes (docs/fleet/modes.md). Two modes of known
+//! frequency, damping and shape, randomly excited, ten frames per second, exact geometry, observations with the detector's
+//! noise, a drifting mounting. `fleet/tests/test_modes.py` estimates the modes from the five minutes that are written here.
 
 use std::f64::consts::TAU;
 use std::fmt::Write;
@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use rand::rngs::StdRng;
 use serde_json::json;
-use wingd::measure::adjust::{Live, MarkerSolution, Observation, Options, Solution};
-use wingd::measure::setup::Uncertainty;
+use wingd::measure::adjust::{LiveAdjustment, MarkerSolution, Observation, Options, Solution};
+use wingd::measure::setup::SetupUncertainty;
 
 use crate::common::beam_truth::{
-    SecondMode, Swings, Truth, median, normal, normal3, random_wing, remounted, rms, rng,
+    ModeShape, SecondMode, Truth, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
 const RATE_HZ: f64 = 10.0;
@@ -21,12 +21,12 @@ const FIVE_MINUTES: usize = 3000;
 /// Frequency, Hz; damping; rms of the tip, m.
 const FIRST: (f64, f64, f64) = (1.3, 0.03, 0.10);
 const SECOND: (f64, f64, f64) = (3.7, 0.02, 0.006);
-/// The detector's standard deviation, px.
+/// Standard deviation of the detector, px.
 const NOISE_PX: f64 = 0.05;
 const LEVEL_M: f64 = 2.0;
 
-/// Poles of the oscillator, driven by white noise, in its steady state.
-fn swing(rng: &mut StdRng, (hz, damping, rms_m): (f64, f64, f64), frames: usize) -> Vec<f64> {
+/// Steady-state response of an oscillator driven by white noise.
+fn oscillation(rng: &mut StdRng, (hz, damping, rms_m): (f64, f64, f64), frames: usize) -> Vec<f64> {
     let omega = TAU * hz / RATE_HZ;
     let decay = (-damping * omega).exp();
     let first = 2.0 * decay * (omega * (1.0 - damping * damping).sqrt()).cos();
@@ -41,7 +41,7 @@ fn swing(rng: &mut StdRng, (hz, damping, rms_m): (f64, f64, f64), frames: usize)
     (0..2000 + frames).map(|_| next()).skip(2000).collect()
 }
 
-/// A live result, what it was solved from, and where the markers are.
+/// A live result, its observations, and the true marker positions.
 struct Frame {
     solution: Solution,
     seen: Vec<Observation>,
@@ -58,51 +58,55 @@ impl Frame {
     }
 }
 
-/// A wing that swings in two modes, and the live results of its frames.
-struct Ride {
+/// A wing that vibrates in two modes, and the live results of its frames.
+struct VibratingFlight {
     truth: Truth,
     mode: SecondMode,
-    /// Both swings at the tip, per frame, m.
-    swings: [Vec<f64>; 2],
+    /// Tip amplitude of both vibrations, per frame, m.
+    vibrations: [Vec<f64>; 2],
     results: Vec<Frame>,
 }
 
-impl Ride {
-    fn new(rng: &mut StdRng, second_m: f64, swings: Swings, frames: usize) -> Self {
+impl VibratingFlight {
+    fn new(rng: &mut StdRng, second_m: f64, vibrations: ModeShape, frames: usize) -> Self {
         let truth = Truth::new(random_wing(rng), 21);
-        let mode = truth.second_mode(swings);
+        let mode = truth.second_mode(vibrations);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
         setup.uncertainty =
-            Uncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..Uncertainty::of_drawings() };
+            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
         let orientation = truth.orientation(rng, NOISE_PX, true);
         let walk = setup.uncertainty.mount_drift_rad * (1.0 / (60.0 * RATE_HZ)).sqrt();
         let mut turn = remounted(rng, &truth.setup);
         let shift = normal3(rng) * 0.002;
         let modes = [FIRST, (SECOND.0, SECOND.1, second_m)];
-        let swings = modes.map(|mode| swing(rng, mode, frames));
-        let mut live = Live::begin(setup, orientation, Options::default()).unwrap();
-        let mut ride = Self { truth, mode, swings, results: vec![] };
+        let vibrations = modes.map(|mode| oscillation(rng, mode, frames));
+        let mut live = LiveAdjustment::new(setup, orientation, Options::default()).unwrap();
+        let mut flight = Self { truth, mode, vibrations, results: vec![] };
         for k in 0..frames {
             turn += normal3(rng) * walk;
-            let points = ride.at(ride.swings[0][k], ride.swings[1][k]);
+            let points = flight.deflections_at(flight.vibrations[0][k], flight.vibrations[1][k]);
             let seen: Vec<_> = points.iter().map(|p| p - shift).collect();
-            let seen = ride.truth.observations(rng, &seen, turn, NOISE_PX);
-            let solution = live.frame(&seen, 1.0 / RATE_HZ).unwrap();
-            ride.results.push(Frame { solution, seen, points });
+            let seen = flight.truth.observations(rng, &seen, turn, NOISE_PX);
+            let solution = live.adjust_frame(&seen, 1.0 / RATE_HZ).unwrap();
+            flight.results.push(Frame { solution, seen, points });
         }
-        ride
+        flight
     }
 
-    fn at(&self, first_m: f64, second_m: f64) -> Vec<Vector3<f64>> {
-        self.truth.swinging(LEVEL_M + first_m, self.truth.fuel(), &self.mode, second_m)
+    fn deflections_at(&self, first_m: f64, second_m: f64) -> Vec<Vector3<f64>> {
+        self.truth.vibrating_positions(LEVEL_M + first_m, self.truth.fuel(), &self.mode, second_m)
     }
 
-    /// Deflections of the markers that a swing of so much at the tip is, m.
+    /// Marker deflections for a unit vibration at the tip.
     fn shape(&self, first_m: f64, second_m: f64) -> Vec<f64> {
-        self.at(first_m, second_m).into_iter().zip(self.at(0.0, 0.0)).map(|(a, b)| a.z - b.z).collect()
+        self.deflections_at(first_m, second_m)
+            .into_iter()
+            .zip(self.deflections_at(0.0, 0.0))
+            .map(|(a, b)| a.z - b.z)
+            .collect()
     }
 
-    /// Error of each marker's deflection in its standard deviations, frame by frame.
+    /// Normalised deflection errors of the markers, frame by frame.
     fn normalised(&self, from: usize) -> Vec<f64> {
         let of = |frame: &Frame| -> Vec<f64> {
             let one = |m: &MarkerSolution| {
@@ -115,11 +119,11 @@ impl Ride {
         self.results[from..].iter().flat_map(of).collect()
     }
 
-    /// How the solved deflection of a marker goes with each swing: least squares with a constant.
-    fn answers(&self, marker: usize, from: usize) -> [f64; 2] {
+    /// Regression of a marker's solved deflection on both vibrations: least squares with a constant.
+    fn mode_response(&self, marker: usize, from: usize) -> [f64; 2] {
         let rows = self.results.iter().enumerate().skip(from).filter_map(|(k, frame)| {
             let deflection = frame.used().find(|m| m.marker == marker)?.deflection_m?;
-            Some((Vector3::new(1.0, self.swings[0][k], self.swings[1][k]), deflection.value))
+            Some((Vector3::new(1.0, self.vibrations[0][k], self.vibrations[1][k]), deflection.value))
         });
         let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
         for (row, deflection_m) in rows {
@@ -130,9 +134,9 @@ impl Ride {
         [found[1], found[2]]
     }
 
-    /// Modal assurance criterion of both modes' shapes, the found against the true one.
+    /// Modal assurance criterion of both estimated mode shapes with the true ones.
     fn assurance(&self, from: usize) -> [f64; 2] {
-        let found: Vec<[f64; 2]> = (0..self.truth.ground_m.len()).map(|i| self.answers(i, from)).collect();
+        let found: Vec<[f64; 2]> = (0..self.truth.ground_m.len()).map(|i| self.mode_response(i, from)).collect();
         let truths = [self.shape(0.01, 0.0), self.shape(0.0, 0.01)];
         std::array::from_fn(|k| {
             let dot = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| -> f64 {
@@ -144,31 +148,33 @@ impl Ride {
     }
 }
 
-/// Deflections keep their standard deviations, and both modes their shapes, however the wing's second mode looks. `WINGS=20` for a table.
+/// Deflections keep their sigma and both modes their shapes, for different second modes of the wing. `WINGS=20` for a table.
 #[test]
 fn both_modes_have_their_shapes_and_deflections_keep_their_sigma() {
     const LEARNT: usize = 100;
     let wings: usize = std::env::var("WINGS").ok().and_then(|text| text.parse().ok()).unwrap_or(4);
-    for (swings, second_m) in [
-        (Swings::Uniform, 0.003),
-        (Swings::AsItIs, 0.003),
-        (Swings::Uniform, 0.006),
-        (Swings::AsItIs, 0.006),
-        (Swings::AsItIs, 0.03),
+    for (vibrations, second_m) in [
+        (ModeShape::Uniform, 0.003),
+        (ModeShape::AsItIs, 0.003),
+        (ModeShape::Uniform, 0.006),
+        (ModeShape::AsItIs, 0.006),
+        (ModeShape::AsItIs, 0.03),
     ] {
         let mut rng = rng(512);
-        let rides: Vec<Ride> = (0..wings).map(|_| Ride::new(&mut rng, second_m, swings, 300)).collect();
-        let of = |from: usize| rms(&rides.iter().flat_map(|ride| ride.normalised(from)).collect::<Vec<_>>());
-        let (all, learnt) = (of(1), of(LEARNT));
-        let tips: Vec<f64> = rides.iter().filter_map(|r| r.results.last()).map(|f| f.tip_sigma_m()).collect();
-        let least = |k: usize| rides.iter().map(|ride| ride.assurance(LEARNT)[k]).fold(1.0, f64::min);
+        let flights: Vec<VibratingFlight> =
+            (0..wings).map(|_| VibratingFlight::new(&mut rng, second_m, vibrations, 300)).collect();
+        let of = |from: usize| rms(&flights.iter().flat_map(|flight| flight.normalised(from)).collect::<Vec<_>>());
+        let (all, settled) = (of(1), of(LEARNT));
+        let tips: Vec<f64> = flights.iter().filter_map(|r| r.results.last()).map(|f| f.tip_sigma_m()).collect();
+        let least = |k: usize| flights.iter().map(|flight| flight.assurance(LEARNT)[k]).fold(1.0, f64::min);
         let [first, second] = [least(0), least(1)];
         println!(
-            "{swings:?}, {:2.0} mm: deflections {all:.2} normalised, {learnt:.2} after 10 s; sigma of the tip {:.1} mm; least MAC {first:.4}, {second:.4}",
+            "{vibrations:?}, {:2.0} mm: deflections {all:.2} normalised, {settled:.2} after 10 s; sigma of the tip {:.1} mm; least MAC {first:.4}, {second:.4}",
             1e3 * second_m,
             1e3 * median(&tips)
         );
-        assert!(all < 1.3 && learnt < 1.3 && first > 0.999 && second > 0.99, "{swings:?} {second_m}");
+        assert!((0.35..1.3).contains(&all) && (0.35..1.3).contains(&settled));
+        assert!(first > 0.999 && second > 0.99, "{vibrations:?} {second_m}");
     }
 }
 
@@ -179,36 +185,35 @@ fn modes_of_five_minutes_are_written() {
     let folder = PathBuf::from(std::env::var("MODES").unwrap_or_else(|_| "target/modes".to_owned()));
     std::fs::create_dir_all(&folder).unwrap();
     let second_m = std::env::var("SECOND_M").ok().and_then(|text| text.parse().ok()).unwrap_or(SECOND.2);
-    let ride = Ride::new(&mut rng(511), second_m, Swings::Uniform, FIVE_MINUTES);
-    write_results(&ride, &folder);
-    let ids = ride.truth.setup.markers.iter().map(|m| m.id.clone());
-    let named = |shape: Vec<f64>| {
-        ids.clone().zip(shape).map(|(id, z)| (id, json!(z))).collect::<serde_json::Map<_, _>>()
-    };
-    let said: Vec<_> = [FIRST, SECOND]
+    let flight = VibratingFlight::new(&mut rng(511), second_m, ModeShape::Uniform, FIVE_MINUTES);
+    write_results(&flight, &folder);
+    let ids = flight.truth.setup.markers.iter().map(|m| m.id.clone());
+    let named =
+        |shape: Vec<f64>| ids.clone().zip(shape).map(|(id, z)| (id, json!(z))).collect::<serde_json::Map<_, _>>();
+    let truth_of_modes: Vec<_> = [FIRST, SECOND]
         .iter()
-        .zip([ride.shape(0.01, 0.0), ride.shape(0.0, 0.01)])
+        .zip([flight.shape(0.01, 0.0), flight.shape(0.0, 0.01)])
         .map(|((hz, damping, _), shape)| json!({"hz": hz, "damping": damping, "shape": named(shape)}))
         .collect();
-    std::fs::write(folder.join("truth.json"), json!(said).to_string()).unwrap();
-    let normalised = rms(&ride.normalised(1));
-    println!("deflections {normalised:.2} normalised; MAC {:.4?}; {}", ride.assurance(1), folder.display());
-    assert!(normalised < 1.3);
+    std::fs::write(folder.join("truth.json"), json!(truth_of_modes).to_string()).unwrap();
+    let normalised = rms(&flight.normalised(1));
+    println!("deflections {normalised:.2} normalised; MAC {:.4?}; {}", flight.assurance(1), folder.display());
+    assert!((0.35..1.3).contains(&normalised));
 }
 
-/// As `wingd export --table live` writes them.
-fn write_results(ride: &Ride, folder: &Path) {
-    let ids: Vec<&str> = ride.truth.setup.markers.iter().map(|m| m.id.as_str()).collect();
+/// Writes results as `wingd export --table live` does.
+fn write_results(flight: &VibratingFlight, folder: &Path) {
+    let ids: Vec<&str> = flight.truth.setup.markers.iter().map(|m| m.id.as_str()).collect();
     let mut csv = String::from("recorder_id,flight,boot_id,since_boot_s,exposure_time");
     ids.iter().for_each(|id| write!(csv, ",u_{id}_px,deflection_{id}_m,sigma_deflection_{id}_m").unwrap());
     csv.push('\n');
-    for (k, frame) in ride.results.iter().enumerate() {
+    for (k, frame) in flight.results.iter().enumerate() {
         let s = 1000.0 + k as f64 / RATE_HZ;
         let moment = jiff::Timestamp::from_microsecond(1_772_000_000_000_000 + (1e6 * s) as i64).unwrap();
         write!(csv, "ab,f0001,boot,{s},{moment}").unwrap();
         for (i, seen) in frame.seen.iter().enumerate() {
             let deflection = frame.used().find(|m| m.marker == i).and_then(|m| m.deflection_m);
-            // One that was left out has no deflection in this frame.
+            // A removed marker has no deflection in this frame.
             match deflection.and_then(|deflection| Some((deflection.value, deflection.sigma?))) {
                 Some((value, sigma)) => write!(csv, ",{:.2},{value},{sigma}", seen.pixel.x).unwrap(),
                 None => write!(csv, ",{:.2},,", seen.pixel.x).unwrap(),

@@ -1,22 +1,22 @@
-//! Promise: whatever the camera's mounting does between the frames of a flight, deflections are right within their standard
-//! deviations: frames that are all turned a little, mountings that alternate, one that creeps; a camera that was
-//! shifted when it was mounted again.
+//! Promise: deflections are within their standard deviations for any motion of the camera mounting between the frames of a
+//! flight: small rotations of every frame, alternating mountings, a drifting one, and a camera shifted
+//! by a remount.
 
 use nalgebra::Vector3;
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Mounting as Known, Options, Solution};
-use wingd::measure::setup::{Setup, Uncertainty};
+use wingd::measure::setup::{Setup, SetupUncertainty};
 
 use crate::common::beam_truth::{Truth, normal3, random_wing, remounted, rms, rng};
 
 #[derive(Clone, Copy, Debug)]
 enum Mounting {
-    /// Every frame turned on its own, by 0.05 to 1 mrad.
+    /// Every frame rotated independently, by 0.05 to 1 mrad.
     Own,
-    /// Two or three in turn.
+    /// Two or three mountings in turn.
     Alternating,
-    /// A random walk of 0.02 to 0.1 mrad a frame.
+    /// A random walk of 0.02 to 0.1 mrad per frame.
     Creeping,
 }
 
@@ -58,7 +58,7 @@ fn normalised(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> Ve
 fn flight(rng: &mut StdRng, kind: Mounting) -> (Vec<f64>, bool) {
     let truth = Truth::new(random_wing(rng), 21);
     let mut setup = truth.surveyed(rng, 0.002, 0.002);
-    setup.uncertainty = Uncertainty { mount_drift_rad: 2e-5, ..Uncertainty::of_drawings() };
+    setup.uncertainty = SetupUncertainty { mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
     let orientation = truth.orientation(rng, 0.05, true);
     let count = rng.random_range(5..13);
     let turned = rotations(rng, &setup, kind, count);
@@ -66,11 +66,11 @@ fn flight(rng: &mut StdRng, kind: Mounting) -> (Vec<f64>, bool) {
     let mut places = vec![];
     for rotation in turned {
         let deflection = rng.random_range(-0.5..4.2);
-        let points = truth.in_flight(deflection, truth.fuel());
+        let points = truth.positions_in_flight(deflection, truth.fuel());
         frames.push(truth.observations(rng, &points, rotation, 0.05));
         places.push(points);
     }
-    let solutions = adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap();
+    let solutions = adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
     let passed = solutions[0].global_test == GlobalTest::Passed;
     let errors = solutions.iter().zip(&places).flat_map(|(s, p)| normalised(&truth, p, s)).collect();
     (errors, passed)
@@ -86,44 +86,41 @@ fn flights(seed: u64, kind: Mounting) {
         worst = rms(&errors).max(worst);
         all.extend(errors);
     }
-    println!(
-        "{kind:?}: normalised deflection rms {:.2}, worst flight {worst:.2}, passed {passed} of 40",
-        rms(&all)
-    );
-    assert!(rms(&all) < 1.3, "{kind:?}: {}", rms(&all));
+    println!("{kind:?}: normalised deflection rms {:.2}, worst flight {worst:.2}, passed {passed} of 40", rms(&all));
+    assert!((0.6..1.3).contains(&rms(&all)), "{kind:?}: {}", rms(&all));
     assert!(worst < 2.5, "{kind:?}: worst flight {worst}");
 }
 
 #[test]
-fn frames_that_are_all_turned_a_little() {
+fn deflections_keep_their_sigma_if_every_frame_is_rotated_a_little() {
     flights(71, Mounting::Own);
 }
 
 #[test]
-fn mountings_that_alternate() {
+fn deflections_keep_their_sigma_with_alternating_mountings() {
     flights(72, Mounting::Alternating);
 }
 
 #[test]
-fn a_mounting_that_creeps() {
+fn deflections_keep_their_sigma_with_a_drifting_mounting() {
     flights(73, Mounting::Creeping);
 }
 
-/// A camera shifted along one axis when it was mounted again: rms of the normalised deflections, mean standard deviation of
-/// the outermost deflection, and how many frames the test rejected.
-fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, usize) {
+/// A camera shifted along one axis by a remount: rms of the normalised deflections, mean standard deviation of
+/// the outermost deflection, and the number of rejected frames.
+fn shifted_camera(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, usize) {
     let mut rng = rng(seed);
     let (mut errors, mut sigmas, mut rejected) = (vec![], vec![], 0);
     for wing in 0..24 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty = Uncertainty { mount_shift_m: allowed_m, ..Uncertainty::of_drawings() };
+        setup.uncertainty = SetupUncertainty { mount_shift_m: allowed_m, ..SetupUncertainty::from_drawings() };
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let mount = remounted(&mut rng, &setup);
         let mut shift = Vector3::zeros();
         shift[wing % 3] = if wing % 2 == 0 { shift_m } else { -shift_m };
         let deflections: &[f64] = if flight { &[3.2, 2.8, 2.4, 2.0] } else { &[2.8] };
-        let places: Vec<_> = deflections.iter().map(|l| truth.in_flight(*l, truth.fuel())).collect();
+        let places: Vec<_> = deflections.iter().map(|l| truth.positions_in_flight(*l, truth.fuel())).collect();
         let frames: Vec<_> = places
             .iter()
             .map(|points| {
@@ -132,9 +129,9 @@ fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, 
             })
             .collect();
         let solutions = if flight {
-            adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap()
+            adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap()
         } else {
-            vec![adjust::spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
+            vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
         };
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
@@ -146,43 +143,43 @@ fn shifted(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64, f64, 
 }
 
 #[test]
-fn a_camera_shifted_when_it_was_mounted_again_is_in_sigma() {
+fn a_camera_shifted_by_a_remount_is_in_sigma() {
     for flight in [false, true] {
         for shift_mm in [0.0, 0.5, 1.0, 2.0, 5.0] {
-            let (found, sigma, rejected) = shifted(80, 1e-3 * shift_mm, 0.002, flight);
-            let (_, held, _) = shifted(80, 1e-3 * shift_mm, 0.0, flight);
+            let (found, sigma, rejected) = shifted_camera(80, 1e-3 * shift_mm, 0.002, flight);
+            let (_, held, _) = shifted_camera(80, 1e-3 * shift_mm, 0.0, flight);
             println!(
-                "flight {flight}, shift {shift_mm} mm: normalised {found:.2}, sigma {:.1} mm (held {:.1}), rejected {rejected}",
+                "flight {flight}, shift {shift_mm} mm: normalised {found:.2}, sigma {:.1} mm (fixed {:.1}), rejected {rejected}",
                 1e3 * sigma,
                 1e3 * held
             );
-            // 5 mm are 2.5 standard deviations of what is stated.
+            // 5 mm are 2.5 configured standard deviations.
             assert!(found < if shift_mm < 3.0 { 1.3 } else { 2.5 }, "{shift_mm} mm: {found}");
         }
     }
 }
 
-/// A camera that stayed since the ground frame but for a drift, by itself and with two remounts that are known: rms of
-/// the normalised deflections and mean of the largest standard deviation in the frame that stayed, m.
-fn stayed(seed: u64, known: bool, flight: bool) -> (f64, f64) {
+/// A camera that only drifted since the ground frame, alone and with two declared remounts: rms of
+/// the normalised deflections and mean of the largest standard deviation in the unmoved frame, m.
+fn unmoved_camera(seed: u64, known: bool, flight: bool) -> (f64, f64) {
     let mut rng = rng(seed);
     let (mut errors, mut sigmas) = (vec![], vec![]);
     for _ in 0..24 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         setup.uncertainty =
-            Uncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..Uncertainty::of_drawings() };
+            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let numbers: &[Known] = match flight {
-            true => &[Known::OfTheGround, Known::Numbered(7), Known::Numbered(7), Known::Numbered(3)],
-            false => &[Known::OfTheGround],
+            true => &[Known::Ground, Known::Numbered(7), Known::Numbered(7), Known::Numbered(3)],
+            false => &[Known::Ground],
         };
         let remounts = [0, 1].map(|_| (remounted(&mut rng, &setup), normal3(&mut rng) * 0.002));
         let (mut frames, mut places) = (vec![], vec![]);
         for (k, number) in numbers.iter().enumerate() {
-            let points = truth.in_flight(2.8 - 0.3 * k as f64, truth.fuel());
+            let points = truth.positions_in_flight(2.8 - 0.3 * k as f64, truth.fuel());
             let (turn, shift) = match number {
-                Known::OfTheGround => Default::default(),
+                Known::Ground => Default::default(),
                 Known::Numbered(n) => remounts[usize::from(*n == 3)],
             };
             let turn = turn + normal3(&mut rng) * 2e-5;
@@ -192,8 +189,8 @@ fn stayed(seed: u64, known: bool, flight: bool) -> (f64, f64) {
         }
         let options = Options { mountings: known.then(|| numbers.to_vec()), ..Options::default() };
         let solutions = match flight {
-            true => adjust::flight(&setup, &orientation, &frames, &options).unwrap(),
-            false => vec![adjust::spatial(&setup, &orientation, &frames[0], &options).unwrap()],
+            true => adjust::solve_flight(&setup, &orientation, &frames, &options).unwrap(),
+            false => vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &options).unwrap()],
         };
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
@@ -204,11 +201,11 @@ fn stayed(seed: u64, known: bool, flight: bool) -> (f64, f64) {
 }
 
 #[test]
-fn a_mounting_that_is_known_to_be_that_of_the_ground_frames_is_told_better() {
+fn a_mounting_known_to_be_that_of_the_ground_frames_is_more_precise() {
     for flight in [false, true] {
-        let ((known, sharp), (unknown, blunt)) = (stayed(90, true, flight), stayed(90, false, flight));
+        let ((known, sharp), (unknown, blunt)) = (unmoved_camera(90, true, flight), unmoved_camera(90, false, flight));
         println!(
-            "flight {flight}: known {known:.2}, sigma {:.2} mm; not told {unknown:.2}, sigma {:.2} mm",
+            "flight {flight}: known {known:.2}, sigma {:.2} mm; not declared {unknown:.2}, sigma {:.2} mm",
             1e3 * sharp,
             1e3 * blunt
         );

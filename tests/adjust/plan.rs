@@ -1,19 +1,19 @@
-//! What `plan` promises against what happens: deflections sampled on wings that the model does not know.
+//! Precision predicted by `plan`, compared with deflections sampled on wings that differ from the model.
 
 use crate::common::beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
 use wingd::measure::adjust::{self, Options, SigmaKind};
-use wingd::measure::plan::{self, Plan, PlanOptions};
+use wingd::measure::plan::{self, InstallationPlan, PlanOptions};
 
 const PIXEL_SIGMA: f64 = 0.1;
 
-fn planned(options: &PlanOptions) -> Plan {
+fn planned(options: &PlanOptions) -> InstallationPlan {
     let truth = Truth::new(Wing::default(), 21);
     let orientation = truth.orientation(&mut rng(1), PIXEL_SIGMA, true);
-    plan::plan(&truth.setup, Some(&orientation), options).unwrap()
+    plan::plan_installation(&truth.setup, Some(&orientation), options).unwrap()
 }
 
 #[test]
-fn a_marker_less_never_helps_and_one_more_never_hurts() {
+fn removing_a_marker_never_helps_and_adding_one_never_hurts() {
     let plan = planned(&PlanOptions::default());
     let prediction = plan.prediction.as_ref().unwrap_or_else(|| panic!("{:?}", plan.remarks));
     assert_eq!(prediction.changes.len(), prediction.markers.len() + 1);
@@ -21,8 +21,8 @@ fn a_marker_less_never_helps_and_one_more_never_hurts() {
         let after = change.expected.unwrap_or_else(|| panic!("{:?}", change.without));
         let ratio = after.sigma_mean_deflection_m / prediction.expected.sigma_mean_deflection_m;
         println!("{:?} at {:.2} m: {ratio:.4}", change.without, change.span_m);
-        // The surface through the markers is fitted anew: a per mille either way. The mean runs over
-        // the markers at hand, so the outermost takes its own, largest figure with it.
+        // The surface through the markers is fitted again: 0.1 % either way. The mean runs over
+        // the present markers, so removing the outermost removes the largest value.
         match &change.without {
             Some(id) if id == "M19" => {}
             Some(_) => assert!(ratio > 0.995, "{:?}: {ratio}", change.without),
@@ -44,7 +44,7 @@ fn worse_images_give_worse_positions() {
 
 #[test]
 fn the_camera_may_be_planned_without_an_orientation() {
-    let plan = plan::plan(&Truth::new(Wing::default(), 21).setup, None, &PlanOptions::default()).unwrap();
+    let plan = plan::plan_installation(&Truth::new(Wing::default(), 21).setup, None, &PlanOptions::default()).unwrap();
     assert!(plan.prediction.is_some(), "{:?}", plan.remarks);
 }
 
@@ -59,11 +59,11 @@ fn predicted_standard_deviations_are_those_of_sampled_errors() {
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, PIXEL_SIGMA, true);
         let wanted = PlanOptions { tip_deflection_m, pixel_sigma: PIXEL_SIGMA, ..PlanOptions::default() };
-        let predicted = plan::plan(&setup, Some(&orientation), &wanted).unwrap().prediction.unwrap();
-        let flight = truth.in_flight(tip_deflection_m, truth.fuel());
+        let predicted = plan::plan_installation(&setup, Some(&orientation), &wanted).unwrap().prediction.unwrap();
+        let flight = truth.positions_in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let seen = truth.observations(&mut rng, &flight, mount, PIXEL_SIGMA);
-        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         let outboard = setup.span_direction;
         for p in &predicted.markers {
             let m = &s.markers[p.marker];
@@ -79,7 +79,7 @@ fn predicted_standard_deviations_are_those_of_sampled_errors() {
     }
 }
 
-/// Coordinates of the image stated twice too small, the survey rightly: Koch's components tell.
+/// Image coordinates twice as noisy as configured, the survey as configured: Koch's components recover both.
 #[test]
 fn variance_components_of_the_spatial_method_are_recovered() {
     let mut rng = rng(32);
@@ -89,12 +89,12 @@ fn variance_components_of_the_spatial_method_are_recovered() {
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let mut orientation = truth.orientation(&mut rng, PIXEL_SIGMA, true);
         orientation.ground.iter_mut().for_each(|g| g.covariance_px2 /= 4.0);
-        let flight = truth.in_flight(2.4, truth.fuel());
+        let flight = truth.positions_in_flight(2.4, truth.fuel());
         let mount = remounted(&mut rng, &setup);
         let mut seen = truth.observations(&mut rng, &flight, mount, PIXEL_SIGMA);
         seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
         let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
-        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor.unwrap().value;
         image.push(of("image"));
         survey.push(of("survey"));

@@ -1,21 +1,19 @@
-//! The profile method meets the figures that a correct implementation of the paper gives
-//! (docs/model.md), and shows its hidden bias.
+//! The profile method reproduces the figures of a correct implementation of the paper (docs/model.md), and shows
+//! its hidden bias.
 #![allow(clippy::needless_range_loop)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use wingd::measure::adjust::profile::{arc_length, correlations_with_distances};
-use wingd::measure::adjust::{
-    self, AdjustError, Estimate, GlobalTest, Observation, Options, SigmaKind, Solution,
-};
+use wingd::measure::adjust::{self, AdjustError, Estimate, GlobalTest, Observation, Options, SigmaKind, Solution};
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Orientation, Setup, Shape, SurveyMarker, Thermal, TorsionPair, Uncertainty};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Shape, SurveyMarker, Thermal, TorsionPair};
 
 /// The paper's estimate, 1/m.
 const PAPER_A: f64 = 0.002_189_57;
 const PIXEL_SIGMA: f64 = 5.0;
 
-/// A wing seen with known truth: survey, and the image of every marker.
+/// A wing with known truth: survey, and the image of every marker.
 struct Case {
     setup: Setup,
     orientation: Orientation,
@@ -30,8 +28,7 @@ impl Case {
         let (sin, cos) = (-4.0f64).to_radians().sin_cos();
         let camera_from_survey =
             Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, sin, 0.0, -cos, cos, 0.0, sin));
-        let lens =
-            Lens { k1: -0.12, k2: 0.05, p1: 4e-4, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) };
+        let lens = Lens { k1: -0.12, k2: 0.05, p1: 4e-4, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) };
         let survey = |p: &Vector3<f64>| Vector3::new(p.x, -p.z, p.y);
         let marker = |(k, (ground, _)): (usize, &(Vector3<f64>, Vector3<f64>))| SurveyMarker {
             id: format!("P{k:02}"),
@@ -55,11 +52,11 @@ impl Case {
             projection_centre_sigma_m: 0.0001,
             mount_repeatability_px: 10.0,
             span_direction: Vector2::new(1.0, 0.0),
-            stated_side: None,
+            configured_side: None,
             root_offset_m: 0.0,
             axis_chord_offset_m: None,
             skin_height: None,
-            uncertainty: Uncertainty::of_drawings(),
+            uncertainty: SetupUncertainty::from_drawings(),
             thermal: None,
             torsion: vec![],
             markers: points.iter().enumerate().map(marker).collect(),
@@ -72,15 +69,15 @@ impl Case {
         Self { setup, orientation, observations, flight: points.iter().map(|p| p.1).collect() }
     }
 
-    /// The paper's own model: a level line on ground, a parabola in flight.
+    /// The paper's own model: a level line on the ground, a parabola in flight.
     fn parabola(a: f64, markers: usize) -> Self {
         Self::new(&parabola_points(a, markers, 1.0, 0.03))
     }
 
-    /// Without data snooping, so that every marker has its numbers.
+    /// Solves without data snooping, so that every marker has its numbers.
     fn solve(&self, sigma: SigmaKind) -> Solution {
         let options = Options { sigma, snooping_alpha: 0.0, ..Options::default() };
-        adjust::profile(&self.setup, &self.orientation, &self.observations, &options).unwrap()
+        adjust::solve_profile(&self.setup, &self.orientation, &self.observations, &options).unwrap()
     }
 
     fn noisy(&self, rng: &mut StdRng) -> Self {
@@ -140,8 +137,7 @@ fn standard_deviations_and_correlations_are_those_of_the_model_page() {
         assert!((distances[0].value - 7.88).abs() < 0.02, "{}", distances[0].value);
         assert!((distances[markers - 1].value - 35.41).abs() < 0.02, "{}", distances[markers - 1].value);
         assert_eq!(solution.redundancy, markers - 1);
-        let correlations =
-            correlations_with_distances(&case.setup, &case.orientation, &case.observations).unwrap();
+        let correlations = correlations_with_distances(&case.setup, &case.orientation, &case.observations).unwrap();
         assert!(correlations.iter().all(|&c| (-0.17..0.0).contains(&c)), "{correlations:?}");
         println!(
             "{markers} markers: sigma_a {sigma_a:.3e}, sigma_d {:.3}..{:.3} mm, strongest correlation {:.3}",
@@ -152,7 +148,7 @@ fn standard_deviations_and_correlations_are_those_of_the_model_page() {
     }
 }
 
-/// The correlation depends on how steeply the tip is seen: the nearer to the horizon, the stronger.
+/// The correlation depends on the elevation of the tip: it increases towards the horizon.
 #[test]
 fn correlation_reaches_the_papers_figure() {
     let strongest = |slope: f64| {
@@ -253,8 +249,7 @@ fn the_papers_torsion() {
     let mut points = parabola_points(PAPER_A, 22, 1.0, 0.03);
     let spanwise: f64 = 31.65 - 30.94;
     let chordwise = (1.54f64.powi(2) - spanwise * spanwise).sqrt();
-    for (k, d, deflection, z) in [(18, 31.65f64, 2.33, -0.5 * chordwise), (17, 30.94, 2.16, 0.5 * chordwise)]
-    {
+    for (k, d, deflection, z) in [(18, 31.65f64, 2.33, -0.5 * chordwise), (17, 30.94, 2.16, 0.5 * chordwise)] {
         let (ground_height, a) = (-2.0 + 0.03 * d, PAPER_A);
         let y = ground_height + deflection;
         let x = (d * d - y * y).sqrt();
@@ -266,14 +261,14 @@ fn the_papers_torsion() {
     let angle = torsion.angle_rad.unwrap();
     assert!((angle.value.to_degrees() - 6.3).abs() < 0.05, "{}", angle.value.to_degrees());
     assert!(torsion.twist_rad.is_none());
-    // Bending alone explains 97 mm of the 170 mm: 2.7 degrees are left.
+    // Bending alone explains 97 mm of the 170 mm: 2.7 degrees remain.
     let bending = 2.0 * PAPER_A * 31.3 * spanwise;
     assert!((bending - 0.097).abs() < 0.001);
     assert!(((0.17 - bending).atan2(1.54).to_degrees() - 2.7).abs() < 0.05);
 }
 
-/// A wing that is straight on ground but slopes, bent by the same parabola over its ground line with
-/// its arc length kept.
+/// A straight, sloping wing on the ground, bent by the same parabola about its ground line with constant arc
+/// length.
 fn sloped(a: f64, slope: f64) -> Case {
     let length = |x: f64| {
         let n = 2000;
@@ -298,10 +293,7 @@ fn ground_slope_biases_the_tip_and_the_residuals_do_not_show_it() {
         let solution = case.solve(SigmaKind::Prior);
         let tip = solution.markers[21].distance_m.unwrap();
         let bias_mm = 1e3 * (tip.value - case.flight[21].xy().norm());
-        println!(
-            "slope {slope}: bias {bias_mm:.1} mm, variance factor {:.3}",
-            solution.variance_factor.unwrap()
-        );
+        println!("slope {slope}: bias {bias_mm:.1} mm, variance factor {:.3}", solution.variance_factor.unwrap());
         assert!((bias_mm - expected_mm).abs() < 0.02 * expected_mm, "{slope}: {bias_mm}");
         assert_eq!(solution.global_test, GlobalTest::Passed);
         assert!(1e-3 * bias_mm > 10.0 * tip.sigma.unwrap());
@@ -318,7 +310,7 @@ fn the_papers_tip_deflection_needs_a_longer_wing() {
 }
 
 #[test]
-fn a_blunder_is_found_and_named() {
+fn an_outlier_is_found_and_named() {
     let mut rng = StdRng::seed_from_u64(4);
     let mut case = Case::parabola(PAPER_A, 22).noisy(&mut rng);
     let detectable = case.solve(SigmaKind::Prior).markers[7].minimal_detectable_bias_px.unwrap().y;
@@ -327,24 +319,23 @@ fn a_blunder_is_found_and_named() {
     let before = case.solve(SigmaKind::Prior);
     assert_eq!(before.global_test, GlobalTest::Rejected);
     let solution =
-        adjust::profile(&case.setup, &case.orientation, &case.observations, &Options::default()).unwrap();
+        adjust::solve_profile(&case.setup, &case.orientation, &case.observations, &Options::default()).unwrap();
     let unused: Vec<_> = solution.markers.iter().filter(|m| !m.used).collect();
     assert_eq!(unused.len(), 1);
     assert_eq!(unused[0].marker, 7);
     let reason = unused[0].reason.as_ref().unwrap();
-    assert!(reason.contains("marker P07 was left out"), "{reason}");
+    assert!(reason.contains("marker P07 was removed"), "{reason}");
     assert_eq!((solution.global_test, solution.redundancy), (GlobalTest::Passed, 20));
 }
 
 #[test]
-fn too_little_is_refused_with_the_datum_named() {
+fn too_few_observations_are_refused_with_the_missing_datum_named() {
     let case = Case::parabola(PAPER_A, 22);
     let options = Options::default();
-    let error =
-        adjust::profile(&case.setup, &case.orientation, &case.observations[..1], &options).unwrap_err();
+    let error = adjust::solve_profile(&case.setup, &case.orientation, &case.observations[..1], &options).unwrap_err();
     assert_eq!(error, AdjustError::TooFewMarkers { found: 1, needed: 2 });
     let mut behind = case.setup.clone();
     behind.span_direction = Vector2::new(-1.0, 0.0);
-    let error = adjust::profile(&behind, &case.orientation, &case.observations, &options).unwrap_err();
+    let error = adjust::solve_profile(&behind, &case.orientation, &case.observations, &options).unwrap_err();
     assert!(error.to_string().contains("span_direction"), "{error}");
 }

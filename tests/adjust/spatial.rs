@@ -1,4 +1,4 @@
-//! The spatial adjustment against wings that it does not model: accuracy, blunders, signs.
+//! The spatial adjustment for wings that differ from its model: accuracy, outliers, signs.
 
 use crate::common::beam_truth::{Truth, Wing, median, normal, random_wing, remounted, rms, rng};
 use nalgebra::Vector3;
@@ -61,21 +61,21 @@ fn fleet(wings: usize, survey_m: f64, sigma_px: f64, sights: bool) -> Errors {
     for _ in 0..wings {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let deflection = 2.2 + normal(&mut rng).clamp(-2.0, 2.0) * 0.5;
-        let flight = truth.in_flight(deflection, truth.fuel());
+        let flight = truth.positions_in_flight(deflection, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup) * 0.7;
         let setup = truth.surveyed(&mut rng, survey_m, 0.002);
         let orientation = truth.orientation(&mut rng, sigma_px, sights);
         let seen = truth.observations(&mut rng, &flight, mount, sigma_px);
-        let solution = adjust::spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+        let solution = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
         errors.add(&truth, &flight, &solution);
     }
     errors
 }
 
 #[test]
-fn single_frames_with_the_ground_frames_sights_reach_millimetres() {
+fn single_frames_with_ground_observations_reach_millimetres() {
     let e = fleet(60, 0.002, 0.05, true);
-    e.print("2 mm, 0.05 px, ground sights");
+    e.print("2 mm, 0.05 px, ground observations");
     assert!(rms(&e.horizontal) < 0.004 && rms(&e.vertical) < 0.006);
     assert!(rms(&e.torsion_deg) < 0.05);
     assert!((0.7..1.3).contains(&rms(&e.normalised_deflection)));
@@ -95,19 +95,17 @@ fn at_the_papers_noise_spatial_is_far_closer_than_profile() {
     let (mut spatial, mut profile) = (vec![], vec![]);
     for _ in 0..20 {
         let truth = Truth::new(Wing::default(), 21);
-        let flight = truth.in_flight(3.1, truth.fuel());
+        let flight = truth.positions_in_flight(3.1, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup) * 0.3;
         let setup = truth.surveyed(&mut rng, 0.005, 0.002);
         let orientation = truth.orientation(&mut rng, 5.0, false);
         let seen = truth.observations(&mut rng, &flight, mount, 5.0);
         let options = Options { snooping_alpha: 0.0, ..Options::default() };
         for (list, solution) in [
-            (&mut spatial, adjust::spatial(&setup, &orientation, &seen, &options).unwrap()),
-            (&mut profile, adjust::profile(&setup, &orientation, &seen, &options).unwrap()),
+            (&mut spatial, adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap()),
+            (&mut profile, adjust::solve_profile(&setup, &orientation, &seen, &options).unwrap()),
         ] {
-            list.extend(
-                solution.markers.iter().filter_map(|m| Some((m.position_m? - flight[m.marker]).norm())),
-            );
+            list.extend(solution.markers.iter().filter_map(|m| Some((m.position_m? - flight[m.marker]).norm())));
         }
     }
     let ratio = rms(&profile) / rms(&spatial);

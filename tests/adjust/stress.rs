@@ -1,4 +1,4 @@
-//! Rainflow cycles against two public packages, moments against a beam of known stiffness that the model is not.
+//! Rainflow cycles compared with two public packages, moments compared with a beam of known stiffness that differs from the model.
 
 use std::fmt::Write;
 
@@ -6,13 +6,13 @@ use crate::common::beam_truth::{Truth, normal, random_wing, remounted, rms, rng}
 use nalgebra::{DMatrix, DVector};
 use sha2::{Digest, Sha256};
 use wingd::measure::adjust::{self, Options, SigmaKind, Solution};
-use wingd::measure::setup::Uncertainty;
+use wingd::measure::setup::SetupUncertainty;
 use wingd::measure::stress::{
-    Curvature, Moment, Section, bending_length_m, damage, ground_air_ground, over_a_flight, rainflow,
-    sampling,
+    BendingCurvature, BendingMoment, StiffnessSection, analyse_sampling, bending_length_m, count_flight_cycles,
+    ground_air_ground, rainflow, relative_damage,
 };
 
-/// By `rainflow` and `pylife` (tests/rainflow/README.md).
+/// Results of `rainflow` and `pylife` (tests/rainflow/README.md).
 const CYCLES: &str = include_str!("../rainflow/cycles.csv");
 
 struct SplitMix64(u64);
@@ -26,7 +26,7 @@ impl SplitMix64 {
     }
 }
 
-/// As tests/validation/cycles.py draws it.
+/// Random history, as in tests/validation/cycles.py.
 fn history(number: u64) -> Vec<f64> {
     let mut draw = SplitMix64(number);
     let length = 2 + draw.next() % 399;
@@ -51,7 +51,7 @@ fn rainflow_counts_as_two_public_packages_do() {
         let cells: Vec<&str> = line.split(',').collect();
         let values = history(cells[0].parse().unwrap());
         assert_eq!(values.len(), cells[1].parse::<usize>().unwrap(), "{line}");
-        let cycles = rainflow::cycles(&values);
+        let cycles = rainflow::count_cycles(&values);
         let count: f64 = cycles.iter().map(|c| c.count).sum();
         assert_eq!(count, cells[2].parse::<f64>().unwrap(), "{line}");
         let mut lines: Vec<String> =
@@ -71,48 +71,48 @@ fn rainflow_counts_as_two_public_packages_do() {
 const SHARES: [f64; 9] = [0.02, 0.1, 0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9];
 const ROOT_EI_N_M2: f64 = 2e9;
 
-fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> Curvature {
+fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> BendingCurvature {
     let p = s.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
     let n = p.values.len();
     let sigma = |k: usize| p.values[k].sigma.unwrap();
     let covariance = DMatrix::from_fn(n, n, |i, j| s.correlation[(i, j)] * sigma(i) * sigma(j));
     let coefficients_per_m = DVector::from_iterator(n, p.values.iter().map(|v| v.value));
     // These beams have no steps.
-    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: 0.0 }
+    BendingCurvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: 0.0 }
 }
 
-/// Errors of the moments over their standard deviations, per share of the length.
-fn errors(seed: u64, runs: usize, widths: Option<Uncertainty>, stiffness_sigma: f64) -> Vec<Vec<f64>> {
+/// Normalised errors of the moments, per fraction of the length.
+fn errors(seed: u64, runs: usize, priors: Option<SetupUncertainty>, stiffness_sigma: f64) -> Vec<Vec<f64>> {
     let mut rng = rng(seed);
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
     let mut errors = vec![vec![]; SHARES.len()];
     for _ in 0..runs {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
-        let flight = truth.in_flight(deflection_m, truth.fuel());
+        let flight = truth.positions_in_flight(deflection_m, truth.fuel());
         let bent = truth.curvature_per_m(deflection_m, truth.fuel(), &SHARES);
         let mount = remounted(&mut rng, &truth.setup);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let seen = truth.observations(&mut rng, &flight, mount, 0.05);
-        if let Some(widths) = widths {
-            setup.root_offset_m += widths.root_offset_m * normal(&mut rng);
-            setup.uncertainty = widths;
+        if let Some(priors) = priors {
+            setup.root_offset_m += priors.root_offset_m * normal(&mut rng);
+            setup.uncertainty = priors;
         }
-        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         let length_m = bending_length_m(&setup, &orientation).unwrap();
         let line = curvature(&s, length_m, setup.uncertainty.root_offset_m);
         let wrong = 1.0 + stiffness_sigma * normal(&mut rng);
         for (k, share) in SHARES.iter().enumerate() {
             let ei = ROOT_EI_N_M2 * truth.stiffness_share(*share);
-            let section = Section {
+            let section = StiffnessSection {
                 s_m: share * truth.length_m(),
                 ei_n_m2: ei * wrong,
                 sigma_ei_n_m2: stiffness_sigma * ei * wrong,
                 ground_n_m: 0.0,
                 ultimate_n_m: None,
             };
-            let moment = line.moment(&section);
+            let moment = line.bending_moment(&section);
             errors[k].push((moment.value - ei * bent[k]) / moment.sigma);
         }
     }
@@ -128,20 +128,20 @@ fn ratio(title: &str, errors: &[Vec<f64>]) -> f64 {
 
 #[test]
 fn moments_of_beams_of_known_stiffness_keep_their_sigma() {
-    for (title, stiffness_sigma) in [("stiffness held", 0.0), ("stiffness 3 %", 0.03)] {
+    for (title, stiffness_sigma) in [("stiffness fixed", 0.0), ("stiffness 3 %", 0.03)] {
         let all = ratio(title, &errors(91, 150, None, stiffness_sigma));
         assert!((0.8..1.25).contains(&all), "{title}: {all}");
     }
 }
 
 #[test]
-fn moments_keep_their_sigma_where_the_root_is_not_known() {
-    let widths = Uncertainty { root_offset_m: 0.3, ..Uncertainty::of_drawings() };
-    let all = ratio("root 0.3 m", &errors(92, 150, Some(widths), 0.03));
+fn moments_keep_their_sigma_with_an_unknown_root() {
+    let priors = SetupUncertainty { root_offset_m: 0.3, ..SetupUncertainty::from_drawings() };
+    let all = ratio("root 0.3 m", &errors(92, 150, Some(priors), 0.03));
     assert!((0.8..1.25).contains(&all), "{all}");
 }
 
-/// Of gusts about a load that changes slowly, N m: a wing that bends at 1 Hz, struck once a second on the average.
+/// Moments of gusts about a slowly changing load, N m: a wing with a 1 Hz bending mode, excited once per second on average.
 fn gusts(seed: u64, step_s: f64, lasting_s: f64) -> Vec<f64> {
     let mut rng = rng(seed);
     let omega = std::f64::consts::TAU;
@@ -158,20 +158,20 @@ fn gusts(seed: u64, step_s: f64, lasting_s: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Damage of slope, with its standard deviation, of some of the history's times.
-fn worn(history: &[f64], step_s: f64, kept: &[usize], slope: f64) -> (f64, f64, bool) {
-    let moment = |k: &usize| Moment {
+/// Damage and its standard deviation for an S-N slope, from some samples of the history.
+fn damage(history: &[f64], step_s: f64, kept: &[usize], slope: f64) -> (f64, f64, bool) {
+    let moment = |k: &usize| BendingMoment {
         value: history[*k],
         sigma: 0.01,
         sigma_by_curvature: 0.01,
         sigma_by_stiffness: 0.0,
     };
-    let moments: Vec<Moment> = kept.iter().map(moment).collect();
+    let moments: Vec<BendingMoment> = kept.iter().map(moment).collect();
     let times: Vec<f64> = kept.iter().map(|k| *k as f64 * step_s).collect();
-    let sampled = sampling(&times, 1.0);
-    let (flight, whole) = (over_a_flight(&moments), ground_air_ground(&moments).unwrap());
-    let found = damage(&flight, &whole, slope, None, (0.0, sampled.unseen()));
-    (found.relative, found.sigma_relative, sampled.tells_cycles())
+    let sampled = analyse_sampling(&times, 1.0);
+    let (flight, whole) = (count_flight_cycles(&moments), ground_air_ground(&moments).unwrap());
+    let found = relative_damage(&flight, &whole, slope, None, (0.0, sampled.unseen_fractions()));
+    (found.relative, found.sigma_relative, sampled.has_countable_cycles())
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn damage_of_sampled_histories_is_that_of_the_dense_one_within_its_sigma() {
     const STEP_S: f64 = 0.005;
     type Kept = fn(usize) -> bool;
     let all: Kept = |_| true;
-    // Three in a hundred frames are skipped, irregularly; a fifth of the time is a hole.
+    // 3 % of the frames are skipped irregularly; a gap takes 20 % of the time.
     let skipped: Kept = |k| k.wrapping_mul(2_654_435_761) % 1000 >= 30;
     let hole: Kept = |k| !(2000..3200).contains(&k);
     for (title, keeps) in [("10 Hz", all), ("3 % skipped", skipped), ("a hole", hole)] {
@@ -187,17 +187,17 @@ fn damage_of_sampled_histories_is_that_of_the_dense_one_within_its_sigma() {
             let one = |seed: u64| {
                 let history = gusts(seed, STEP_S, 600.0);
                 let dense: Vec<usize> = (0..history.len()).collect();
-                // The tenth of a second that a camera keeps to a few thousandths.
-                let kept: Vec<usize> =
-                    (1..5999).filter(|k| keeps(*k)).map(|k| 20 * k + (k * 7919) % 3).collect();
-                let (truth, _, _) = worn(&history, STEP_S, &dense, slope);
-                let (found, sigma, told) = worn(&history, STEP_S, &kept, slope);
-                assert!(told, "{title}");
+                // A period of 0.1 s, which a camera keeps to a few ms.
+                let kept: Vec<usize> = (1..5999).filter(|k| keeps(*k)).map(|k| 20 * k + (k * 7919) % 3).collect();
+                let (truth, _, _) = damage(&history, STEP_S, &dense, slope);
+                let (found, sigma, counted) = damage(&history, STEP_S, &kept, slope);
+                assert!(counted, "{title}");
                 (found - truth) / sigma
             };
             let ratios: Vec<f64> = (0..12).map(|seed| one(40 + seed)).collect();
             println!("{title}, slope {slope}: {ratios:.2?}");
-            assert!(rms(&ratios) <= 1.0, "{title}, slope {slope}: {ratios:?}");
+            // The sigma covers twice the loss of cycles; at slope 10 nearly none are lost.
+            assert!(rms(&ratios) <= 1.0 && (slope > 5.0 || rms(&ratios) > 0.2), "{title}, slope {slope}: {ratios:?}");
         }
     }
 }

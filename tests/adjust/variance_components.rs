@@ -1,5 +1,5 @@
 //! Variance components of image and survey on simulated wings with known true standard deviations,
-//! and where the observations do not show them.
+//! and the results if the observations do not determine them.
 
 use crate::common::beam_truth::{Truth, normal2, random_wing, remounted, rms, rng};
 use nalgebra::{Matrix2, Vector3};
@@ -8,7 +8,7 @@ use wingd::measure::adjust::profile::arc_length;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::setup::{Orientation, Setup};
 
-/// True over stated standard deviation.
+/// True over configured standard deviation.
 const IMAGE: f64 = 0.5;
 const SURVEY: f64 = 2.0;
 
@@ -16,7 +16,7 @@ fn options() -> Options {
     Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() }
 }
 
-/// Errors of the components' logarithms over their standard deviations.
+/// Errors of the logarithms of the components over their standard deviations.
 #[derive(Default)]
 struct Errors {
     image: Vec<f64>,
@@ -31,8 +31,8 @@ impl Errors {
             let component = solution.variance_components.iter().find(|c| c.group == name).unwrap();
             let Some(factor) = component.factor else {
                 self.held += 1;
-                let said = solution.remarks.iter().any(|r| r.contains(&format!("component of {name}")));
-                assert!(said, "{:?} {:?}", solution.remarks, solution.variance_components);
+                let reported = solution.remarks.iter().any(|r| r.contains(&format!("component of {name}")));
+                assert!(reported, "{:?} {:?}", solution.remarks, solution.variance_components);
                 continue;
             };
             assert!(factor.value > 0.0);
@@ -48,15 +48,15 @@ impl Errors {
         for (name, list) in [("image", &self.image), ("survey", &self.survey)] {
             println!("{method}, {name}: mean {:.2}, rms {:.2} of {}", mean(list), rms(list), list.len());
         }
-        println!("{method}: relative standard deviation {:.2}, held {}", mean(&self.sigma), self.held);
-        assert!(self.held * 20 <= 2 * runs, "held {} of {}", self.held, 2 * runs);
+        println!("{method}: relative standard deviation {:.2}, fixed {}", mean(&self.sigma), self.held);
+        assert!(self.held * 20 <= 2 * runs, "fixed {} of {}", self.held, 2 * runs);
         for list in [&self.image, &self.survey] {
             assert!(mean(list).abs() < 0.35 && (0.75..1.3).contains(&rms(list)));
         }
     }
 }
 
-/// The profile method's own wing: a level line, bent into a parabola.
+/// The wing of the profile method: a level line, bent into a parabola.
 fn parabola(rng: &mut StdRng, markers: usize, image_px: f64) -> (Setup, Orientation, Vec<Observation>) {
     let truth = Truth::new(Default::default(), 21);
     let mut setup = truth.setup.clone();
@@ -71,15 +71,9 @@ fn parabola(rng: &mut StdRng, markers: usize, image_px: f64) -> (Setup, Orientat
         let z = if k % 2 == 0 { 0.8 } else { -0.8 };
         let ground = Vector3::new(setup.root_offset_m + arc_length(x, a).length_m, -2.0, z);
         flight.push(frame.survey_point(&Vector3::new(setup.root_offset_m + x, -2.0 + a * x * x, z)));
-        let position_m =
-            frame.survey_point(&ground) + crate::common::beam_truth::normal3(rng) * (0.005 * SURVEY);
+        let position_m = frame.survey_point(&ground) + crate::common::beam_truth::normal3(rng) * (0.005 * SURVEY);
         let id = format!("P{k:02}");
-        setup.markers.push(wingd::measure::setup::SurveyMarker {
-            id,
-            position_m,
-            sigma_m: 0.005,
-            ..template.clone()
-        });
+        setup.markers.push(wingd::measure::setup::SurveyMarker { id, position_m, sigma_m: 0.005, ..template.clone() });
     }
     let observe = |(marker, pixel)| Observation {
         marker,
@@ -96,7 +90,7 @@ fn components_of_the_profile_method_agree_within_their_standard_deviations() {
     let (mut errors, runs) = (Errors::default(), 200);
     for _ in 0..runs {
         let (setup, orientation, seen) = parabola(&mut rng, 120, 12.0);
-        errors.add(&adjust::profile(&setup, &orientation, &seen, &options()).unwrap());
+        errors.add(&adjust::solve_profile(&setup, &orientation, &seen, &options()).unwrap());
     }
     errors.check("profile", runs);
 }
@@ -111,44 +105,41 @@ fn components_of_the_spatial_method_agree_within_their_standard_deviations() {
         setup.markers.iter_mut().for_each(|m| m.sigma_m = 0.002);
         let mut orientation = truth.orientation(&mut rng, 0.1 * IMAGE, true);
         orientation.ground.iter_mut().for_each(|g| g.covariance_px2 /= IMAGE * IMAGE);
-        let flight = truth.in_flight(2.4, truth.fuel());
+        let flight = truth.positions_in_flight(2.4, truth.fuel());
         let mount = remounted(&mut rng, &setup);
         let mut seen = truth.observations(&mut rng, &flight, mount, 0.1 * IMAGE);
         seen.iter_mut().for_each(|o| o.covariance_px2 /= IMAGE * IMAGE);
-        errors.add(&adjust::spatial(&setup, &orientation, &seen, &options()).unwrap());
+        errors.add(&adjust::solve_spatial(&setup, &orientation, &seen, &options()).unwrap());
     }
     errors.check("spatial", runs);
 }
 
-/// Images of a detector beside a survey of millimetres: the profile's one condition per marker shows
-/// the survey only.
+/// Detector images with a survey of millimetre precision: the profile's one condition per marker determines
+/// the survey component only.
 #[test]
-fn a_component_without_evidence_is_said_so_and_stays_as_stated() {
+fn a_component_without_evidence_is_reported_and_keeps_its_configured_value() {
     let mut rng = rng(43);
     let mut survey = vec![];
     for _ in 0..50 {
         let (setup, orientation, seen) = parabola(&mut rng, 21, 0.02);
-        let s = adjust::profile(&setup, &orientation, &seen, &options()).unwrap();
+        let s = adjust::solve_profile(&setup, &orientation, &seen, &options()).unwrap();
         let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap();
         assert!(of("image").factor.is_none() && of("image").redundancy < 0.1);
-        let factor =
-            of("survey").factor.unwrap_or_else(|| panic!("{:?} {:?}", s.remarks, s.variance_components));
+        let factor = of("survey").factor.unwrap_or_else(|| panic!("{:?} {:?}", s.remarks, s.variance_components));
         survey.push((factor.value / (SURVEY * SURVEY)).ln() / (factor.sigma.unwrap() / factor.value));
         let sentences: Vec<_> = s.remarks.iter().filter(|r| r.contains("variance component")).collect();
         assert_eq!(sentences.len(), 1, "{:?}", s.remarks);
-        assert!(
-            sentences[0].contains("of image cannot be estimated") && sentences[0].contains("stay as stated")
-        );
+        assert!(sentences[0].contains("of image cannot be estimated") && sentences[0].contains("stay as given"));
     }
     assert!((0.7..1.4).contains(&rms(&survey)), "{}", rms(&survey));
 }
 
-/// Two or three markers: no evidence for anything, and still an answer.
+/// Two or three markers: no evidence for any component, but still a result.
 #[test]
-fn too_few_markers_leave_everything_as_stated() {
+fn too_few_markers_leave_all_components_as_configured() {
     for markers in [2, 3] {
         let (setup, orientation, seen) = parabola(&mut rng(44), markers, 5.0);
-        let s = adjust::profile(&setup, &orientation, &seen, &options()).unwrap();
+        let s = adjust::solve_profile(&setup, &orientation, &seen, &options()).unwrap();
         assert!(s.variance_components.iter().any(|c| c.factor.is_none()));
         assert!(s.markers.iter().all(|m| m.deflection_m.is_some()));
     }

@@ -1,4 +1,4 @@
-//! The window's panes, against rays that are traced face by face here, with no line of the code under test.
+//! Window panes, compared with rays traced face by face here, without any code under test.
 
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 use rand::Rng;
@@ -7,7 +7,7 @@ use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
-    Air, FlightEffectPriors, GroundObservation, Orientation, Pane, Setup, Uncertainty, Window,
+    Air, FlightEffectPriors, GroundObservation, Orientation, Pane, Setup, SetupUncertainty, Window,
 };
 
 use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
@@ -18,8 +18,8 @@ enum Face {
     Sphere { centre_m: Vector3<f64>, radius_m: f64, outwards: f64, behind: f64 },
 }
 
-/// Through all faces, from the origin in air of index `index`; Snell's law as the tangential part's.
-fn traced(faces: &[Face], mut index: f64, ray: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+/// Traces a ray through all faces, from the origin in air of index `index`; Snell's law for the tangential part.
+fn trace_ray(faces: &[Face], mut index: f64, ray: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let (mut p, mut d) = (Vector3::zeros(), ray);
     for face in faces {
         let (normal, behind) = match face {
@@ -50,12 +50,8 @@ fn two_panes(normal: Vector3<f64>, distance_m: f64, outside: f64) -> Vec<Face> {
 /// One pane of 14.5 mm, its inner face bowed outwards.
 fn bowed(normal: Vector3<f64>, radius_m: f64) -> Vec<Face> {
     let centre_m = normal * (0.15 - radius_m);
-    let sphere = |radius: f64, behind| Face::Sphere {
-        centre_m,
-        radius_m: radius.abs(),
-        outwards: radius.signum(),
-        behind,
-    };
+    let sphere =
+        |radius: f64, behind| Face::Sphere { centre_m, radius_m: radius.abs(), outwards: radius.signum(), behind };
     vec![sphere(radius_m, 1.49), sphere(radius_m + 0.0145, 1.0)]
 }
 
@@ -73,11 +69,11 @@ fn pane() -> Pane {
     }
 }
 
-fn off_line(point: &Vector3<f64>, (from, direction): &(Vector3<f64>, Vector3<f64>)) -> f64 {
+fn distance_to_line(point: &Vector3<f64>, (from, direction): &(Vector3<f64>, Vector3<f64>)) -> f64 {
     (point - from).cross(direction).norm()
 }
 
-fn some_ray(rng: &mut StdRng) -> Vector3<f64> {
+fn random_ray(rng: &mut StdRng) -> Vector3<f64> {
     Vector3::new(rng.random_range(-0.27..0.27), rng.random_range(-0.2..0.2), 1.0).normalize()
 }
 
@@ -90,18 +86,18 @@ fn a_plate_is_the_panes_traced_face_by_face() {
     let plate = Plate { normal: tilted(), pane: pane() };
     let (mut rng, mut worst, mut thin) = (rng(5), 0f64, 0f64);
     for _ in 0..1000 {
-        let ray = some_ray(&mut rng);
+        let ray = random_ray(&mut rng);
         let distance = rng.random_range(0.05..0.4);
-        let truth = traced(&two_panes(plate.normal, distance, 1.0), 1.0, ray);
+        let truth = trace_ray(&two_panes(plate.normal, distance, 1.0), 1.0, ray);
         let (from, direction) = plate.outside_ray(&ray);
-        worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
-        // Thinner air outside: the direction is refraction's matter, the place is this one's.
-        let truth = traced(&two_panes(plate.normal, distance, 0.9998), 1.0, ray);
-        thin = thin.max(off_line(&from, &truth));
+        worst = worst.max((direction - truth.1).norm()).max(distance_to_line(&from, &truth));
+        // Thinner air outside: refraction gives the direction, this check the position.
+        let truth = trace_ray(&two_panes(plate.normal, distance, 0.9998), 1.0, ray);
+        thin = thin.max(distance_to_line(&from, &truth));
         let far = truth.0 + truth.1 * rng.random_range(6.0..40.0);
         let seen = plate.apparent_point(&far).normalize();
         let (from, direction) = plate.outside_ray(&seen);
-        worst = worst.max(off_line(&far, &(from, direction)) / far.norm());
+        worst = worst.max(distance_to_line(&far, &(from, direction)) / far.norm());
     }
     println!("worst {worst:.1e}; in thin air {:.3} mm", 1e3 * thin);
     assert!(worst < 1e-12 && thin < 0.05e-3, "{worst:e} {thin:e}");
@@ -115,10 +111,10 @@ fn a_bowed_pane_is_traced_like_spheres_about_their_centres() {
         let faces = bowed(normal, radius_m);
         let (mut worst, mut bends, mut shift) = (0f64, 0f64, 0f64);
         for _ in 0..300 {
-            let ray = some_ray(&mut rng);
-            let truth = traced(&faces, 1.0, ray);
+            let ray = random_ray(&mut rng);
+            let truth = trace_ray(&faces, 1.0, ray);
             let (from, direction) = plate.outside_ray(&ray);
-            worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
+            worst = worst.max((direction - truth.1).norm()).max(distance_to_line(&from, &truth));
             bends = bends.max((direction - ray).norm());
             let plane = Plate { normal, pane: pane() }.outside_ray(&ray).0;
             shift = shift.max((from - plane).cross(&ray).norm());
@@ -134,25 +130,20 @@ fn a_very_large_radius_is_a_plane() {
     let flat = Plate { normal, pane: pane() };
     let nearly = Plate { normal, pane: Pane { bow_radius_m: Some(1e6), ..pane() } };
     for _ in 0..100 {
-        let ray = some_ray(&mut rng);
+        let ray = random_ray(&mut rng);
         let ((a, d), (b, e)) = (flat.outside_ray(&ray), nearly.outside_ray(&ray));
         // (n - 1) t tan i / (n r), i up to 25 degrees.
-        assert!((d - e).norm() < 5e-9 && off_line(&a, &(b, e)) < 1e-8);
+        assert!((d - e).norm() < 5e-9 && distance_to_line(&a, &(b, e)) < 1e-8);
     }
 }
 
-/// The pixel of a point behind the panes: the ray is aimed until it meets the point.
-fn pixel_through(
-    lens: &Lens,
-    turn: &Rotation3<f64>,
-    faces: Option<Vec<Face>>,
-    p: &Vector3<f64>,
-) -> Vector2<f64> {
+/// Pixel of a point behind the panes: the ray is aimed iteratively at the point.
+fn pixel_through(lens: &Lens, turn: &Rotation3<f64>, faces: Option<Vec<Face>>, p: &Vector3<f64>) -> Vector2<f64> {
     let point = turn * p;
     let mut aimed = point;
     if let Some(faces) = faces {
         for _ in 0..30 {
-            let (from, direction) = traced(&faces, 1.0, aimed.normalize());
+            let (from, direction) = trace_ray(&faces, 1.0, aimed.normalize());
             let miss = (point - from) - direction * (point - from).dot(&direction);
             aimed += miss;
         }
@@ -160,11 +151,10 @@ fn pixel_through(
     lens.project(&aimed).unwrap()
 }
 
-/// A window tilted by 11 degrees against the camera's axis and a setup that describes it.
-fn described(setup: &Setup, normal: Vector3<f64>, pane: Pane) -> Setup {
+/// A setup that describes a window tilted by 11 degrees relative to the camera axis.
+fn described_setup(setup: &Setup, normal: Vector3<f64>, pane: Pane) -> Setup {
     let air = Air { temperature_c: 15.0, pressure_hpa: 1013.25, humidity: 0.0, co2_ppm: 420.0 };
-    let window =
-        Window { normal: Some(normal), cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) };
+    let window = Window { normal: Some(normal), cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) };
     Setup { window: Some(window), ..setup.clone() }
 }
 
@@ -191,13 +181,11 @@ impl Errors {
     fn print(&self, what: &str) {
         let (deflection, normalised) = (1e3 * rms(&self.deflection), rms(&self.normalised));
         let sigma = 1e3 * rms(&self.tip_sigma);
-        println!(
-            "{what}: deflection {deflection:.2} mm rms, normalised {normalised:.2}, tip's sigma {sigma:.2} mm"
-        );
+        println!("{what}: deflection {deflection:.2} mm rms, normalised {normalised:.2}, tip's sigma {sigma:.2} mm");
     }
 }
 
-struct Drawn {
+struct SampledWindow {
     truth: Truth,
     setup: Setup,
     normal: Vector3<f64>,
@@ -208,41 +196,37 @@ struct Drawn {
 
 const DETECTION_PX: f64 = 0.05;
 
-/// A wing seen through panes in flight, and on ground or not; plane, or one bowed in flight.
-fn drawn(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Drawn {
+/// A wing seen through panes in flight, and optionally on the ground; plane, or one bowed in flight.
+fn sample_window(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> SampledWindow {
     let truth = Truth::new(random_wing(rng), 22);
     let setup = truth.surveyed(rng, 0.002, 0.002);
     let normal = truth.camera_from_survey.inverse() * tilted();
     let remount = remounted(rng, &setup);
-    let mut look = |points: &[Vector3<f64>], turn: &Rotation3<f64>, panes: bool| -> Vec<Vector2<f64>> {
+    let mut project_all = |points: &[Vector3<f64>], turn: &Rotation3<f64>, panes: bool| -> Vec<Vector2<f64>> {
         let through = |n| radius_m.map_or_else(|| two_panes(n, 0.15, 1.0), |radius| bowed(n, radius));
         let centre = truth.setup.projection_centre_m;
-        let pixel = |p: &Vector3<f64>| {
-            pixel_through(&setup.lens, turn, panes.then(|| through(turn * normal)), &(p - centre))
-        };
+        let pixel =
+            |p: &Vector3<f64>| pixel_through(&setup.lens, turn, panes.then(|| through(turn * normal)), &(p - centre));
         points.iter().map(|p| pixel(p) + normal2(rng) * DETECTION_PX).collect()
     };
     let covariance_px2 = Matrix2::identity() * DETECTION_PX * DETECTION_PX;
-    let ground = look(&truth.ground_m, &truth.camera_from_survey, on_ground);
-    let flight = truth.in_flight(2.0, truth.fuel());
+    let ground = project_all(&truth.ground_m, &truth.camera_from_survey, on_ground);
+    let flight = truth.positions_in_flight(2.0, truth.fuel());
     let mount = Rotation3::new(remount);
-    let seen = look(&flight, &(mount * truth.camera_from_survey), true);
+    let seen = project_all(&flight, &(mount * truth.camera_from_survey), true);
     let sight = |(marker, pixel)| GroundObservation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
         camera_from_survey: truth.camera_from_survey,
         covariance_rad2: None,
         ground: ground.into_iter().enumerate().map(sight).collect(),
     };
-    let frame = seen
-        .into_iter()
-        .enumerate()
-        .map(|(marker, pixel)| Observation { marker, pixel, covariance_px2 })
-        .collect();
-    Drawn { truth, setup, normal, orientation, flight, frame }
+    let frame =
+        seen.into_iter().enumerate().map(|(marker, pixel)| Observation { marker, pixel, covariance_px2 }).collect();
+    SampledWindow { truth, setup, normal, orientation, flight, frame }
 }
 
-/// Drawings that are right, and a mount as it is by default.
-const SHIFTED: Uncertainty = Uncertainty {
+/// An exact survey, and the default mounting.
+const SHIFTED: SetupUncertainty = SetupUncertainty {
     mount_shift_m: 0.002,
     mount_drift_rad: 2e-5,
     skin_height_sigma_m: 0.003,
@@ -259,53 +243,52 @@ fn fleet(
     seed: u64,
     on_ground: bool,
     radius_m: Option<f64>,
-    describe: impl Fn(&mut StdRng, &Drawn) -> Setup,
+    describe: impl Fn(&mut StdRng, &SampledWindow) -> Setup,
 ) -> Errors {
     let mut rng = rng(seed);
     let mut errors = Errors::default();
     for _ in 0..WINGS {
-        let drawn = drawn(&mut rng, on_ground, radius_m);
+        let drawn = sample_window(&mut rng, on_ground, radius_m);
         let setup = describe(&mut rng, &drawn);
-        let solution =
-            adjust::spatial(&setup, &drawn.orientation, &drawn.frame, &Options::default()).unwrap();
+        let solution = adjust::solve_spatial(&setup, &drawn.orientation, &drawn.frame, &Options::default()).unwrap();
         errors.add(&drawn.truth, &drawn.flight, &solution);
     }
     errors
 }
 
 #[test]
-fn panes_in_flight_only_cost_nothing_where_they_are_described() {
+fn panes_in_flight_only_cause_no_error_if_they_are_described() {
     let without = fleet(21, false, None, |_, d| d.setup.clone());
     without.print("in flight only, not described");
-    let with = fleet(21, false, None, |_, d| described(&d.setup, d.normal, pane()));
+    let with = fleet(21, false, None, |_, d| described_setup(&d.setup, d.normal, pane()));
     with.print("in flight only, described");
-    // A pane's shift is one of the projection centre too: what a remount may do covers what nobody has described.
-    for (what, widths) in [("what may shift", SHIFTED), ("all defaults", Uncertainty::default())] {
-        let shifted = fleet(21, false, None, |_, d| Setup { uncertainty: widths, ..d.setup.clone() });
+    // The shift by a pane also shifts the projection centre: the remount prior covers undescribed panes.
+    for (what, priors) in [("remount shift", SHIFTED), ("all defaults", SetupUncertainty::default())] {
+        let shifted = fleet(21, false, None, |_, d| Setup { uncertainty: priors, ..d.setup.clone() });
         shifted.print(&format!("in flight only, not described, {what}"));
-        assert!(rms(&shifted.normalised) < 1.5, "{what}: {}", rms(&shifted.normalised));
+        assert!((0.6..1.5).contains(&rms(&shifted.normalised)), "{what}: {}", rms(&shifted.normalised));
     }
     assert!(rms(&without.deflection) > 0.015, "the panes do nothing here");
     assert!(rms(&with.deflection) < 0.004, "{}", rms(&with.deflection));
-    assert!(rms(&with.normalised) < 1.3, "{}", rms(&with.normalised));
+    assert!((0.4..1.3).contains(&rms(&with.normalised)), "{}", rms(&with.normalised));
 }
 
 #[test]
-fn panes_on_ground_too() {
+fn panes_on_the_ground_too_are_in_sigma() {
     let same = Pane { same_on_ground: true, ..pane() };
     let without = fleet(22, true, None, |_, d| d.setup.clone());
     without.print("on ground too, not described");
-    let with = fleet(22, true, None, |_, d| described(&d.setup, d.normal, same));
+    let with = fleet(22, true, None, |_, d| described_setup(&d.setup, d.normal, same));
     with.print("on ground too, described");
-    assert!(rms(&with.deflection) < 0.004 && rms(&with.normalised) < 1.3);
+    assert!(rms(&with.deflection) < 0.004 && (0.6..1.3).contains(&rms(&with.normalised)));
 }
 
 #[test]
-fn a_bow_under_cabin_pressure() {
+fn a_bow_under_cabin_pressure_is_in_sigma() {
     for radius in [30.0, 10.0] {
         let fleet = |what: &str, bow_radius_m, bow_sigma| {
             let pane = Pane { bow_radius_m, bow_sigma, ..pane() };
-            let errors = fleet(25, false, Some(radius), move |_, d| described(&d.setup, d.normal, pane));
+            let errors = fleet(25, false, Some(radius), move |_, d| described_setup(&d.setup, d.normal, pane));
             errors.print(&format!("bowed to {radius} m, described {what}"));
             errors
         };
@@ -315,54 +298,54 @@ fn a_bow_under_cabin_pressure() {
         let loose = fleet("as it is, to a quarter", Some(radius), 0.25);
         let wrong = fleet("with a radius 1.25 times too large", Some(1.25 * radius), 0.25);
         assert!(rms(&flat.deflection) > 3.0 * rms(&known.deflection));
-        // A known bow costs nothing; one that is known to a quarter costs what its sigma says.
+        // A known bow causes no error; one known to 25 % is covered by its sigma.
         assert!(rms(&known.deflection) < 0.004, "{}", rms(&known.deflection));
-        // One of 30 m is what panes are taken to have where nobody says it; 10 m are three times that.
+        // 30 m is the default bow radius of panes; 10 m is three times that bow.
         let unstated = if radius < 30.0 { 2.0 } else { 1.3 };
-        assert!(rms(&unknown.normalised) < unstated, "{}", rms(&unknown.normalised));
+        assert!((0.5..unstated).contains(&rms(&unknown.normalised)), "{}", rms(&unknown.normalised));
         for errors in [known, loose, wrong] {
-            assert!(rms(&errors.normalised) < 1.3, "{}", rms(&errors.normalised));
+            assert!((0.4..1.3).contains(&rms(&errors.normalised)), "{}", rms(&errors.normalised));
         }
     }
 }
 
 #[test]
-fn a_description_as_wrong_as_it_says_is_covered() {
-    let wrong = |rng: &mut StdRng, d: &Drawn| {
+fn an_error_of_the_pane_description_is_covered_by_its_sigma() {
+    let wrong = |rng: &mut StdRng, d: &SampledWindow| {
         let p = pane();
         let tilt = Vector3::new(normal(rng), normal(rng), normal(rng)) * p.normal_sigma_rad;
-        let stated = Pane {
+        let configured = Pane {
             thickness_m: p.thickness_m + p.thickness_sigma_m * normal(rng),
             index: p.index + p.index_sigma * normal(rng),
             ..p
         };
-        described(&d.setup, Rotation3::new(tilt) * d.normal, stated)
+        described_setup(&d.setup, Rotation3::new(tilt) * d.normal, configured)
     };
-    let honest = fleet(23, false, None, wrong);
-    honest.print("in flight only, described as well as stated");
-    let sure = fleet(23, false, None, |rng, d| {
+    let within_sigma = fleet(23, false, None, wrong);
+    within_sigma.print("in flight only, described within the configured sigma");
+    let without_sigma = fleet(23, false, None, |rng, d| {
         let mut setup = wrong(rng, d);
         let pane = setup.window.as_mut().unwrap().pane.as_mut().unwrap();
         (pane.thickness_sigma_m, pane.index_sigma, pane.normal_sigma_rad) = (0.0, 0.0, 0.0);
         setup
     });
-    sure.print("the same, stated without error");
-    assert!((0.5..1.3).contains(&rms(&honest.normalised)), "{}", rms(&honest.normalised));
-    assert!(rms(&sure.normalised) > 1.2 * rms(&honest.normalised));
+    without_sigma.print("in flight only, described with sigma 0");
+    assert!((0.5..1.3).contains(&rms(&within_sigma.normalised)), "{}", rms(&within_sigma.normalised));
+    assert!(rms(&without_sigma.normalised) > 1.2 * rms(&within_sigma.normalised));
 }
 
 #[test]
-fn flights_and_profiles_see_the_panes_too() {
+fn flights_and_profiles_use_the_panes() {
     let mut rng = rng(24);
     let (mut flights, mut with, mut without) = (Errors::default(), vec![], vec![]);
     for _ in 0..6 {
-        let drawn = drawn(&mut rng, false, None);
-        let setup = described(&drawn.setup, drawn.normal, pane());
+        let drawn = sample_window(&mut rng, false, None);
+        let setup = described_setup(&drawn.setup, drawn.normal, pane());
         let frames = vec![drawn.frame.clone(); 2];
-        for solution in adjust::flight(&setup, &drawn.orientation, &frames, &Options::default()).unwrap() {
+        for solution in adjust::solve_flight(&setup, &drawn.orientation, &frames, &Options::default()).unwrap() {
             flights.add(&drawn.truth, &drawn.flight, &solution);
         }
-        // The paper's method is off by more than the panes do, so the shift itself is looked at: the same
+        // The error of the paper's method exceeds that of the panes, so the shift itself is tested: the same
         // pixels as without panes must give the same wing.
         let centre = drawn.truth.setup.projection_centre_m;
         let turn = &drawn.truth.camera_from_survey;
@@ -373,17 +356,17 @@ fn flights_and_profiles_see_the_panes_too() {
             let sight = |(marker, pixel)| Observation { marker, pixel, covariance_px2 };
             let frame: Vec<_> = drawn.flight.iter().map(pixel).enumerate().map(sight).collect();
             let options = Options { snooping_alpha: 1e-12, ..Options::default() };
-            let solution = adjust::profile(setup, &drawn.orientation, &frame, &options).unwrap();
+            let solution = adjust::solve_profile(setup, &drawn.orientation, &frame, &options).unwrap();
             solution.markers.iter().map(|m| m.deflection_m.unwrap().value).collect::<Vec<_>>()
         };
         let clear = solve(&drawn.truth.setup, false);
-        let seen = solve(&described(&drawn.truth.setup, drawn.normal, pane()), true);
+        let seen = solve(&described_setup(&drawn.truth.setup, drawn.normal, pane()), true);
         let ignored = solve(&drawn.truth.setup, true);
         with.extend(clear.iter().zip(&seen).map(|(a, b)| a - b));
         without.extend(clear.iter().zip(&ignored).map(|(a, b)| a - b));
     }
     flights.print("flights of two frames, described");
     println!("profile: {:.3} mm, not described {:.1} mm", 1e3 * rms(&with), 1e3 * rms(&without));
-    assert!(rms(&flights.deflection) < 0.004 && rms(&flights.normalised) < 1.3);
+    assert!(rms(&flights.deflection) < 0.004 && (0.25..1.3).contains(&rms(&flights.normalised)));
     assert!(rms(&with) < 1e-4 && rms(&without) > 1e-3, "{:e} {:e}", rms(&with), rms(&without));
 }

@@ -185,7 +185,7 @@ try {
   // Reject needs a reason, and is taken back.
   await page.locator("#photo").focus();
   await page.keyboard.press("r");
-  await page.waitForFunction(() => /say why/.test(document.getElementById("said").textContent), null, { timeout: 20000 });
+  await page.waitForFunction(() => /give a reason/.test(document.getElementById("said").textContent), null, { timeout: 20000 });
   await page.fill("#why", "an oil streak over its edge");
   await page.keyboard.press("Enter");
   await page.keyboard.press("r");

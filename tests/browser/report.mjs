@@ -2,10 +2,10 @@
 // Each interaction of a report once, in a real Chromium, at 1400 and 390 px, in the light and in the dark; printed at the end.
 //
 // usage: node tests/browser/report.mjs REPORT.html [FOLDER]
-//        FOLDER gets pictures of each state and the print, to be looked at.
+//        FOLDER gets images of each state and the print for inspection.
 //
 // Needs Node 18, the package playwright-core (PLAYWRIGHT: the folder that holds it) and a Chromium (CHROMIUM: the program). Exit
-// status 1 where something does not answer.
+// status 1 if an interaction fails.
 import { createRequire } from "node:module";
 import { mkdirSync, readFileSync } from "node:fs";
 import { resolve } from "node:path";
@@ -16,9 +16,9 @@ const [file, folder] = process.argv.slice(2);
 if (!file) throw new Error("usage: report.mjs REPORT.html [FOLDER]");
 if (folder) mkdirSync(folder, { recursive: true });
 
-// The least contrast of WCAG 2.1, level AA, for text.
+// Minimum contrast of text by WCAG 2.1, level AA.
 const CONTRAST = 4.5;
-// Until the page stands, ms.
+// Maximum time until the page is loaded, ms.
 const READY = 1000;
 let faults = 0;
 const check = (right, text) => {
@@ -32,7 +32,7 @@ const browser = await chromium.launch({
     "--disable-component-update", "--disable-sync"],
 });
 
-// Text whose contrast against what is behind it is too small, and what reaches beyond the page.
+// Text with too little contrast to its background, and content wider than the page.
 const seen = () => {
   const channel = (v) => (v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
   const light = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
@@ -99,8 +99,8 @@ const chart = async (page, at) => {
   await page.mouse.up();
   const zoomed = (await xLabels()).join();
   check(zoomed !== before, `${at}: a stroke zooms`);
-  await one.getByRole("button", { name: /^All: the whole/ }).click();
-  check((await xLabels()).join() === before, `${at}: All shows the whole again`);
+  await one.getByRole("button", { name: /^All: show the full/ }).click();
+  check((await xLabels()).join() === before, `${at}: All shows the full range again`);
   await svg.focus();
   await page.keyboard.press("ArrowRight");
   check(await one.locator(".tip").isVisible(), `${at}: arrow keys go from point to point`);
@@ -130,7 +130,7 @@ const frames = async (page, at) => {
   check(count < 2 || (await select.inputValue()) !== chosen, `${at}: another of ${count} frames is shown; first: ${first}`);
   for (let k = 0; k < Math.min(count, 12); k++) await viewer.getByRole("button", { name: /next frame/ }).click();
   await select.selectOption({ index: 0 });
-  check((await viewer.locator(".said").innerText()) === first, `${at}: the frame to be looked at first again`);
+  check((await viewer.locator(".said").innerText()) === first, `${at}: the frame that ranks first again`);
   const wing = viewer.locator("div.wing > svg");
   await wing.scrollIntoViewIfNeeded();
   const state = () => wing.innerHTML();
@@ -142,7 +142,7 @@ const frames = async (page, at) => {
   await page.mouse.up();
   check((await state()) !== before, `${at}: the wing turns`);
   await viewer.locator("div.wing select").selectOption("5");
-  check(/enlarged 5 times/.test(await viewer.locator("div.wing .caption").innerText()), `${at}: its exaggeration is stated`);
+  check(/enlarged 5 times/.test(await viewer.locator("div.wing .caption").innerText()), `${at}: its exaggeration is shown`);
   const table = await download(page, () => viewer.locator(".taking").last().getByRole("button", { name: /^CSV/ }).click());
   check(table.bytes.length > 20, `${at}: ${table.name}, ${table.bytes.length} B`);
 };
@@ -158,7 +158,7 @@ for (const width of [1400, 390]) {
     await page.goto(`file://${resolve(file)}`);
     const ready = await page.evaluate(() => performance.getEntriesByType("navigation")[0].loadEventEnd);
     check(ready < READY, `${at}: ready after ${ready.toFixed(0)} ms`);
-    check(asked.length === 0, `${at}: nothing is asked of any network`);
+    check(asked.length === 0, `${at}: no network requests`);
     await chart(page, at);
     if ((await page.locator("#frames").count()) > 0) await frames(page, at);
     const { weak, wide } = await page.evaluate(seen);
@@ -175,5 +175,5 @@ for (const width of [1400, 390]) {
   }
 }
 await browser.close();
-console.log(faults === 0 ? "every interaction answers" : `${faults} faults`);
+console.log(faults === 0 ? "all interactions work" : `${faults} faults`);
 process.exit(faults === 0 ? 0 : 1);

@@ -1,5 +1,5 @@
-//! An independent wing for the tests of the adjustment: Euler-Bernoulli cantilever with tapered stiffness under a fuel-relieved
-//! deflection, dihedral, crowned skin, twist, thermal shrinkage. No code and no shape functions are the fitted model's.
+//! An independent wing for the adjustment tests: Euler-Bernoulli cantilever with tapered stiffness under a fuel-relieved
+//! lift, dihedral, crowned skin, twist, thermal shrinkage. It shares no code and no shape functions with the fitted model.
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::Rng;
@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
-    GroundObservation, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
+    GroundObservation, Orientation, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
 };
 
 mod aircraft;
@@ -18,22 +18,22 @@ pub use super::statistics::{median, rms};
 pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
-pub use aircraft::{Aircraft, Effects, When};
-pub use swing::{SecondMode, Swings};
+pub use aircraft::{Aircraft, Effects, WingState};
+pub use swing::{ModeShape, SecondMode};
 
 const STEPS: usize = 2000;
 
-/// What the beam is made of.
+/// Properties of the beam.
 #[derive(Clone, Copy, Debug)]
 pub struct Wing {
     pub length_m: f64,
     pub taper: f64,
-    /// Stiffness goes with this power of the chord.
+    /// Exponent of the stiffness as a power of the chord.
     pub power: f64,
-    /// Fuel's share of the lift, and how far it reaches.
+    /// Fuel weight as a fraction of the lift, and its spanwise extent.
     pub fuel: f64,
     pub fuel_reach: f64,
-    /// Deflection falls linearly outboard by this share on top of the ellipse.
+    /// Lift decreases linearly outboard by this fraction, in addition to the ellipse.
     pub skew: f64,
     pub dihedral_rad: f64,
     pub twist_tip_rad: f64,
@@ -76,7 +76,7 @@ pub struct Truth {
     fixed_m: Vec<Vector3<f64>>,
 }
 
-/// Where the markers sit: (arc length / length, chordwise Z on the axis' frame). Irregular across the
+/// Marker layout: (arc length / length, chordwise Z on the axis' frame). Irregular across the
 /// chord, as between doors, flaps and walkways.
 fn layout(count: usize) -> Vec<(f64, f64)> {
     const Z: [f64; 10] = [0.9, -0.85, 1.0, -1.2, 1.35, -1.6, 1.8, -1.3, 1.5, -1.6];
@@ -92,15 +92,14 @@ fn layout(count: usize) -> Vec<(f64, f64)> {
     list
 }
 
-struct Bent {
+struct BentAxis {
     x: Vec<f64>,
     y: Vec<f64>,
     theta: Vec<f64>,
 }
 
 impl Wing {
-    /// Bending moment over stiffness for unit load, at STEPS + 1 stations; `reach` of the fuel may
-    /// change in flight.
+    /// Bending moment over stiffness for unit load, at STEPS + 1 stations, with the current fuel.
     fn curvature(&self, fuel: f64) -> Vec<f64> {
         let h = 1.0 / STEPS as f64;
         let chord = |e: f64| 1.0 - (1.0 - self.taper) * e;
@@ -121,13 +120,12 @@ impl Wing {
 
     fn ground_slope(&self, e: f64) -> f64 {
         // Skin rises with the dihedral; the axis lies below it by the skin height.
-        (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0 + 0.01 * e)
-            .atan()
+        (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0 + 0.01 * e).atan()
     }
 
-    fn bend(&self, curvature: &[f64], factor: f64, scale: f64) -> Bent {
+    fn bend(&self, curvature: &[f64], factor: f64, scale: f64) -> BentAxis {
         let h = self.length_m / STEPS as f64;
-        let mut b = Bent { x: vec![0.0], y: vec![0.0], theta: vec![self.ground_slope(0.0)] };
+        let mut b = BentAxis { x: vec![0.0], y: vec![0.0], theta: vec![self.ground_slope(0.0)] };
         let mut bending = 0.0;
         for i in 0..STEPS {
             let t0 = b.theta[i];
@@ -142,7 +140,7 @@ impl Wing {
     }
 }
 
-fn at(v: &[f64], e: f64) -> f64 {
+fn value_at(v: &[f64], e: f64) -> f64 {
     let p = (e * STEPS as f64).clamp(0.0, STEPS as f64 - 1e-9);
     let k = p as usize;
     v[k] + (p - k as f64) * (v[k + 1] - v[k])
@@ -169,7 +167,7 @@ impl Truth {
             projection_centre_sigma_m: 0.002,
             mount_repeatability_px: 10.0,
             span_direction: span,
-            stated_side: None,
+            configured_side: None,
             root_offset_m: 0.55,
             axis_chord_offset_m: Some(0.1),
             skin_height: Some(SkinHeight {
@@ -177,7 +175,7 @@ impl Truth {
                 tip_m: wing.skin_tip_m,
                 tip_span_m: wing.length_m,
             }),
-            uncertainty: Uncertainty::of_drawings(),
+            uncertainty: SetupUncertainty::from_drawings(),
             thermal: Some(Thermal {
                 expansion_per_k: 23e-6,
                 expansion_sigma_per_k: None,
@@ -215,7 +213,7 @@ impl Truth {
         }
         self.setup.axis_chord_offset_m = Some(0.1 * w.side);
         let straight = w.bend(&vec![0.0; STEPS + 1], 0.0, 1.0);
-        let points = self.carried(&straight, 0.0, 1.0);
+        let points = self.marker_positions(&straight, 0.0, 1.0);
         let frame = self.setup.wing_frame();
         self.ground_m = points.iter().map(|p| frame.survey_point(p)).collect();
         let marker = |(i, p): (usize, &Vector3<f64>)| SurveyMarker {
@@ -229,17 +227,13 @@ impl Truth {
             part: None,
         };
         self.setup.markers = self.ground_m.iter().enumerate().map(marker).collect();
-        self.setup.torsion =
-            vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
+        self.setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
     }
 
-    /// The same with marks that are rigid to the cabin, at most four: 3 m outboard in the frame's corners, 2 mm of
-    /// survey.
-    pub fn with_fixed_marks(mut self, count: usize) -> Self {
+    /// Adds targets fixed to the cabin, at most four: 3 m outboard in the corners of the frame, surveyed to 2 mm.
+    pub fn with_fixed_targets(mut self, count: usize) -> Self {
         let frame = self.setup.wing_frame();
-        for (k, (y, z)) in
-            [(0.35, -0.6), (0.35, 0.6), (-0.45, 0.62), (-0.45, -0.62)].iter().take(count).enumerate()
-        {
+        for (k, (y, z)) in [(0.35, -0.6), (0.35, 0.6), (-0.45, 0.62), (-0.45, -0.62)].iter().take(count).enumerate() {
             let point = Vector3::new(3.0, *y, *z);
             self.fixed_m.push(point);
             self.ground_m.push(frame.survey_point(&point));
@@ -267,32 +261,30 @@ impl Truth {
         self.camera_from_survey = Rotation3::from_matrix_unchecked(m);
     }
 
-    fn carried(&self, bent: &Bent, twist_factor: f64, scale: f64) -> Vec<Vector3<f64>> {
+    fn marker_positions(&self, bent: &BentAxis, twist_factor: f64, scale: f64) -> Vec<Vector3<f64>> {
         let w = self.wing;
         let root = Vector3::new(self.setup.root_offset_m, -1.85, 0.0);
         let one = |&(e, n, z): &(f64, f64, f64)| {
             let axis_z = 0.1 * w.side;
-            let theta = at(&bent.theta, e);
+            let theta = value_at(&bent.theta, e);
             // Nose up: the leading edge is at -Z on a right wing, at +Z on a left one.
             let phi = w.side * twist_factor * w.twist_tip_rad * e.powf(w.twist_power);
-            let (arm_n, arm_z) =
-                (n * phi.cos() - (z - axis_z) * phi.sin(), (z - axis_z) * phi.cos() + n * phi.sin());
+            let (arm_n, arm_z) = (n * phi.cos() - (z - axis_z) * phi.sin(), (z - axis_z) * phi.cos() + n * phi.sin());
             root + Vector3::new(
-                at(&bent.x, e) - scale * arm_n * theta.sin(),
-                at(&bent.y, e) + scale * arm_n * theta.cos(),
+                value_at(&bent.x, e) - scale * arm_n * theta.sin(),
+                value_at(&bent.y, e) + scale * arm_n * theta.cos(),
                 axis_z + scale * arm_z,
             )
         };
         self.stations.iter().map(one).collect()
     }
 
-    /// Curvature of the unit load, and how often it is laid on.
-    fn loaded(&self, tip_deflection_m: f64, fuel: f64) -> (Vec<f64>, f64) {
+    /// Curvature of the unit load, and its factor.
+    fn load_curvature(&self, tip_deflection_m: f64, fuel: f64) -> (Vec<f64>, f64) {
         let w = self.wing;
         let curvature = w.curvature(fuel);
         let straight = w.bend(&curvature, 0.0, 1.0);
-        let tip =
-            |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_deflection_m;
+        let tip = |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_deflection_m;
         let trial = tip(1e-4) + tip_deflection_m;
         let (mut f0, mut f1) = (0.0, 1e-4 * tip_deflection_m / trial);
         for _ in 0..30 {
@@ -305,35 +297,35 @@ impl Truth {
         (curvature, f1)
     }
 
-    /// Change of the curvature in flight at shares of the length, 1/m.
+    /// Change of the curvature in flight at fractions of the length, 1/m.
     pub fn curvature_per_m(&self, tip_deflection_m: f64, fuel: f64, shares: &[f64]) -> Vec<f64> {
-        let (curvature, factor) = self.loaded(tip_deflection_m, fuel);
-        shares.iter().map(|share| factor * at(&curvature, *share)).collect()
+        let (curvature, factor) = self.load_curvature(tip_deflection_m, fuel);
+        shares.iter().map(|share| factor * value_at(&curvature, *share)).collect()
     }
 
-    /// Bending stiffness at a share of the length over that at the root.
+    /// Bending stiffness at a fraction of the length, relative to the root.
     pub fn stiffness_share(&self, share: f64) -> f64 {
         (1.0 - (1.0 - self.wing.taper) * share).powf(self.wing.power)
     }
 
-    /// From the bending root to the tip, m.
+    /// Distance from the bending root to the tip, m.
     pub fn length_m(&self) -> f64 {
         self.wing.length_m
     }
 
-    /// Arc length of a marker's section as a share of the wing's.
-    pub fn share(&self, marker: usize) -> f64 {
+    /// Arc length of a marker's section as a fraction of the wing length.
+    pub fn relative_arc_length(&self, marker: usize) -> f64 {
         self.stations[marker].0
     }
 
-    /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
-    pub fn in_flight(&self, tip_deflection_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
+    /// Survey-frame positions in flight. `fuel`: current fraction of the fuel.
+    pub fn positions_in_flight(&self, tip_deflection_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
         let w = self.wing;
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
-        let (curvature, f1) = self.loaded(tip_deflection_m, fuel);
+        let (curvature, f1) = self.load_curvature(tip_deflection_m, fuel);
         let bent = w.bend(&curvature, f1, scale);
         let frame = self.setup.wing_frame();
-        let mut carried = self.carried(&bent, tip_deflection_m / 2.5, scale);
+        let mut carried = self.marker_positions(&bent, tip_deflection_m / 2.5, scale);
         carried.extend(&self.fixed_m);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
@@ -351,13 +343,12 @@ impl Truth {
 
     pub fn pixels(&self, points_m: &[Vector3<f64>], mount_rad: Vector3<f64>) -> Vec<Vector2<f64>> {
         let rotation = Rotation3::new(mount_rad) * self.camera_from_survey;
-        let one = |p: &Vector3<f64>| {
-            self.setup.lens.project(&(rotation * (p - self.setup.projection_centre_m))).unwrap()
-        };
+        let one =
+            |p: &Vector3<f64>| self.setup.lens.project(&(rotation * (p - self.setup.projection_centre_m))).unwrap();
         points_m.iter().map(one).collect()
     }
 
-    /// The survey as a tachymeter would report it: noise on markers and projection centre.
+    /// The survey as a total station would report it: noise on markers and projection centre.
     pub fn surveyed(&self, rng: &mut StdRng, sigma_m: f64, centre_sigma_m: f64) -> Setup {
         let mut setup = self.setup.clone();
         for m in &mut setup.markers {
@@ -369,7 +360,7 @@ impl Truth {
         setup
     }
 
-    /// Orientation as `wingd orient` leaves it.
+    /// Orientation as written by `wingd orient`.
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64, with_sights: bool) -> Orientation {
         let sight = |(marker, p): (usize, Vector2<f64>)| {
             let pixel = p + normal2(rng) * sigma_px;

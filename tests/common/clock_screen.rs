@@ -1,32 +1,32 @@
-//! Pictures of a screen that shows the clock of `wingd time-check`.
+//! Images of a screen that shows the clock of `wingd time-check`.
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use wingd::measure::raster::Raster;
 use wingd::measure::render::{SeededRandom, SensorModel};
 use wingd::measure::time_code::{BITS, DISC_RADIUS, DISCS, FASTEST, SIZE, TICK_MS, cell_rectangle, code_word};
 
-/// 22 November 2026, about.
+/// About 22 November 2026.
 pub const BEGIN_S: f64 = 1_795_300_000.0;
 
-/// Of the pictures, px.
+/// Size of the images, px.
 pub const SIZE_PX: (usize, usize) = (1200, 900);
 /// Samples along each side of a pixel.
 const FINE: usize = 3;
-/// Samples of an exposure: a screen's frame of 17 ms is met by several even where it lasts a fifth of a second.
+/// Samples of an exposure: several meet a screen's frame of 17 ms even if the exposure lasts 0.2 s.
 const MOMENTS: usize = 400;
 
 /// A screen that shows the clock, s.
 pub struct Display {
-    /// Of its frames, s.
+    /// Frame period, s.
     pub refresh_s: f64,
-    /// From reading the clock to the light in the row of the fastest bits.
+    /// Latency from reading the clock to the light in the row of the fastest bits.
     pub latency_s: f64,
-    /// Of its first frame.
+    /// Phase of the first frame.
     pub phase_s: f64,
 }
 
 impl Display {
-    /// The code that a row shows at a moment; the screen is written from its top to its bottom within a refresh.
+    /// The code that a row shows at a moment; the screen is written from top to bottom within a refresh.
     fn word(&self, at_s: f64, y: f64) -> u32 {
         let [_, top, _, height] = cell_rectangle(FASTEST, false);
         let row_s = (y - top - 0.5 * height) / SIZE[1] * self.refresh_s;
@@ -35,8 +35,8 @@ impl Display {
         code_word(((1e3 * drawn_s / f64::from(TICK_MS)).floor() as u64 % (1 << 17)) as u32)
     }
 
-    /// Of each bit's row the share of the exposure in which it is one.
-    pub fn shares(&self, middle_s: f64, exposure_s: f64) -> Vec<f64> {
+    /// Fraction of the exposure during which each bit is one.
+    pub fn lit_fractions(&self, middle_s: f64, exposure_s: f64) -> Vec<f64> {
         let share = |bit: usize| {
             let [_, y, _, height] = cell_rectangle(bit, false);
             let lit = |k: usize| {
@@ -49,14 +49,13 @@ impl Display {
     }
 }
 
-/// Light of a place of the page, 1 for white.
+/// Light at a position of the page, 1 for white.
 fn light(shares: &[f64], x: f64, y: f64) -> f64 {
     if DISCS.iter().any(|[u, v]| (x - u).hypot(y - v) < DISC_RADIUS) {
         return 0.0;
     }
-    let inside = |[left, top, width, height]: [f64; 4]| {
-        (left..left + width).contains(&x) && (top..top + height).contains(&y)
-    };
+    let inside =
+        |[left, top, width, height]: [f64; 4]| (left..left + width).contains(&x) && (top..top + height).contains(&y);
     (0..BITS)
         .find_map(|bit| {
             let own = inside(cell_rectangle(bit, false)).then(|| shares[bit]);
@@ -65,7 +64,7 @@ fn light(shares: &[f64], x: f64, y: f64) -> f64 {
         .unwrap_or(1.0)
 }
 
-/// A picture of the screen, held somehow; about half of its width is the screen.
+/// Renders an image of the screen from a random attitude; the screen takes about 50 % of the width.
 pub fn photograph(shares: &[f64], sensor: &SensorModel, white: f64, random: &mut SeededRandom) -> Raster {
     let (width, height) = SIZE_PX;
     let axis = |random: &mut SeededRandom| random.uniform(-0.5, 0.5);
@@ -80,7 +79,7 @@ pub fn photograph(shares: &[f64], sensor: &SensorModel, white: f64, random: &mut
     let seen = |u: f64, v: f64| {
         let p = page_from_pixel * Vector3::new(u, v, 1.0);
         let page: Vector2<f64> = p.xy() / p.z;
-        // A dark frame about the screen, and a wall.
+        // A dark frame around the screen, and a wall.
         let rim = (-page.x).max(page.x - SIZE[0]).max(-page.y).max(page.y - SIZE[1]);
         if rim < 0.0 {
             white * light(shares, page.x, page.y)

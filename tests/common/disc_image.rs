@@ -12,7 +12,7 @@ pub struct DiscImage {
     pub angle: f64,
 }
 
-/// Outline of a flat disc (a detector allows for the bend that a crowned skin gives it): centroid of
+/// Outline of a flat disc (a detector allows for the curvature from a crowned skin): centroid of
 /// area of a dense polygon, axes from its second moments.
 pub fn image_of_disc(lens: &Lens, p: &Vector3<f64>, n: &Vector3<f64>, radius: f64) -> Option<DiscImage> {
     let e1 = n.cross(&Vector3::new(0.31, 0.2, 0.93)).normalize();

@@ -1,4 +1,4 @@
-//! Drawn scenes: ellipses on skin, blurred in light, and what is found in them against what was drawn.
+//! Synthetic scenes: ellipses on skin, blurred in light, and detections compared with the true ellipses.
 
 use nalgebra::{Cholesky, Vector2};
 use rand::rngs::StdRng;
@@ -10,40 +10,40 @@ use wingd::measure::setup::Shape;
 pub const WIDTH: usize = 900;
 pub const HEIGHT: usize = 420;
 pub const TONE: f64 = 2.2;
-/// Samples per pixel: a Fibonacci lattice, of which no two lie in one row or column, as the edges of flat discs do.
+/// Samples per pixel: a Fibonacci lattice, with no two samples in one row or column, so edges of flat discs are sampled evenly.
 const SAMPLES: usize = 21;
 const NEXT_ROW: usize = 13;
 
 /// An ellipse: centre, semi-axes, direction; px, rad.
 pub type Ellipse = [f64; 5];
 
-/// Along and across an ellipse, in semi-axes.
+/// Coordinates along and across an ellipse, in semi-axes.
 pub fn local([cx, cy, a, b, angle]: Ellipse, x: f64, y: f64) -> (f64, f64) {
     let (sin, cos) = angle.sin_cos();
     let (dx, dy) = (x - cx, y - cy);
     ((dx * cos + dy * sin) / a, (dy * cos - dx * sin) / b)
 }
 
-/// Whether a point is farther from the centre than so many of the larger semi-axis: told without an angle.
-fn beyond([cx, cy, a, b, _]: Ellipse, x: f64, y: f64, times: f64) -> bool {
+/// Whether a point is farther from the centre than `times` the larger semi-axis; needs no angle.
+fn is_beyond([cx, cy, a, b, _]: Ellipse, x: f64, y: f64, times: f64) -> bool {
     (x - cx).powi(2) + (y - cy).powi(2) > (times * a.max(b)).powi(2)
 }
 
-pub fn within(ellipse: Ellipse, x: f64, y: f64) -> bool {
+pub fn is_within(ellipse: Ellipse, x: f64, y: f64) -> bool {
     let inside = |(s, t): (f64, f64)| s.hypot(t) < 1.0;
-    !beyond(ellipse, x, y, 1.0) && inside(local(ellipse, x, y))
+    !is_beyond(ellipse, x, y, 1.0) && inside(local(ellipse, x, y))
 }
 
-/// A soft spot: 1 in its middle, nothing that shows beyond five of its axes.
+/// A soft spot: 1 in its middle, invisible beyond five of its axes.
 pub fn soft(spot: Ellipse, x: f64, y: f64) -> f64 {
-    if beyond(spot, x, y, 5.0) {
+    if is_beyond(spot, x, y, 5.0) {
         return 0.0;
     }
     let (s, t) = local(spot, x, y);
     (-s * s - t * t).exp()
 }
 
-/// A sharp scene of grey values, blurred in light (px), with normal noise (grey levels).
+/// Renders a sharp scene of grey values, blurred in light (px), with normal noise (grey levels).
 pub fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64) -> Raster {
     with_noise(&blurred(scene, blur), noise, seed)
 }
@@ -58,8 +58,7 @@ pub fn blurred(scene: impl Fn(f64, f64) -> f64, blur: f64) -> Vec<f64> {
             *light += scene(x, y).powf(TONE) / SAMPLES as f64;
         }
     }
-    let weights: Vec<(isize, f64)> =
-        (-8..=8).map(|k: isize| (k, (-0.5 * (k as f64 / blur).powi(2)).exp())).collect();
+    let weights: Vec<(isize, f64)> = (-8..=8).map(|k: isize| (k, (-0.5 * (k as f64 / blur).powi(2)).exp())).collect();
     let total: f64 = weights.iter().map(|w| w.1).sum();
     let passed = |from: &[f64], along_x: bool| -> Vec<f64> {
         let at = |x: isize, y: isize| {
@@ -92,7 +91,7 @@ pub fn nearest(found: &[Detection], ellipse: Ellipse) -> Option<(&Detection, Vec
     (off(best).norm() < 5.0).then(|| (best, off(best)))
 }
 
-/// The error's square over what is stated, per coordinate.
+/// Squared normalised error per coordinate.
 pub fn normalised_square(m: &Detection, error: Vector2<f64>) -> f64 {
     0.5 * error.dot(&Cholesky::new(*m.covariance_px2).unwrap().solve(&error))
 }
@@ -108,13 +107,13 @@ pub fn discs() -> [Ellipse; 9] {
 
 /// Black on skin, grey levels.
 pub fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64 {
-    move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
+    move |x, y| if discs.iter().any(|&d| is_within(d, x, y)) { black } else { skin }
 }
 
 /// Grey values: skin, black, white.
 pub type Greys = [f64; 3];
 
-/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have one sign.
+/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have the same sign.
 pub fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> impl Fn(f64, f64) -> f64 {
     let (sin, cos) = turn.sin_cos();
     move |x, y| {
@@ -128,8 +127,8 @@ pub fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> imp
     }
 }
 
-/// A part of a frame on even skin, its corner at (1000, 800).
-pub fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
+/// Places a part of a frame on even skin, with its corner at (1000, 800).
+pub fn place_on_skin(columns: usize, part: &[u8], skin: u8) -> Raster {
     let (width, height) = (2400, 1600);
     let mut luma = vec![skin; width * height];
     for (y, row) in part.chunks(columns).enumerate() {
@@ -138,22 +137,22 @@ pub fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
     Raster::new(width, height, luma).unwrap()
 }
 
-/// Part of a rendered frame (see the README beside the pictures) on even skin, its corner at (1000, 800).
-pub fn on_even_skin(name: &str, skin: u8) -> Raster {
+/// Reads part of a rendered frame (see the README next to the images) on even skin, with its corner at (1000, 800).
+pub fn read_part_on_skin(name: &str, skin: u8) -> Raster {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
-    let part = image::open(path).expect("a picture of the tests").to_luma8();
-    framed(part.width() as usize, part.as_raw(), skin)
+    let part = image::open(path).expect("an image of the tests").to_luma8();
+    place_on_skin(part.width() as usize, part.as_raw(), skin)
 }
 
-/// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
-/// else.
-pub fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
+/// Squared normalised errors of the detected markers of a scene, rendered with six seeds; nothing else may be
+/// detected.
+pub fn errors_in_scene(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
     let light = blurred(scene, blur);
-    found_in(markers, |seed| with_noise(&light, noise, seed))
+    errors_in_images(markers, |seed| with_noise(&light, noise, seed))
 }
 
-/// The same in pictures that are drawn of a seed.
-pub fn found_in(markers: &[Ellipse], drawn: impl Fn(u64) -> Raster) -> Vec<f64> {
+/// Squared normalised errors of the detected markers of images rendered from a seed.
+pub fn errors_in_images(markers: &[Ellipse], drawn: impl Fn(u64) -> Raster) -> Vec<f64> {
     let mut squares = Vec::new();
     for seed in 0..6 {
         let found = detect(&drawn(seed)).markers;
@@ -164,7 +163,7 @@ pub fn found_in(markers: &[Ellipse], drawn: impl Fn(u64) -> Raster) -> Vec<f64> 
     squares
 }
 
-/// The normalised error of those that are found, at least so many.
+/// Rms normalised error of the detected markers, at least `least` of them.
 pub fn normalised(squares: &[f64], least: usize) -> f64 {
     let found = squares.len();
     let normalised = (squares.iter().sum::<f64>() / found as f64).sqrt();
@@ -173,13 +172,13 @@ pub fn normalised(squares: &[f64], least: usize) -> f64 {
     normalised
 }
 
-/// At least so many are found, and what they state is what they are off.
-pub fn hold(squares: &[f64], least: usize) {
+/// Asserts that at least `least` markers are found and their standard deviations are consistent with the errors.
+pub fn assert_consistent(squares: &[f64], least: usize) {
     let normalised = normalised(squares, least);
     assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }
 
-/// The marker at a place, whose normalised error's square is less than `most`.
+/// The marker at a position, with a squared normalised error below `most`.
 pub fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
     let markers = detect(image).markers;
     let (m, error) = nearest(&markers, marker).expect("it is found");
@@ -188,7 +187,7 @@ pub fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
     m.clone()
 }
 
-/// What an orientation would predict of discs, to a pixel.
+/// Predictions of discs, as from an orientation, to a pixel.
 pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<ExpectedMarker> {
     let expected = |&[x, y, a, b, angle]: &Ellipse| {
         let at = Vector2::new(x, y);

@@ -1,4 +1,4 @@
-//! Worlds with known truth and small stores, shared by tests and benches; each uses a part.
+//! Simulated worlds with known truth and small stores, shared by tests and benches; each uses a part.
 #![allow(dead_code, unused_imports, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod attitude;

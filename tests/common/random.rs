@@ -1,4 +1,4 @@
-//! Normal deviates for the tests' synthetic worlds.
+//! Normal deviates for the synthetic worlds of the tests.
 
 use nalgebra::{Vector2, Vector3};
 use rand::rngs::StdRng;

@@ -1,12 +1,12 @@
-//! Small stores with made-up results, for the tests of reports, exports and pages.
+//! Small stores with synthetic results, for the tests of reports, exports and pages.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
-use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
-use wingd::store::{Inputs, NewFrame, SeriesPlan, RealDisk, Store, StoreConfig, catalogue, series_frames};
+use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
+use wingd::store::{Inputs, NewFrame, RealDisk, SeriesPlan, Store, StoreConfig, catalogue, series_frames};
 
 /// A result as the pipeline writes it; four markers, the last one hidden.
 pub fn solved(deflection_m: f64, sigma_m: f64) -> Value {
@@ -39,13 +39,13 @@ fn marker(number: i32, deflection_m: f64) -> Value {
         "deflection_m": deflection_m, "sigma_deflection_m": 0.006})
 }
 
-/// A result that could not be had.
+/// A failed result.
 pub fn failed(reason: &str) -> Value {
     json!({"image": "x.jpg", "status": "failed", "reason": reason, "method": "spatial", "model": {},
         "markers": [], "torsion": [], "timing_ms": {}})
 }
 
-/// One series per slice, one frame per result.
+/// A store with one series per slice, one frame per result.
 pub fn store_with(series: &[&[Value]]) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(directory.path()) };
@@ -89,7 +89,7 @@ fn add_results(store: &Store, id: &str, results: &[Value]) {
     store.seal();
 }
 
-/// One series of two frames, the `n`th of a store, solved.
+/// Adds the `n`th series of a store: two frames, solved.
 pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32) -> Vec<u8>) {
     let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 2 };
     let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
@@ -107,7 +107,7 @@ pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32
     store.seal();
 }
 
-/// A moment of one boot.
+/// A time stamp within one boot.
 pub fn stamp(second: u64) -> Stamp {
     let begin: jiff::Timestamp = "2026-03-01T08:00:00Z".parse().unwrap();
     Stamp {
@@ -118,7 +118,7 @@ pub fn stamp(second: u64) -> Stamp {
     }
 }
 
-/// A small grey picture.
+/// A small grey image.
 pub fn jpeg() -> Vec<u8> {
     let luma: Vec<u8> = (0..240 * 160_u32).map(|i| (i % 240) as u8).collect();
     let mut bytes = Vec::new();

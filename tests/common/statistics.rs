@@ -1,4 +1,4 @@
-//! Figures of a sample.
+//! Statistics of a sample.
 
 pub fn rms(v: &[f64]) -> f64 {
     (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()

@@ -1,4 +1,4 @@
-//! A day's work on a store, what the store acknowledged of it, and the check that all of that is there.
+//! A day of work on a store, what the store acknowledged, and a check that all of it is present.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,11 +10,11 @@ use wingd::store::aircraft::{self, AircraftLine};
 use wingd::store::columns::UTC;
 use wingd::store::fake::FakeDisk;
 use wingd::store::installations::InstallationFile;
-use wingd::store::manifest::{SeriesCause, ShotFailure, Shot, SeriesState};
+use wingd::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
 use wingd::store::verify::verify_path;
 use wingd::store::{
-    LiveColumn, Disk, Inputs, ValueKind, LiveTable, NewFrame, OpenSeries, SeriesPlan, LiveRow, Store, StoreConfig, StoreError,
-    catalogue, live, sha256_hex,
+    Disk, Inputs, LiveColumn, LiveRow, LiveTable, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, StoreError,
+    ValueKind, catalogue, live, sha256_hex,
 };
 
 pub const ROOT: &str = "store";
@@ -24,7 +24,7 @@ pub fn moment(since_boot_s: f64) -> Stamp {
     Stamp { utc, utc_synchronised: false, boot_id: "boot".to_owned(), since_boot_s }
 }
 
-/// What the results come from.
+/// Installation of the results.
 pub fn installation() -> Vec<InstallationFile> {
     vec![("camera.toml".into(), b"fx = 1\n".to_vec()), ("survey.csv".into(), b"id\n".to_vec())]
 }
@@ -49,13 +49,13 @@ pub fn live_table(program: &str) -> LiveTable {
     LiveTable { source: json!({"program": program, "markers": ["M1", "M2", "M3"]}), columns }
 }
 
-/// A live result, told by its number.
+/// A live result, identified by its number.
 pub fn live_row(number: u32) -> LiveRow {
     let x = f64::from(number);
     vec![1e15 + 1e5 * x, x, 0.5 + 0.001 * (x % 7.0), f64::NAN, 1.5, 80.25 + x % 3.0]
 }
 
-/// What the store said it has.
+/// Items that the store acknowledged.
 #[derive(Default, Clone)]
 pub struct Acknowledged {
     pub frames: BTreeSet<String>,
@@ -66,24 +66,24 @@ pub struct Acknowledged {
     pub live: BTreeSet<u32>,
 }
 
-/// A store on a bad disk, and somebody who works with it.
+/// A store on a faulty disk, and a program that works with it.
 #[derive(Clone)]
 pub struct Work {
     pub disk: Arc<FakeDisk>,
-    pub said: Acknowledged,
+    pub acknowledged: Acknowledged,
     pub time_s: f64,
-    /// Series begun so far; each has other frames.
+    /// Number of series begun; each has different frames.
     pub begun: u32,
-    /// Live results so far.
+    /// Number of live results.
     pub seen: u32,
 }
 
 impl Work {
-    pub fn on(disk: FakeDisk) -> Self {
-        Self { disk: Arc::new(disk), said: Acknowledged::default(), time_s: 0.0, begun: 0, seen: 0 }
+    pub fn new(disk: FakeDisk) -> Self {
+        Self { disk: Arc::new(disk), acknowledged: Acknowledged::default(), time_s: 0.0, begun: 0, seen: 0 }
     }
 
-    /// The same state of affairs on another disk.
+    /// The same state on another disk.
     pub fn moved_to(&self, disk: FakeDisk) -> Self {
         Self { disk: Arc::new(disk), ..self.clone() }
     }
@@ -97,8 +97,8 @@ impl Work {
         Store::open(self.disk(), config).map(|(store, _)| store)
     }
 
-    /// Series with frames and failures, results after each.
-    pub fn days(&mut self, store: &Store, series: u32) -> Result<(), StoreError> {
+    /// Takes series with frames and failures, with results after each.
+    pub fn take_days(&mut self, store: &Store, series: u32) -> Result<(), StoreError> {
         for _ in 0..series {
             self.take_series(store)?;
             self.solve(store)?;
@@ -106,7 +106,7 @@ impl Work {
         Ok(())
     }
 
-    /// Three shots; every fifth has no frame.
+    /// Takes three shots; every fifth has no frame.
     pub fn take_series(&mut self, store: &Store) -> Result<(), StoreError> {
         let mut series = self.begin(store, SeriesCause::Scheduled, 3)?;
         for shot in 1..=3 {
@@ -135,7 +135,7 @@ impl Work {
         let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
         series.add_shot(shot, (!failed).then_some(frame))?;
         if !failed {
-            self.said.frames.insert(sha256_hex(&bytes));
+            self.acknowledged.frames.insert(sha256_hex(&bytes));
         }
         Ok(())
     }
@@ -143,32 +143,32 @@ impl Work {
     pub fn finish(&mut self, store: &Store, series: OpenSeries) -> Result<(), StoreError> {
         let id = series.id().to_owned();
         store.close_series(series, SeriesState::Complete, &moment(self.time_s), Vec::new())?;
-        self.said.complete.insert(id);
+        self.acknowledged.complete.insert(id);
         Ok(())
     }
 
-    /// So many live results in a block.
-    pub fn go_live(&mut self, store: &Store, program: &str, rows: u32) -> Result<(), StoreError> {
+    /// Records `rows` live results in a block.
+    pub fn record_live(&mut self, store: &Store, program: &str, rows: u32) -> Result<(), StoreError> {
         let numbers = self.seen..self.seen + rows;
         self.seen += rows;
         self.time_s += 2.0;
         let rows: Vec<LiveRow> = numbers.clone().map(live_row).collect();
         store.append_live_rows(&live_table(program), &rows, &moment(self.time_s))?;
-        self.said.live.extend(numbers);
+        self.acknowledged.live.extend(numbers);
         Ok(())
     }
 
-    /// A line of a feed.
-    pub fn hear(&mut self, store: &Store, feed: &str, number: u32) -> Result<(), StoreError> {
+    /// Records a line of a feed.
+    pub fn record_line(&mut self, store: &Store, feed: &str, number: u32) -> Result<(), StoreError> {
         let line = format!("IWG1,{number},{}", self.time_s);
-        let said = AircraftLine { at: Some(moment(self.time_s)), line: line.clone() };
-        if store.add_aircraft_lines(&json!({"feed": feed}), &[said])? {
-            self.said.lines.insert(line);
+        let acknowledged = AircraftLine { at: Some(moment(self.time_s)), line: line.clone() };
+        if store.add_aircraft_lines(&json!({"feed": feed}), &[acknowledged])? {
+            self.acknowledged.lines.insert(line);
         }
         Ok(())
     }
 
-    /// Everything that is unsolved.
+    /// Solves all unsolved frames.
     pub fn solve(&mut self, store: &Store) -> Result<(), StoreError> {
         store.keep_installation(&installation())?;
         while self.solve_some(store, usize::MAX)? > 0 {}
@@ -176,52 +176,52 @@ impl Work {
         Ok(())
     }
 
-    /// So many frames at most of the series that comes first; how many it were.
+    /// Solves at most `most` frames of the first series; returns how many.
     pub fn solve_some(&mut self, store: &Store, most: usize) -> Result<usize, StoreError> {
         let frames: Vec<_> = store.unsolved_frames(&inputs())?.into_iter().take(most).collect();
         for frame in &frames {
             store.begin_solving(frame, &inputs())?;
             store.read_frame(frame)?;
             assert!(store.add_result(frame, &inputs(), json!({"deflection_m": 1.25}))?, "solved twice");
-            self.said.results.insert(frame.entry.sha256.clone());
+            self.acknowledged.results.insert(frame.entry.sha256.clone());
         }
         Ok(frames.len())
     }
 
-    /// Whether the store is sound and has all that it acknowledged, once.
+    /// Checks that the store is sound and contains everything acknowledged, once.
     pub fn check(&self) -> Result<(), String> {
         let report = verify_path(self.disk.as_ref(), Path::new(ROOT));
         if !report.is_sound() {
             return Err(format!("{:#?}", report.faults));
         }
         let (frames, results, states) = holdings(self.disk.as_ref())?;
-        let missing: Vec<_> = self.said.frames.difference(&frames).collect();
+        let missing: Vec<_> = self.acknowledged.frames.difference(&frames).collect();
         if !missing.is_empty() {
             return Err(format!("acknowledged frames are missing: {missing:?}"));
         }
-        if let Some(result) = self.said.results.iter().find(|result| !results.contains_key(*result)) {
+        if let Some(result) = self.acknowledged.results.iter().find(|result| !results.contains_key(*result)) {
             return Err(format!("an acknowledged result is missing: {result}"));
         }
         if results.values().any(|count| *count != 1) {
             return Err("solved twice".to_owned());
         }
         let heard = lines(self.disk.as_ref())?;
-        if let Some(line) = self.said.lines.iter().find(|line| !heard.contains(*line)) {
+        if let Some(line) = self.acknowledged.lines.iter().find(|line| !heard.contains(*line)) {
             return Err(format!("an acknowledged line of the aircraft's data is missing: {line}"));
         }
         let (seen, twice) = live_numbers(self.disk.as_ref())?;
-        if let Some(number) = self.said.live.iter().find(|number| !seen.contains(*number)) {
+        if let Some(number) = self.acknowledged.live.iter().find(|number| !seen.contains(*number)) {
             return Err(format!("an acknowledged live result is missing: {number}"));
         }
         if twice {
             return Err("a live result is there twice".to_owned());
         }
-        let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&SeriesState::Complete));
+        let incomplete = self.acknowledged.complete.iter().find(|id| states.get(*id) != Some(&SeriesState::Complete));
         incomplete.map_or(Ok(()), |id| Err(format!("{id} is not there as a complete series")))
     }
 }
 
-/// Lines of the aircraft's data.
+/// Lines of the aircraft data.
 fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
     let text = |error: StoreError| error.to_string();
     let mut all = BTreeSet::new();
@@ -235,7 +235,7 @@ fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
     Ok(all)
 }
 
-/// Numbers of the live results, and whether one is there twice.
+/// Numbers of the live results, and whether one occurs twice.
 fn live_numbers(disk: &dyn Disk) -> Result<(BTreeSet<u32>, bool), String> {
     let text = |error: StoreError| error.to_string();
     let (mut all, mut twice) = (BTreeSet::new(), false);

@@ -6,34 +6,31 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::detect::Detection;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty};
+use wingd::measure::setup::{Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal};
 
-use super::attitude::look;
+use super::attitude::camera_from_angles;
 use super::disc_image::image_of_disc;
 pub use super::random::{normal, normal3, rng};
 
 const STATIONS: usize = 400;
 
-/// What a case is made from.
+/// Parameters of a case.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions {
-    /// Standard deviation of the detections, px.
     pub noise_px: f64,
-    /// Share of the markers that is hidden.
+    /// Fraction of hidden markers.
     pub hidden: f64,
-    /// Detections that are no markers.
+    /// Number of false detections.
     pub false_ones: usize,
-    /// Shift of the mount, px.
     pub mount_px: f64,
-    /// Tip deflection range, m.
     pub deflection_m: (f64, f64),
 }
 
-/// A wing, a camera and what is known of them.
+/// A wing, a camera and their known configuration.
 pub struct World {
     pub setup: Setup,
     pub camera_from_survey: Rotation3<f64>,
-    /// True centre of projection and markers on ground, survey frame, m.
+    /// True projection centre and markers on the ground, survey frame, m.
     pub true_centre_m: Vector3<f64>,
     wing_from_survey: Rotation3<f64>,
     ground: Vec<Vector3<f64>>,
@@ -65,7 +62,7 @@ struct Wing {
 pub struct View {
     pub detections: Vec<Detection>,
     pub truth: Vec<Option<usize>>,
-    /// Per marker: image of its centre.
+    /// Image of the centre of each marker.
     pub centres_px: Vec<Option<Vector2<f64>>>,
     pub visible: Vec<bool>,
 }
@@ -131,11 +128,11 @@ impl Wing {
         curvature
     }
 
-    /// Axis and slope per station, ground (amplitude 0) or bent, thermal scale included.
+    /// Axis and slope per station, on the ground (amplitude 0) or bent, with thermal scale.
     fn stations(&self, amplitude: f64, scale: f64) -> (f64, Vec<(Vector2<f64>, f64)>) {
         let curvature = self.curvature();
         let tip_x = self.root_x + self.length_m;
-        // Arc length on ground, then equal steps of it.
+        // Arc length on the ground, then equal steps of it.
         let fine = 4000;
         let dx = (tip_x - self.root_x) / fine as f64;
         let arc: f64 = (0..fine)
@@ -173,12 +170,7 @@ impl Wing {
     }
 
     /// Markers and normals in flight, wing frame.
-    fn bend(
-        &self,
-        ground: &[Vector3<f64>],
-        deflection_m: f64,
-        scale: f64,
-    ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    fn bend(&self, ground: &[Vector3<f64>], deflection_m: f64, scale: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let amplitude = self.amplitude(deflection_m);
         let (arc, flat) = self.stations(0.0, 1.0);
         let (_, bent) = self.stations(amplitude, scale);
@@ -226,19 +218,16 @@ impl World {
             .collect();
         let heading: f64 = rng.random_range(-3.1..3.1);
         let span = Vector2::new(heading.cos(), heading.sin());
-        let true_centre_m = Vector3::new(
-            rng.random_range(-50.0..50.0),
-            rng.random_range(-50.0..50.0),
-            rng.random_range(2.0..6.0),
-        );
-        let lens = drawn_lens(rng);
+        let true_centre_m =
+            Vector3::new(rng.random_range(-50.0..50.0), rng.random_range(-50.0..50.0), rng.random_range(2.0..6.0));
+        let lens = random_lens(rng);
         let focal = lens.fx;
         let frame = wingd::measure::geometry::WingFrame::new(true_centre_m, span);
         let elevation = |p: &Vector3<f64>| (p.y / p.x).atan();
         let lowest = ground.iter().map(elevation).fold(f64::MAX, f64::min);
         let highest = ground.iter().map(elevation).fold(f64::MIN, f64::max) + 0.06;
         let camera_from_wing =
-            look(0.5 * (lowest + highest), rng.random_range(-0.02..0.02), rng.random_range(-0.06..0.06));
+            camera_from_angles(0.5 * (lowest + highest), rng.random_range(-0.02..0.02), rng.random_range(-0.06..0.06));
         let camera_from_survey = camera_from_wing * frame.wing_from_survey;
         let surveyed = |p: &Vector3<f64>, rng: &mut StdRng| frame.survey_point(p) + normal3(rng) * 0.002;
         let markers = ground
@@ -261,24 +250,16 @@ impl World {
         let turn = conditions.mount_px / focal;
         let roll = normal(rng) * 0.1 * turn;
         let mount = Rotation3::new(Vector3::new(turn * direction.cos(), turn * direction.sin(), roll));
-        Self {
-            setup,
-            camera_from_survey,
-            true_centre_m,
-            wing_from_survey: frame.wing_from_survey,
-            ground,
-            wing,
-            mount,
-        }
+        Self { setup, camera_from_survey, true_centre_m, wing_from_survey: frame.wing_from_survey, ground, wing, mount }
     }
 
-    /// On ground, before the remounting.
+    /// A frame on the ground, before remounting.
     pub fn ground_view(&self, seed: u64, conditions: &Conditions) -> View {
         let placed: Vec<_> = self.ground.iter().map(|g| (*g, self.wing.normal(g.x, g.z))).collect();
         self.view(&placed, &Rotation3::identity(), seed, conditions)
     }
 
-    /// In flight, camera remounted.
+    /// A frame in flight, with the camera remounted.
     pub fn flight_view(&self, deflection_m: f64, seed: u64, conditions: &Conditions) -> View {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
         let placed = self.wing.bend(&self.ground, deflection_m, scale);
@@ -319,13 +300,13 @@ impl World {
             });
             view.truth.push(Some(j));
         }
-        add_false_ones(&mut view, rng, conditions, lens);
+        add_false_detections(&mut view, rng, conditions, lens);
         view
     }
 }
 
-/// Of a camera for 30 m of wing, with some distortion.
-fn drawn_lens(rng: &mut StdRng) -> Lens {
+/// A lens for 30 m of wing, with some distortion.
+fn random_lens(rng: &mut StdRng) -> Lens {
     let focal = rng.random_range(6800.0..8200.0);
     Lens {
         fy: focal * rng.random_range(0.999..1.001),
@@ -337,22 +318,18 @@ fn drawn_lens(rng: &mut StdRng) -> Lens {
     }
 }
 
-/// Half of the false ones lie anywhere, half near a marker, and look like one.
-fn add_false_ones(view: &mut View, rng: &mut StdRng, conditions: &Conditions, lens: &Lens) {
+/// Adds false detections: half of them anywhere, half near a marker and similar to it.
+fn add_false_detections(view: &mut View, rng: &mut StdRng, conditions: &Conditions, lens: &Lens) {
     let real = view.detections.clone();
     for k in 0..conditions.false_ones {
         let Some(like) = real.get(rng.random_range(0..real.len().max(1))) else { return };
         let centre = if k % 2 == 0 {
-            Vector2::new(
-                rng.random_range(0.0..f64::from(lens.width)),
-                rng.random_range(0.0..f64::from(lens.height)),
-            )
+            Vector2::new(rng.random_range(0.0..f64::from(lens.width)), rng.random_range(0.0..f64::from(lens.height)))
         } else {
-            // Two paint marks do not lie on one another.
+            // Two paint marks do not overlap.
             let (along, across) = (rng.random_range(-3.0..3.0), rng.random_range(1.5..4.0));
             let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
-            like.centre_px
-                + Vector2::new(along * like.semi_major_px, sign * across * 2.0 * like.semi_minor_px)
+            like.centre_px + Vector2::new(along * like.semi_major_px, sign * across * 2.0 * like.semi_minor_px)
         };
         let at = rng.random_range(0..=view.detections.len());
         view.detections.insert(at, Detection { centre_px: centre, ..like.clone() });
@@ -360,13 +337,7 @@ fn add_false_ones(view: &mut View, rng: &mut StdRng, conditions: &Conditions, le
     }
 }
 
-fn setup(
-    wing: &Wing,
-    lens: Lens,
-    centre: Vector3<f64>,
-    span: Vector2<f64>,
-    markers: Vec<SurveyMarker>,
-) -> Setup {
+fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, markers: Vec<SurveyMarker>) -> Setup {
     Setup {
         name: "synthetic".into(),
         lens,
@@ -374,15 +345,11 @@ fn setup(
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: span,
-        stated_side: None,
+        configured_side: None,
         root_offset_m: wing.root_x,
         axis_chord_offset_m: Some(wing.z_axis),
-        skin_height: Some(SkinHeight {
-            root_m: wing.skin_root,
-            tip_m: wing.skin_tip,
-            tip_span_m: wing.length_m,
-        }),
-        uncertainty: Uncertainty::of_drawings(),
+        skin_height: Some(SkinHeight { root_m: wing.skin_root, tip_m: wing.skin_tip, tip_span_m: wing.length_m }),
+        uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,
             expansion_sigma_per_k: None,

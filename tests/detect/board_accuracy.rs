@@ -1,15 +1,15 @@
-//! Rendered boards: how far off the camera is, and whether its standard deviations say so.
+//! Rendered boards: the camera errors, and whether their standard deviations are consistent.
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
-use wingd::measure::calibrate::{Board, BoardPoint, Calibration, BoardView, calibrate};
+use wingd::measure::calibrate::{Board, BoardPoint, BoardView, Calibration, calibrate};
 use wingd::measure::geometry::Lens;
 use wingd::measure::render::{RenderedBoard, SeededRandom};
 
 const COLUMNS: usize = 12;
 const ROWS: usize = 9;
 const SQUARE_M: f64 = 0.075;
-/// The largest bow of a set, m per m of the side.
+/// Largest bow of a set, m per m of the side.
 const MAX_BOW: f64 = 1.5e-3;
 
 struct Camera {
@@ -48,15 +48,14 @@ struct Outcome {
     found: Calibration,
 }
 
-fn one_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
+fn evaluate_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
     let mut random = SeededRandom::new(seed, 36);
     let truth = lens(camera, &mut random);
     let bow = |side: usize, random: &mut SeededRandom| {
         if bowed { random.uniform(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
     };
     let bow_m = [bow(COLUMNS, &mut random), bow(ROWS, &mut random)];
-    let pictures: Vec<RenderedBoard> =
-        (0..camera.pictures).map(|k| picture(&truth, k, bow_m, &mut random)).collect();
+    let pictures: Vec<RenderedBoard> = (0..camera.pictures).map(|k| picture(&truth, k, bow_m, &mut random)).collect();
     let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
     let views: Vec<BoardView> = pictures
         .par_iter()
@@ -73,16 +72,14 @@ fn one_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
     }
 }
 
-/// Root mean square over the image of the length of the projections' difference, after the rotation that lessens it most.
+/// Root mean square over the image of the difference of the projections, after the rotation that minimises it.
 fn projection_px(truth: &Lens, found: &Lens) -> f64 {
     let (w, h) = (f64::from(truth.width) - 1.0, f64::from(truth.height) - 1.0);
     let pixels: Vec<Vector2<f64>> = (0..=12)
         .flat_map(|i| (0..=9).map(move |j| Vector2::new(f64::from(i) / 12.0 * w, f64::from(j) / 9.0 * h)))
         .collect();
-    let rays: Vec<(Vector3<f64>, Vector3<f64>)> = pixels
-        .iter()
-        .map(|p| (truth.ray(p).unwrap().normalize(), found.ray(p).unwrap().normalize()))
-        .collect();
+    let rays: Vec<(Vector3<f64>, Vector3<f64>)> =
+        pixels.iter().map(|p| (truth.ray(p).unwrap().normalize(), found.ray(p).unwrap().normalize())).collect();
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for (a, b) in &rays {
         // a = b + w x b: the cross product's matrix is skew.
@@ -91,29 +88,27 @@ fn projection_px(truth: &Lens, found: &Lens) -> f64 {
         right += skew.transpose() * (a - b);
     }
     let turn = Rotation3::new(normal.cholesky().unwrap().solve(&right));
-    let squares =
-        rays.iter().zip(&pixels).map(|((_, b), p)| (truth.project(&(turn * b)).unwrap() - p).norm_squared());
+    let squares = rays.iter().zip(&pixels).map(|((_, b), p)| (truth.project(&(turn * b)).unwrap() - p).norm_squared());
     (squares.sum::<f64>() / pixels.len() as f64).sqrt()
 }
 
-/// Sets from which on a single parameter's mean squared normalised error is known: to 0.14 from a hundred, to 0.32
-/// from twenty.
+/// Number of sets from which a single parameter's mean squared normalised error is tested; known to 0.14 with a hundred, to 0.32
+/// with twenty.
 const MANY: u64 = 100;
 
-/// Sets: the largest projection error, px, and the mean squared normalised error of each parameter.
-fn sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
+/// Evaluates sets: largest projection error, px, and the mean squared normalised error of each parameter.
+fn evaluate_sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
     let n = count as f64;
     let one = |k: u64| {
-        let set = one_set(camera, 500 + k, bowed);
-        // Half an hour without a word would be long.
+        let set = evaluate_set(camera, 500 + k, bowed);
+        // Progress output: the test takes half an hour.
         println!("{name}, set {k}: {:.4} px, normalised {:.2?}", set.projection_px, set.normalised);
         set
     };
     let sets: Vec<Outcome> = (0..count).map(one).collect();
     let worst = sets.iter().map(|s| s.projection_px).fold(0.0, f64::max);
     let mean = (sets.iter().map(|s| s.projection_px.powi(2)).sum::<f64>() / n).sqrt();
-    let squares: [f64; 9] =
-        std::array::from_fn(|k| sets.iter().map(|s| s.normalised[k].powi(2)).sum::<f64>() / n);
+    let squares: [f64; 9] = std::array::from_fn(|k| sets.iter().map(|s| s.normalised[k].powi(2)).sum::<f64>() / n);
     let used = sets.iter().map(|s| s.found.view_rms_px.iter().flatten().count()).sum::<usize>();
     let rms = sets.iter().map(|s| s.found.rms_px).sum::<f64>() / n;
     let squares_text: Vec<String> = squares.iter().map(|s| format!("{s:.2}")).collect();
@@ -127,7 +122,7 @@ fn sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
     if count >= MANY {
         assert!(squares.iter().all(|s| bounds.contains(s)), "{name}: {squares:?}");
     }
-    // Nine a set, correlated: from twenty sets their mean is known to about 0.2.
+    // Nine correlated values per set: with twenty sets their mean is known to about 0.2.
     let all = squares.iter().sum::<f64>() / 9.0;
     assert!(bounds.contains(&all), "{name}: mean squared normalised error {all}: {squares:?}");
     worst
@@ -137,53 +132,53 @@ fn sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
 #[test]
 #[ignore = "slow tier: 100 sets, some ten minutes on two cores"]
 fn a_hundred_flat_sets_of_the_small_camera() {
-    assert!(sets("1280 x 960, flat", &SMALL, false, MANY) < 0.25);
+    assert!(evaluate_sets("1280 x 960, flat", &SMALL, false, MANY) < 0.25);
 }
 
 /// Slow tier.
 #[test]
 #[ignore = "slow tier: 100 sets, some ten minutes on two cores"]
 fn a_hundred_bowed_sets_of_the_small_camera() {
-    assert!(sets("1280 x 960, bowed", &SMALL, true, MANY) < 0.25);
+    assert!(evaluate_sets("1280 x 960, bowed", &SMALL, true, MANY) < 0.25);
 }
 
 /// Slow tier.
 #[test]
-#[ignore = "slow tier: 20 sets of 21 pictures of 12 MP, a quarter of an hour on two cores"]
+#[ignore = "slow tier: 20 sets of 21 images of 12 MP, 15 minutes on two cores"]
 fn twenty_flat_sets_of_the_large_camera() {
-    assert!(sets("4000 x 3000, flat", &LARGE, false, 20) < 0.1);
+    assert!(evaluate_sets("4000 x 3000, flat", &LARGE, false, 20) < 0.1);
 }
 
 /// Slow tier.
 #[test]
-#[ignore = "slow tier: 20 sets of 21 pictures of 12 MP, a quarter of an hour on two cores"]
+#[ignore = "slow tier: 20 sets of 21 images of 12 MP, 15 minutes on two cores"]
 fn twenty_bowed_sets_of_the_large_camera() {
-    assert!(sets("4000 x 3000, bowed", &LARGE, true, 20) < 0.15);
+    assert!(evaluate_sets("4000 x 3000, bowed", &LARGE, true, 20) < 0.15);
 }
 
 #[test]
-fn rendered_boards_give_the_camera_flat_and_bowed() {
+fn rendered_flat_and_bowed_boards_recover_the_camera() {
     for bowed in [false, true] {
-        let set = one_set(&SMALL, 400, bowed);
+        let set = evaluate_set(&SMALL, 400, bowed);
         assert!(set.projection_px < 0.25, "{} px", set.projection_px);
-        assert_eq!(set.found.view_rms_px.iter().flatten().count(), SMALL.pictures, "{:?}", set.found.dropped);
-        // Nine normal variables, correlated: one beyond four is no chance.
+        assert_eq!(set.found.view_rms_px.iter().flatten().count(), SMALL.pictures, "{:?}", set.found.rejections);
+        // Nine correlated normal variables: one beyond four sigma is significant.
         assert!(set.normalised.iter().all(|n| n.abs() < 4.0), "{:?}", set.normalised);
     }
 }
 
-struct Found {
-    /// Place on the board, squares.
+struct FoundCorner {
+    /// Position on the board, squares.
     cell: Vector2<f64>,
     pixel: Vector2<f64>,
-    /// Found - true, px.
+    /// Error (found - true), px.
     off: Vector2<f64>,
-    /// The same in standard deviations, mean square of a coordinate.
+    /// Normalised error, mean square of a coordinate.
     square: f64,
 }
 
-/// Corners of a picture.
-fn corners(picture: &RenderedBoard, random: &mut SeededRandom) -> Vec<Found> {
+/// Corners of an image.
+fn corners(picture: &RenderedBoard, random: &mut SeededRandom) -> Vec<FoundCorner> {
     let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
     let view = board.find(&picture.render(random).unwrap()).unwrap().view;
     let pixels = picture.corner_pixels();
@@ -191,17 +186,17 @@ fn corners(picture: &RenderedBoard, random: &mut SeededRandom) -> Vec<Found> {
     let one = |p: &BoardPoint| {
         let off = pixels.iter().map(|t| p.pixel - t).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
         let square = off.dot(&(p.covariance_px2.try_inverse().unwrap() * off)) / 2.0;
-        Found { cell: p.board_m / SQUARE_M, pixel: p.pixel, off, square }
+        FoundCorner { cell: p.board_m / SQUARE_M, pixel: p.pixel, off, square }
     };
     view.iter().map(one).collect()
 }
 
 #[test]
-fn corners_are_as_good_as_their_covariances_say_and_independent_of_their_neighbours() {
+fn corner_covariances_are_consistent_and_neighbours_independent() {
     let mut random = SeededRandom::new(77, 0);
     let truth = lens(&SMALL, &mut random);
     let (mut sum, mut n) = (0.0, 0);
-    // Of neighbours' errors square to the edge that joins them, which both see.
+    // Correlation of neighbours' errors perpendicular to their common edge, which both use.
     let (mut products, mut squares, mut pairs) = (0.0, 0.0, 0);
     for (k, blur_px) in [0.5, 0.8, 1.5, 0.6, 0.7, 1.0].into_iter().enumerate() {
         let picture = RenderedBoard { blur_px, noise: 3.0, ..picture(&truth, k, [0.0; 2], &mut random) };
@@ -219,19 +214,17 @@ fn corners_are_as_good_as_their_covariances_say_and_independent_of_their_neighbo
         }
     }
     let (mean, correlation) = (sum / n as f64, products / squares);
-    println!(
-        "{n} corners: mean squared normalised error {mean:.2}; correlation of neighbours {correlation:.3}"
-    );
+    println!("{n} corners: mean squared normalised error {mean:.2}; correlation of neighbours {correlation:.3}");
     assert!((0.6..1.5).contains(&mean), "mean squared normalised error {mean} of {n} corners");
-    // Each pair was counted twice: some 1200 of them know a correlation to 0.03.
+    // Each pair was counted twice: some 1200 pairs determine a correlation to 0.03.
     assert!(pairs > 2000 && correlation.abs() < 0.1, "correlation {correlation} of {pairs} pairs");
 }
 
-/// What many corners have in common moves the camera, and residuals do not show it: constant and linear terms of the errors over
-/// the board, as squares over those of single corners. Independent corners give 1.
+/// Errors common to many corners shift the camera without residuals: constant and linear terms of the errors over
+/// the board, squared, relative to those of single corners. Independent corners give 1.
 #[test]
-#[ignore = "slow tier: 60 pictures, half a minute"]
-fn errors_of_corners_have_no_long_waves() {
+#[ignore = "slow tier: 60 images, 30 s"]
+fn errors_of_corners_have_no_long_wavelengths() {
     let mut random = SeededRandom::new(78, 0);
     let (mut waves, mut single, mut pictures) = (0.0, 0.0, 0.0);
     for k in 0..60 {
@@ -246,10 +239,7 @@ fn errors_of_corners_have_no_long_waves() {
         pictures += 1.0;
     }
     let ratio = waves / single;
-    println!(
-        "{pictures} pictures: a coordinate is {:.5} px off; long waves {ratio:.2}",
-        (single / pictures).sqrt()
-    );
-    // 360 values know it to 0.08.
+    println!("{pictures} images: a coordinate is {:.5} px off; long waves {ratio:.2}", (single / pictures).sqrt());
+    // 360 values determine it to 0.08.
     assert!((0.7..1.3).contains(&ratio), "{ratio}");
 }

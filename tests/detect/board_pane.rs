@@ -1,5 +1,5 @@
-//! A board shown in front of the window is seen through its panes: how much of them a calibration takes up, and
-//! what is left where the wing is. The table of docs/validation/2026-11-calibration.md:
+//! A board in front of the window is seen through its panes: how much of their effect a calibration absorbs, and
+//! what remains at the wing. Table of docs/validation/2026-11-calibration.md:
 //! `cargo test --release --test detect -- --ignored --nocapture board_pane`.
 
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
@@ -11,7 +11,7 @@ use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::measure::setup::Pane;
 
 const BOARD: Board = Board::Checkerboard { columns: 12, rows: 9, square_m: 0.075 };
-/// Where the boards are, m.
+/// Board positions, m.
 const BOARDS_M: f64 = 5.0;
 
 fn lens() -> Lens {
@@ -56,8 +56,8 @@ fn views(pane: Option<Plate>) -> Vec<BoardView> {
     (0..16).into_par_iter().map(one).collect()
 }
 
-/// What is left in the picture of points at a distance, px rms: after the best rotation, as `orient` finds it, or
-/// after a shift too, as a survey of the projection centre by the same camera would.
+/// Remaining image error of points at a distance, px rms: after the best rotation, as `orient` finds it, or
+/// also after a shift, as a survey of the projection centre with the same camera would find it.
 fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> f64 {
     let truth = lens();
     let points: Vec<(Vector3<f64>, Vector2<f64>)> = (0..=10)
@@ -99,8 +99,8 @@ fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> 
 
 /// Slow tier.
 #[test]
-#[ignore = "slow tier: five sets of pictures, a minute"]
-fn what_of_the_panes_a_calibration_takes_up() {
+#[ignore = "slow tier: five sets of images, a minute"]
+fn table_of_pane_effects_absorbed_by_a_calibration() {
     let kinds = [
         ("none", None),
         ("14.5 mm, square to the axis", Some(plate(0.0, None))),
@@ -117,7 +117,7 @@ fn what_of_the_panes_a_calibration_takes_up() {
         println!("| {name} | {:.4} | {} | {alone:.3} |", found.rms_px, cells.join(" | "));
         // The boards themselves do not show the panes.
         assert!(found.rms_px < 0.02, "{name}: {} px", found.rms_px);
-        // A shift of the projection centre by millimetres is all that is left of plane panes.
+        // Plane panes leave only a shift of the projection centre by millimetres.
         let shifted = left_px(&found.lens, pane, 10.0, true);
         assert!(shifted < 0.15, "{name}: {shifted} px after a shift");
     }

@@ -1,9 +1,10 @@
-//! Calibration from known views: the camera within its standard deviations, gross errors thrown out.
+//! Calibration from known views: the camera within its standard deviations, gross errors rejected.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use wingd::measure::calibrate::{
-    BoardPoint, CalibrateError, ImageRejection, CalibrationOptions, Verdict, BoardView, calibrate, calibrate_with_options, judge_calibration,
+    BoardPoint, BoardView, CalibrateError, CalibrationOptions, ImageRejection, Verdict, calibrate,
+    calibrate_with_options, judge_calibration,
 };
 use wingd::measure::geometry::Lens;
 
@@ -23,7 +24,7 @@ fn views(random: &mut StdRng, count: usize) -> Vec<BoardView> {
     bowed_views(random, count, [0.0, 0.0])
 }
 
-/// The same with the board's middle this far over the chords between its sides, m.
+/// Views with the board's middle this far above the chords between its sides, m.
 fn bowed_views(random: &mut StdRng, count: usize, bow_m: [f64; 2]) -> Vec<BoardView> {
     let lens = lens();
     (0..count)
@@ -31,8 +32,7 @@ fn bowed_views(random: &mut StdRng, count: usize, bow_m: [f64; 2]) -> Vec<BoardV
             let mut angle = |most: f64| random.random_range(-most..most);
             let turn = Rotation3::from_euler_angles(angle(0.7), angle(0.7), angle(0.5));
             let centre = Vector3::new(angle(0.45), angle(0.3), 3.0 + angle(0.6));
-            let corners =
-                (0..63).map(|k| Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06);
+            let corners = (0..63).map(|k| Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06);
             corners
                 .filter_map(|board_m| {
                     let (u, v) = (board_m.x / 0.24, board_m.y / 0.18);
@@ -68,7 +68,7 @@ fn mean_squares(seed: u64, bow_m: [f64; 2]) -> [f64; 11] {
     let mut squares = [0.0; 11];
     for _ in 0..RUNS {
         let found = calibrate(&bowed_views(&mut random, 15, bow_m), 4000, 3000).unwrap();
-        // The rms of a vector's length is root two times that of a coordinate.
+        // The rms length of a vector is the square root of two times that of a coordinate.
         assert!((found.rms_px / (SIGMA_PX * 2f64.sqrt()) - 1.0).abs() < 0.1, "rms {}", found.rms_px);
         let interior = errors(&found.lens);
         for (k, square) in squares.iter_mut().enumerate() {
@@ -82,22 +82,22 @@ fn mean_squares(seed: u64, bow_m: [f64; 2]) -> [f64; 11] {
     squares
 }
 
-/// 200 runs know a mean square to 10 %: 0.6 to 1.5 are four of these about 1.
-fn assert_honest(squares: &[f64; 11]) {
+/// 200 runs determine a mean square to 10 %: 0.6 to 1.5 is four times that about 1.
+fn assert_consistent(squares: &[f64; 11]) {
     for (k, square) in squares.iter().enumerate() {
         assert!((0.6..1.5).contains(square), "parameter {k}: mean square {square}; all {squares:?}");
     }
 }
 
 #[test]
-fn the_camera_comes_back_within_its_standard_deviations() {
-    assert_honest(&mean_squares(11, [0.0, 0.0]));
+fn the_camera_is_recovered_within_its_standard_deviations() {
+    assert_consistent(&mean_squares(11, [0.0, 0.0]));
 }
 
 #[test]
 fn a_bowed_board_gives_the_same_camera_and_its_bow() {
     // 1.5 mm per metre along, as cardboard and foam sheets bow, and a twist of the other sign across.
-    assert_honest(&mean_squares(14, [0.48 * 1.5e-3, -0.36 * 1.0e-3]));
+    assert_consistent(&mean_squares(14, [0.48 * 1.5e-3, -0.36 * 1.0e-3]));
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn a_bow_is_significant_where_there_is_one() {
 }
 
 #[test]
-fn a_moved_corner_and_a_foreign_picture_are_thrown_out() {
+fn a_moved_corner_and_a_foreign_image_are_rejected() {
     let mut random = StdRng::seed_from_u64(12);
     let mut views = views(&mut random, 15);
     views[3][20].pixel.x += 4.0;
@@ -123,12 +123,12 @@ fn a_moved_corner_and_a_foreign_picture_are_thrown_out() {
 }
 
 #[test]
-fn too_little_is_refused() {
+fn too_few_views_are_refused() {
     let mut random = StdRng::seed_from_u64(13);
     let few = views(&mut random, 2);
     assert!(matches!(calibrate(&few, 4000, 3000), Err(CalibrateError::TooFewViews { .. })));
     assert!(matches!(calibrate(&[], 4000, 3000), Err(CalibrateError::TooFewViews { .. })));
-    // The same picture again and again determines nothing.
+    // Repeated views determine nothing.
     let same = vec![few[0].clone(); 6];
     if let Ok(found) = calibrate(&same, 4000, 3000) {
         assert!(found.covariance[(0, 0)].sqrt() > 1.0, "sigma of fx {}", found.covariance[(0, 0)].sqrt());
@@ -136,7 +136,7 @@ fn too_little_is_refused() {
 }
 
 /// Views of a board that fills half the image, moved over all of it; tilts up to `tilt`, rad.
-fn shown(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -> Vec<BoardView> {
+fn board_views_at(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -> Vec<BoardView> {
     let lens = Lens { fx: lens().fx * f_factor, fy: lens().fy * f_factor, ..lens() };
     let one = |&(x, y): &(f64, f64)| {
         let mut angle = |most: f64| if most > 0.0 { random.random_range(-most..most) } else { 0.0 };
@@ -155,27 +155,28 @@ fn shown(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -
     places.iter().map(one).collect()
 }
 
-fn everywhere() -> Vec<(f64, f64)> {
+fn positions_over_image() -> Vec<(f64, f64)> {
     (0..18).map(|k| (f64::from(k % 3 - 1) * 0.5, f64::from(k / 3 % 3 - 1) * 0.36)).collect()
 }
 
 #[test]
 fn tilted_boards_all_over_the_image_are_good() {
-    // Boards at 3 m tell little about 40 m: eighteen pictures are not enough for it, three times as
+    // Boards at 3 m constrain the camera poorly for 40 m: eighteen images are not enough, three times as
     // many halve the uncertainty.
     let mut random = StdRng::seed_from_u64(21);
-    let few = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere()), 4000, 3000).unwrap();
+    let few = calibrate(&board_views_at(&mut random, 1.0, 0.6, &positions_over_image()), 4000, 3000).unwrap();
     let (verdict, reasons) = judge_calibration(&few, None);
     assert_eq!(verdict, Verdict::Poor);
     assert!(reasons.len() == 1 && reasons[0].contains("a point at 40 m"), "{reasons:?}");
-    let many = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere().repeat(3)), 4000, 3000).unwrap();
+    let many =
+        calibrate(&board_views_at(&mut random, 1.0, 0.6, &positions_over_image().repeat(3)), 4000, 3000).unwrap();
     assert_eq!(judge_calibration(&many, None), (Verdict::Good, vec![]));
 }
 
 #[test]
-fn boards_that_are_hardly_tilted_are_no_good_and_the_reason_says_so() {
+fn hardly_tilted_boards_are_refused_with_the_reason() {
     let mut random = StdRng::seed_from_u64(22);
-    let found = calibrate(&shown(&mut random, 1.0, 0.03, &everywhere()), 4000, 3000).unwrap();
+    let found = calibrate(&board_views_at(&mut random, 1.0, 0.03, &positions_over_image()), 4000, 3000).unwrap();
     let (verdict, reasons) = judge_calibration(&found, None);
     assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
     assert!(reasons[0].contains("tilt it by 20 to 40"), "{reasons:?}");
@@ -184,26 +185,26 @@ fn boards_that_are_hardly_tilted_are_no_good_and_the_reason_says_so() {
 #[test]
 fn boards_in_one_corner_alone_are_poor_and_the_reason_says_where_to_show_more() {
     let mut random = StdRng::seed_from_u64(23);
-    let found = calibrate(&shown(&mut random, 1.0, 0.6, &[(-0.5, -0.36); 12]), 4000, 3000).unwrap();
+    let found = calibrate(&board_views_at(&mut random, 1.0, 0.6, &[(-0.5, -0.36); 12]), 4000, 3000).unwrap();
     let (verdict, reasons) = judge_calibration(&found, None);
     assert_ne!(verdict, Verdict::Good);
     assert!(reasons.iter().any(|r| r.contains("lower right")), "{reasons:?}");
 }
 
 #[test]
-fn a_picture_with_another_zoom_or_given_twice_is_left_out_by_name() {
+fn an_image_with_another_zoom_or_given_twice_is_excluded_by_name() {
     let mut random = StdRng::seed_from_u64(24);
-    let mut views = shown(&mut random, 1.0, 0.6, &everywhere());
-    views.extend(shown(&mut random, 1.2, 0.7, &[(0.1, 0.05)]));
+    let mut views = board_views_at(&mut random, 1.0, 0.6, &positions_over_image());
+    views.extend(board_views_at(&mut random, 1.2, 0.7, &[(0.1, 0.05)]));
     views.push(views[2].clone());
     let found = calibrate(&views, 4000, 3000).unwrap();
-    assert!(matches!(found.dropped[18], Some(ImageRejection::OtherZoom { .. })), "{:?}", found.dropped[18]);
-    assert_eq!(found.dropped[19], Some(ImageRejection::Twice { of: 3 }));
-    assert!(found.dropped[..18].iter().all(Option::is_none), "{:?}", found.dropped);
+    assert!(matches!(found.rejections[18], Some(ImageRejection::OtherZoom { .. })), "{:?}", found.rejections[18]);
+    assert_eq!(found.rejections[19], Some(ImageRejection::Duplicate { earlier: 3 }));
+    assert!(found.rejections[..18].iter().all(Option::is_none), "{:?}", found.rejections);
     assert!((found.lens.fx - lens().fx).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
 }
 
-/// As described by somebody who did not measure it: the board is longer across its rows than along them by this share.
+/// A board described without measuring it: longer across its rows than along them by this fraction.
 fn stretched(mut views: Vec<BoardView>, share: f64) -> Vec<BoardView> {
     for p in views.iter_mut().flatten() {
         p.board_m = Vector2::new(p.board_m.x / (1.0 - 0.5 * share), p.board_m.y / (1.0 + 0.5 * share));
@@ -212,7 +213,7 @@ fn stretched(mut views: Vec<BoardView>, share: f64) -> Vec<BoardView> {
 }
 
 #[test]
-fn a_stretched_board_gives_the_same_camera_where_its_tolerance_is_stated() {
+fn a_stretched_board_gives_the_same_camera_if_its_tolerance_is_configured() {
     const RUNS: u32 = 60;
     // 0.3 %: paper after a damp night.
     let (share, options) = (0.003, CalibrationOptions { scale_sigma: Some(0.003), ..CalibrationOptions::default() });
@@ -222,7 +223,7 @@ fn a_stretched_board_gives_the_same_camera_where_its_tolerance_is_stated() {
         let views = stretched(bowed_views(&mut random, 15, [0.0; 2]), share);
         let found = calibrate_with_options(&views, 4000, 3000, &options).unwrap();
         let stretch = found.stretch.unwrap();
-        assert!(stretch.is_significant() && stretch.stated.is_some(), "{stretch:?}");
+        assert!(stretch.is_significant() && stretch.prior_sigma.is_some(), "{stretch:?}");
         let interior = errors(&found.lens);
         for (k, square) in squares.iter_mut().enumerate() {
             let normalised = match k {
@@ -232,22 +233,22 @@ fn a_stretched_board_gives_the_same_camera_where_its_tolerance_is_stated() {
             *square += normalised * normalised / f64::from(RUNS);
         }
     }
-    // 60 runs know a mean square to 0.18.
+    // 60 runs determine a mean square to 0.18.
     assert!(squares.iter().all(|s| (0.5..1.6).contains(s)), "{squares:?}");
 }
 
 #[test]
-fn a_stretch_that_nobody_stated_is_named_with_what_it_does_to_the_camera() {
+fn an_undeclared_stretch_is_named_with_its_effect_on_the_camera() {
     let mut random = StdRng::seed_from_u64(32);
-    let views = shown(&mut random, 1.0, 0.6, &everywhere().repeat(3));
+    let views = board_views_at(&mut random, 1.0, 0.6, &positions_over_image().repeat(3));
     let found = calibrate(&stretched(views.clone(), 0.003), 4000, 3000).unwrap();
     let stretch = found.stretch.unwrap();
-    assert!((stretch.value - 0.003).abs() < 4.0 * stretch.sigma && stretch.stated.is_none(), "{stretch:?}");
-    assert!(stretch.worth_px > 0.25, "it pulls the camera: {stretch:?}");
+    assert!((stretch.value - 0.003).abs() < 4.0 * stretch.sigma && stretch.prior_sigma.is_none(), "{stretch:?}");
+    assert!(stretch.projection_change_px > 0.25, "it pulls the camera: {stretch:?}");
     let (verdict, reasons) = judge_calibration(&found, None);
     assert_eq!(verdict, Verdict::Poor);
     assert!(reasons.iter().any(|r| r.contains("+0.30 %") && r.contains("scale_sigma")), "{reasons:?}");
-    // A stated tolerance that is far too tight.
+    // A configured tolerance that is far too tight.
     let tight = CalibrationOptions { scale_sigma: Some(1e-4), ..CalibrationOptions::default() };
     let found = calibrate_with_options(&stretched(views, 0.003), 4000, 3000, &tight).unwrap();
     let (_, reasons) = judge_calibration(&found, None);

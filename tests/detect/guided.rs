@@ -1,4 +1,4 @@
-//! Guided detection on real frames' bytes: the answers of the whole frame, from windows alone.
+//! Guided detection on bytes of real frames: the results of the full search, from windows alone.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use wingd::measure::identify;
 use wingd::pipeline::guided::detect_predicted;
 use wingd::pipeline::stages::{ProcessedFrame, Work, detect_only};
 
-/// A frame of a fixture with all that it shows, and its surveyed markers seen some pixels off.
+/// A frame of a fixture with all detections, and its surveyed markers predicted with an error of some pixels.
 struct Case {
     name: String,
     bytes: Vec<u8>,
@@ -49,49 +49,44 @@ fn cases(set: &str) -> Vec<Case> {
         .collect()
 }
 
-/// How far apart two answers are, in standard deviations of the first.
-fn apart(one: &Detection, other: &Detection) -> f64 {
+/// Distance of two detections, in standard deviations of the first.
+fn difference_in_sigma(one: &Detection, other: &Detection) -> f64 {
     let off = other.centre_px - one.centre_px;
     Cholesky::new(*one.covariance_px2).unwrap().solve(&off).dot(&off).sqrt()
 }
 
 #[test]
-fn what_was_seen_is_found_again_with_the_same_answer() {
-    let (mut count, mut alike) = (0, 0);
+fn markers_of_the_previous_frame_are_found_again_with_equal_results() {
+    let (mut count, mut equal) = (0, 0);
     for case in ["dev", "demo"].iter().flat_map(|set| cases(set)) {
         let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
         let stages: Vec<Work> = guided.stages.iter().map(|s| s.work).collect();
-        assert_eq!(
-            stages,
-            [Work::Decode, Work::Detect],
-            "{}: the whole frame was searched after all",
-            case.name
-        );
+        assert_eq!(stages, [Work::Decode, Work::Detect], "{}: a full search was made", case.name);
         let seen = case.predictions.iter().filter(|p| p.seen).count();
         assert!(guided.detections.markers.len() >= seen, "{}", case.name);
         for marker in &guided.detections.markers {
             let same = (case.whole.detections.markers.iter())
                 .find(|m| (m.centre_px - marker.centre_px).norm() < 3.0)
-                .unwrap_or_else(|| panic!("{}: {marker:?} is not in the whole frame", case.name));
-            let apart = apart(same, marker);
+                .unwrap_or_else(|| panic!("{}: {marker:?} is not found by the full search", case.name));
+            let apart = difference_in_sigma(same, marker);
             count += 1;
-            alike += usize::from(apart < 0.01);
+            equal += usize::from(apart < 0.01);
             assert!(apart < 1.0, "{}: {marker:?} is {apart} standard deviations off {same:?}", case.name);
         }
     }
-    println!("{alike} of {count} within 0.01 standard deviations");
-    assert!(count > 150 && 100 * alike >= 98 * count, "{alike} of {count}");
+    println!("{equal} of {count} within 0.01 standard deviations");
+    assert!(count > 150 && 100 * equal >= 98 * count, "{equal} of {count}");
 }
 
 #[test]
-fn where_one_that_was_seen_is_missing_the_whole_frame_is_searched() {
+fn a_missing_marker_causes_a_full_search() {
     for mut case in cases("dev").into_iter().take(2) {
         let seen = case.predictions.iter().position(|p| p.seen).unwrap();
         case.predictions[seen].centre_px.y -= 150.0;
         let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
         assert_eq!(guided.detections, case.whole.detections);
         assert_eq!(guided.stages.len(), 4);
-        // One that was hidden before need not be there.
+        // A marker that was hidden before need not be found.
         case.predictions[seen].seen = false;
         let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
         assert_eq!(guided.stages.len(), 2);
@@ -100,7 +95,7 @@ fn where_one_that_was_seen_is_missing_the_whole_frame_is_searched() {
 }
 
 #[test]
-fn a_frame_that_cannot_be_read_is_a_failure_and_no_answer() {
+fn an_unreadable_frame_is_a_failure_without_results() {
     let case = cases("dev").swap_remove(0);
     let cut = &case.bytes[..case.bytes.len() / 2];
     let guided = detect_predicted(&case.name, cut, None, &case.predictions);

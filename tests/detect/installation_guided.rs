@@ -1,5 +1,5 @@
-//! Promise: with an installation a frame is searched where markers can be, from the nearest outwards, and the answers are those
-//! of the whole frame.
+//! Promise: with an installation a frame is searched at possible marker positions, nearest first, with the results
+//! of the full search.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use wingd::measure::identify;
 use wingd::measure::setup::Orientation;
 use wingd::pipeline::stages::{self, ProcessedFrame, Work};
 
-fn installed(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
+fn read_set(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(set);
     let installation = installation::load_without_orientation(&root.join("installation")).unwrap();
     let read = |entry: std::io::Result<std::fs::DirEntry>| {
@@ -18,18 +18,16 @@ fn installed(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
     };
     let mut frames: Vec<_> = std::fs::read_dir(root.join("frames")).unwrap().map(read).collect();
     frames.sort();
-    let (ground, flight): (Vec<_>, Vec<_>) =
-        frames.into_iter().partition(|(name, _)| name.starts_with("ground"));
-    let seen =
-        |(name, bytes): &(String, Vec<u8>)| stages::detect_only(name, bytes, None).0.detections.markers;
+    let (ground, flight): (Vec<_>, Vec<_>) = frames.into_iter().partition(|(name, _)| name.starts_with("ground"));
+    let seen = |(name, bytes): &(String, Vec<u8>)| stages::detect_only(name, bytes, None).0.detections.markers;
     let ground: Vec<_> = ground.iter().map(seen).collect();
     let fit = identify::estimate_orientation(&installation.setup, &ground).unwrap();
-    let ground = stages::ground_sights(&installation.setup, &ground, &fit);
+    let ground = stages::ground_observations(&installation.setup, &ground, &fit);
     let orientation = Orientation { ground, ..fit.orientation };
     (installation, orientation, flight)
 }
 
-fn whole_and_located(
+fn detect_full_and_guided(
     (name, bytes): &(String, Vec<u8>),
     installation: &Installation,
     orientation: &Orientation,
@@ -39,12 +37,12 @@ fn whole_and_located(
 }
 
 #[test]
-fn the_answers_are_those_of_the_whole_frame() {
-    let (mut count, mut alike, mut frames, mut parts) = (0, 0, 0, 0);
+fn results_equal_those_of_the_full_search() {
+    let (mut count, mut equal, mut frames, mut parts) = (0, 0, 0, 0);
     for set in ["dev", "demo"] {
-        let (installation, orientation, flight) = installed(set);
+        let (installation, orientation, flight) = read_set(set);
         for frame in &flight {
-            let [whole, located] = whole_and_located(frame, &installation, &orientation);
+            let [whole, located] = detect_full_and_guided(frame, &installation, &orientation);
             frames += 1;
             parts += usize::from(located.stages.iter().filter(|s| s.work == Work::Decode).count() == 1);
             let markers = |s: &ProcessedFrame| s.observations.iter().map(|o| o.marker).collect::<Vec<_>>();
@@ -54,23 +52,21 @@ fn the_answers_are_those_of_the_whole_frame() {
                 let apart = Cholesky::new(one.covariance_px2).unwrap().solve(&off).dot(&off).sqrt();
                 assert!(apart < 1.0, "{set} {}: {apart} standard deviations", frame.0);
                 count += 1;
-                alike += usize::from(apart < 0.01);
+                equal += usize::from(apart < 0.01);
             }
         }
     }
-    println!(
-        "{alike} of {count} within 0.01 standard deviations; {parts} of {frames} frames searched in part"
-    );
-    assert!(100 * alike >= 98 * count && 10 * parts >= 9 * frames);
+    println!("{equal} of {count} within 0.01 standard deviations; {parts} of {frames} frames searched in part");
+    assert!(100 * equal >= 98 * count && 10 * parts >= 9 * frames);
 }
 
 #[test]
-fn where_that_leads_nowhere_the_whole_frame_tells() {
-    let (installation, orientation, flight) = installed("dev");
-    // The camera was turned by more than any mounting repeats: the whole frame says so, as ever.
+fn a_failed_guided_search_falls_back_to_the_full_search() {
+    let (installation, orientation, flight) = read_set("dev");
+    // The camera was rotated by more than the mounting repeatability: the full search finds the markers.
     let turn = nalgebra::Rotation3::from_euler_angles(0.05, 0.05, 0.0);
     let turned = Orientation { camera_from_survey: turn * orientation.camera_from_survey, ..orientation };
-    let [whole, located] = whole_and_located(&flight[0], &installation, &turned);
+    let [whole, located] = detect_full_and_guided(&flight[0], &installation, &turned);
     assert_eq!(whole.detections, located.detections);
     assert_eq!(whole.failure, located.failure);
 }

@@ -1,10 +1,10 @@
-//! Every kind of JPEG is read with the values of libjpeg-turbo's djpeg, or refused in a sentence; what is missing from one
-//! is noticed (fixtures/jpeg).
+//! Every kind of JPEG is read with the values of libjpeg-turbo's djpeg, or refused with a message; missing data
+//! are noticed (fixtures/jpeg).
 
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
-use wingd::pipeline::decode::decode;
+use wingd::pipeline::decode::decode_image;
 
 fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/jpeg").join(name)
@@ -13,7 +13,7 @@ fn file(name: &str) -> PathBuf {
 /// Width and height, px, and the luma's digest.
 type Picture = (usize, usize, String);
 
-/// Name, and what it holds where it is read.
+/// Name, and expected content if it is readable.
 fn kinds() -> Vec<(String, Option<Picture>)> {
     let text = std::fs::read_to_string(file("luma.csv")).unwrap();
     let row = |line: &str| {
@@ -32,24 +32,24 @@ fn every_kind_has_the_values_of_djpeg_or_is_refused() {
     assert_eq!(pictures.count(), rows.len(), "luma.csv lists every file");
     for (name, expected) in rows {
         let bytes = std::fs::read(file(&name)).unwrap();
-        match (decode(&bytes, None), expected) {
+        match (decode_image(&bytes, None), expected) {
             (Ok(picture), Some((width, height, digest))) => {
                 assert_eq!((picture.width(), picture.height()), (width, height), "{name}");
                 assert_eq!(hex::encode(Sha256::digest(picture.luma())), digest, "{name}");
             }
             (Err(error), None) => {
-                let said = error.to_string();
-                let mend = said.contains("set the camera to baseline JPEG") || said.contains("cut them off");
-                assert!(mend && !said.contains("damaged"), "{name}: {said}");
+                let message = error.to_string();
+                let has_remedy = message.contains("set the camera to baseline JPEG") || message.contains("remove them");
+                assert!(has_remedy && !message.contains("damaged"), "{name}: {message}");
             }
             (read, expected) => panic!("{name}: {:?} instead of {expected:?}", read.map(|p| p.width())),
         }
     }
 }
 
-/// Of 100 stretches of 200 bytes taken out of the coded data one may pass.
+/// Of 100 removals of 200 bytes of coded data, one may be undetected.
 #[test]
-fn a_stretch_lost_in_any_kind_is_noticed() {
+fn missing_bytes_in_any_kind_are_noticed() {
     for (name, read) in kinds() {
         let whole = std::fs::read(file(&name)).unwrap();
         if read.is_none() || whole.len() < 2000 || name == "bytes-after.jpg" {
@@ -60,9 +60,9 @@ fn a_stretch_lost_in_any_kind_is_noticed() {
         let taken = (0..100).filter(|k| {
             let start = scan + room * k / 100;
             let cut = [&whole[..start], &whole[start + 200..]].concat();
-            decode(&cut, None).is_ok()
+            decode_image(&cut, None).is_ok()
         });
         let taken: Vec<usize> = taken.collect();
-        assert!(taken.len() <= 1, "{name}: {taken:?} of 100 taken as whole");
+        assert!(taken.len() <= 1, "{name}: {taken:?} of 100 read as complete");
     }
 }

@@ -1,16 +1,16 @@
-//! Promise: what a camera near the skin shows is found, large or flat, and what is written or lies across there is no marker.
+//! Promise: a camera near the skin finds large and flat markers; writing and lines are not detected as markers.
 
 use crate::common::drawn::{
-    Ellipse, HEIGHT, WIDTH, discs, framed, measured, on_skin, picture, quadrants, within,
+    Ellipse, HEIGHT, WIDTH, discs, is_within, measured, on_skin, picture, place_on_skin, quadrants,
 };
 use nalgebra::Vector2;
 use wingd::measure::detect::{RejectReason, Rejected, detect};
 use wingd::measure::raster::Raster;
 
-/// A drawn scene in a frame, its corner at (1000, 800).
+/// A rendered scene in a frame, with its corner at (1000, 800).
 fn in_frame(scene: impl Fn(f64, f64) -> f64, skin: u8, seed: u64) -> Raster {
     let part = picture(scene, 1.1, 1.5, seed);
-    framed(WIDTH, part.luma(), skin)
+    place_on_skin(WIDTH, part.luma(), skin)
 }
 
 #[test]
@@ -24,14 +24,14 @@ fn quadrants_thicker_than_the_near_background_reaches_are_found() {
     }
 }
 
-/// How many px one radian is, how high the camera is, and the row of its horizon.
+/// Camera constant, px, height of the camera, and row of its horizon.
 const FOCAL: f64 = 3000.0;
 const HEIGHT_M: f64 = 1.5;
 const HORIZON: f64 = -1530.0;
 
 #[test]
 fn quadrants_that_are_not_centred_in_their_outline_are_found() {
-    // On the skin, m: aside and ahead, and the radius. Their outline's centre is 8 px below their own.
+    // Positions on the skin, m: lateral, ahead, and the radius. The centre of their outline is 8 px below their own.
     let [aside, ahead, radius] = [0.02, 2.58, 0.17];
     let target: Ellipse = [aside, ahead, radius, radius, 0.0];
     let on_target = quadrants(target, 0.6, [160.0, 60.0, 225.0]);
@@ -49,7 +49,7 @@ fn quadrants_that_are_not_centred_in_their_outline_are_found() {
 
 #[test]
 fn dots_far_smaller_than_the_discs_about_them_are_no_markers() {
-    // Discs on a plane, from 80 px down to 13; the dots beside the nearer ones are as long as farther discs.
+    // Discs on a plane, from 80 px down to 13; the dots next to the nearer ones are as long as farther discs.
     let disc = |k: i32| {
         let a = 80.0 * 0.8f64.powi(k);
         [a / 0.111, if k % 2 == 0 { 110.0 } else { 190.0 }, a, 0.15 * a, 0.0]
@@ -62,7 +62,7 @@ fn dots_far_smaller_than_the_discs_about_them_are_no_markers() {
     let all: Vec<Ellipse> = discs.iter().copied().chain(dots).collect();
     let found = detect(&picture(on_skin(&all, 165.0, 60.0), 1.1, 1.5, 1)).markers;
     let shown = |&[x0, y0, a, b, angle]: &Ellipse| {
-        let own = |x: f64, y: f64| within([x0, y0, 0.1 * a, b, angle], x, y);
+        let own = |x: f64, y: f64| is_within([x0, y0, 0.1 * a, b, angle], x, y);
         found.iter().filter(|m| own(m.centre_px.x, m.centre_px.y)).count()
     };
     let near: Vec<usize> = discs.iter().map(shown).collect();
@@ -70,17 +70,14 @@ fn dots_far_smaller_than_the_discs_about_them_are_no_markers() {
 }
 
 #[test]
-fn what_is_seen_from_little_above_the_skin_is_found() {
-    // From a metre above, 20 m and more away.
-    let flat: [Ellipse; 3] = [
-        [160.4, 120.3, 110.0, 3.6, 0.08],
-        [450.7, 130.8, 70.0, 2.0, -0.06],
-        [700.2, 140.4, 90.0, 2.4, -0.09],
-    ];
+fn markers_seen_from_little_above_the_skin_are_found() {
+    // From 1 m above, at 20 m and more.
+    let flat: [Ellipse; 3] =
+        [[160.4, 120.3, 110.0, 3.6, 0.08], [450.7, 130.8, 70.0, 2.0, -0.06], [700.2, 140.4, 90.0, 2.4, -0.09]];
     let target: Ellipse = [420.3, 260.6, 74.0, 3.5, 0.12];
     let on_target = quadrants(target, 0.75, [160.0, 90.0, 215.0]);
     let discs = on_skin(&flat, 160.0, 90.0);
-    let scene = |x: f64, y: f64| if within(target, x, y) { on_target(x, y) } else { discs(x, y) };
+    let scene = |x: f64, y: f64| if is_within(target, x, y) { on_target(x, y) } else { discs(x, y) };
     for seed in 0..3 {
         let image = picture(scene, 1.0, 1.5, seed);
         measured(&image, target, 6.0);

@@ -1,7 +1,7 @@
-//! Rendered frames: the truth is whole and plausible, and pictures do not depend on the threads.
+//! Rendered frames: the truth is complete and plausible, and images do not depend on the number of threads.
 
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{Light, SceneOptions, SeededRandom, Scene, SceneSide};
+use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide, SeededRandom};
 use wingd::measure::setup::Shape;
 
 fn scene(seed: u64, side: SceneSide) -> Scene {
@@ -11,7 +11,7 @@ fn scene(seed: u64, side: SceneSide) -> Scene {
 }
 
 #[test]
-fn one_thread_and_two_draw_the_same() {
+fn one_thread_and_two_render_the_same_image() {
     let scene = scene(3, SceneSide::Right);
     for light in Light::ALL {
         let shot = scene.flight_shot(2.0, light, 17);
@@ -24,7 +24,7 @@ fn one_thread_and_two_draw_the_same() {
 }
 
 #[test]
-fn the_truth_hangs_together() {
+fn the_truth_is_consistent_in_itself() {
     for (seed, side) in [(1, SceneSide::Left), (2, SceneSide::Right), (3, SceneSide::Left)] {
         let scene = scene(seed, side);
         let mut shot = scene.flight_shot(2.2, Light::Plain, 5);
@@ -33,7 +33,7 @@ fn the_truth_hangs_together() {
         let (ground, flight) = (scene.truth(&scene.ground_shot(4)), scene.truth(&shot));
         assert!(ground.markers.iter().all(|m| m.deflection_m == 0.0 && m.visible));
         assert_eq!(ground.torsion_rad, Some(0.0));
-        // Markers that no frame would show whole are left out: 18 to 27 are asked for.
+        // Markers that no frame would show completely are omitted: 18 to 27 are requested.
         assert!((12..=27).contains(&scene.markers.len()), "seed {seed}: {} markers", scene.markers.len());
         assert!(scene.markers.iter().any(|m| m.shape == Shape::Circle));
         for (marker, survey) in ground.markers.iter().zip(&scene.setup.markers) {
@@ -54,7 +54,7 @@ fn the_truth_hangs_together() {
 }
 
 #[test]
-fn glare_hides_only_what_it_covers() {
+fn glare_hides_only_covered_parts() {
     let scene = scene(2, SceneSide::Right);
     let seen = |light| {
         let truth = scene.truth(&scene.flight_shot(2.0, light, 8));

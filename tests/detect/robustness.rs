@@ -1,22 +1,20 @@
-//! Promise: the detector answers every picture, alike at any number of threads, and says why it
-//! turned something down.
+//! Promise: the detector returns a result for every image, independent of the number of threads, with a reason
+//! for each rejection.
 
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::measure::detect::{
-    Detection, MarkerPrediction, RejectReason, detect, detect_guided, detect_guided_or_full,
-};
+use wingd::measure::detect::{Detection, MarkerPrediction, RejectReason, detect, detect_guided, detect_guided_or_full};
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
 
-/// A picture of black ellipses on grey, anti-aliased, with noise: centre, semi-axes, direction.
+/// An image of black ellipses on grey, anti-aliased, with noise: centre, semi-axes, direction.
 fn picture(width: usize, height: usize, discs: &[[f64; 5]], seed: u64) -> Raster {
     let black: Vec<([f64; 5], f64)> = discs.iter().map(|&disc| (disc, 125.0)).collect();
     hazy_picture(width, height, 0, &black, seed)
 }
 
-/// The same with so many rows of bright sky above, and with each ellipse's own darkness.
+/// An image with rows of bright sky above, and a separate darkness for each ellipse.
 fn hazy_picture(width: usize, height: usize, sky: usize, discs: &[([f64; 5], f64)], seed: u64) -> Raster {
     let mut random = StdRng::seed_from_u64(seed);
     let mut luma = Vec::with_capacity(width * height);
@@ -38,7 +36,7 @@ fn hazy_picture(width: usize, height: usize, sky: usize, discs: &[([f64; 5], f64
 }
 
 #[test]
-fn no_picture_makes_it_panic() {
+fn no_image_causes_a_panic() {
     let mut random = StdRng::seed_from_u64(3);
     for (width, height) in [(1, 1), (1, 300), (300, 1), (2, 2), (7, 5), (64, 64), (333, 217)] {
         for fill in [0u8, 255, 77] {
@@ -67,11 +65,10 @@ fn no_picture_makes_it_panic() {
     }
 }
 
-/// Haze takes contrast away with distance: of the last discs the tips are hardly darker than the skin.
+/// Haze reduces contrast with distance: the tips of the last discs are hardly darker than the skin.
 #[test]
 fn flat_discs_in_haze_are_found() {
-    let far =
-        [[250.0, 230.0, 45.0, 3.4, 0.1], [560.0, 236.0, 42.0, 2.9, 0.14], [820.0, 240.0, 44.0, 2.9, 0.12]];
+    let far = [[250.0, 230.0, 45.0, 3.4, 0.1], [560.0, 236.0, 42.0, 2.9, 0.14], [820.0, 240.0, 44.0, 2.9, 0.12]];
     for seed in 0..20 {
         let mut discs = vec![([450.0, 520.0, 70.0, 14.0, 0.05], 60.0)];
         discs.extend(far.map(|disc| (disc, 22.0)));
@@ -84,8 +81,8 @@ fn flat_discs_in_haze_are_found() {
     }
 }
 
-/// A black disc on skin with a seam, blurred by 0.8 px in light, with noise: centre, semi-axes, direction; the
-/// seam's distance from the centre along the disc, its direction and its share of the skin's light.
+/// A black disc on skin with a seam, blurred by 0.8 px in light, with noise: centre, semi-axes, direction; distance
+/// of the seam from the centre along the disc, its direction and its fraction of the skin's light.
 fn seamed_picture([cx, cy, a, b, angle]: [f64; 5], [beyond, turn, dark]: [f64; 3], seed: u64) -> Raster {
     const WIDTH: usize = 200;
     const HEIGHT: usize = 100;
@@ -145,7 +142,7 @@ fn a_seam_that_meets_a_tip_does_not_shift_the_disc() {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -159,7 +156,7 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn a_marker_at_the_frames_edge_is_turned_down_with_the_reason() {
+fn a_marker_at_the_edge_of_the_frame_is_rejected_with_the_reason() {
     let image = picture(500, 400, &[[10.0, 200.0, 40.0, 9.0, 0.1], [300.0, 200.0, 40.0, 9.0, 0.1]], 6);
     let found = detect(&image);
     assert_eq!(found.markers.len(), 1);
@@ -180,8 +177,8 @@ fn squares_and_letters_are_not_markers() {
     assert!(found.markers.is_empty(), "{:?}", found.markers);
 }
 
-/// What might be expected of a marker that is there.
-fn a_little_off(marker: &Detection) -> MarkerPrediction {
+/// Prediction of a marker that is present, with a small error.
+fn offset_prediction(marker: &Detection) -> MarkerPrediction {
     MarkerPrediction {
         shape: marker.shape,
         centre_px: marker.centre_px + Vector2::new(6.0, -4.0),
@@ -194,10 +191,10 @@ fn a_little_off(marker: &Detection) -> MarkerPrediction {
 }
 
 #[test]
-fn where_a_prediction_fails_the_whole_frame_is_searched() {
+fn a_failed_prediction_causes_a_full_search() {
     let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
     let whole = detect(&image);
-    let mut predictions: Vec<MarkerPrediction> = whole.markers.iter().map(a_little_off).collect();
+    let mut predictions: Vec<MarkerPrediction> = whole.markers.iter().map(offset_prediction).collect();
     assert_eq!(detect_guided_or_full(&image, &predictions), detect_guided(&image, &predictions));
     predictions[1].centre_px.y -= 150.0;
     assert_eq!(detect_guided(&image, &predictions).markers.len(), 1);
@@ -206,13 +203,12 @@ fn where_a_prediction_fails_the_whole_frame_is_searched() {
 }
 
 #[test]
-fn windows_give_the_answers_of_the_whole_frame() {
-    let discs =
-        [[400.4, 350.6, 60.0, 12.0, 0.2], [1500.2, 800.7, 45.0, 6.0, -0.1], [2100.0, 1500.5, 30.0, 4.0, 0.0]];
+fn search_windows_give_the_results_of_the_full_search() {
+    let discs = [[400.4, 350.6, 60.0, 12.0, 0.2], [1500.2, 800.7, 45.0, 6.0, -0.1], [2100.0, 1500.5, 30.0, 4.0, 0.0]];
     let image = picture(2400, 1800, &discs, 8);
     let whole = detect(&image);
     assert_eq!(whole.markers.len(), 3);
-    let predictions: Vec<MarkerPrediction> = whole.markers.iter().map(a_little_off).collect();
+    let predictions: Vec<MarkerPrediction> = whole.markers.iter().map(offset_prediction).collect();
     let guided = detect_guided(&image, &predictions);
     assert_eq!(guided.markers.len(), 3);
     for (one, other) in whole.markers.iter().zip(&guided.markers) {

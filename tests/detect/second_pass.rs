@@ -1,15 +1,15 @@
-//! Promise: with the sizes that the orientation predicts, markers that glare hides in part are found, nearer to the truth,
-//! and say how near.
+//! Promise: with the sizes predicted by the orientation, markers partly hidden by glare are found, with smaller errors
+//! and consistent standard deviations.
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
 use wingd::measure::identify::{identify_markers, remove_perspective_bias};
-use wingd::measure::render::{Light, MarkerTruth, SceneOptions, Scene, SceneSide};
+use wingd::measure::render::{Light, MarkerTruth, Scene, SceneOptions, SceneSide};
 use wingd::measure::setup::{GroundObservation, Orientation, Shape};
-use wingd::pipeline::stages::identified;
+use wingd::pipeline::stages::identify_and_refine;
 
-/// What is off, px, and in standard deviations, of the markers that were seen badly; and how many are missing.
+/// Errors, px, and normalised, of the poorly visible markers; and the number of missing ones.
 #[derive(Default)]
 struct Tally {
     squares: f64,
@@ -35,7 +35,7 @@ impl Tally {
     }
 }
 
-/// The markers of a frame that one look saw badly or not at all, as another one sees them.
+/// Markers of a frame that one pass detects poorly or not at all, as detected by another pass.
 fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection>]) -> Tally {
     let mut out = Tally::default();
     for &j in bad.iter().filter(|&&j| truth[j].1) {
@@ -51,7 +51,7 @@ fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection
     out
 }
 
-/// Each marker's detection, its perspective bias removed.
+/// Detection of each marker, without its perspective bias.
 fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
     let identities = identify_markers(&scene.setup, orientation, &found.markers).unwrap();
     let centred = remove_perspective_bias(&scene.setup, orientation, &found.markers, &identities);
@@ -59,23 +59,23 @@ fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Ve
     (0..scene.markers.len()).map(of).collect()
 }
 
-/// Frames of which some markers are looked at.
+/// Frames of which some markers are evaluated.
 #[derive(Clone, Copy)]
 struct Case {
     shape: Shape,
     light: Light,
     /// Deflection of the tip, m.
     deflection_m: f64,
-    /// Length of the wing, m, where it is not by the seed.
+    /// Length of the wing, m, if it does not follow from the seed.
     length_m: Option<f64>,
 }
 
-/// Standard deviation of prints' diameters, as a share.
+/// Relative standard deviation of the print diameters.
 const PRINTS: f64 = 0.0015;
-/// Of a marker's place in a ground frame, px.
+/// Standard deviation of a marker position in a ground frame, px.
 const SIGHT_PX: f64 = 0.03;
 
-/// As a ground frame tells it, which other tests render.
+/// Orientation with the precision of a ground frame, which other tests render.
 fn oriented(scene: &Scene, seed: u64) -> Orientation {
     let truth = scene.truth(&scene.ground_shot(seed)).markers;
     let sight = |(marker, truth): (usize, &MarkerTruth)| {
@@ -89,12 +89,12 @@ fn oriented(scene: &Scene, seed: u64) -> Orientation {
     }
 }
 
-/// At once and after a closer look.
-fn looks(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tally; 2] {
+/// Tallies of the first and the second pass.
+fn compare_passes(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tally; 2] {
     let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
     let usual = SceneOptions::random(seed, side);
     let mut scene = Scene::random(seed, &SceneOptions { length_m: length_m.unwrap_or(usual.length_m), ..usual });
-    // No print is quite as large as the survey says.
+    // No print has exactly the surveyed size.
     for (marker, j) in scene.setup.markers.iter_mut().zip(0u64..) {
         let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;
         marker.diameter_m *= 1.0 + 3f64.sqrt() * PRINTS * share;
@@ -106,15 +106,15 @@ fn looks(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tal
         (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
 
     let first = detect(&image);
-    let (closer, _) = identified(&scene.setup, &orientation, &mut &image, first.clone()).unwrap();
+    let (closer, _) = identify_and_refine(&scene.setup, &orientation, &mut &image, first.clone()).unwrap();
     for (i, one) in closer.markers.iter().enumerate() {
         let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
         assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");
     }
     let [before, after] = [&first, &closer].map(|found| by_marker(&scene, &orientation, found));
     let unsure = |j: &usize| before[*j].as_ref().is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2);
-    let alike = |j: &usize| scene.markers[*j].shape == shape;
-    let bad: Vec<usize> = (0..scene.markers.len()).filter(alike).filter(unsure).collect();
+    let of_shape = |j: &usize| scene.markers[*j].shape == shape;
+    let bad: Vec<usize> = (0..scene.markers.len()).filter(of_shape).filter(unsure).collect();
     for (j, marker) in scene.markers.iter().enumerate() {
         let off = after[j].as_ref().map(|d| (d.centre_px - truth[j].0).norm());
         assert!(off.is_none_or(|off| off < 6.0), "seed {seed}: {} is off by {off:?} px", marker.id);
@@ -122,9 +122,9 @@ fn looks(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tal
     [before, after].map(|seen| tally(&truth, &bad, &seen))
 }
 
-/// Both looks at so many scenes.
+/// Both passes over a range of scenes.
 fn tallies(seeds: std::ops::Range<u64>, case: Case) -> [Tally; 2] {
-    let all: Vec<[Tally; 2]> = seeds.into_par_iter().map(|seed| looks(seed, case)).collect();
+    let all: Vec<[Tally; 2]> = seeds.into_par_iter().map(|seed| compare_passes(seed, case)).collect();
     let [mut once, mut closer] = [Tally::default(), Tally::default()];
     for [first, second] in &all {
         once.add(first);
@@ -144,7 +144,7 @@ fn tallies(seeds: std::ops::Range<u64>, case: Case) -> [Tally; 2] {
 }
 
 #[test]
-fn discs_in_glare_are_nearer_with_their_sizes_known() {
+fn known_sizes_improve_discs_in_glare() {
     let case = Case { shape: Shape::Circle, light: Light::Glare, deflection_m: 1.8, length_m: None };
     let [once, closer] = tallies(40..70, case);
     assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
@@ -154,7 +154,7 @@ fn discs_in_glare_are_nearer_with_their_sizes_known() {
 
 /// A wing that bends downwards shows the discs near its tip as flat as 1:30.
 #[test]
-fn discs_in_haze_that_are_hardly_seen_are_found_with_their_sizes_known() {
+fn faint_discs_in_haze_are_found_if_their_sizes_are_known() {
     let case = Case { shape: Shape::Circle, light: Light::Haze, deflection_m: -0.5, length_m: None };
     let [once, closer] = tallies(80..92, case);
     assert!(once.missing > 0, "all are seen at once");
@@ -162,9 +162,9 @@ fn discs_in_haze_that_are_hardly_seen_are_found_with_their_sizes_known() {
     assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
 }
 
-/// Near the camera markers are so large that a streak of glare takes an end of several.
+/// Near the camera markers are so large that a streak of glare covers an end of several.
 #[test]
-fn quadrants_that_glare_cuts_are_found_by_their_outline() {
+fn quadrants_cut_by_glare_are_found_by_their_outline() {
     let case = Case { shape: Shape::Quadrant, light: Light::Glare, deflection_m: 1.8, length_m: Some(12.0) };
     let [once, closer] = tallies(100..112, case);
     assert!(once.missing >= 5, "glare cuts {} quadrants", once.missing);

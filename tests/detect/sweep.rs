@@ -1,4 +1,4 @@
-//! Promise: centres of synthetic discs and quadrants are found near the Cramer-Rao bound, with honest
+//! Promise: centres of synthetic discs and quadrants are found near the Cramer-Rao bound, with consistent
 //! standard deviations, over size, axis ratio, rotation, phase, blur, noise and contrast.
 
 use nalgebra::{DMatrix, Vector2};
@@ -27,14 +27,14 @@ const TONE: f64 = 1.0 / 2.2;
 const FINE: usize = 6;
 
 impl Marker {
-    /// Edges of a disc whose quadrants are turned by `turn` before it is seen at a slant.
+    /// Edges of a disc whose quadrants are rotated by `turn` before the projection.
     fn with_quadrants(self, turn: f64) -> Self {
         let seen = |t: f64| self.angle + (self.b * t.sin()).atan2(self.a * t.cos());
         Self { edges: Some([seen(turn), seen(turn + std::f64::consts::FRAC_PI_2)]), ..self }
     }
 
-    /// Shares of white and of black at a place, sharp but for the size of a sample. The outline of a
-    /// quadrant target stays where it is when the crossing moves.
+    /// Fractions of white and of black at a position, sharp except for the sample size. The outline of a
+    /// quadrant target stays fixed if the crossing moves.
     fn sharp(&self, x: f64, y: f64, crossing: Vector2<f64>, outline: Vector2<f64>) -> [f64; 2] {
         let (sin, cos) = self.angle.sin_cos();
         let (dx, dy) = (x - outline.x, y - outline.y);
@@ -50,9 +50,9 @@ impl Marker {
     }
 }
 
-/// Shares of white and black of every pixel, from samples of the sharp marker, blurred by a
+/// Fractions of white and black of every pixel, from samples of the sharp marker, blurred by a
 /// separable Gaussian.
-fn shares(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Vec<f64>; 2] {
+fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Vec<f64>; 2] {
     let n = SIZE * FINE;
     let place = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
     let sharp = (0..n * n).map(|i| marker.sharp(place(i % n), place(i / n), crossing, outline));
@@ -67,7 +67,7 @@ fn shares(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Ve
                 let k = (i / step) % length;
                 let low = reach.min(k as isize);
                 let high = reach.min((length - 1 - k) as isize);
-                // Slices side by side: an index for each would be most of the time.
+                // Slices next to each other: indexing each would take most of the time.
                 let weights = &kernel[(reach - low) as usize..=(reach + high) as usize];
                 let values = from[i - low as usize * step..].iter().step_by(step);
                 weights.iter().zip(values).map(|(weight, value)| weight * value).sum::<f64>() / total
@@ -88,15 +88,14 @@ fn shares(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Ve
 }
 
 fn grey(marker: &Marker, shares: &[Vec<f64>; 2]) -> Vec<f64> {
-    let [skin, black, white] =
-        [marker.skin, marker.black, marker.white].map(|v| (v / 255.0).powf(1.0 / TONE));
+    let [skin, black, white] = [marker.skin, marker.black, marker.white].map(|v| (v / 255.0).powf(1.0 / TONE));
     let light = shares[0].iter().zip(&shares[1]).map(|(w, b)| skin + (white - skin) * w + (black - skin) * b);
     light.map(|l| 255.0 * l.powf(TONE)).collect()
 }
 
-/// Cramer-Rao bound of both coordinates, all else unknown: a disc's ellipse, or the edges' directions
+/// Cramer-Rao bound of both coordinates with all other parameters unknown: a disc's ellipse, or the edges' directions
 /// and the outline of a quadrant target; the blur and the levels.
-fn bound(marker: &Marker, centre: Vector2<f64>) -> Vector2<f64> {
+fn cramer_rao_bound(marker: &Marker, centre: Vector2<f64>) -> Vector2<f64> {
     let disc = marker.edges.is_none();
     let value = |k: usize, step: f64| {
         let (mut m, mut c, mut outline) = (*marker, centre, centre);
@@ -118,7 +117,7 @@ fn bound(marker: &Marker, centre: Vector2<f64>) -> Vector2<f64> {
             (12, _) => m.b += step,
             _ => m.angle += step,
         }
-        grey(&m, &shares(&m, c, if disc { c } else { outline }))
+        grey(&m, &coverage(&m, c, if disc { c } else { outline }))
     };
     let steps = [0.05, 0.05, 0.05, 0.05, 0.003, 0.03, 1.0, 1.0, 1.0, 0.05, 0.05, 0.05, 0.05, 0.003];
     let list: Vec<usize> = (0..14).filter(|&k| if disc { k < 8 } else { k != 4 }).collect();
@@ -150,12 +149,10 @@ fn trial(marker: &Marker, seed: u64) -> (f64, f64) {
     for _ in 0..2 {
         let phase = Vector2::new(random.random_range(0.0..1.0), random.random_range(0.0..1.0));
         let centre = Vector2::new(63.0, 64.0) + phase;
-        let clean = grey(marker, &shares(marker, centre, centre));
-        let limit = bound(marker, centre);
+        let clean = grey(marker, &coverage(marker, centre, centre));
+        let limit = cramer_rao_bound(marker, centre);
         for _ in 0..16 {
-            let luma = clean
-                .iter()
-                .map(|v| (v + marker.noise * normal(&mut random)).round().clamp(0.0, 255.0) as u8);
+            let luma = clean.iter().map(|v| (v + marker.noise * normal(&mut random)).round().clamp(0.0, 255.0) as u8);
             let found = detect(&Raster::new(SIZE, SIZE, luma.collect()).unwrap());
             assert_eq!(found.markers.len(), 1, "a {} b {}: {:?}", marker.a, marker.b, found.rejected);
             let seen = &found.markers[0];
@@ -171,9 +168,9 @@ fn trial(marker: &Marker, seed: u64) -> (f64, f64) {
     ((against_bound / count).sqrt(), (normalised / count).sqrt())
 }
 
-/// Every case is within 1.5 times the bound (2.5 where the minor semi-axis is below 2 px), and the
-/// stated deviations are honest in each and in all.
-fn hold(cases: &[(&str, Marker)]) {
+/// Every case is within 1.5 times the bound (2.5 if the minor semi-axis is below 2 px), and the
+/// standard deviations are consistent in each and in all.
+fn assert_near_bound(cases: &[(&str, Marker)]) {
     let mut all: f64 = 0.0;
     for (name, marker) in cases {
         let (ratio, normalised) = trial(marker, 7);
@@ -186,21 +183,12 @@ fn hold(cases: &[(&str, Marker)]) {
     assert!((0.8..1.25).contains(&all.sqrt()), "normalised errors {:.2}", all.sqrt());
 }
 
-const BASE: Marker = Marker {
-    a: 30.0,
-    b: 8.0,
-    angle: 0.2,
-    edges: None,
-    blur: 0.8,
-    noise: 2.0,
-    skin: 180.0,
-    black: 55.0,
-    white: 230.0,
-};
+const BASE: Marker =
+    Marker { a: 30.0, b: 8.0, angle: 0.2, edges: None, blur: 0.8, noise: 2.0, skin: 180.0, black: 55.0, white: 230.0 };
 
 #[test]
-fn discs_are_measured_near_the_bound_with_honest_deviations() {
-    hold(&[
+fn discs_are_measured_near_the_bound_with_consistent_sigmas() {
+    assert_near_bound(&[
         ("thinnest", Marker { a: 18.0, b: 1.25, ..BASE }),
         ("base", BASE),
         ("round", Marker { b: 15.0, ..BASE }),
@@ -214,9 +202,9 @@ fn discs_are_measured_near_the_bound_with_honest_deviations() {
 }
 
 #[test]
-fn quadrants_are_measured_near_the_bound_with_honest_deviations() {
+fn quadrants_are_measured_near_the_bound_with_consistent_sigmas() {
     let base = Marker { a: 40.0, b: 14.0, ..BASE };
-    hold(&[
+    assert_near_bound(&[
         ("base", base.with_quadrants(0.4)),
         ("round", Marker { a: 30.0, b: 26.0, ..base }.with_quadrants(0.1)),
         ("flat", Marker { b: 7.0, ..base }.with_quadrants(0.7)),
@@ -230,9 +218,9 @@ fn quadrants_are_measured_near_the_bound_with_honest_deviations() {
 
 /// Blur mixes edges and outline there.
 #[test]
-fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_honest_deviations() {
+fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_consistent_sigmas() {
     let base = Marker { a: 40.0, b: 14.0, blur: 2.0, ..BASE };
-    hold(&[
+    assert_near_bound(&[
         ("thick", base.with_quadrants(0.9)),
         ("narrow", Marker { b: 10.0, ..base }.with_quadrants(0.4)),
         ("narrower", Marker { b: 7.0, ..base }.with_quadrants(1.2)),
@@ -241,27 +229,26 @@ fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_honest_de
     ]);
 }
 
-/// Of pale markers, by contrast and noise, how many of `TRIALS` are found, and whether the bound says that their centre can be
-/// told to 0.3 px.
-fn pale(marker: &Marker, random: &mut StdRng) -> Vec<(f64, f64, usize, bool)> {
+/// Number of pale markers found of `TRIALS`, by contrast and noise, and whether the bound of their centre is below
+/// 0.3 px.
+fn count_pale(marker: &Marker, random: &mut StdRng) -> Vec<(f64, f64, usize, bool)> {
     let of_contrast = |contrast: f64| Marker {
-        // White is lighter than the skin by a fifth of what black is darker than it.
+        // White is lighter than the skin by 20 % of the difference between skin and black.
         black: if marker.edges.is_some() { marker.skin - 0.8 * contrast } else { marker.skin - contrast },
         white: marker.skin + 0.2 * contrast,
         ..*marker
     };
     let centre = Vector2::new(63.3, 64.6);
-    let shares = shares(marker, centre, centre);
+    let shares = coverage(marker, centre, centre);
     let shape = if marker.edges.is_some() { Shape::Quadrant } else { Shape::Circle };
-    // It grows with the noise over the contrast.
-    let usual = bound(&Marker { noise: 1.0, ..of_contrast(20.0) }, centre).norm() * 20.0;
+    // The bound is proportional to noise over contrast.
+    let usual = cramer_rao_bound(&Marker { noise: 1.0, ..of_contrast(20.0) }, centre).norm() * 20.0;
     let mut out = Vec::new();
     for contrast in [6.0, 8.0, 10.0, 14.0, 20.0, 30.0] {
         for noise in [0.5, 1.0, 2.0, 3.5, 5.0] {
             let clean = grey(&of_contrast(contrast), &shares);
             let is_found = |_: &usize| {
-                let noisy =
-                    clean.iter().map(|v| (v + noise * normal(random)).round().clamp(0.0, 255.0) as u8);
+                let noisy = clean.iter().map(|v| (v + noise * normal(random)).round().clamp(0.0, 255.0) as u8);
                 let found = detect(&Raster::new(SIZE, SIZE, noisy.collect()).unwrap());
                 found.markers.iter().any(|m| m.shape == shape && (m.centre_px - centre).norm() < 2.0)
             };
@@ -275,19 +262,15 @@ fn pale(marker: &Marker, random: &mut StdRng) -> Vec<(f64, f64, usize, bool)> {
 const TRIALS: usize = 6;
 
 /// Discs from 6 grey levels and five times the noise on, quadrants from 14 and seven times; `--nocapture` prints how many are
-/// found elsewhere, and where the bound says that they could be.
+/// found below that, and where the bound permits detection.
 #[test]
 fn pale_markers_are_found() {
     let mut random = StdRng::seed_from_u64(3);
     let disc = Marker { a: 40.0, skin: 160.0, ..BASE };
     let quadrants = Marker { b: 14.0, ..disc }.with_quadrants(0.4);
-    for (name, marker, [least, over_noise]) in
-        [("disc", disc, [6.0, 5.0]), ("quadrants", quadrants, [14.0, 7.0])]
-    {
-        for (contrast, noise, found, can) in pale(&marker, &mut random) {
-            println!(
-                "{name}: contrast {contrast}, noise {noise}: {found} of {TRIALS}, bound below 0.3 px: {can}"
-            );
+    for (name, marker, [least, over_noise]) in [("disc", disc, [6.0, 5.0]), ("quadrants", quadrants, [14.0, 7.0])] {
+        for (contrast, noise, found, can) in count_pale(&marker, &mut random) {
+            println!("{name}: contrast {contrast}, noise {noise}: {found} of {TRIALS}, bound below 0.3 px: {can}");
             assert!(contrast < f64::max(least, over_noise * noise) || found == TRIALS);
         }
     }

@@ -63,18 +63,16 @@ const ALLOWED: [(&str, &str); 0] = [];
 
 /// Names that say where or how, and not what a function does or returns.
 const PREPOSITIONS: [&str; 36] = [
-    "of", "at", "in", "on", "by", "with", "within", "without", "from", "to", "for", "as", "beside",
-    "besides", "between", "among", "under", "over", "above", "below", "before", "after", "during", "through",
-    "across", "against", "into", "out", "off", "up", "upon", "about", "around", "along", "beyond",
-    "together",
+    "of", "at", "in", "on", "by", "with", "within", "without", "from", "to", "for", "as", "beside", "besides",
+    "between", "among", "under", "over", "above", "below", "before", "after", "during", "through", "across", "against",
+    "into", "out", "off", "up", "upon", "about", "around", "along", "beyond", "together",
 ];
 
 /// Words with which a doc comment does not make sense alone, besides [`PREPOSITIONS`].
 const PRONOUNS: [&str; 41] = [
-    "since", "until", "per", "than", "via", "near", "like", "what", "which", "who", "whom", "whose", "where",
-    "when", "whether", "how", "why", "that", "this", "these", "those", "it", "its", "they", "them", "their",
-    "he", "his", "one", "ones", "same", "such", "so", "there", "if", "while", "because", "nothing", "none",
-    "some", "others",
+    "since", "until", "per", "than", "via", "near", "like", "what", "which", "who", "whom", "whose", "where", "when",
+    "whether", "how", "why", "that", "this", "these", "those", "it", "its", "they", "them", "their", "he", "his",
+    "one", "ones", "same", "such", "so", "there", "if", "while", "because", "nothing", "none", "some", "others",
 ];
 
 fn words(text: &str) -> Vec<String> {
@@ -145,9 +143,7 @@ fn the_dialect_does_not_return() {
     for (file, text) in &all {
         for (number, line) in text.lines().enumerate() {
             let hits = banned(line).into_iter().filter(|phrase| !ALLOWED.contains(&(file.as_str(), *phrase)));
-            found.extend(
-                hits.map(|phrase| format!("{file}, line {} of the text: {phrase}: {line}", number + 1)),
-            );
+            found.extend(hits.map(|phrase| format!("{file}, line {} of the text: {phrase}: {line}", number + 1)));
         }
     }
     assert!(found.is_empty(), "{} lines in dialect:\n{}", found.len(), found.join("\n"));
@@ -162,8 +158,7 @@ fn names_of_types_are_unique_in_their_crate() {
     }
     // Twins under different features are one type.
     let shared = places.iter().filter(|(_, files)| files.iter().any(|file| *file != files[0]));
-    let shared: Vec<String> =
-        shared.map(|((_, name), files)| format!("{name}: {}", files.join(", "))).collect();
+    let shared: Vec<String> = shared.map(|((_, name), files)| format!("{name}: {}", files.join(", "))).collect();
     assert!(shared.is_empty(), "{} names for several types:\n{}", shared.len(), shared.join("\n"));
 }
 
@@ -208,11 +203,7 @@ fn names_and_texts_read_as_those_of_other_projects() {
     let figures = [
         ("free functions of one word, %", percentage(&free, |f| one_word(&f.name)), 0.0..=25.0),
         ("functions of one word, %", percentage(&texts.functions, |f| one_word(&f.name)), 0.0..=45.0),
-        (
-            "types of a shared name, %",
-            percentage(&texts.types, |(_, name)| uses[name.as_str()] > 1),
-            0.0..=20.0,
-        ),
+        ("types of a shared name, %", percentage(&texts.types, |(_, name)| uses[name.as_str()] > 1), 0.0..=20.0),
         ("doc comments that begin badly, %", percentage(&texts.docs, |(_, d)| begins_badly(d)), 0.0..=5.0),
         ("what in 10,000 words", what, 0.0..=30.0),
         ("if in 10,000 words", if_, 20.0..=200.0),

@@ -61,9 +61,10 @@ impl Named<'_> {
 
 impl<'a> Visit<'a> for Named<'_> {
     fn visit_item_mod(&mut self, module: &'a syn::ItemMod) {
-        let for_tests = module.attrs.iter().any(|a| {
-            a.path().is_ident("cfg") && a.parse_args::<syn::Ident>().is_ok_and(|word| word == "test")
-        });
+        let for_tests = module
+            .attrs
+            .iter()
+            .any(|a| a.path().is_ident("cfg") && a.parse_args::<syn::Ident>().is_ok_and(|word| word == "test"));
         self.own.push(module.ident.to_string());
         if for_tests {
             self.tests.push(self.own.clone());

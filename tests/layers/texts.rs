@@ -15,6 +15,8 @@ pub struct Texts {
     /// Public items without a doc comment.
     pub undocumented: Vec<String>,
     file: String,
+    /// Within the implementation of a trait, which names its functions.
+    in_trait: bool,
 }
 
 pub struct Function {
@@ -44,12 +46,10 @@ impl Texts {
         let mut texts = Self::default();
         let parsed = files.iter().map(|(path, text)| (path, syn::parse_file(text).expect("source parses")));
         let parsed: Vec<_> = parsed.collect();
-        let for_tests: Vec<String> =
-            parsed.iter().flat_map(|(path, file)| test_modules(path, file)).collect();
+        let for_tests: Vec<String> = parsed.iter().flat_map(|(path, file)| test_modules(path, file)).collect();
         for (path, file) in parsed {
-            let of_tests = |folder: &String| {
-                path.strip_prefix(folder.as_str()).is_some_and(|rest| rest.starts_with(['/', '.']))
-            };
+            let of_tests =
+                |folder: &String| path.strip_prefix(folder.as_str()).is_some_and(|rest| rest.starts_with(['/', '.']));
             if !for_tests.iter().any(of_tests) {
                 texts.file.clone_from(path);
                 texts.add_doc(&file.attrs);
@@ -67,12 +67,7 @@ impl Texts {
     }
 
     /// Notes a named item, and whether it lacks a doc comment.
-    fn add_item(
-        &mut self,
-        attributes: &[syn::Attribute],
-        visibility: Option<&syn::Visibility>,
-        name: &syn::Ident,
-    ) {
+    fn add_item(&mut self, attributes: &[syn::Attribute], visibility: Option<&syn::Visibility>, name: &syn::Ident) {
         let public = matches!(visibility, Some(syn::Visibility::Public(_)));
         if !self.add_doc(attributes) && public {
             self.undocumented.push(format!("{}: {name}", self.file));
@@ -80,23 +75,20 @@ impl Texts {
     }
 
     fn add_function(&mut self, name: &syn::Ident, free: bool) {
+        if self.in_trait && !free {
+            return;
+        }
         self.functions.push(Function { file: self.file.clone(), name: name.to_string(), free });
     }
 
-    fn add_type(
-        &mut self,
-        attributes: &[syn::Attribute],
-        visibility: Option<&syn::Visibility>,
-        name: &syn::Ident,
-    ) {
+    fn add_type(&mut self, attributes: &[syn::Attribute], visibility: Option<&syn::Visibility>, name: &syn::Ident) {
         self.add_item(attributes, visibility, name);
         self.types.push((self.file.clone(), name.to_string()));
     }
 
     fn add_tokens(&mut self, tokens: &impl ToString) {
         let literal = |text: &str| syn::parse_str::<syn::LitStr>(text).ok().map(|l| l.value());
-        self.strings
-            .extend(literals(&tokens.to_string()).filter_map(literal).map(|s| (self.file.clone(), s)));
+        self.strings.extend(literals(&tokens.to_string()).filter_map(literal).map(|s| (self.file.clone(), s)));
     }
 }
 
@@ -127,9 +119,7 @@ fn test_modules(path: &str, file: &syn::File) -> Vec<String> {
         _ => stem,
     };
     let module = |item: &syn::Item| match item {
-        syn::Item::Mod(m) if is_for_tests(&m.attrs) && m.content.is_none() => {
-            Some(format!("{folder}/{}", m.ident))
-        }
+        syn::Item::Mod(m) if is_for_tests(&m.attrs) && m.content.is_none() => Some(format!("{folder}/{}", m.ident)),
         _ => None,
     };
     file.items.iter().filter_map(module).collect()
@@ -153,7 +143,9 @@ impl<'a> Visit<'a> for Texts {
 
     fn visit_item_impl(&mut self, item: &'a syn::ItemImpl) {
         if !is_for_tests(&item.attrs) {
+            self.in_trait = item.trait_.is_some();
             syn::visit::visit_item_impl(self, item);
+            self.in_trait = false;
         }
     }
 

@@ -282,7 +282,7 @@ const crowd = async (browser) => {
   await sleep(10_000);
   const state = async (page) => {
     const seen = await look(page);
-    return seen.reasons.includes("browsers watch already") ? "waits" : /\d/.test(seen.tiles[1].shown) ? "shows" : "nothing";
+    return seen.reasons.includes("browsers are already watching") ? "waits" : /\d/.test(seen.tiles[1].shown) ? "shows" : "nothing";
   };
   const states = () => Promise.all(pages.map(state));
   let all = await states();

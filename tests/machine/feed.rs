@@ -1,11 +1,11 @@
-//! Plays pictures into a video loopback device, as a camera would; sets a control of a video device.
+//! Plays images into a video loopback device, as a camera would; sets a control of a video device.
 //!
-//! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`: the file CONTROL says what is shown: `auto`, one picture
-//! after the other; `slow`, the same, one a second; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
-//! burst of eight; `stop`. The hash of every picture is added to the file SENT before it is shown.
+//! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`: the file CONTROL selects the output: `auto`, one image
+//! after the other; `slow`, the same, one per second; `N`, image N repeatedly; `hold`, the present one; `once N`, image N in a
+//! burst of eight; `stop`. The hash of every image is added to the file SENT before it is shown.
 //! `feed set DEVICE ID VALUE`
-//! `feed lines SOCKET`: what comes at a Unix socket.
-//! `feed boards DIRECTORY COUNT SCALE`: renders photographs of a checkerboard of 9 x 7 corners, 0.1 m, by a camera of 640 x 480 px
+//! `feed lines SOCKET`: prints the lines of a Unix socket.
+//! `feed boards DIRECTORY COUNT SCALE`: renders images of a checkerboard of 9 x 7 corners, 0.1 m, by a camera of 640 x 480 px
 //! with a constant of 1250 px, all times SCALE (6.25 for 12 MP).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -20,17 +20,17 @@ use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 use wingd::measure::geometry::Lens;
 use wingd::measure::render::{RenderedBoard, SeededRandom};
-use wingd::pipeline::decode::decode;
+use wingd::pipeline::decode::decode_image;
 
-/// Between two frames, besides what they take.
+/// Pause between two frames, in addition to their own time.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// The same where pictures are shown slowly: the device has few buffers, and overwrites what is read for longer than that.
+/// Pause if images are shown slowly: the device has few buffers, and overwrites those that are read for longer.
 const SLOW: Duration = Duration::from_millis(980);
 
-/// Pictures to show; no two numbers give the same.
+/// Images to show; no two numbers give the same image.
 struct Pictures {
-    /// Whole JPEG files, or bare samples.
+    /// Complete JPEG files, or bare samples.
     payloads: Vec<Vec<u8>>,
     jpeg: bool,
     size: (u32, u32),
@@ -41,14 +41,14 @@ impl Pictures {
         let mut size = (0, 0);
         let read = |file: &String| {
             let bytes = std::fs::read(file).expect("a frame");
-            let picture = decode(&bytes, None).expect("a picture");
+            let picture = decode_image(&bytes, None).expect("an image");
             size = (picture.width() as u32, picture.height() as u32);
             if jpeg { bytes } else { picture.luma().to_vec() }
         };
         Self { payloads: files.iter().map(read).collect(), jpeg, size }
     }
 
-    /// The number goes into a JPEG comment, or into the first pixels.
+    /// The number is written into a JPEG comment, or into the first pixels.
     fn number(&self, number: usize) -> Vec<u8> {
         let file = &self.payloads[number % self.payloads.len()];
         let digits = (number as u32).to_be_bytes();
@@ -70,7 +70,7 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
         (format.width, format.height, format.fourcc),
         "the device gives {got}"
     );
-    let mut log = OpenOptions::new().create(true).append(true).open(sent).expect("the list of what is sent");
+    let mut log = OpenOptions::new().create(true).append(true).open(sent).expect("the list of sent images");
     let (mut number, mut bytes, mut shown) = (0, Vec::new(), None);
     loop {
         let text = std::fs::read_to_string(control).unwrap_or_default();
@@ -85,7 +85,7 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
         if let Some(next) = next {
             if next != number || bytes.is_empty() {
                 (number, bytes) = (next, pictures.number(next));
-                writeln!(log, "{}", hex::encode(Sha256::digest(&bytes))).expect("the list of what is sent");
+                writeln!(log, "{}", hex::encode(Sha256::digest(&bytes))).expect("the list of sent images");
             }
             for _ in 0..if once.is_some() { 8 } else { 1 } {
                 device.write_all(&bytes).expect("the loopback device takes a frame");
@@ -133,7 +133,7 @@ fn boards(directory: &str, count: &str, scale: &str) {
             noise: 1.0,
             pane: None,
         };
-        let raster = picture.render(&mut random).expect("a picture");
+        let raster = picture.render(&mut random).expect("an image");
         let file = std::path::Path::new(directory).join(format!("board-{k:02}.jpg"));
         jpeg_encoder::Encoder::new_file(file, 95)
             .and_then(|e| e.encode(raster.luma(), width, height, jpeg_encoder::ColorType::Luma))

@@ -125,7 +125,7 @@ fresh 1; fresh_camera "$work/live" 30 "$work"/boards/*.jpg
 printf '%s\n' 'pattern = "checkerboard"' 'columns = 9' 'rows = 7' 'square_m = 0.1' >"$work/live/board.toml"
 "$WINGD" calibrate --live --config "$work/cam/wingd.toml" --board "$work/live/board.toml" \
     --output "$work/live/camera.toml" >"$work/live/said" 2>"$work/cam/errors"; status=$?
-taken=$(grep -c '^picture .* points of the board' "$work/cam/errors")
+taken=$(grep -c '^image .* points of the board' "$work/cam/errors")
 grep -q '^verdict = "good"' "$work/live/camera.toml" && [ "$taken" -gt 3 ] && [ "$taken" -lt 30 ] || status=1
 [ -z "$(find "$work/live/card/DCIM" -name '*.JPG')" ] || status=1
 fx=$(sed -n 's/^fx = //p' "$work/live/camera.toml")

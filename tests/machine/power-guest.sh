@@ -17,7 +17,7 @@ NO_COLOR=1 "$wingd" run --config /mnt/wingd.toml >/mnt/log 2>&1 & recorder=$!
 says() { local _; for _ in $(seq 200); do [ "$(grep -c "$1" /mnt/log)" -ge "${2:-1}" ] && return 0; sleep 0.1; done; return 1; }
 since() { sed -n "/$1/s/^\([^ ]*\)Z.*/\1/p" /mnt/log | head -n 1; }
 says 'frame is durable'; sleep 3; echo pull-down >"$pull"
-says 'the power fails' && says 'given up because' && says 'series closed'; status=$?
+says 'the power fails' && says 'abandoned because' && says 'series closed'; status=$?
 took=$(awk -v a="$(date -d "$(since 'the power fails')" +%s.%N)" -v b="$(date -d "$(since 'series closed')" +%s.%N)" 'BEGIN { print b - a }')
 "$wingd" verify /mnt/store >/mnt/lines 2>/mnt/errors || status=1
 [ -z "$(ls /mnt/store/incoming)" ] || status=1

@@ -1,11 +1,11 @@
-//! Promise: the aircraft's data beside a flight, late and jumping, are joined within their time tags, and the air about the
-//! window is theirs; and a bending line gives moments.
+//! Promise: late and jumping aircraft data recorded during a flight are joined within their time tags, and the air outside the
+//! window is taken from them; a bending line gives moments.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use wingd::aircraft::{Column, Layout, Quantity};
+use wingd::aircraft::{Layout, Quantity, QuantityColumn};
 use wingd::clock::Stamp;
 use wingd::store::aircraft::AircraftLine;
 use wingd::store::verify::verify_path;
@@ -26,7 +26,7 @@ fn weight_kg(hour: f64) -> f64 {
     70_000.0 - 2000.0 * hour
 }
 
-/// A line of the feed as an aircraft at flight level 340 would send it.
+/// A line of the feed of an aircraft at flight level 340.
 fn iwg1(first: &Stamp, at: jiff::Timestamp) -> String {
     let hour = hours(first, at);
     let mut fields = vec![String::new(); 33];
@@ -44,24 +44,24 @@ fn iwg1(first: &Stamp, at: jiff::Timestamp) -> String {
 
 fn layout() -> Layout {
     let own = [(34, Quantity::WeightKg), (35, Quantity::LoadFactor)];
-    Layout::iwg1(&own.map(|(field, quantity)| Column { field, quantity, scale: 1.0, offset: 0.0 }))
+    Layout::iwg1(&own.map(|(field, quantity)| QuantityColumn { field, quantity, scale: 1.0, offset: 0.0 }))
 }
 
-fn later(stamp: &Stamp, seconds: f64) -> Stamp {
+fn stamp_after(stamp: &Stamp, seconds: f64) -> Stamp {
     let apart = jiff::SignedDuration::from_secs_f64(seconds);
     Stamp { utc: stamp.utc + apart, since_boot_s: stamp.since_boot_s + seconds, ..stamp.clone() }
 }
 
-/// Ten seconds of a 2 Hz feed about a shot: three to six seconds late, a line twice, one whose tag jumps by an hour.
-fn about(first: &Stamp, shot: &Stamp) -> Vec<AircraftLine> {
+/// Ten seconds of a 2 Hz feed around a shot: three to six seconds late, one line twice, one tag jumping by an hour.
+fn feed_around(first: &Stamp, shot: &Stamp) -> Vec<AircraftLine> {
     let mut lines = Vec::new();
     for k in -10..10 {
-        let tagged = later(shot, 0.5 * f64::from(k) + 0.21);
-        let at = Some(later(&tagged, 3.0 + f64::from((k + 10) % 4)));
+        let tagged = stamp_after(shot, 0.5 * f64::from(k) + 0.21);
+        let at = Some(stamp_after(&tagged, 3.0 + f64::from((k + 10) % 4)));
         let line = iwg1(first, tagged.utc);
         if k == 3 {
             lines.push(AircraftLine { at: at.clone(), line: line.clone() });
-            let jumped = iwg1(first, later(&tagged, -3600.0).utc).replace("250.0", "999.0");
+            let jumped = iwg1(first, stamp_after(&tagged, -3600.0).utc).replace("250.0", "999.0");
             lines.push(AircraftLine { at: at.clone(), line: jumped });
         }
         lines.push(AircraftLine { at, line });
@@ -82,8 +82,8 @@ fn shots(root: &Path) -> Vec<Stamp> {
     manifests.flat_map(|m| m.shots).map(|shot| shot.stamp).collect()
 }
 
-/// The store's installation with a window whose normal is the span's.
-fn with_window(root: &Path, to: &Path) -> String {
+/// The store's installation with a window whose normal is along the span.
+fn copy_with_window(root: &Path, to: &Path) -> String {
     let kept = std::fs::read_dir(root.join("installations")).unwrap().next().unwrap().unwrap().path();
     std::fs::create_dir(to).unwrap();
     for file in std::fs::read_dir(kept).unwrap().map(|entry| entry.unwrap().path()) {
@@ -105,11 +105,11 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(&root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let source = json!({"udp": "127.0.0.1:7071", "layout": layout()});
-    // Shots of a series are seconds apart: what comes about them comes twice.
+    // Shots of a series are seconds apart, so their feed lines come twice.
     let mut tags = std::collections::BTreeSet::new();
     let mut lines = 0;
     for shot in &shots {
-        let about = about(&shots[0], shot);
+        let about = feed_around(&shots[0], shot);
         let true_ones = about.iter().filter(|line| !line.line.contains("999.0"));
         tags.extend(true_ones.map(|line| layout().read(&line.line).unwrap().time_s.to_bits()));
         lines += about.len() - 1;
@@ -134,10 +134,10 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
         assert!(of("exposure_sigma_s") >= 0.0);
     }
 
-    let window = with_window(&root, &dir.path().join("window"));
+    let window = copy_with_window(&root, &dir.path().join("window"));
     let solve = ["solve", &place, "--installation", &window];
-    let (status, said) = outcome(&solve);
-    assert!(status == Some(0) && said.contains("aircraft samples"), "{said}");
+    let (status, printed) = outcome(&solve);
+    assert!(status == Some(0) && printed.contains("aircraft samples"), "{printed}");
     let records = stdout(&["export", &place, "--format", "jsonl"]);
     let solved: Vec<Value> = records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     for line in &solved {
@@ -150,30 +150,29 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
         assert!(quality["refraction"]["applied"] == true && (0.1..3.0).contains(&shift));
         assert!((0.002..0.03).contains(&(sigma / shift)), "{shift} {sigma}");
     }
-    let (status, said) = outcome(&solve);
-    assert!(status == Some(0) && said.contains("result of these inputs already"), "{said}");
+    let (status, printed) = outcome(&solve);
+    assert!(status == Some(0) && printed.contains("already has a result from these inputs"), "{printed}");
 
     let page = dir.path().join("report.html");
     stdout(&["report", &place, "--output", &page.to_string_lossy()]);
     let html = std::fs::read_to_string(&page).unwrap();
     let (repeated, jumped) = (lines - tags.len(), shots.len());
-    let unused = format!("{repeated} repeated, {jumped} whose time cannot be true");
-    let wanted =
-        ["Deflection against weight", "Deflection against load factor", "Instants of exposure", &unused];
+    let unused = format!("{repeated} repeated, {jumped} with an implausible time");
+    let wanted = ["Deflection against weight", "Deflection against load factor", "Exposure times", &unused];
     for text in wanted {
         assert!(html.contains(text), "{text}");
     }
 }
 
 #[test]
-fn a_table_after_the_flight_is_taken_by_its_mapping() {
+fn a_table_after_the_flight_is_imported_by_its_mapping() {
     let dir = tempfile::tempdir().unwrap();
     let root = demo(dir.path());
     let shots = shots(&root);
     let mut table = "UTC;FL;TAT_K;GW\n".to_owned();
     for shot in &shots {
         for k in -2..=2 {
-            table.push_str(&format!("{};370;249.15;71500\n", later(shot, f64::from(k)).utc));
+            table.push_str(&format!("{};370;249.15;71500\n", stamp_after(shot, f64::from(k)).utc));
         }
     }
     let (table_file, mapping) = (dir.path().join("qar.csv"), dir.path().join("mapping.toml"));
@@ -182,11 +181,10 @@ fn a_table_after_the_flight_is_taken_by_its_mapping() {
                 [[column]]\nname = 'TAT_K'\nquantity = 'total_temperature_c'\noffset = -273.15\n\
                 [[column]]\nname = 'GW'\nquantity = 'weight_kg'\n";
     std::fs::write(&mapping, text).unwrap();
-    let (place, table, mapped) =
-        (root.to_string_lossy(), table_file.to_string_lossy(), mapping.to_string_lossy());
+    let (place, table, mapped) = (root.to_string_lossy(), table_file.to_string_lossy(), mapping.to_string_lossy());
     let take = ["aircraft-data", &place, &table, "--mapping", &mapped, "--flight", "f0001"];
-    let said = stdout(&take);
-    assert!(said.contains(&format!("{} lines kept", 5 * shots.len())), "{said}");
+    let printed = stdout(&take);
+    assert!(printed.contains(&format!("{} lines kept", 5 * shots.len())), "{printed}");
     assert!(verify_path(&RealDisk, &root).is_sound());
     let lines = stdout(&["export", &place, "--format", "jsonl"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
@@ -194,28 +192,27 @@ fn a_table_after_the_flight_is_taken_by_its_mapping() {
     assert!((total_c + 24.0).abs() < 1e-9, "{first}");
     assert!((first["aircraft"]["pressure_altitude_m"]["value"].as_f64().unwrap() - 11_277.6).abs() < 1e-6);
     std::fs::write(&mapping, text.replace("'GW'", "'ZFW'")).unwrap();
-    let (status, said) = outcome(&take);
-    assert!(status == Some(78) && said.contains("ZFW") && said.contains("mapping.toml"), "{said}");
+    let (status, printed) = outcome(&take);
+    assert!(status == Some(78) && printed.contains("ZFW") && printed.contains("mapping.toml"), "{printed}");
 }
 
 #[test]
-fn a_series_an_hour_gives_moments_and_no_cycles() {
+fn one_series_per_hour_gives_moments_and_no_cycles() {
     let dir = tempfile::tempdir().unwrap();
     let root = demo(dir.path());
     let structure = dir.path().join("structure.csv");
-    let stiffness =
-        "s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n5,2.0e8,1e7,2e7\n15,8e7,4e6,8e6\n25,2e7,1e6,2e6\n";
+    let stiffness = "s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n5,2.0e8,1e7,2e7\n15,8e7,4e6,8e6\n25,2e7,1e6,2e6\n";
     std::fs::write(&structure, stiffness).unwrap();
     let (place, file) = (root.to_string_lossy(), structure.to_string_lossy());
     let moments = dir.path().join("moments.csv");
     let out = moments.to_string_lossy();
     let ask = ["stress", &place, "--structure", &file, "--moments", &out, "--json"];
-    let said = stdout(&ask);
-    crate::json_schemas::holds("stress", said.as_bytes());
-    let flight: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    let printed = stdout(&ask);
+    crate::json_schemas::assert_valid("stress", printed.as_bytes());
+    let flight: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     let table = stdout(&["stress", &place, "--structure", &file]);
     assert!(table.lines().filter(|line| line.starts_with("---")).all(|rule| rule.len() <= 80), "{table}");
-    assert!(flight["no_cycles_because"].as_str().unwrap().contains("tell no cycles"), "{flight}");
+    assert!(flight["no_cycles_because"].as_str().unwrap().contains("to count cycles"), "{flight}");
     let stations = flight["stations"].as_array().unwrap();
     assert_eq!(stations.len(), 3);
     for station in stations {
@@ -229,13 +226,13 @@ fn a_series_an_hour_gives_moments_and_no_cycles() {
     let frames = flight["frames"].as_u64().unwrap() as usize;
     let written = std::fs::read_to_string(&moments).unwrap();
     assert_eq!(written.lines().count(), 1 + 3 * frames);
-    // A wing that bends once in ten hours: then the series tell cycles.
+    // For a wing that bends once in ten hours the series determine cycles.
     let slow = ["stress", &place, "--structure", &file, "--bending-hz", "1e-5", "--goodman", "--json"];
-    let said = stdout(&slow);
-    crate::json_schemas::holds("stress", said.as_bytes());
-    let flight: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    let printed = stdout(&slow);
+    crate::json_schemas::assert_valid("stress", printed.as_bytes());
+    let flight: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     let damage = &flight["stations"][0]["damage"][0];
     assert!(damage["slope"] == 3.0 && damage["relative"].as_f64().unwrap() >= 0.9, "{flight}");
-    let (status, said) = outcome(&["stress", &place]);
-    assert!(status == Some(2) && said.contains("--structure"), "{said}");
+    let (status, printed) = outcome(&["stress", &place]);
+    assert!(status == Some(2) && printed.contains("--structure"), "{printed}");
 }

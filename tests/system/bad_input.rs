@@ -1,4 +1,4 @@
-//! The real binary with bad input: the exit status of the contract, a message that names what to mend.
+//! The real binary with bad input: the documented exit status, and a message that names what to fix.
 
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -16,29 +16,28 @@ fn installation(file: &str, from: &str, to: &str) -> tempfile::TempDir {
         let path = entry.unwrap().path();
         std::fs::copy(&path, directory.path().join(path.file_name().unwrap())).unwrap();
     }
-    // Any rotation will do where nothing is identified.
+    // Any rotation will do if nothing is identified.
     let orientation = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
     std::fs::write(directory.path().join("orientation.toml"), orientation).unwrap();
     let path = directory.path().join(file);
     let text = std::fs::read_to_string(&path).unwrap();
-    assert!(text.contains(from), "{file} holds no \"{from}\"");
+    assert!(text.contains(from), "{file} does not contain \"{from}\"");
     std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
     directory
 }
 
 #[track_caller]
 fn expect(output: &Output, status: i32, words: &[&str]) {
-    let said =
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(status), "{said}");
-    assert!(!said.contains("panicked"), "{said}");
+    let printed = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(status), "{printed}");
+    assert!(!printed.contains("panicked"), "{printed}");
     for word in words {
-        assert!(said.contains(word), "\"{word}\" is not in: {said}");
+        assert!(printed.contains(word), "\"{word}\" is not in: {printed}");
     }
 }
 
 #[test]
-fn damaged_frames_fail_alone_and_say_what_to_do() {
+fn damaged_frames_fail_alone_and_state_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
@@ -48,7 +47,7 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
     let whole = std::fs::read(fixture("frames/ground.jpg")).unwrap();
     let cut = write("cut.jpg", &whole[..whole.len() / 2]);
     let empty = write("empty.jpg", b"");
-    let text = write("text.jpg", b"this is no picture");
+    let text = write("text.jpg", b"this is no image");
     let mut small = vec![];
     jpeg_encoder::Encoder::new(&mut small, 90)
         .encode(&vec![128; 640 * 480], 640, 480, jpeg_encoder::ColorType::Luma)
@@ -69,11 +68,7 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
             .collect();
         assert_eq!(lines.len(), images.len(), "each image gets its line");
         let names: Vec<&str> = lines.iter().filter_map(|l| l["image"].as_str()).collect();
-        assert_eq!(
-            names,
-            ["cut.jpg", "empty.jpg", "text.jpg", "small.jpg", "missing.jpg"],
-            "in the order given"
-        );
+        assert_eq!(names, ["cut.jpg", "empty.jpg", "text.jpg", "small.jpg", "missing.jpg"], "in the order given");
         for line in &lines {
             assert_eq!(line["status"], "failed");
             assert!(line["reason"].as_str().is_some_and(|r| r.len() > 20), "{line}");
@@ -84,7 +79,7 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
 }
 
 #[test]
-fn faults_of_the_installation() {
+fn faults_of_an_installation_name_their_file_and_line() {
     let frame = fixture("frames/ground.jpg").display().to_string();
     let cases: [(&str, &str, &str, &[&str]); 9] = [
         ("survey.csv", "24.4459", "NaN", &["survey.csv", "line 2", "y_m", "NaN"]),
@@ -95,12 +90,7 @@ fn faults_of_the_installation() {
         ("camera.toml", "k1 = -0.05", "k1 = inf", &["camera.toml", "k1", "inf"]),
         ("installation.toml", "\"M20\"", "\"M77\"", &["installation.toml", "torsion[0].leading", "M77"]),
         ("installation.toml", "root_offset_m", "rot_offset_m", &["installation.toml", "rot_offset_m"]),
-        (
-            "orientation.toml",
-            "[1, 0, 0]",
-            "[1, 1, 0]",
-            &["orientation.toml", "not a rotation", "wingd orient"],
-        ),
+        ("orientation.toml", "[1, 0, 0]", "[1, 1, 0]", &["orientation.toml", "not a rotation", "wingd orient"]),
     ];
     for (file, from, to, words) in cases {
         let directory = installation(file, from, to);
@@ -110,7 +100,7 @@ fn faults_of_the_installation() {
 }
 
 #[test]
-fn hand_measurements() {
+fn faults_of_manual_observations_name_their_line() {
     let directory = installation("installation.toml", "name", "name");
     let path = directory.path().join("hand.csv");
     let solve = |text: &str| {
@@ -125,7 +115,7 @@ fn hand_measurements() {
 }
 
 #[test]
-fn configurations() {
+fn faults_of_a_configuration_name_their_key() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wingd.toml");
     let check = |text: &str| {
@@ -141,13 +131,9 @@ fn configurations() {
 }
 
 #[test]
-fn wrong_usage() {
+fn wrong_usage_is_refused() {
     expect(&run(&["solve"]), 2, &["IMAGE|FOLDER|STORE"]);
     expect(&run(&["fly"]), 2, &["fly"]);
-    expect(
-        &run(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),
-        2,
-        &["spatial"],
-    );
+    expect(&run(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]), 2, &["spatial"]);
     expect(&run(&["--help"]), 0, &["Exit status"]);
 }

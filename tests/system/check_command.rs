@@ -1,10 +1,10 @@
-//! `wingd check` and `wingd run` agree about the place of the store.
+//! `wingd check` and `wingd run` agree about the folder of the store.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// A configuration whose store is at `store`, beside one picture to replay.
+/// A configuration with its store at `store`, next to one image to replay.
 fn configuration(folder: &Path, store: &str) -> std::path::PathBuf {
     let frames = folder.join("frames");
     std::fs::create_dir_all(&frames).unwrap();
@@ -18,9 +18,8 @@ fn configuration(folder: &Path, store: &str) -> std::path::PathBuf {
 
 fn check(mut command: Command, file: &Path) -> (Output, String) {
     let output = command.args(["check", "--config"]).arg(file).output().unwrap();
-    let said =
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    (output, said)
+    let printed = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    (output, printed)
 }
 
 fn wingd() -> Command {
@@ -28,36 +27,36 @@ fn wingd() -> Command {
 }
 
 #[test]
-fn an_empty_folder_or_disk_is_a_place_for_a_store() {
+fn an_empty_folder_or_disk_is_accepted_for_a_store() {
     for content in [None, Some("lost+found")] {
         let directory = tempfile::tempdir().unwrap();
         let store = directory.path().join("store");
         std::fs::create_dir(&store).unwrap();
         content.iter().for_each(|name| std::fs::create_dir(store.join(name)).unwrap());
-        let (output, said) = check(wingd(), &configuration(directory.path(), "store"));
-        assert_eq!(output.status.code(), Some(0), "{said}");
-        assert!(said.contains("will be made"), "{said}");
+        let (output, printed) = check(wingd(), &configuration(directory.path(), "store"));
+        assert_eq!(output.status.code(), Some(0), "{printed}");
+        assert!(printed.contains("will be created"), "{printed}");
     }
 }
 
 #[test]
-fn a_folder_of_other_things_is_none() {
+fn a_folder_with_other_files_is_refused_for_a_store() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::create_dir(directory.path().join("store")).unwrap();
     std::fs::write(directory.path().join("store/letter.txt"), "dear").unwrap();
-    let (output, said) = check(wingd(), &configuration(directory.path(), "store"));
-    assert_eq!(output.status.code(), Some(78), "{said}");
+    let (output, printed) = check(wingd(), &configuration(directory.path(), "store"));
+    assert_eq!(output.status.code(), Some(78), "{printed}");
 }
 
 #[test]
-fn the_home_sign_is_a_fault_before_anything_is_made() {
+fn a_tilde_in_a_path_is_a_fault_before_anything_is_created() {
     let directory = tempfile::tempdir().unwrap();
     let file = configuration(directory.path(), "~/wingstore");
     for command in ["check", "run"] {
         let output = wingd().args([command, "--config"]).arg(&file).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(78), "{said}");
-        assert!(said.contains("store.path") && said.contains("whole path"), "{said}");
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{printed}");
+        assert!(printed.contains("store.path") && printed.contains("full path"), "{printed}");
     }
     assert!(!directory.path().join("~").exists());
 }
@@ -70,12 +69,12 @@ fn a_store_that_cannot_be_written_is_named() {
     let store = directory.path().join("store");
     std::fs::create_dir(&store).unwrap();
     std::fs::set_permissions(&store, std::fs::Permissions::from_mode(0o555)).unwrap();
-    let (output, said) = check(another_user(directory.path()), &file);
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("store.path") && said.contains("cannot be written"), "{said}");
+    let (output, printed) = check(another_user(directory.path()), &file);
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("store.path") && printed.contains("cannot be written"), "{printed}");
 }
 
-/// Root may write everywhere: another user looks then, with a copy of the program that it may read.
+/// Root may write everywhere, so another user checks, with a copy of the program that it may read.
 fn another_user(folder: &Path) -> Command {
     let program = folder.join("wingd");
     std::fs::copy(env!("CARGO_BIN_EXE_wingd"), &program).unwrap();
@@ -87,9 +86,9 @@ fn another_user(folder: &Path) -> Command {
     other
 }
 
-/// As after a first run by hand as root: the folder is the recorder's, what lies in it is not.
+/// As after a first manual run as root: the recorder owns the folder, but not its contents.
 #[test]
-fn a_store_of_which_only_a_part_can_be_written_is_named() {
+fn a_partly_writable_store_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let set = |name: &str, mode: u32| {
         let path = directory.path().join(name);
@@ -104,23 +103,23 @@ fn a_store_of_which_only_a_part_can_be_written_is_named() {
     assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
     set("store", 0o777);
     set("store/incoming", 0o555);
-    let (output, said) = check(another_user(directory.path()), &file);
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("store.path: ") && said.contains("cannot be written"), "{said}");
+    let (output, printed) = check(another_user(directory.path()), &file);
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("store.path: ") && printed.contains("cannot be written"), "{printed}");
     let parts = ["incoming", "counter.json", "flights"];
-    assert!(parts.iter().any(|part| said.contains(&format!("store/{part} cannot"))), "{said}");
+    assert!(parts.iter().any(|part| printed.contains(&format!("store/{part} cannot"))), "{printed}");
     set("store/incoming", 0o755);
 }
 
 #[test]
-fn faults_are_one_json_object_where_asked_for() {
+fn faults_are_one_json_object_on_request() {
     let directory = tempfile::tempdir().unwrap();
     let file = configuration(directory.path(), "~/store");
     let output = wingd().args(["check", "--json", "--config"]).arg(&file).output().unwrap();
     assert_eq!(output.status.code(), Some(78));
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
-    let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let fault = &said["faults"][0];
-    assert_eq!((&said["ok"], fault["file"].as_str()), (&false.into(), file.to_str()), "{said}");
-    assert!(["place", "problem", "mend"].iter().all(|key| fault[key].as_str().is_some()), "{said}");
+    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fault = &printed["faults"][0];
+    assert_eq!((&printed["ok"], fault["file"].as_str()), (&false.into(), file.to_str()), "{printed}");
+    assert!(["place", "problem", "remedy"].iter().all(|key| fault[key].as_str().is_some()), "{printed}");
 }

@@ -1,5 +1,5 @@
-//! Promise: about one faulty installation or configuration every command comes to the same verdict and names the same,
-//! single cause. The recorder records on with an installation at fault, and its log names the cause.
+//! Promise: for a faulty installation or configuration every command comes to the same verdict and names the same,
+//! single cause. The recorder continues with a faulty installation, and its log names the cause.
 
 use std::path::{Path, PathBuf};
 
@@ -22,36 +22,24 @@ const SURVEY: &str = "survey.csv";
 const CAMERA: &str = "camera.toml";
 const SPAN: &str = "[0.39073113, 0.92050485]";
 
-/// A file, what is done to it, and what must be said of it.
+/// A file, its change, and the expected message.
 type Fault = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
 const FAULTS: [Fault; 24] = [
     (
         INSTALLATION,
         |t| t.replace(SPAN, "[-0.39073113, -0.92050485]"),
-        &["wing.span_direction", "the other way"],
+        &["wing.span_direction", "in the opposite direction"],
     ),
-    (
-        INSTALLATION,
-        |t| t.replace(SPAN, "[0.92050485, -0.39073113]"),
-        &["wing.span_direction", "90 degrees off"],
-    ),
+    (INSTALLATION, |t| t.replace(SPAN, "[0.92050485, -0.39073113]"), &["wing.span_direction", "90 degrees off"]),
     (INSTALLATION, |t| t.replace(SPAN, "[0, 0]"), &["wing.span_direction", "[0, 0]"]),
     (
         INSTALLATION,
         |t| t.replace("[35.1985, 18.7004, 4.4095]", "[35198.5, 18700.4, 4409.5]"),
         &["camera.projection_centre_m", "40035 m", "metres"],
     ),
-    (
-        INSTALLATION,
-        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 49"),
-        &["wing.root_offset_m", "inboard"],
-    ),
-    (
-        INSTALLATION,
-        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 550"),
-        &["wing.root_offset_m", "550"],
-    ),
+    (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 49"), &["wing.root_offset_m", "inboard"]),
+    (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 550"), &["wing.root_offset_m", "550"]),
     (
         INSTALLATION,
         |t| t.replace("centre_sigma_m = 0.002", "centre_sigma_m = 2"),
@@ -76,24 +64,20 @@ const FAULTS: [Fault; 24] = [
         |t| [3, 4, 5].iter().fold(t.to_owned(), |t, k| column(&t, *k, |v| 1e3 * v)),
         &["survey.csv", "x_m, y_m, z_m", "millimetres"],
     ),
-    (SURVEY, |t| column(t, 2, |v| 1e3 * v), &["column diameter_m", "20 more like it"]),
+    (SURVEY, |t| column(t, 2, |v| 1e3 * v), &["column diameter_m", "20 similar errors"]),
     (SURVEY, |t| column(t, 6, |v| 1e3 * v), &["sigma_m", "21 of 21", "0.002 for 2 mm"]),
     (SURVEY, |t| t.replace(',', ";"), &["line 1", "semicolons"]),
     (SURVEY, |t| t.replacen("M05", "#05", 1), &["line 6", "#05", "comment or a name"]),
-    (SURVEY, |t| t.replacen("M05", "M04", 1), &["line 6", "M04", "line 5 already"]),
-    (
-        SURVEY,
-        |t| format!("{t}{}\n", t.lines().nth(3).unwrap().replacen("M03", "M33", 1)),
-        &["M33", "M03", "overlap"],
-    ),
+    (SURVEY, |t| t.replacen("M05", "M04", 1), &["line 6", "M04", "already on line 5"]),
+    (SURVEY, |t| format!("{t}{}\n", t.lines().nth(3).unwrap().replacen("M03", "M33", 1)), &["M33", "M03", "overlap"]),
     (CAMERA, |t| t.replace("width = 4000", "width = 0"), &["camera.toml", "width", "0 px"]),
     (CAMERA, |t| t.replace("k1 =", "k7 ="), &["camera.toml", "line 7", "k7"]),
     (CAMERA, |t| t.replace("fx =", "fx = -"), &["camera.toml", "fx"]),
-    // Not a fault but a doubt: no command is held up by it, each says it.
-    (SURVEY, |t| t.replace("26.4142", "24.6142"), &["to be looked at", "M02", "above the smooth skin"]),
+    // A warning, not a fault: it stops no command, and each reports it.
+    (SURVEY, |t| t.replace("26.4142", "24.6142"), &["warning: ", "M02", "above the smooth skin"]),
 ];
 
-/// The configuration of a recorder that ends by itself.
+/// A recorder configuration that ends by itself.
 fn configuration(folder: &Path) -> PathBuf {
     std::fs::create_dir(folder.join("frames")).unwrap();
     std::fs::copy(fixture("jpeg/baseline-2x1.jpg"), folder.join("frames/one.jpg")).unwrap();
@@ -105,8 +89,8 @@ fn configuration(folder: &Path) -> PathBuf {
     file
 }
 
-/// A sound installation with an orientation, and a recorder's configuration.
-fn prepared() -> tempfile::TempDir {
+/// A sound installation with an orientation, and a recorder configuration.
+fn prepare_installation() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in [INSTALLATION, SURVEY, CAMERA] {
         std::fs::copy(fixture("dev/installation").join(name), folder.path().join(name)).unwrap();
@@ -115,36 +99,36 @@ fn prepared() -> tempfile::TempDir {
     folder
 }
 
-/// Lines that name a fault or a doubt, without what stands before the file's name.
-fn causes(said: &str, directory: &str) -> Vec<String> {
+/// Lines that report a fault or a warning, without the text before the file name.
+fn causes(printed: &str, directory: &str) -> Vec<String> {
     let cause = |line: &str| line.find(directory).map(|at| line[at..].to_owned());
-    said.lines().filter(|l| l.starts_with("wingd: ")).filter_map(cause).collect()
+    printed.lines().filter(|l| l.starts_with("wingd: ")).filter_map(cause).collect()
 }
 
 #[test]
 fn every_command_comes_to_the_same_verdict_and_cause() {
     let frame = fixture("dev/frames/ground.jpg").display().to_string();
     for (k, (file, change, words)) in FAULTS.iter().enumerate() {
-        let folder = prepared();
+        let folder = prepare_installation();
         let directory = folder.path().to_str().unwrap();
-        // Made before the fault: what it says of the faulty files is no second cause.
+        // Made before the fault: its report about the faulty files is no second cause.
         let oriented = outcome(&["orient", "--installation", directory, &frame]);
         assert_eq!(oriented.0, Some(0), "{}", oriented.1);
         let path = folder.path().join(file);
         let text = std::fs::read_to_string(&path).unwrap();
         assert_ne!(change(&text), text, "fault {k} changes nothing");
         std::fs::write(&path, change(&text)).unwrap();
-        let doubt = words[0] == "to be looked at";
+        let is_warning = words[0] == "warning: ";
         let config = folder.path().join("wingd.toml").display().to_string();
-        if doubt {
-            // The survey has changed, which is a fault until the orientation is new.
+        if is_warning {
+            // The survey has changed, which is a fault until a new orientation is made.
             assert_eq!(outcome(&["orient", "--installation", directory, &frame]).0, Some(0));
         }
         let (status, first) = outcome(&["check", "--installation", directory]);
         let cause = causes(&first, directory);
         assert_eq!(cause.len(), 1, "fault {k}: {first}");
         assert!(words.iter().all(|word| first.contains(word)), "fault {k}: {words:?} in {first}");
-        let expected = Some(if doubt { 0 } else { 78 });
+        let expected = Some(if is_warning { 0 } else { 78 });
         assert_eq!(status, expected, "fault {k}: {first}");
         let commands: [(&str, &[&str]); 6] = [
             ("plan", &["plan", "--installation", directory]),
@@ -155,14 +139,14 @@ fn every_command_comes_to_the_same_verdict_and_cause() {
             ("run", &["run", "--config", &config]),
         ];
         for (name, arguments) in commands {
-            let (status, said) = outcome(arguments);
-            assert!(cause.iter().all(|cause| said.contains(cause)), "fault {k}, {name}: {cause:?} in {said}");
+            let (status, printed) = outcome(arguments);
+            assert!(cause.iter().all(|cause| printed.contains(cause)), "fault {k}, {name}: {cause:?} in {printed}");
             if name == "run" {
-                let held = said.contains("not solved until this is mended");
-                assert!(status == Some(0) && held != doubt, "fault {k}, {name}: {said}");
+                let held = printed.contains("not solved until this error is fixed");
+                assert!(status == Some(0) && held != is_warning, "fault {k}, {name}: {printed}");
             } else {
-                assert_eq!(status, expected, "fault {k}, {name}: {said}");
-                let own = causes(&said, directory);
+                assert_eq!(status, expected, "fault {k}, {name}: {printed}");
+                let own = causes(&printed, directory);
                 assert!(own.iter().all(|c| cause.contains(c)), "fault {k}, {name}: {own:?}, not {cause:?}");
             }
         }
@@ -176,13 +160,13 @@ fn check_and_run_agree_about_a_configuration() {
         ("shots = 1", "shoots = 1", &["line 10", "shoots"]),
         ("until = \"1s\"", "until = \"soon\"", &["line 11", "until"]),
         ("kind = \"replay\"", "kind = \"polaroid\"", &["polaroid"]),
-        ("path = \"store\"", "path = \"~/store\"", &["store.path", "whole path"]),
+        ("path = \"store\"", "path = \"~/store\"", &["store.path", "full path"]),
         ("path = \"store\"\n", "", &["path"]),
         ("[series]", "[solve]\ncurvature_terms = 11\n[series]", &["solve.curvature_terms", "11"]),
         ("[series]", "[solve]\ndeadline = \"1ms\"\n[series]", &["solve.deadline"]),
     ];
     for (from, to, words) in changes {
-        let folder = prepared();
+        let folder = prepare_installation();
         let file = folder.path().join("wingd.toml");
         let text = std::fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from}");
@@ -194,7 +178,7 @@ fn check_and_run_agree_about_a_configuration() {
         assert!(!folder.path().join("store").exists());
         let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
         std::fs::write(&file, [&[0xff, 0xfe], &wide[..]].concat()).unwrap();
-        let (status, said) = outcome(&["check", "--config", file.to_str().unwrap()]);
-        assert!(status == Some(78) && said.contains("UTF-16") && said.contains("save it as UTF-8"), "{said}");
+        let (status, printed) = outcome(&["check", "--config", file.to_str().unwrap()]);
+        assert!(status == Some(78) && printed.contains("UTF-16") && printed.contains("save it as UTF-8"), "{printed}");
     }
 }

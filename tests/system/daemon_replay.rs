@@ -1,4 +1,4 @@
-//! Promise: whatever the camera does, the daemon goes on, and the store says what happened.
+//! Promise: the daemon continues through any camera failure, and the store records what happened.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::{Map, Value, json};
-use wingd::camera::replay::{FaultKind, Replay, ReplayConfig, ReplayFactory, ScriptedFault};
-use wingd::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame};
+use wingd::camera::replay::{FaultKind, ReplayCamera, ReplayConfig, ReplayFactory, ScriptedFault};
+use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format};
 use wingd::clock::{Clock, SimulatedClock};
-use wingd::daemon::{self, Event, Health, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig};
+use wingd::daemon::{self, DaemonParts, DaemonStatus, Event, Health, SeriesConfig, Solver, StatusBoard, StatusConfig};
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
@@ -39,14 +39,14 @@ fn record(image: &str) -> ImageRecord {
     .unwrap()
 }
 
-/// A replay camera with frames on its card; one is deleted when our copy is durable.
-struct WithCard {
-    replay: Replay,
+/// A replay camera with frames on its card; a frame is deleted when our copy is durable.
+struct CameraWithCard {
+    replay: ReplayCamera,
     card: Arc<Mutex<Vec<Vec<u8>>>>,
     fetched: bool,
 }
 
-impl Camera for WithCard {
+impl Camera for CameraWithCard {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.replay.open()
     }
@@ -87,7 +87,7 @@ impl Flight {
         let folder = dir.path().join("frames");
         std::fs::create_dir(&folder).unwrap();
         frames(&folder, 40);
-        let mut replay = ReplayConfig::folder(folder);
+        let mut replay = ReplayConfig::from_folder(folder);
         replay.fault = faults;
         let series = SeriesConfig {
             shots: 4,
@@ -107,7 +107,7 @@ impl Flight {
         self.dir.path().join("store")
     }
 
-    pub fn fly(&self) -> Status {
+    pub fn run_flight(&self) -> DaemonStatus {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = 0;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
@@ -115,11 +115,11 @@ impl Flight {
         let solve = self.solve.clone();
         let events = self.events.clone();
         let card = self.card.clone();
-        let camera = move || WithCard { replay: replay.make(), card: card.clone(), fetched: false };
+        let camera = move || CameraWithCard { replay: replay.make(), card: card.clone(), fetched: false };
         let board = StatusBoard::new(self.clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
-        let parts = Parts {
+        let parts = DaemonParts {
             live: wingd::daemon::LiveConfig::default(),
             series: self.series.clone(),
             power: daemon::PowerConfig::default(),
@@ -149,14 +149,14 @@ impl Flight {
         found
     }
 
-    pub fn sound(&self) -> wingd::store::verify::VerifyReport {
+    pub fn verify_store(&self) -> wingd::store::verify::VerifyReport {
         let report = verify_path(&RealDisk, &self.root());
         assert!(report.is_sound(), "{:#?}", report.faults);
         report
     }
 }
 
-/// Reasons of a shot, by kind.
+/// Kinds of a shot's failures.
 fn kinds(manifest: &SeriesManifest, shot: u32) -> Vec<&str> {
     let shot = manifest.shots.iter().find(|s| s.shot == shot).unwrap();
     shot.failures.iter().map(|failure| failure.kind.as_str()).collect()
@@ -165,13 +165,12 @@ fn kinds(manifest: &SeriesManifest, shot: u32) -> Vec<&str> {
 #[test]
 fn an_undisturbed_flight_is_recorded_and_solved() {
     let flight = Flight::new(Vec::new());
-    let status = flight.fly();
-    let report = flight.sound();
+    let status = flight.run_flight();
+    let report = flight.verify_store();
     assert_eq!((report.flights, report.series, report.frames, report.results), (1, 3, 12, 12));
     assert_eq!((status.counts.frames, status.counts.solved, status.counts.series_complete), (12, 12, 3));
     assert_eq!(status.health, Health::Ok);
-    let started: Vec<f64> =
-        flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
+    let started: Vec<f64> = flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0]);
     let manifest = &flight.manifests()[0];
     assert_eq!(manifest.shots[1].stamp.since_boot_s - manifest.shots[0].stamp.since_boot_s, 2.0);
@@ -181,9 +180,9 @@ fn an_undisturbed_flight_is_recorded_and_solved() {
 }
 
 #[test]
-fn hangs_failures_halves_and_repeats_cost_what_they_must_and_no_more() {
+fn hangs_failures_and_truncated_or_repeated_frames_cost_only_their_shots() {
     use FaultKind::*;
-    // Calls 1.. of the camera; a repeat of a shot is a call too.
+    // Calls 1.. of the camera; a repeated shot is a call too.
     let script = vec![
         fault(2, Hang),
         fault(3, Busy),
@@ -195,22 +194,22 @@ fn hangs_failures_halves_and_repeats_cost_what_they_must_and_no_more() {
         fault(14, Refused),
     ];
     let flight = Flight::new(script);
-    let status = flight.fly();
-    let report = flight.sound();
+    let status = flight.run_flight();
+    let report = flight.verify_store();
     let manifests = flight.manifests();
     assert!(manifests.iter().all(|m| m.state == SeriesState::Complete && m.shots.len() == 4));
-    // Series 1: call 1 good; 2 hangs; 3 busy, 4 good; 5 half, 6 good.
+    // Series 1: call 1 succeeds; 2 hangs; 3 busy, 4 succeeds; 5 truncated, 6 succeeds.
     assert_eq!(kinds(&manifests[0], 2), ["timeout"]);
     assert!(manifests[0].shots[1].frame.is_none(), "a hung camera costs its shot");
     assert_eq!(kinds(&manifests[0], 3), ["busy"]);
     assert_eq!(kinds(&manifests[0], 4), ["bad_frame"]);
     assert!(manifests[0].shots[2].frame.is_some() && manifests[0].shots[3].frame.is_some());
-    // Series 2: 7 repeats, 8 good; 9 gone, 10 good; 11 panics, 12 good; 13 times out.
+    // Series 2: 7 repeats, 8 succeeds; 9 gone, 10 succeeds; 11 panics, 12 succeeds; 13 times out.
     assert_eq!(kinds(&manifests[1], 1), ["stale"]);
     assert_eq!(kinds(&manifests[1], 2), ["gone"]);
     assert_eq!(kinds(&manifests[1], 3), ["gone"]);
     assert_eq!(kinds(&manifests[1], 4), ["timeout"]);
-    // Series 3: 14 refused, the others good.
+    // Series 3: 14 refused, the others succeed.
     assert_eq!(kinds(&manifests[2], 1), ["refused"]);
     assert_eq!(status.counts.frames, 9);
     assert_eq!(status.counts.failed_shots, 3);
@@ -223,8 +222,8 @@ fn hangs_failures_halves_and_repeats_cost_what_they_must_and_no_more() {
 #[test]
 fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
     let flight = Flight::new((1..=200).map(|shot| fault(shot, FaultKind::Hang)).collect());
-    let status = flight.fly();
-    flight.sound();
+    let status = flight.run_flight();
+    flight.verify_store();
     assert_eq!(flight.manifests().len(), 3);
     assert_eq!((status.counts.frames, status.counts.failed_shots), (0, 12));
     assert_eq!(status.health, Health::Failed);
@@ -232,11 +231,11 @@ fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
 }
 
 #[test]
-fn a_camera_that_is_not_there_is_recorded_too() {
+fn a_missing_camera_is_recorded() {
     let mut flight = Flight::new(Vec::new());
-    flight.replay = ReplayConfig::folder("/nonexistent");
-    let status = flight.fly();
-    flight.sound();
+    flight.replay = ReplayConfig::from_folder("/nonexistent");
+    let status = flight.run_flight();
+    flight.verify_store();
     assert_eq!(status.counts.failed_shots, 12);
     let shot = &flight.manifests()[0].shots[0];
     assert!(shot.failures[0].reason.contains("/nonexistent"), "{:?}", shot.failures);
@@ -260,7 +259,7 @@ fn capturing_never_waits_for_solving() {
         count.fetch_add(1, Ordering::Relaxed);
         record(image)
     });
-    let status = flight.fly();
+    let status = flight.run_flight();
     assert_eq!(solved_before_the_end.load(Ordering::Relaxed), 0, "capturing waited");
     assert_eq!(status.counts.solved, 12);
 }
@@ -268,14 +267,13 @@ fn capturing_never_waits_for_solving() {
 #[test]
 fn a_solver_that_panics_gives_a_failed_result_once() {
     let mut flight = Flight::new(Vec::new());
-    flight.solve =
-        Arc::new(|image| if image == "0002.jpg" { panic!("on this frame") } else { record(image) });
-    let status = flight.fly();
+    flight.solve = Arc::new(|image| if image == "0002.jpg" { panic!("on this frame") } else { record(image) });
+    let status = flight.run_flight();
     assert_eq!((status.counts.solved, status.counts.unsolvable), (9, 3));
-    assert_eq!(flight.sound().results, 12);
+    assert_eq!(flight.verify_store().results, 12);
     flight.clock.sleep(Duration::from_secs(600));
-    flight.fly();
-    assert_eq!(flight.sound().results, 12, "nothing is solved twice");
+    flight.run_flight();
+    assert_eq!(flight.verify_store().results, 12, "nothing is solved twice");
 }
 
 #[test]
@@ -289,10 +287,10 @@ fn a_solver_that_never_returns_costs_its_frame_only() {
         }
         record(image)
     });
-    let status = flight.fly();
+    let status = flight.run_flight();
     assert_eq!((status.counts.frames, status.counts.solved, status.counts.unsolvable), (12, 11, 1));
     assert_eq!(status.counts.solver_hangs, 1);
-    assert_eq!(flight.sound().results, 12);
+    assert_eq!(flight.verify_store().results, 12);
     let results = flight.root().join("flights/f0001/s000001/results.jsonl");
     assert!(std::fs::read_to_string(results).unwrap().contains("no result after 300ms"));
 }
@@ -305,25 +303,24 @@ fn solvers_that_all_hang_end_the_solving_and_not_the_recording() {
         std::thread::sleep(Duration::from_secs(3600));
         record(image)
     });
-    let status = flight.fly();
+    let status = flight.run_flight();
     assert_eq!((status.counts.frames, status.counts.solver_hangs), (12, 2));
     assert!(status.last_fault.unwrap().what.contains("solvers hang"));
-    flight.sound();
+    flight.verify_store();
 }
 
 #[test]
-fn a_restart_within_the_flight_goes_on_with_the_timetable() {
+fn a_restart_during_the_flight_continues_the_timetable() {
     let mut flight = Flight::new(Vec::new());
     flight.series.until = Some(Duration::from_secs(3600));
-    flight.fly();
+    flight.run_flight();
     assert_eq!(flight.manifests().len(), 2);
     flight.series.until = Some(Duration::from_secs(3 * 3600));
-    let status = flight.fly();
-    let started: Vec<f64> =
-        flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
+    let status = flight.run_flight();
+    let started: Vec<f64> = flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0, 10830.0]);
     assert_eq!(status.flight.as_deref(), Some("f0001"));
-    flight.sound();
+    flight.verify_store();
 }
 
 #[test]
@@ -331,29 +328,29 @@ fn frames_left_on_the_cameras_card_are_fetched_once() {
     let flight = Flight::new(Vec::new());
     let picture = |name: &str| std::fs::read(flight.dir.path().join("frames").join(name)).unwrap();
     *flight.card.lock().unwrap() = vec![picture("f38.jpg"), picture("f39.jpg")];
-    flight.fly();
+    flight.run_flight();
     let manifests = flight.manifests();
     assert_eq!(manifests.len(), 4);
     assert_eq!((manifests[0].cause, manifests[0].shots.len()), (SeriesCause::Recovered, 2));
     assert!(flight.card.lock().unwrap().is_empty(), "deleted on the camera once durable");
-    assert_eq!(flight.sound().results, 14);
-    // Stored, but the power went before it was deleted on the card.
+    assert_eq!(flight.verify_store().results, 14);
+    // Stored, but the power failed before it was deleted on the card.
     *flight.card.lock().unwrap() = vec![picture("f39.jpg")];
     flight.clock.sleep(Duration::from_secs(1));
     let mut flight = flight;
     flight.series.until = Some(Duration::from_secs(4 * 3600));
-    flight.fly();
+    flight.run_flight();
     assert!(flight.card.lock().unwrap().is_empty());
     assert!(flight.manifests().iter().skip(4).all(|m| m.cause == SeriesCause::Scheduled));
 }
 
 #[test]
-fn a_frame_that_brings_the_program_down_is_given_up() {
+fn a_frame_that_crashes_the_program_is_given_up() {
     let flight = Flight::new(Vec::new());
     let mut config = StoreConfig::new(flight.root());
     config.reserve_mb = 0;
-    // A flight that was recorded, and five starts that ended while its first frame was solved.
-    flight.fly();
+    // A recorded flight, and five starts that ended while its first frame was solved.
+    flight.run_flight();
     for path in ["s000001", "s000002", "s000003"] {
         std::fs::remove_file(flight.root().join("flights/f0001").join(path).join("results.jsonl")).unwrap();
     }
@@ -363,6 +360,6 @@ fn a_frame_that_brings_the_program_down_is_given_up() {
         let first = store.unsolved_frames(&inputs).unwrap().remove(0);
         assert_eq!(store.begin_solving(&first, &inputs).unwrap(), beginning);
     }
-    let status = flight.fly();
+    let status = flight.run_flight();
     assert_eq!((status.counts.solved, status.counts.unsolvable), (11, 1));
 }

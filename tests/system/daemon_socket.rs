@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use wingd::clock::{Clock, SimulatedClock};
-use wingd::daemon::{self, Status, StatusConfig};
+use wingd::daemon::{self, DaemonStatus, StatusConfig};
 
 use super::daemon_replay::Flight;
 
-/// Name -> value, from the socket's Prometheus text; a line of another form fails.
+/// Name -> value, from the Prometheus text of the socket; a line of another form fails.
 fn metrics(socket: &Path) -> std::collections::BTreeMap<String, f64> {
     let mut stream = std::os::unix::net::UnixStream::connect(socket).unwrap();
     stream.write_all(b"metrics\n").unwrap();
@@ -30,30 +30,30 @@ fn the_socket_answers_and_triggers_a_series() {
     let start = flight.clock.stamp();
     flight.clock = Arc::new(SimulatedClock::starting_at(&start, Some(3600.0)));
     std::thread::scope(|scope| {
-        let flying = scope.spawn(|| flight.fly());
-        let mut answer = daemon::ask(&socket, "status");
+        let flying = scope.spawn(|| flight.run_flight());
+        let mut answer = daemon::query_daemon(&socket, "status");
         for _ in 0..200 {
             if answer.as_ref().is_ok_and(|status| status["counts"]["series_complete"] == 1) {
                 break;
             }
             std::thread::sleep(Duration::from_millis(5));
-            answer = daemon::ask(&socket, "status");
+            answer = daemon::query_daemon(&socket, "status");
         }
-        // What `wingd status --json` prints as it is.
+        // The output of `wingd status --json`, unchanged.
         let answer = answer.unwrap();
-        crate::json_schemas::holds("status", answer.to_string().as_bytes());
-        let status: Status = serde_json::from_value(answer).unwrap();
+        crate::json_schemas::assert_valid("status", answer.to_string().as_bytes());
+        let status: DaemonStatus = serde_json::from_value(answer).unwrap();
         assert_eq!(status.flight.as_deref(), Some("f0001"));
         let metrics = metrics(&socket);
         assert_eq!(metrics["wingd_healthy"], 1.0);
         assert!(metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0);
-        assert!(daemon::ask(&socket, "new-flight").is_ok());
-        assert!(daemon::ask(&socket, "dance").unwrap_err().to_string().contains("unknown command"));
+        assert!(daemon::query_daemon(&socket, "new-flight").is_ok());
+        assert!(daemon::query_daemon(&socket, "dance").unwrap_err().to_string().contains("unknown command"));
         flying.join().unwrap();
     });
     let triggered: Vec<_> = flight.manifests().into_iter().filter(|m| m.flight == "f0002").collect();
     assert_eq!(triggered.len(), 3, "the extra series and the two scheduled after it");
     assert_eq!(flight.manifests().len(), 4);
-    assert!(daemon::ask(&socket, "status").unwrap_err().to_string().contains("no daemon is running"));
-    flight.sound();
+    assert!(daemon::query_daemon(&socket, "status").unwrap_err().to_string().contains("no daemon is running"));
+    flight.verify_store();
 }

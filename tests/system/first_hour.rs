@@ -1,5 +1,5 @@
-//! Promise: from pictures on a card, a survey and pictures of a board to a report in four commands; a card is taken in once,
-//! whatever breaks it off; what a hand has measured stands beside what was detected.
+//! Promise: from images on a card, a survey and images of a board to a report in four commands; a card is imported once,
+//! after any interruption; manual observations are used together with detections.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -8,13 +8,13 @@ use serde_json::Value;
 use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, catalogue};
 
-use crate::program::{done_in as done, fixture, run_in as wingd, said};
+use crate::program::{all_output, fixture, run_in as wingd, run_in_folder as done};
 
 fn lines(text: &str) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// An Exif block with `DateTimeOriginal`, `SubSecTimeOriginal` and, where it is stated, `OffsetTimeOriginal`.
+/// An Exif block with `DateTimeOriginal`, `SubSecTimeOriginal` and, if given, `OffsetTimeOriginal`.
 fn exif(time: &str, parts: &str, zone: Option<&str>) -> Vec<u8> {
     let entries: u8 = if zone.is_some() { 3 } else { 2 };
     let texts = 26 + 2 + 12 * u32::from(entries) + 4;
@@ -35,7 +35,7 @@ fn exif(time: &str, parts: &str, zone: Option<&str>) -> Vec<u8> {
     [&[0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff].concat()
 }
 
-/// A picture with that block behind its first marker, and bytes of its own behind its end.
+/// An image with that block after its first marker, and its own bytes after its end.
 fn picture(from: &Path, to: &Path, block: &[u8], tail: &[u8]) {
     let bytes = std::fs::read(from).unwrap();
     std::fs::write(to, [&bytes[..2], block, &bytes[2..], tail].concat()).unwrap();
@@ -49,8 +49,7 @@ fn flight_frame(number: usize) -> PathBuf {
 fn oriented(folder: &Path) {
     std::fs::create_dir(folder.join("installation")).unwrap();
     for name in ["installation.toml", "camera.toml", "survey.csv"] {
-        std::fs::copy(fixture("dev/installation").join(name), folder.join("installation").join(name))
-            .unwrap();
+        std::fs::copy(fixture("dev/installation").join(name), folder.join("installation").join(name)).unwrap();
     }
     done(folder, &["orient", fixture("dev/frames/ground.jpg").to_str().unwrap()]);
 }
@@ -67,11 +66,7 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     // The aircraft, the survey and the photographer.
     let deflections = "2.4,2.2,2.0,1.8,1.6,1.4";
     let size = ["--size", "1600", "1200", "--focal", "1400", "--board", "board.toml"];
-    done(
-        here,
-        &[&["simulate", "--output", ".", "--seed", "4", "--tip-deflections", deflections], &size[..]]
-            .concat(),
-    );
+    done(here, &[&["simulate", "--output", ".", "--seed", "4", "--tip-deflections", deflections], &size[..]].concat());
     std::fs::create_dir(here.join("card")).unwrap();
     for k in 1..=6 {
         let time = format!("2026:03:01 09:0{}:00", k / 4);
@@ -81,8 +76,7 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     }
     done(here, &["calibrate", "--board", "board.toml", "--output", "installation/camera.toml", "board"]);
     done(here, &["orient", "frames/ground.jpg"]);
-    let imported =
-        done(here, &["import", "card", "--store", "store", "--installation", "installation", "--json"]);
+    let imported = done(here, &["import", "card", "--store", "store", "--installation", "installation", "--json"]);
     done(here, &["solve", "store", "--report", "report.html"]);
     let series = lines(&imported);
     assert_eq!(series.len(), 2, "{imported}");
@@ -93,7 +87,7 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     assert!(page.contains("IMG_0006.JPG") && page.contains("6 of 6"), "every frame is in the report, solved");
     let report = verify_path(&RealDisk, &here.join("store"));
     assert!(report.is_sound() && report.frames == 6 && report.results == 6, "{report:#?}");
-    // What a recorded flight can do, this one can.
+    // An imported flight supports the same commands as a recorded one.
     let table = done(here, &["export", "store", "--format", "csv", "--table", "shots"]);
     assert_eq!(table.lines().count(), 7, "{table}");
     done(here, &["copy", "store", "away"]);
@@ -106,7 +100,7 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
 }
 
 #[test]
-fn a_card_that_is_pulled_out_is_taken_in_to_the_end_later() {
+fn an_import_interrupted_by_removing_the_card_is_completed_later() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let count = 40;
@@ -130,12 +124,9 @@ fn a_card_that_is_pulled_out_is_taken_in_to_the_end_later() {
     child.kill().unwrap();
     child.wait().unwrap();
     let again = wingd(here, &["import", "card", "--store", "store"]);
-    assert!(again.status.success(), "{}", said(&again));
-    let zone = said(&again);
-    assert!(
-        zone.contains("do not say the zone of their time: taken as UTC") && zone.contains("--zone"),
-        "{zone}"
-    );
+    assert!(again.status.success(), "{}", all_output(&again));
+    let zone = all_output(&again);
+    assert!(zone.contains("have no time zone: assumed UTC") && zone.contains("--zone"), "{zone}");
     let report = verify_path(&RealDisk, &here.join("store"));
     assert!(report.is_sound() && report.frames == count, "{report:#?}");
     let flights = catalogue::list_flights(&RealDisk, &here.join("store")).unwrap();
@@ -150,7 +141,7 @@ fn a_card_that_is_pulled_out_is_taken_in_to_the_end_later() {
 }
 
 #[test]
-fn what_pictures_do_not_say_is_said() {
+fn information_missing_from_images_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("card")).unwrap();
@@ -160,9 +151,9 @@ fn what_pictures_do_not_say_is_said() {
     std::fs::write(here.join("card/notes.txt"), "window 14").unwrap();
     std::fs::copy(here.join("card/P9.jpg"), here.join("card/copy of P9.jpg")).unwrap();
     let undated = wingd(here, &["import", "card", "card/notes.txt", "--store", "store", "--json"]);
-    assert_eq!(undated.status.code(), Some(1), "a file could not be taken: {}", said(&undated));
-    let text = said(&undated);
-    for words in ["do not say when they were taken", "notes.txt: is no picture", "taken once"] {
+    assert_eq!(undated.status.code(), Some(1), "a file could not be taken: {}", all_output(&undated));
+    let text = all_output(&undated);
+    for words in ["images have no time", "notes.txt: is not a supported image", "imported once"] {
         assert!(text.contains(words), "{words}: {text}");
     }
     let series: Value = serde_json::from_slice(undated.stdout.trim_ascii_end()).unwrap();
@@ -170,24 +161,25 @@ fn what_pictures_do_not_say_is_said() {
     assert_eq!(series["sources"], serde_json::json!(["P9.jpg", "P10.jpg"]));
     let table = done(here, &["report", "store", "--output", "undated.html"]);
     let page = std::fs::read_to_string(here.join("undated.html")).unwrap();
-    assert!(
-        !table.contains("1970-01") && !page.contains("1970-01") && page.contains("times unknown"),
-        "{table}"
-    );
+    assert!(!table.contains("1970-01") && !page.contains("1970-01") && page.contains("times unknown"), "{table}");
     let dated = ["--start", "2026-03-01T08:00:00Z", "--every", "10s", "--flight", "TF 103", "--json"];
     let dated = done(here, &[&["import", "card", "--store", "named"], &dated[..]].concat());
     assert_eq!(lines(&dated)[0]["ended"], "2026-03-01T08:00:10Z", "{dated}");
     let shown = wingd(here, &["report", "named", "--flight", "TF 103"]);
-    assert!(shown.status.success(), "a flight is found by its name: {}", said(&shown));
+    assert!(shown.status.success(), "a flight is found by its name: {}", all_output(&shown));
     let missing = wingd(here, &["import", "card", "--store", "named", "--flight", "f0009"]);
-    assert!(missing.status.code() == Some(1) && said(&missing).contains("there is no flight f0009"));
+    assert!(missing.status.code() == Some(1) && all_output(&missing).contains("there is no flight f0009"));
     std::fs::create_dir(here.join("empty")).unwrap();
     let empty = wingd(here, &["import", "empty", "--store", "store"]);
-    assert!(empty.status.code() == Some(1) && said(&empty).contains("holds no pictures"), "{}", said(&empty));
+    assert!(
+        empty.status.code() == Some(1) && all_output(&empty).contains("contains no images"),
+        "{}",
+        all_output(&empty)
+    );
 }
 
 #[test]
-fn points_measured_by_hand_stand_beside_what_is_detected() {
+fn manual_observations_are_used_with_detections() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     oriented(here);
@@ -203,10 +195,10 @@ fn points_measured_by_hand_stand_beside_what_is_detected() {
     std::fs::write(&file, format!("id,u_px,v_px,sigma_px\nM05,{},{},2\n", u + 0.5, v)).unwrap();
     let beside = &lines(&done(here, &["solve", "--json", "--observations", "hand.csv", &frame]))[0];
     let moved = marker(beside, "M05");
-    assert!((moved["u_px"].as_f64().unwrap() - u - 0.5).abs() < 1e-6, "the hand's stands: {moved}");
+    assert!((moved["u_px"].as_f64().unwrap() - u - 0.5).abs() < 1e-6, "the manual observation is used: {moved}");
     assert_eq!(moved["sigma_u_px"], 2.0);
     assert_eq!(marker(beside, "M06")["u_px"], marker(plain, "M06")["u_px"], "the others are the detector's");
-    // Nothing but the hand's.
+    // Manual observations only.
     let all: String = plain["markers"]
         .as_array()
         .unwrap()
@@ -219,46 +211,41 @@ fn points_measured_by_hand_stand_beside_what_is_detected() {
     let only = &lines(&done(here, &only))[0];
     assert_eq!(marker(only, "M06")["sigma_u_px"], 0.1, "{only}");
     let deflection = |record: &Value| record["tip"]["deflection_m"].as_f64().unwrap();
-    assert!(
-        (deflection(only) - deflection(plain)).abs() < 0.05,
-        "{} {}",
-        deflection(only),
-        deflection(plain)
-    );
-    // Of several pictures each point says which.
+    assert!((deflection(only) - deflection(plain)).abs() < 0.05, "{} {}", deflection(only), deflection(plain));
+    // With several images each point names its image.
     let both = lines(&done(here, &["solve", "--json", "--observations", "hand.csv", &frame, &other]));
     assert!(both.len() == 2 && marker(&both[1], "M06")["sigma_u_px"] != 0.1);
     std::fs::write(&file, "id,u_px,v_px,sigma_px\nM05,100,100,2\n").unwrap();
-    let unsaid = wingd(here, &["solve", "--observations", "hand.csv", &frame, &other]);
-    assert!(unsaid.status.code() == Some(78) && said(&unsaid).contains("column image"), "{}", said(&unsaid));
+    let unnamed = wingd(here, &["solve", "--observations", "hand.csv", &frame, &other]);
+    assert!(
+        unnamed.status.code() == Some(78) && all_output(&unnamed).contains("column image"),
+        "{}",
+        all_output(&unnamed)
+    );
 }
 
 #[test]
-fn a_fresh_installation_is_told_all_that_is_missing_at_once() {
+fn everything_missing_from_a_new_installation_is_reported_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let none = wingd(here, &["check"]);
-    assert!(none.status.code() == Some(2) && said(&none).contains("wingd init"), "{}", said(&none));
+    assert!(none.status.code() == Some(2) && all_output(&none).contains("wingd init"), "{}", all_output(&none));
     done(here, &["init"]);
     assert!(here.join("installation.svg").exists());
     let fresh = wingd(here, &["check", "--json"]);
-    assert_eq!(fresh.status.code(), Some(78), "{}", said(&fresh));
+    assert_eq!(fresh.status.code(), Some(78), "{}", all_output(&fresh));
     let found: Value = serde_json::from_slice(&fresh.stdout).unwrap();
-    let places: Vec<&str> =
-        found["faults"].as_array().unwrap().iter().map(|f| f["place"].as_str().unwrap()).collect();
-    let blanks =
-        ["name", "camera.projection_centre_m", "wing.span_direction", "wing.side", "wing.root_offset_m"];
+    let places: Vec<&str> = found["faults"].as_array().unwrap().iter().map(|f| f["place"].as_str().unwrap()).collect();
+    let blanks = ["name", "camera.projection_centre_m", "wing.span_direction", "wing.side", "wing.root_offset_m"];
     for place in blanks.iter().chain(&["camera"]) {
         assert!(places.contains(place), "{place}: {places:?}");
     }
-    let files: Vec<&str> =
-        found["faults"].as_array().unwrap().iter().map(|f| f["file"].as_str().unwrap()).collect();
+    let files: Vec<&str> = found["faults"].as_array().unwrap().iter().map(|f| f["file"].as_str().unwrap()).collect();
     for name in ["camera.toml", "survey.csv"] {
         assert!(files.iter().any(|file| file.ends_with(name)), "{name}: {files:?}");
     }
-    // What is known is filled in.
-    let known =
-        ["--name", "D-ABCD", "--side", "left", "--projection-centre", "1,-2,3", "--span-direction", "0,1"];
+    // Known values are filled in.
+    let known = ["--name", "D-ABCD", "--side", "left", "--projection-centre", "1,-2,3", "--span-direction", "0,1"];
     done(here, &[&["init", "known", "--root-offset", "0.7", "--torsion", "M18,M19"], &known[..]].concat());
     let text = std::fs::read_to_string(here.join("known/installation/installation.toml")).unwrap();
     assert!(text.contains("side = \"left\"") && text.contains("leading = \"M18\"") && !text.contains("XXXX"));

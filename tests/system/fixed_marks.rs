@@ -1,5 +1,5 @@
-//! Promise: marks that are rigid to the cabin are drawn, found, named and used from simulate to solve, have no deflection, and
-//! `plan` says what they bring; which frames are of one mounting can be said.
+//! Promise: fixed targets are rendered, found, identified and used from simulate to solve, have no deflection, and
+//! `plan` reports their gain; the user can declare which frames share a mounting.
 
 use std::path::{Path, PathBuf};
 
@@ -7,13 +7,12 @@ use serde_json::Value;
 
 use crate::program::{run, stdout};
 
-/// A simulated set with two fixed marks, oriented: the folder, the installation, a flight frame.
+/// A simulated set with two fixed targets, oriented: the folder, the installation, a flight frame.
 fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("set");
     let text = output.to_str().unwrap();
-    let small =
-        ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-deflections", "2.5"];
+    let small = ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-deflections", "2.5"];
     let mut arguments = vec!["simulate", "--output", text, "--seed", "5"];
     arguments.extend(small);
     stdout(&arguments);
@@ -35,12 +34,10 @@ fn sigma_of_the_tip(record: &Value) -> f64 {
 }
 
 #[test]
-fn fixed_marks_are_used_from_simulate_to_solve() {
+fn fixed_targets_are_used_from_simulate_to_solve() {
     let (folder, installation, frame) = set();
     let with = solved(&installation, &frame, &[]);
-    for mark in
-        with["markers"].as_array().unwrap().iter().filter(|m| m["id"].as_str().unwrap().starts_with('F'))
-    {
+    for mark in with["markers"].as_array().unwrap().iter().filter(|m| m["id"].as_str().unwrap().starts_with('F')) {
         assert_eq!(mark["used"], true, "{mark}");
         assert!(mark["deflection_m"].is_null(), "{mark}");
     }
@@ -51,7 +48,7 @@ fn fixed_marks_are_used_from_simulate_to_solve() {
     let stayed = solved(&installation, &frame, &["--mountings", mountings.to_str().unwrap()]);
     assert!(sigma_of_the_tip(&stayed) <= sigma_of_the_tip(&with));
 
-    // As if they were on the wing they would tell nothing of the camera: here they are not there at all.
+    // Targets treated as if on the wing would not constrain the camera: here they are absent.
     let survey = installation.join("survey.csv");
     let text = std::fs::read_to_string(&survey).unwrap();
     assert!(text.starts_with("id,shape,diameter_m,x_m,y_m,z_m,sigma_m,fixed\n"));
@@ -61,7 +58,7 @@ fn fixed_marks_are_used_from_simulate_to_solve() {
     stdout(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
     let without = solved(&installation, &frame, &[]);
     let (with, without) = (sigma_of_the_tip(&with), sigma_of_the_tip(&without));
-    assert!(with < 0.8 * without, "{with} m with two fixed marks, {without} m without");
+    assert!(with < 0.8 * without, "{with} m with two fixed targets, {without} m without");
 }
 
 fn dev() -> String {
@@ -69,7 +66,7 @@ fn dev() -> String {
 }
 
 #[test]
-fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
+fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unknown() {
     let plan: Value = serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
     let prediction = &plan["prediction"];
     let tip = |value: &Value| value["sigma_tip_deflection_m"].as_f64().unwrap();
@@ -88,11 +85,11 @@ fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
         assert!(tip(&term["expected"]) <= as_it_is * (1.0 + 1e-6), "{term}");
     }
     let text = stdout(&["plan", "--installation", &dev()]);
-    assert!(text.contains("2 fixed marks") && text.contains("height of the bending axis"), "{text}");
+    assert!(text.contains("2 fixed targets") && text.contains("height of the bending axis"), "{text}");
 }
 
 #[test]
-fn a_frame_without_a_mounting_is_named_before_anything_is_solved() {
+fn a_frame_without_a_mounting_is_reported_before_solving() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("mountings.csv");
     std::fs::write(&file, "image,mounting\nother.jpg,a\n").unwrap();
@@ -106,7 +103,7 @@ fn a_frame_without_a_mounting_is_named_before_anything_is_solved() {
         "one.jpg",
         "other.jpg",
     ]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("one.jpg") && said.contains("mountings.csv"), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("one.jpg") && printed.contains("mountings.csv"), "{printed}");
 }

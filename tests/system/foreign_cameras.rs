@@ -1,4 +1,4 @@
-//! Promise: a camera of another program is read as its own program reads it, or refused with the cause by its name
+//! Promise: a camera of another program is read as its own program reads it, or refused with the cause by name
 //! (fixtures/cameras; docs/calibration.md).
 
 use std::path::Path;
@@ -8,7 +8,7 @@ use wingd::measure::geometry::Lens;
 
 use crate::program::{fixture, outcome};
 
-/// A file of fixtures/cameras, and what its reading must say: the camera constant, or words of the refusal.
+/// A file of fixtures/cameras, and the expected reading: the camera constant, or words of the refusal.
 const CASES: [(&str, Result<f64, &[&str]>); 16] = [
     ("oldvalues_camera_info.yaml", Ok(1133.1)),
     ("oldblock_camera_info.yaml", Ok(1133.1)),
@@ -17,10 +17,10 @@ const CASES: [(&str, Result<f64, &[&str]>); 16] = [
     ("inline-comment-camchain.yaml", Ok(2410.5)),
     ("multi-line-comment.yaml", Ok(2410.5)),
     ("rational5_camera_info.yaml", Ok(1484.1)),
-    ("comment_camera_info.yaml", Err(&["line 9, distortion_model", "\"equidistant\" is another lens model"])),
-    ("opencv-equidistant.yaml", Err(&["distortion_model", "\"equidistant\" is another lens model"])),
-    ("opencv-fisheye-flag.yml", Err(&["fisheye_model", "is another lens model"])),
-    ("cahvor.cameramodel", Err(&["lensmodel", "\"LENSMODEL_CAHVOR\" is another lens model"])),
+    ("comment_camera_info.yaml", Err(&["line 9, distortion_model", "\"equidistant\" is not a supported lens model"])),
+    ("opencv-equidistant.yaml", Err(&["distortion_model", "\"equidistant\" is not a supported lens model"])),
+    ("opencv-fisheye-flag.yml", Err(&["fisheye_model", "is not a supported lens model"])),
+    ("cahvor.cameramodel", Err(&["lensmodel", "\"LENSMODEL_CAHVOR\" is not a supported lens model"])),
     ("nocomma_camera_info.yaml", Err(&["distortion_coefficients", "5 numbers without commas"])),
     ("zeros_camera_info.yaml", Err(&["camera_matrix", "never calibrated"])),
     ("skew_camera_info.yaml", Err(&["camera_matrix", "skew of 4.26 px (row 1, column 2)"])),
@@ -29,23 +29,23 @@ const CASES: [(&str, Result<f64, &[&str]>); 16] = [
 ];
 
 #[test]
-fn every_case_is_read_rightly_or_refused_by_name() {
+fn every_case_is_read_correctly_or_refused_by_name() {
     let directory = tempfile::tempdir().unwrap();
     let camera = directory.path().join("camera.toml");
     for (name, expected) in CASES {
         let file = fixture("cameras").join(name);
-        let (status, said) = outcome(&["convert", &file.to_string_lossy(), &camera.to_string_lossy()]);
+        let (status, printed) = outcome(&["convert", &file.to_string_lossy(), &camera.to_string_lossy()]);
         match expected {
             Ok(fx) => {
-                assert_eq!(status, Some(0), "{name}: {said}");
+                assert_eq!(status, Some(0), "{name}: {printed}");
                 let lens = read_exchange(&camera, None, None).unwrap().lens;
                 assert_eq!(lens.fx, fx, "{name}");
-                assert!(said.contains(&format!("fx {fx}")) && said.contains("dropped: "), "{name}: {said}");
+                assert!(printed.contains(&format!("fx {fx}")) && printed.contains("dropped: "), "{name}: {printed}");
                 std::fs::remove_file(&camera).unwrap();
             }
             Err(words) => {
-                assert_eq!(status, Some(78), "{name}: {said}");
-                assert!(words.iter().all(|word| said.contains(word)), "{name}: {said}");
+                assert_eq!(status, Some(78), "{name}: {printed}");
+                assert!(words.iter().all(|word| printed.contains(word)), "{name}: {printed}");
                 assert!(!camera.exists(), "{name}");
             }
         }
@@ -57,15 +57,15 @@ fn one_of_several_cameras_is_read_by_its_name() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("camera.toml").to_string_lossy().into_owned();
     let file = fixture("cameras/stereo-camchain.yaml").to_string_lossy().into_owned();
-    let (status, said) = outcome(&["convert", "--camera", "cam0", &file, &out]);
+    let (status, printed) = outcome(&["convert", "--camera", "cam0", &file, &out]);
     assert!(
-        status == Some(0) && said.contains("cam0, pinhole, radtan") && said.contains("fx 1210.5"),
-        "{said}"
+        status == Some(0) && printed.contains("cam0, pinhole, radtan") && printed.contains("fx 1210.5"),
+        "{printed}"
     );
-    let (status, said) = outcome(&["convert", "--camera", "cam7", &file, &out]);
-    assert!(status == Some(78) && said.contains("its cameras are cam0, cam1"), "{said}");
-    let (status, said) = outcome(&["convert", "--camera", "cam0", &out, &out]);
-    assert!(status == Some(78) && said.contains("leave --camera out"), "{said}");
+    let (status, printed) = outcome(&["convert", "--camera", "cam7", &file, &out]);
+    assert!(status == Some(78) && printed.contains("its cameras are cam0, cam1"), "{printed}");
+    let (status, printed) = outcome(&["convert", "--camera", "cam0", &out, &out]);
+    assert!(status == Some(78) && printed.contains("omit --camera"), "{printed}");
 }
 
 fn lens() -> Lens {
@@ -77,12 +77,7 @@ fn read(directory: &Path, name: &str, text: &str) -> Result<ReadCamera, String> 
     let file = directory.join(name);
     std::fs::write(&file, text).unwrap();
     read_exchange(&file, None, None).map_err(|faults| {
-        faults
-            .iter()
-            .map(ToString::to_string)
-            .collect::<Vec<_>>()
-            .join("\n")
-            .replace(&file.display().to_string(), "")
+        faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n").replace(&file.display().to_string(), "")
     })
 }
 
@@ -110,7 +105,7 @@ fn a_written_camera_comes_back_from_every_format() {
     }
 }
 
-/// PyYAML, which reads for ROS and Kalibr, takes `1e-5` for a text and `955` for no float.
+/// PyYAML, which reads for ROS and Kalibr, takes `1e-5` for a text and `955` for an integer.
 #[test]
 fn numbers_are_written_as_every_reader_takes_them() {
     let directory = tempfile::tempdir().unwrap();
@@ -124,7 +119,7 @@ fn numbers_are_written_as_every_reader_takes_them() {
     }
 }
 
-/// OpenCV 5.0's `FileStorage` wrote these three of one camera.
+/// OpenCV 5.0's `FileStorage` wrote these three files of one camera.
 #[test]
 fn opencvs_xml_and_json_are_read_like_its_yaml() {
     let directory = tempfile::tempdir().unwrap();
@@ -132,19 +127,18 @@ fn opencvs_xml_and_json_are_read_like_its_yaml() {
         let text = std::fs::read_to_string(fixture("cameras").join(name)).unwrap();
         let read = read(directory.path(), name, &text).unwrap();
         assert_eq!((read.lens, read.format), (lens(), CameraFormat::Opencv), "{name}");
-        let said = read.remarks.join("\n");
+        let printed = read.remarks.join("\n");
         if name.ends_with("json") {
-            let commented = text
-                .replace("1920,", "1920, // \"image_width\": 1280,")
-                .replace("{\n", "{\n// a, \"b\": c\n");
+            let commented =
+                text.replace("1920,", "1920, // \"image_width\": 1280,").replace("{\n", "{\n// a, \"b\": c\n");
             assert_eq!(self::read(directory.path(), name, &commented).unwrap(), read);
         }
-        assert!(read.remarks.len() == 1 && said.contains("no lens model is declared"), "{name}: {said}");
+        assert!(read.remarks.len() == 1 && printed.contains("no lens model is declared"), "{name}: {printed}");
     }
 }
 
 #[test]
-fn models_and_elements_that_are_not_ours_are_named() {
+fn unsupported_models_and_elements_are_named() {
     let directory = tempfile::tempdir().unwrap();
     let ros = |model: &str, matrix: &str, terms: &str| {
         format!(
@@ -159,38 +153,31 @@ fn models_and_elements_that_are_not_ours_are_named() {
     let tilt = format!("{brown}, 0, 0, 0, 0, 0, 0, 0, 0.02, 0");
     let zero = format!("{brown}, 0, 0, 0, 0, 0, 0, 0, 0, 0");
     for (text, words) in [
-        (ros("thin_prism", good, brown), "\"thin_prism\" is another lens model"),
+        (ros("thin_prism", good, brown), "\"thin_prism\" is not a supported lens model"),
         (ros("rational_polynomial", good, &prism), "s1 = 0.001, a term of the thin prism model"),
         (ros("rational_polynomial", good, &tilt), "tau_x = 0.02, a term of the tilt model"),
         (ros("plumb_bob", good, &zero), "are 14 numbers, but distortion_model is plumb_bob"),
-        (ros("KannalaBrandt8", good, brown), "\"KannalaBrandt8\" is another lens model"),
+        (ros("KannalaBrandt8", good, brown), "\"KannalaBrandt8\" is not a supported lens model"),
         (ros("none", good, brown), "are not all 0, but distortion_model is none"),
         (ros("~", good, brown), "is empty: this camera was never calibrated"),
-        (
-            ros("plumb_bob", good, brown) + "lens: {maker: x, type: Kannala-Brandt4}\n",
-            "\"Kannala-Brandt4\" is another",
-        ),
-        (ros("plumb_bob", good, brown) + "lens: {fisheye: yes}\n", "line 6, fisheye: \"fisheye\" is another"),
-        (ros("plumb_bob", good, brown) + "base: &b {x: 1}\n<<: *b\n", "<<: takes keys of another place in"),
-        (
-            "M1: {rows: 3}\nD1: [0]\nM2: {rows: 3}\n".into(),
-            "camera_matrix: is missing; the file has M1, D1, M2",
-        ),
+        (ros("plumb_bob", good, brown) + "lens: {maker: x, type: Kannala-Brandt4}\n", "\"Kannala-Brandt4\" is another"),
+        (ros("plumb_bob", good, brown) + "lens: {fisheye: yes}\n", "line 6, fisheye: \"fisheye\" is not a supported"),
+        (ros("plumb_bob", good, brown) + "base: &b {x: 1}\n<<: *b\n", "<<: merges keys from elsewhere"),
+        ("M1: {rows: 3}\nD1: [0]\nM2: {rows: 3}\n".into(), "camera_matrix: is missing; the file has M1, D1, M2"),
         (ros("''", good, brown), "is empty: this camera was never calibrated"),
         (ros("plumb_bob", "2.4, 0, 0.9, 0, 2.4, 0.6, 0, 0, 1", brown), "camera constants of 2.4 and 2.4 px"),
         (ros("plumb_bob", "2410, 0, 2955, 0, 2410, 610, 0, 0, 1", brown), "principal point at (2955, 610)"),
         (ros("plumb_bob", "2410, 0, 955, 0, 2410, 610, 0, 0, 2", brown), "has 2 in row 3, column 3, not 1"),
         (ros("plumb_bob", good, "-0.11, 0.07, .nan, 0, 0"), "\".nan\" is not a finite number"),
-        (ros("plumb_bob", good, "-0.11, 0.07, 0"), "holds 3 numbers"),
-        (ros("plumb_bob", good, brown) + "image_width: 1920\n", "image_width: stands twice"),
+        (ros("plumb_bob", good, "-0.11, 0.07, 0"), "has 3 numbers"),
+        (ros("plumb_bob", good, brown) + "image_width: 1920\n", "image_width: occurs twice"),
         (ros("plumb_bob", good, brown) + "---\nx: 1\n", "several documents"),
-        (ros("plumb_bob", good, brown) + "\tx: 1\n", "is no YAML"),
+        (ros("plumb_bob", good, brown) + "\tx: 1\n", "is not YAML"),
     ] {
         let refused = read(directory.path(), "x_camera_info.yaml", &text).unwrap_err();
         assert!(refused.contains(words), "{words}: {refused}");
     }
-    let whole =
-        read(directory.path(), "x_camera_info.yaml", &ros("rational_polynomial", good, &zero)).unwrap();
+    let whole = read(directory.path(), "x_camera_info.yaml", &ros("rational_polynomial", good, &zero)).unwrap();
     assert_eq!(whole.lens, lens(), "terms of 0 are no other model");
     for (model, left) in [("radtan", ""), ("Brown Conrady", "---\n"), ("Plumb Bob", "...\n---\n~\n")] {
         let text = ros(model, good, brown) + left;
@@ -200,19 +187,15 @@ fn models_and_elements_that_are_not_ours_are_named() {
     let within: String = ros("plumb_bob", good, brown).lines().map(|line| format!("  {line}\n")).collect();
     let text = format!("meta:\n  date: 2026-06-01\ncamera:\n{within}");
     let one = read(directory.path(), "x_camera_info.yaml", &text).unwrap();
-    assert_eq!(
-        (one.lens, one.name.as_deref()),
-        (lens(), Some("camera")),
-        "what is no camera is not asked for"
-    );
+    assert_eq!((one.lens, one.name.as_deref()), (lens(), Some("camera")), "files other than cameras need no name");
     let aliased = ros("plumb_bob", "*m", brown).replace("[*m]", "*m") + "";
     let anchored = format!("x: &m [{good}]\n{aliased}");
     let read = read(directory.path(), "x_camera_info.yaml", &anchored).unwrap();
-    assert!(read.lens == lens() && read.remarks[0].contains("the key x is not known"), "{:?}", read.remarks);
+    assert!(read.lens == lens() && read.remarks[0].contains("the key x is unknown"), "{:?}", read.remarks);
 }
 
 #[test]
-fn every_kalibr_and_mrcal_model_that_is_not_ours_is_named() {
+fn every_unsupported_kalibr_and_mrcal_model_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let kalibr = |projection: &str, distortion: &str| {
         format!(
@@ -229,7 +212,7 @@ fn every_kalibr_and_mrcal_model_that_is_not_ours_is_named() {
         ("double_sphere", "radtan"),
     ] {
         let refused = read(directory.path(), "camchain.yaml", &kalibr(projection, distortion)).unwrap_err();
-        assert!(refused.contains("another lens model"), "{refused}");
+        assert!(refused.contains("is not a supported lens model"), "{refused}");
     }
     for model in [
         "CAHVOR",
@@ -242,7 +225,7 @@ fn every_kalibr_and_mrcal_model_that_is_not_ours_is_named() {
             "{{'lensmodel': 'LENSMODEL_{model}', 'intrinsics': [2410.5, 2409.8, 955, 610, 0, 0, 0, 0], 'imagersize': [1920, 1200]}}"
         );
         let refused = read(directory.path(), "x.cameramodel", &text).unwrap_err();
-        assert!(refused.contains(model) && refused.contains("another lens model"), "{refused}");
+        assert!(refused.contains(model) && refused.contains("is not a supported lens model"), "{refused}");
     }
 }
 
@@ -258,13 +241,14 @@ fn a_board_of_kalibr_is_read_and_other_targets_are_named() {
     };
     let grid = "target_type: 'aprilgrid' # gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.088 # m\ntagSpacing: 0.3\ncodeOffset: 0\n";
     assert_eq!(board(grid), "AprilGrid { columns: 6, rows: 5, tag_m: 0.088, spacing: 0.3 }");
-    let checks = "target_type: checkerboard\ntargetCols: 8\ntargetRows: 6\nrowSpacingMeters: 0.025\ncolSpacingMeters: 0.025\n";
+    let checks =
+        "target_type: checkerboard\ntargetCols: 8\ntargetRows: 6\nrowSpacingMeters: 0.025\ncolSpacingMeters: 0.025\n";
     assert_eq!(board(checks), "Checkerboard { columns: 8, rows: 6, square_m: 0.025 }");
     for (text, words) in [
-        (checks.replace("colSpacingMeters: 0.025", "colSpacingMeters: 0.03"), "squares alone are read"),
-        (grid.replace("aprilgrid", "circlegrid"), "\"circlegrid\" is another target"),
+        (checks.replace("colSpacingMeters: 0.025", "colSpacingMeters: 0.03"), "only squares are supported"),
+        (grid.replace("aprilgrid", "circlegrid"), "\"circlegrid\" is not a supported target"),
         (grid.replace("codeOffset: 0", "codeOffset: 36"), "line 6, codeOffset: is not 0"),
-        (format!("{grid}tagFamily: t25h9\n"), "line 7, tagFamily: is no key of a target that is read"),
+        (format!("{grid}tagFamily: t25h9\n"), "line 7, tagFamily: is not a known key of a target"),
         (grid.replace("tagCols: 6", "tagCols: 6.5"), "is 6.5"),
         (grid.replace("0.088", "88"), "tags of 88 m"),
         (grid.replace("tagRows: 5", "tagRow: 5"), "tagRows: is missing"),

@@ -1,10 +1,10 @@
-//! Promise: one slip in a table or a TOML file that somebody wrote by hand is one fault, with its cause and the mend
+//! Promise: one mistake in a manually edited table or TOML file is one fault, with its cause and the remedy
 //! (docs/interface.md).
 
 use crate::program::{fixture, outcome};
 
-/// An installation with another text for its survey.
-fn checked(survey: &str) -> (Option<i32>, String) {
+/// An installation with another text as its survey.
+fn check_survey(survey: &str) -> (Option<i32>, String) {
     let dir = tempfile::tempdir().unwrap();
     for name in ["camera.toml", "installation.toml"] {
         std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
@@ -20,32 +20,32 @@ fn one_cause_in_a_survey_is_one_fault() {
     let decimal = rows.replacen("38.6089", "38,6089", 1);
     for (survey, words) in [
         (format!("sep=,\n{sound}"), "line 1: is a spreadsheet's separator line"),
-        (format!("{}\n{rows}", header.to_uppercase()), "write it in small letters: id,shape"),
-        (format!("a,b,c\n{rows}"), "line 1: is no header with id, shape"),
+        (format!("{}\n{rows}", header.to_uppercase()), "write it in lower case: id,shape"),
+        (format!("a,b,c\n{rows}"), "line 1: is not a header with id, shape"),
         (sound.replace(',', ";"), "is separated by semicolons"),
         (format!("{header}\n{decimal}"), "line 2: has 8 cells under a header of 7"),
         (sound.replace(',', "|"), "is separated by bars"),
-        (format!("{header}\n-,-,m,m,m,m,m\n{rows}"), "line 2: holds no numbers where its columns need them"),
-        (format!("{sound}{header}\n"), "line 23: holds no numbers where its columns need them"),
-        (format!("{sound}mean,,,,,,\n"), "line 23: holds no numbers where its columns need them"),
-        (format!("{header},x_m\n{rows}"), "column x_m: stands twice"),
+        (format!("{header}\n-,-,m,m,m,m,m\n{rows}"), "line 2: has no numbers in columns that need them"),
+        (format!("{sound}{header}\n"), "line 23: has no numbers in columns that need them"),
+        (format!("{sound}mean,,,,,,\n"), "line 23: has no numbers in columns that need them"),
+        (format!("{header},x_m\n{rows}"), "column x_m: occurs twice"),
         (format!("{header}\n\"{rows}"), "line 2: a quote is not closed"),
     ] {
-        let (status, said) = checked(&survey);
+        let (status, printed) = check_survey(&survey);
         assert!(
-            status == Some(78) && said.contains(words) && said.contains("1 fault to mend"),
-            "{words}: {said}"
+            status == Some(78)
+                && printed.contains(words)
+                && printed.contains("1 error in the configuration or installation"),
+            "{words}: {printed}"
         );
     }
-    let quoted = format!(
-        "{header},note\n{}",
-        rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>()
-    );
-    assert_eq!(checked(&quoted).0, checked(&sound).0);
+    let quoted =
+        format!("{header},note\n{}", rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>());
+    assert_eq!(check_survey(&quoted).0, check_survey(&sound).0);
 }
 
 #[test]
-fn slips_of_the_pen_in_toml_are_named_with_the_mend() {
+fn typing_mistakes_in_toml_are_named_with_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     let main = dir.path().join("installation.toml");
     let sound = std::fs::read_to_string(fixture("dev/installation/installation.toml")).unwrap();
@@ -54,20 +54,20 @@ fn slips_of_the_pen_in_toml_are_named_with_the_mend() {
         ("survey = \"C:\\wing\\survey.csv\"", "single quotes"),
         (
             "survey = \"C:\\new\\table.csv\"",
-            "C:\\new\\table.csv: file: is no name: a backslash within double quotes",
+            "C:\\new\\table.csv: file: is not a valid path: within double quotes a backslash",
         ),
         ("survey = “survey.csv”", "straight quotes"),
-        ("root_offset_sigma_m = 0,01\nsurvey = \"survey.csv\"", "has a decimal comma; write a point"),
-        ("survey = 2026-06-01", "is a date where a text or a number must be"),
+        ("root_offset_sigma_m = 0,01\nsurvey = \"survey.csv\"", "has a decimal comma; use a decimal point"),
+        ("survey = 2026-06-01", "is a date, but a text or a number is expected"),
     ] {
         std::fs::write(&main, sound.replace(survey, line)).unwrap();
-        let (status, said) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
-        assert!(status == Some(78) && said.contains(words), "{words}: {said}");
+        let (status, printed) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+        assert!(status == Some(78) && printed.contains(words), "{words}: {printed}");
     }
 }
 
 #[test]
-fn another_programs_camera_in_the_place_of_ours_is_named_with_the_mend() {
+fn a_camera_file_of_another_program_is_named_with_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     for name in ["survey.csv", "installation.toml"] {
         std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
@@ -76,15 +76,15 @@ fn another_programs_camera_in_the_place_of_ours_is_named_with_the_mend() {
     let sound = std::fs::read_to_string(&main).unwrap();
     std::fs::write(&main, sound.replace("camera.toml", "opencv.yaml")).unwrap();
     std::fs::copy(fixture("cameras/opencv.yaml"), dir.path().join("opencv.yaml")).unwrap();
-    let (status, said) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+    let (status, printed) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
     assert!(
-        status == Some(78) && said.contains("is no camera.toml") && said.contains("wingd convert"),
-        "{said}"
+        status == Some(78) && printed.contains("is not a camera.toml") && printed.contains("wingd convert"),
+        "{printed}"
     );
 }
 
 #[test]
-fn a_boards_fault_has_its_line_and_the_mend() {
+fn a_fault_of_a_board_file_has_its_line_and_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("board.toml"), dir.path().join("camera.toml"));
     let sound = "pattern = \"checkerboard\"\ncolumns = 8\nrows = 6\nsquare_m = 0.025\n";
@@ -97,13 +97,13 @@ fn a_boards_fault_has_its_line_and_the_mend() {
     ] {
         std::fs::write(&file, text).unwrap();
         let (file, out) = (file.to_string_lossy(), out.to_string_lossy());
-        let (status, said) = outcome(&["calibrate", "--board", &file, "--output", &out, "none.jpg"]);
-        assert!(status == Some(78) && said.contains(words), "{words}: {said}");
+        let (status, printed) = outcome(&["calibrate", "--board", &file, "--output", &out, "none.jpg"]);
+        assert!(status == Some(78) && printed.contains(words), "{words}: {printed}");
     }
 }
 
 #[test]
-fn files_whose_names_are_no_utf8_are_read_and_told_apart() {
+fn files_whose_names_are_not_utf8_are_read_and_distinguished() {
     use std::os::unix::ffi::OsStrExt;
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join(std::ffi::OsStr::from_bytes(b"fl\xfcgel.yaml"));
@@ -113,12 +113,12 @@ fn files_whose_names_are_no_utf8_are_read_and_told_apart() {
         convert.arg("convert").arg(file).arg(dir.path().join("camera.toml")).output().unwrap()
     };
     let done = run(&file);
-    let said = String::from_utf8(done.stdout).unwrap();
-    assert!(done.status.success() && said.contains("fl\\xfcgel.yaml: OpenCV"), "{said}");
+    let printed = String::from_utf8(done.stdout).unwrap();
+    assert!(done.status.success() && printed.contains("fl\\xfcgel.yaml: OpenCV"), "{printed}");
     let missing = run(&dir.path().join(std::ffi::OsStr::from_bytes(b"fl\xe4gel.yaml")));
-    let said = String::from_utf8(missing.stderr).unwrap();
+    let printed = String::from_utf8(missing.stderr).unwrap();
     assert!(
-        missing.status.code() == Some(78) && said.contains("fl\\xe4gel.yaml: file: cannot be read"),
-        "{said}"
+        missing.status.code() == Some(78) && printed.contains("fl\\xe4gel.yaml: file: cannot be read"),
+        "{printed}"
     );
 }

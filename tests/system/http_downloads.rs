@@ -1,4 +1,4 @@
-//! Promise: what is downloaded is whole, one state, and a store; what cannot be sent whole is an error.
+//! Promise: a download is complete, of one state, and a store; a file that cannot be sent completely is an error.
 
 use std::path::Path;
 use std::process::Command;
@@ -25,7 +25,7 @@ fn unpacked(archive: &[u8]) -> tempfile::TempDir {
 fn an_archive_has_length_and_digest_and_unpacks_to_a_store() {
     let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
     let server = Server::start(store.path());
-    let head = server.ask("HEAD", ARCHIVE, "");
+    let head = server.request("HEAD", ARCHIVE, "");
     let whole = server.get(ARCHIVE);
     assert_eq!((head.status, whole.status, head.body.len()), (200, 200, 0));
     for answer in [&head, &whole] {
@@ -52,7 +52,7 @@ fn an_archive_has_length_and_digest_and_unpacks_to_a_store() {
 }
 
 #[test]
-fn an_archive_broken_off_thirty_times_is_the_same() {
+fn an_archive_interrupted_thirty_times_arrives_complete() {
     let six = |deflection_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(deflection_m, 0.006));
     let store = store_with(&[&six(2.9), &six(2.1)]);
     let server = Server::start(store.path());
@@ -65,9 +65,9 @@ fn an_archive_broken_off_thirty_times_is_the_same() {
     let mut got = Vec::new();
     for until in breaks {
         let headers = format!("Range: bytes={}-\r\nIf-Range: {etag}\r\n", got.len());
-        let part = server.ask("GET", ARCHIVE, &headers);
+        let part = server.request("GET", ARCHIVE, &headers);
         assert_eq!(part.status, 206);
-        // What came before the connection broke.
+        // The part received before the connection broke.
         let count = until - got.len();
         got.extend_from_slice(&part.body[..count]);
     }
@@ -80,17 +80,17 @@ fn an_archive_of_another_state_is_not_joined_with_this_one() {
     let server = Server::start(store.path());
     let before = server.get(ARCHIVE);
     let etag = before.header("etag").unwrap().to_owned();
-    assert_eq!(server.ask("GET", ARCHIVE, &format!("If-None-Match: {etag}\r\n")).status, 304);
+    assert_eq!(server.request("GET", ARCHIVE, &format!("If-None-Match: {etag}\r\n")).status, 304);
     add_result(store.path());
     let headers = format!("Range: bytes=100-\r\nIf-Range: {etag}\r\n");
-    let after = server.ask("GET", ARCHIVE, &headers);
+    let after = server.request("GET", ARCHIVE, &headers);
     assert_eq!(after.status, 200, "all of the new one");
     assert_ne!(after.header("etag"), Some(etag.as_str()));
     assert_eq!(verify_path(&RealDisk, unpacked(&after.body).path()).results, 2);
-    assert_eq!(server.ask("GET", ARCHIVE, &format!("If-None-Match: {etag}\r\n")).status, 200);
+    assert_eq!(server.request("GET", ARCHIVE, &format!("If-None-Match: {etag}\r\n")).status, 200);
 }
 
-/// The same frame with other inputs.
+/// Adds a result of the same frame with other inputs.
 fn add_result(root: &Path) {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(std::sync::Arc::new(RealDisk), config).unwrap();
@@ -102,7 +102,7 @@ fn add_result(root: &Path) {
 }
 
 #[test]
-fn what_cannot_be_sent_whole_is_an_error_that_names_it() {
+fn a_file_that_cannot_be_sent_completely_is_an_error_that_names_it() {
     type Damage = fn(&Path);
     let damages: [(&str, Damage); 4] = [
         ("0001.jpg", |series| std::fs::remove_file(series.join("0001.jpg")).unwrap()),
@@ -131,8 +131,7 @@ fn two_stores_on_one_address_do_not_show_each_others_frames() {
     let another = b"another frame".to_vec();
     std::fs::write(series.join("0001.jpg"), &another).unwrap();
     let manifest = manifest.replace(&sha256_hex(&jpeg()), &sha256_hex(&another));
-    let manifest =
-        manifest.replace(&format!("\"bytes\": {}", jpeg().len()), &format!("\"bytes\": {}", another.len()));
+    let manifest = manifest.replace(&format!("\"bytes\": {}", jpeg().len()), &format!("\"bytes\": {}", another.len()));
     std::fs::write(series.join("series.json"), manifest).unwrap();
     let first = Server::start(one.path()).get(FRAME);
     let kept = first.header("cache-control").unwrap();
@@ -140,9 +139,9 @@ fn two_stores_on_one_address_do_not_show_each_others_frames() {
     assert_eq!(first.header("last-modified"), None, "files of two stores may be equally old");
     let etag = first.header("etag").unwrap();
     let ask = format!("If-None-Match: {etag}\r\nIf-Modified-Since: Fri, 01 Jan 2100 00:00:00 GMT\r\n");
-    let second = Server::start(other.path()).ask("GET", FRAME, &ask);
+    let second = Server::start(other.path()).request("GET", FRAME, &ask);
     assert_eq!((second.status, second.body), (200, another));
-    assert_eq!(Server::start(one.path()).ask("GET", FRAME, &ask).status, 304);
+    assert_eq!(Server::start(one.path()).request("GET", FRAME, &ask).status, 304);
 }
 
 #[test]

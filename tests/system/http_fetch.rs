@@ -1,4 +1,4 @@
-//! Promise: `wingd fetch` brings a flight whole over a line that breaks, and says so only when all is there.
+//! Promise: `wingd fetch` completes a flight over a line that breaks, and succeeds only if all of it is there.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -27,7 +27,7 @@ fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
-/// Hands connections on and cuts each off after some bytes, `cuts` times; returns its address.
+/// Forwards connections and cuts each off after some bytes, `cuts` times; returns its address.
 fn line_that_breaks(to: SocketAddr, cuts: usize) -> (SocketAddr, Arc<AtomicUsize>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -70,7 +70,7 @@ fn pass_on(client: TcpStream, server: TcpStream, mut left: usize) {
 }
 
 #[test]
-fn a_flight_comes_whole_over_a_line_that_breaks_thirty_times() {
+fn a_flight_arrives_complete_over_a_line_that_breaks_thirty_times() {
     let six = |deflection_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(deflection_m, 0.006));
     let all: Vec<[serde_json::Value; 6]> = (0..60).map(|k| six(2.0 + f64::from(k) / 100.0)).collect();
     let series: Vec<&[serde_json::Value]> = all.iter().map(|s| &s[..]).collect();
@@ -92,14 +92,14 @@ fn a_flight_comes_whole_over_a_line_that_breaks_thirty_times() {
     let same = Command::new("diff").arg("-r").arg(here).arg(there).status().unwrap();
     assert!(same.success());
     assert_eq!(verify_path(&RealDisk, to.path()).frames, 360);
-    // Repeated: nothing is fetched again, later results are brought.
+    // Repeated: nothing is fetched again, later results are added.
     add_results(store.path());
     let again = fetch(&url, to.path(), &["--flight", "f0001"]);
     assert_eq!(again.status.code(), Some(0), "{}", text(&again));
     assert_eq!(verify_path(&RealDisk, to.path()).results, 720);
 }
 
-/// All frames with other inputs.
+/// Adds results of all frames with other inputs.
 fn add_results(root: &Path) {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
@@ -117,9 +117,9 @@ fn add_results(root: &Path) {
 }
 
 #[test]
-fn what_does_not_come_whole_is_no_store_and_no_success() {
+fn an_incomplete_fetch_fails_and_leaves_no_store() {
     let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)]]);
-    // A frame of the right length and other bytes: the page cannot know, the receiver does.
+    // A frame of the right length with other bytes: the page cannot detect it, the receiver does.
     let frame = store.path().join("flights/f0001/s000001/0002.jpg");
     let mut bytes = std::fs::read(&frame).unwrap();
     let middle = bytes.len() / 2;
@@ -129,26 +129,22 @@ fn what_does_not_come_whole_is_no_store_and_no_success() {
     let to = tempfile::tempdir().unwrap();
     let output = fetch(&format!("http://{}", server.address), to.path(), &[]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));
-    assert!(
-        text(&output).contains("0002.jpg") && !to.path().join("store.toml").exists(),
-        "{}",
-        text(&output)
-    );
+    assert!(text(&output).contains("0002.jpg") && !to.path().join("store.toml").exists(), "{}", text(&output));
     let nobody = fetch(&format!("http://{}", server.address), to.path(), &["--flight", "f0009"]);
     assert!(nobody.status.code() == Some(1) && text(&nobody).contains("no such flight"), "{}", text(&nobody));
 }
 
-fn over_tls(store: &Path) -> Server {
+fn serve_over_tls(store: &Path) -> Server {
     let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls").join(name);
-    let tls = wingd::http::tls::acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
-    Server::guarded(store, Access::new(Some(TOKEN), vec![]).over_tls(Some(tls)))
+    let tls = wingd::http::tls::tls_acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
+    Server::guarded(store, Access::new(Some(TOKEN), vec![]).with_tls(Some(tls)))
 }
 
 #[test]
 #[cfg(feature = "tls")]
-fn it_comes_over_tls_with_the_right_certificate_and_token_only() {
+fn fetching_over_tls_needs_the_right_certificate_and_token() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let server = over_tls(store.path());
+    let server = serve_over_tls(store.path());
     let (to, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let certificate = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls/certificate.pem");
     let certificate = certificate.to_str().unwrap();
@@ -159,17 +155,9 @@ fn it_comes_over_tls_with_the_right_certificate_and_token_only() {
     let refused = fetch(&url, to.path(), &["--certificate", certificate]);
     assert!(refused.status.code() == Some(1) && text(&refused).contains("401"), "{}", text(&refused));
     let unknown = fetch(&url, to.path(), &["--token-file", token]);
-    assert!(
-        unknown.status.code() == Some(1) && text(&unknown).contains("--certificate"),
-        "{}",
-        text(&unknown)
-    );
+    assert!(unknown.status.code() == Some(1) && text(&unknown).contains("--certificate"), "{}", text(&unknown));
     let plain = format!("http://localhost:{}", server.address.port());
-    assert_eq!(
-        fetch(&plain, to.path(), &["--token-file", token]).status.code(),
-        Some(1),
-        "no plain text there"
-    );
+    assert_eq!(fetch(&plain, to.path(), &["--token-file", token]).status.code(), Some(1), "no plain text there");
     let done = fetch(&url, to.path(), &["--certificate", certificate, "--token", token]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done));
     assert!(!text(&done).contains(TOKEN));

@@ -9,7 +9,7 @@ use crate::common::report_store::{jpeg, solved, store_with};
 use wingd::http::access::Access;
 use wingd::http::{Site, serve};
 
-/// A server of its own for a test; stops when dropped.
+/// A server for one test; stops when dropped.
 pub(crate) struct Server {
     pub(crate) address: SocketAddr,
     stop: Option<tokio::sync::oneshot::Sender<()>>,
@@ -22,43 +22,42 @@ impl Server {
     }
 
     pub(crate) fn guarded(root: &Path, access: Access) -> Self {
-        Self::of(Site { root: root.to_owned(), setup: None, status: None, live: None }, access)
+        Self::serve(Site { root: root.to_owned(), setup: None, board: None, live: None }, access)
     }
 
-    pub(crate) fn of(site: Site, access: Access) -> Self {
+    pub(crate) fn serve(site: Site, access: Access) -> Self {
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async move {
                 let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
-                tell.send(listener.local_addr().unwrap()).unwrap();
+                sender.send(listener.local_addr().unwrap()).unwrap();
                 let shutdown = async {
                     let _ = stopped.await;
                 };
                 serve(site, access, listener, shutdown).await.unwrap();
             });
         });
-        Self { address: told.recv().unwrap(), stop: Some(stop), thread: Some(thread) }
+        Self { address: receiver.recv().unwrap(), stop: Some(stop), thread: Some(thread) }
     }
 
-    /// Sends the path as it is, without any cleaning.
-    pub(crate) fn ask(&self, method: &str, path: &str, headers: &str) -> Answer {
-        self.ask_as("localhost", method, path, headers)
+    /// Sends the path unchanged.
+    pub(crate) fn request(&self, method: &str, path: &str, headers: &str) -> Answer {
+        self.request_for_host("localhost", method, path, headers)
     }
 
-    pub(crate) fn ask_as(&self, host: &str, method: &str, path: &str, headers: &str) -> Answer {
+    pub(crate) fn request_for_host(&self, host: &str, method: &str, path: &str, headers: &str) -> Answer {
         let mut stream = TcpStream::connect(self.address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n")
-            .unwrap();
+        write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n").unwrap();
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).unwrap();
         Answer::parse(&bytes)
     }
 
     pub(crate) fn get(&self, path: &str) -> Answer {
-        self.ask("GET", path, "")
+        self.request("GET", path, "")
     }
 }
 
@@ -86,7 +85,7 @@ impl Answer {
         Self { status: head[9..12].parse().unwrap(), head, body }
     }
 
-    /// A header's value, in lower case.
+    /// Value of a header, in lower case.
     pub(crate) fn header(&self, name: &str) -> Option<&str> {
         self.head.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(": "))
     }
@@ -126,11 +125,9 @@ fn pages_lead_from_the_flight_to_the_frame() {
     let frame = server.get("/frames/f0001/s000001/0001.jpg").text();
     assert!(frame.contains("/overlay/f0001/s000001/0001.jpg.svg") && frame.contains("hidden by glare"));
     let thumb = server.get("/thumb/f0001/s000001/0001.jpg.svg");
-    assert!(
-        thumb.status == 200 && thumb.text().contains("<circle") && thumb.text().contains("data:image/jpeg")
-    );
+    assert!(thumb.status == 200 && thumb.text().contains("<circle") && thumb.text().contains("data:image/jpeg"));
     let known = format!("If-None-Match: {}\r\n", thumb.header("etag").unwrap());
-    assert_eq!(server.ask("GET", "/thumb/f0001/s000001/0001.jpg.svg", &known).status, 304);
+    assert_eq!(server.request("GET", "/thumb/f0001/s000001/0001.jpg.svg", &known).status, 304);
     let results = server.get("/results/f0001.jsonl").text();
     assert_eq!(results.lines().count(), 2);
     assert!(server.get("/report/f0001").text().contains("Wing deflection in flight"));
@@ -139,44 +136,40 @@ fn pages_lead_from_the_flight_to_the_frame() {
 }
 
 #[test]
-fn frames_come_whole_and_by_range() {
+fn frames_are_sent_completely_and_by_range() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
     let server = Server::start(store.path());
     let jpeg = jpeg();
     let whole = server.get(FRAME);
     assert_eq!((whole.status, &whole.body), (200, &jpeg));
     assert!(!whole.head.contains("immutable") && whole.head.contains("accept-ranges: bytes"));
-    let part = server.ask("GET", FRAME, "Range: bytes=10-19\r\n");
+    let part = server.request("GET", FRAME, "Range: bytes=10-19\r\n");
     assert_eq!((part.status, &part.body[..]), (206, &jpeg[10..20]));
     assert!(part.head.contains(&format!("content-range: bytes 10-19/{}", jpeg.len())));
-    let tail = server.ask("GET", FRAME, &format!("Range: bytes={}-\r\n", jpeg.len() - 5));
+    let tail = server.request("GET", FRAME, &format!("Range: bytes={}-\r\n", jpeg.len() - 5));
     assert_eq!((tail.status, &tail.body[..]), (206, &jpeg[jpeg.len() - 5..]));
-    assert_eq!(server.ask("GET", FRAME, "Range: bytes=99999999-\r\n").status, 416);
-    // RFC 9110, 14.1 and 14.2: another unit, several ranges and other methods than GET get the whole.
-    assert_eq!(server.ask("GET", FRAME, "Range: Bytes=0-9\r\n").status, 206);
+    assert_eq!(server.request("GET", FRAME, "Range: bytes=99999999-\r\n").status, 416);
+    // RFC 9110, 14.1 and 14.2: another unit, several ranges and methods other than GET get the complete file.
+    assert_eq!(server.request("GET", FRAME, "Range: Bytes=0-9\r\n").status, 206);
     for (method, range) in [("GET", "items=0-1"), ("GET", "bytes=0-1,5-6"), ("HEAD", "bytes=0-1")] {
-        let answer = server.ask(method, FRAME, &format!("Range: {range}\r\n"));
-        assert!(
-            answer.status == 200 && !answer.head.contains("content-range"),
-            "{method} {range}: {}",
-            answer.head
-        );
+        let answer = server.request(method, FRAME, &format!("Range: {range}\r\n"));
+        assert!(answer.status == 200 && !answer.head.contains("content-range"), "{method} {range}: {}", answer.head);
     }
-    let head = server.ask("HEAD", FRAME, "");
+    let head = server.request("HEAD", FRAME, "");
     assert_eq!((head.status, head.body.len()), (200, 0));
 }
 
 #[test]
-fn a_growing_file_is_sent_whole() {
+fn a_growing_file_is_sent_completely() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
     let server = Server::start(store.path());
     let whole = std::fs::read(store.path().join("flights/f0001/s000001/results.jsonl")).unwrap();
-    let answer = server.ask("GET", "/files/f0001/s000001/results.jsonl", "Range: bytes=3-9\r\n");
+    let answer = server.request("GET", "/files/f0001/s000001/results.jsonl", "Range: bytes=3-9\r\n");
     assert_eq!((answer.status, answer.body), (200, whole));
 }
 
 #[test]
-fn an_archive_holds_every_file_of_the_flight() {
+fn an_archive_contains_every_file_of_the_flight() {
     let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
     let server = Server::start(store.path());
     let answer = server.get("/tar/f0001.tar");
@@ -191,7 +184,7 @@ fn an_archive_holds_every_file_of_the_flight() {
         assert_eq!(bytes, std::fs::read(store.path().join(&name)).unwrap(), "{name}");
         names.push(name);
     }
-    // The store's mark and counter, the flight's record, chain and sums, two files a series, three frames.
+    // The store's format file and counter, the flight's record, chain and sums, two files per series, three frames.
     assert_eq!(names.len(), 2 + 3 + 2 * 2 + 3, "{names:?}");
 }
 
@@ -244,11 +237,11 @@ fn no_name_leads_out_of_the_store() {
 }
 
 #[test]
-fn nothing_can_be_changed() {
+fn requests_cannot_change_the_store() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
     let server = Server::start(store.path());
     for method in ["POST", "PUT", "DELETE", "PATCH"] {
-        let answer = server.ask(method, FRAME, "Content-Length: 0\r\n");
+        let answer = server.request(method, FRAME, "Content-Length: 0\r\n");
         assert_eq!(answer.status, 405, "{method}");
     }
     assert_eq!(server.get(FRAME).body, jpeg());

@@ -1,5 +1,5 @@
-//! Promise: a day on in-seat power, which goes at every taxi, take-off and landing without a word, costs the
-//! shot under way at most; flights stay whole and apart.
+//! Promise: a day on in-seat power, which is switched off at every taxi, take-off and landing without warning, costs
+//! at most the shot in progress; flights stay complete and separate.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,9 +12,9 @@ use serde_json::Map;
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SimulatedClock, Stamp};
-use wingd::daemon::{self, Event, Parts, PowerConfig, SeriesConfig, Solver, StatusBoard};
+use wingd::daemon::{self, DaemonParts, Event, PowerConfig, SeriesConfig, Solver, StatusBoard};
 use wingd::record::{ImageRecord, Method};
-use wingd::store::fake::{FakeDisk, DiskFault, Survival};
+use wingd::store::fake::{DiskFault, FakeDisk, Survival};
 use wingd::store::verify::verify_path;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
 
@@ -32,17 +32,17 @@ const SHOTS: u32 = 3;
 const NEW_FLIGHT_AFTER: Duration = Duration::from_secs(90 * 60);
 const ROOT: &str = "store";
 
-/// What outlives the machine's power: what was heard of it.
+/// Acknowledgements, which outlive the power supply of the machine.
 #[derive(Default)]
-struct Heard {
+struct Acknowledgements {
     /// Series, file, hash.
     frames: BTreeSet<[String; 3]>,
     solved: BTreeSet<[String; 2]>,
     begun: usize,
 }
 
-/// From boot until the time is over; the power may have gone before.
-fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, heard: &Arc<Mutex<Heard>>) {
+/// Runs from boot until the time is over; the power may fail before.
+fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, heard: &Arc<Mutex<Acknowledgements>>) {
     let day: jiff::Timestamp = "2026-03-01T00:00:00Z".parse().unwrap();
     let utc = day + Duration::from_secs(60 * minutes.0);
     let start = Stamp { utc, utc_synchronised: false, boot_id: format!("boot {number}"), since_boot_s: 20.0 };
@@ -52,7 +52,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
     let config = StoreConfig { reserve_mb: 0, new_flight_after: NEW_FLIGHT_AFTER, ..StoreConfig::new(ROOT) };
     let Ok((store, recovery)) = Store::open(disk, config) else { return };
     let heard = heard.clone();
-    let parts = Parts {
+    let parts = DaemonParts {
         live: wingd::daemon::LiveConfig::default(),
         series: SeriesConfig {
             interval: INTERVAL,
@@ -112,11 +112,11 @@ fn holdings(disk: &dyn Disk) -> Holdings {
 
 fn day(seed: u64, frames: &Path) -> (usize, usize) {
     let mut random = StdRng::seed_from_u64(seed);
-    let heard = Arc::new(Mutex::new(Heard::default()));
+    let heard = Arc::new(Mutex::new(Acknowledgements::default()));
     let mut disk = Arc::new(FakeDisk::default());
     let periods: Vec<_> = POWERED_MIN.into_iter().flatten().copied().collect();
     for (number, minutes) in periods.iter().enumerate() {
-        // How many steps these minutes have, found on a copy; the power goes in the last third of them.
+        // The number of steps of these minutes, found on a copy; the power fails in the last third of them.
         let trial = Arc::new(disk.fork());
         boot(trial.clone(), number, *minutes, frames, &Arc::default());
         let steps = trial.steps();
@@ -126,7 +126,7 @@ fn day(seed: u64, frames: &Path) -> (usize, usize) {
         let report = verify_path(disk.as_ref(), Path::new(ROOT));
         assert!(report.is_sound(), "day {seed}, boot {number}: {:#?}", report.faults);
     }
-    // On the ground, in the evening: what was left is recovered and solved.
+    // On the ground, in the evening: the rest is recovered and solved.
     boot(disk.clone(), periods.len(), (1440, 1442), frames, &heard);
     let report = verify_path(disk.as_ref(), Path::new(ROOT));
     assert!(report.is_sound(), "day {seed}: {:#?}", report.faults);

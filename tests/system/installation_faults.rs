@@ -1,12 +1,11 @@
-//! Bad input gets a fault that names file, key or line, and the mend; never a panic.
+//! Bad input gives a fault that names file, key or line, and the remedy; never a panic.
 
 use std::path::Path;
 
 use proptest::prelude::*;
 use wingd::installation::{self, Fault};
 
-const CAMERA: &str =
-    "width = 4000\nheight = 3000\nfx = 7800.0\nfy = 7795.0\ncx = 1986.0\ncy = 1513.0\nk1 = -0.05\n";
+const CAMERA: &str = "width = 4000\nheight = 3000\nfx = 7800.0\nfy = 7795.0\ncx = 1986.0\ncy = 1513.0\nk1 = -0.05\n";
 const SURVEY: &str = "id,shape,diameter_m,x_m,y_m,z_m,sigma_m\n\
     M01,quadrant,0.32,8.0,1.0,-2.0,0.002\nM02,circle,0.36,20.0,1.5,-1.0,0.002\nM03,circle,0.36,30.0,-0.5,-0.5,0.002\n";
 const DOCUMENT: &str = "name = \"t\"\n[camera]\ncalibration = \"camera.toml\"\nprojection_centre_m = [0.0, 0.0, 0.0]\n\
@@ -21,8 +20,8 @@ fn faults(document: &str, camera: &str, survey: &[u8]) -> Vec<Fault> {
     installation::load(directory.path()).err().unwrap_or_default()
 }
 
-/// The text of the only fault, which must name `file` and hold every one of `words`.
-fn only(found: Vec<Fault>, file: &str, words: &[&str]) {
+/// Asserts a single fault that names `file` and contains all `words`.
+fn assert_only_fault(found: Vec<Fault>, file: &str, words: &[&str]) {
     assert_eq!(found.len(), 1, "{found:#?}");
     assert!(found[0].file.ends_with(file), "{found:#?}");
     let text = found[0].to_string();
@@ -34,39 +33,35 @@ fn only(found: Vec<Fault>, file: &str, words: &[&str]) {
 #[test]
 fn a_sound_installation_is_accepted() {
     assert_eq!(faults(DOCUMENT, CAMERA, SURVEY.as_bytes()), vec![]);
-    assert_eq!(
-        faults(DOCUMENT, CAMERA, format!("\u{feff}{SURVEY}").as_bytes()),
-        vec![],
-        "with a byte order mark"
-    );
+    assert_eq!(faults(DOCUMENT, CAMERA, format!("\u{feff}{SURVEY}").as_bytes()), vec![], "with a byte order mark");
 }
 
 #[test]
-fn surveys() {
+fn faults_of_a_survey_name_their_line() {
     let survey = |from: &str, to: &str| faults(DOCUMENT, CAMERA, SURVEY.replacen(from, to, 1).as_bytes());
-    only(survey("20.0", "NaN"), "survey.csv", &["line 3", "x_m", "NaN", "finite"]);
-    only(survey("20.0", ""), "survey.csv", &["line 3", "x_m"]);
-    only(survey(",sigma_m", ""), "survey.csv", &["sigma_m", "missing"]);
-    only(
+    assert_only_fault(survey("20.0", "NaN"), "survey.csv", &["line 3", "x_m", "NaN", "finite"]);
+    assert_only_fault(survey("20.0", ""), "survey.csv", &["line 3", "x_m"]);
+    assert_only_fault(survey(",sigma_m", ""), "survey.csv", &["sigma_m", "missing"]);
+    assert_only_fault(
         survey("M02,circle", "M02,square"),
         "survey.csv",
         &["line 3", "shape", "square", "quadrant or circle"],
     );
-    only(survey("0.36", "-0.36"), "survey.csv", &["line 3", "diameter_m", "-0.36"]);
+    assert_only_fault(survey("0.36", "-0.36"), "survey.csv", &["line 3", "diameter_m", "-0.36"]);
     let twice = faults(&DOCUMENT.replace("M03", "M01"), CAMERA, SURVEY.replacen("M03", "M02", 1).as_bytes());
-    only(twice, "survey.csv", &["line 4", "M02", "line 3"]);
-    only(faults(DOCUMENT, CAMERA, b"\xff\xfe"), "survey.csv", &["UTF-8"]);
+    assert_only_fault(twice, "survey.csv", &["line 4", "M02", "line 3"]);
+    assert_only_fault(faults(DOCUMENT, CAMERA, b"\xff\xfe"), "survey.csv", &["UTF-8"]);
     assert!(!faults(DOCUMENT, CAMERA, b"").is_empty());
 }
 
 #[test]
-fn surveys_of_a_spreadsheet() {
+fn faults_of_a_survey_from_a_spreadsheet_are_one_cause() {
     let survey = |text: String| faults(DOCUMENT, CAMERA, text.as_bytes());
     let semicolons = SURVEY.replace('.', ",").replace(",", ";").replacen("0;32", "0,32", 1);
-    only(survey(semicolons), "survey.csv", &["line 1", "semicolons", "commas"]);
-    only(survey(SURVEY.replace(',', "\t")), "survey.csv", &["line 1", "tabs"]);
+    assert_only_fault(survey(semicolons), "survey.csv", &["line 1", "semicolons", "commas"]);
+    assert_only_fault(survey(SURVEY.replace(',', "\t")), "survey.csv", &["line 1", "tabs"]);
     // Every line in millimetres is one cause.
-    only(
+    assert_only_fault(
         survey(SURVEY.replace("0.002", "2")),
         "survey.csv",
         &["sigma_m", "2 m", "3 of 3", "M01", "0.002 for 2 mm"],
@@ -77,7 +72,7 @@ fn surveys_of_a_spreadsheet() {
 fn a_name_that_looks_like_a_comment_is_asked_about() {
     let survey = |text: String| faults(DOCUMENT, CAMERA, text.as_bytes());
     let row = "#04,circle,0.36,25.0,0.5,-0.8,0.002\n";
-    only(survey(format!("{SURVEY}{row}")), "survey.csv", &["line 5", "#04", "comment or a name"]);
+    assert_only_fault(survey(format!("{SURVEY}{row}")), "survey.csv", &["line 5", "#04", "comment or a name"]);
     let comments = format!("# of May, \"by hand\n{SURVEY}# {row}#\n");
     assert_eq!(survey(comments), vec![], "comments stay comments");
 }
@@ -85,7 +80,7 @@ fn a_name_that_looks_like_a_comment_is_asked_about() {
 #[test]
 fn two_pairs_of_one_name_are_a_fault() {
     let twice = format!("{DOCUMENT}[[torsion]]\nname = \"tip\"\nleading = \"M02\"\ntrailing = \"M03\"\n");
-    only(
+    assert_only_fault(
         faults(&twice, CAMERA, SURVEY.as_bytes()),
         "installation.toml",
         &["torsion[1].name", "tip", "already"],
@@ -93,19 +88,19 @@ fn two_pairs_of_one_name_are_a_fault() {
 }
 
 #[test]
-fn cameras() {
+fn faults_of_a_camera_name_their_key() {
     let camera = |from: &str, to: &str| faults(DOCUMENT, &CAMERA.replacen(from, to, 1), SURVEY.as_bytes());
-    only(camera("width = 4000", "width = 0"), "camera.toml", &["width", "0 px"]);
-    only(camera("k1 = -0.05", "k1 = inf"), "camera.toml", &["k1", "inf", "finite"]);
-    only(camera("fx = 7800.0", "fx = nan"), "camera.toml", &["fx", "NaN"]);
-    only(camera("k1 = -0.05", "s1 = 0.1"), "camera.toml", &["line 7", "s1"]);
-    only(camera("k1 = -0.05", "k4 = inf"), "camera.toml", &["k4", "inf", "finite"]);
-    only(camera("cx = 1986.0\n", ""), "camera.toml", &["cx"]);
-    only(camera("k1 = -0.05", "k1 = -20.0"), "camera.toml", &["inverted", "calibrate again"]);
+    assert_only_fault(camera("width = 4000", "width = 0"), "camera.toml", &["width", "0 px"]);
+    assert_only_fault(camera("k1 = -0.05", "k1 = inf"), "camera.toml", &["k1", "inf", "finite"]);
+    assert_only_fault(camera("fx = 7800.0", "fx = nan"), "camera.toml", &["fx", "NaN"]);
+    assert_only_fault(camera("k1 = -0.05", "s1 = 0.1"), "camera.toml", &["line 7", "s1"]);
+    assert_only_fault(camera("k1 = -0.05", "k4 = inf"), "camera.toml", &["k4", "inf", "finite"]);
+    assert_only_fault(camera("cx = 1986.0\n", ""), "camera.toml", &["cx"]);
+    assert_only_fault(camera("k1 = -0.05", "k1 = -20.0"), "camera.toml", &["inverted", "calibrate again"]);
 }
 
 #[test]
-fn windows() {
+fn faults_of_a_window_name_their_key() {
     let window = |keys: &str| {
         faults(&DOCUMENT.replacen("[wing]", &format!("[window]\n{keys}[wing]"), 1), CAMERA, SURVEY.as_bytes())
     };
@@ -114,32 +109,40 @@ fn windows() {
     assert_eq!(window("normal = [0.0, 1.0, 0.0]\nwavelength_nm = 550.0\n"), vec![]);
     assert_eq!(window(pane), vec![]);
     assert_eq!(window(&format!("{pane}index = 1.5\nbow_radius_m = 12.0\nsame_on_ground = true\n")), vec![]);
-    only(window("thickness_m = 0.0145\n"), "installation.toml", &["window.normal", "missing", "outward"]);
-    only(window("index = 1.5\n"), "installation.toml", &["window.index", "window.thickness_m"]);
-    only(window("bow_radius_m = 9.0\n"), "installation.toml", &["window.bow_radius_m", "thickness_m"]);
-    only(window("same_on_ground = true\n"), "installation.toml", &["window.same_on_ground", "thickness_m"]);
+    assert_only_fault(window("thickness_m = 0.0145\n"), "installation.toml", &["window.normal", "missing", "outward"]);
+    assert_only_fault(window("index = 1.5\n"), "installation.toml", &["window.index", "window.thickness_m"]);
+    assert_only_fault(window("bow_radius_m = 9.0\n"), "installation.toml", &["window.bow_radius_m", "thickness_m"]);
+    assert_only_fault(
+        window("same_on_ground = true\n"),
+        "installation.toml",
+        &["window.same_on_ground", "thickness_m"],
+    );
     let millimetres = window("normal = [0.0, 1.0, 0.0]\nthickness_m = 14.5\n");
-    only(millimetres, "installation.toml", &["window.thickness_m", "14.5 m"]);
+    assert_only_fault(millimetres, "installation.toml", &["window.thickness_m", "14.5 m"]);
     let with = |key: &str| window(&format!("{pane}{key}\n"));
-    only(with("index = 0.67"), "installation.toml", &["window.index", "0.67"]);
-    only(with("index = nan"), "installation.toml", &["window.index", "NaN"]);
-    only(with("bow_radius_m = 0.0"), "installation.toml", &["window.bow_radius_m", "0 m", "plane"]);
-    only(with("normal_sigma_deg = -1.0"), "installation.toml", &["window.normal_sigma_deg", "-1"]);
-    only(with("thicknes_m = 0.01"), "installation.toml", &["thicknes_m", "line"]);
+    assert_only_fault(with("index = 0.67"), "installation.toml", &["window.index", "0.67"]);
+    assert_only_fault(with("index = nan"), "installation.toml", &["window.index", "NaN"]);
+    assert_only_fault(with("bow_radius_m = 0.0"), "installation.toml", &["window.bow_radius_m", "0 m", "plane"]);
+    assert_only_fault(with("normal_sigma_deg = -1.0"), "installation.toml", &["window.normal_sigma_deg", "-1"]);
+    assert_only_fault(with("thicknes_m = 0.01"), "installation.toml", &["thicknes_m", "line"]);
 }
 
 #[test]
-fn documents() {
+fn faults_of_an_installation_file_name_their_key() {
     let document = |from: &str, to: &str| faults(&DOCUMENT.replacen(from, to, 1), CAMERA, SURVEY.as_bytes());
-    only(document("root_offset_m", "root_ofset_m"), "installation.toml", &["root_ofset_m", "line"]);
-    only(document("[1.0, 0.0]", "[0.0, 0.0]"), "installation.toml", &["span_direction", "horizontal"]);
-    only(document("\"M03\"", "\"M99\""), "installation.toml", &["torsion[0].trailing", "M99", "survey.csv"]);
-    only(document("\"camera.toml\"", "\"cam.toml\""), "cam.toml", &["cannot be read", "calibrate"]);
-    only(document("0.002", "inf"), "installation.toml", &["projection_centre_sigma_m", "inf"]);
+    assert_only_fault(document("root_offset_m", "root_ofset_m"), "installation.toml", &["root_ofset_m", "line"]);
+    assert_only_fault(document("[1.0, 0.0]", "[0.0, 0.0]"), "installation.toml", &["span_direction", "horizontal"]);
+    assert_only_fault(
+        document("\"M03\"", "\"M99\""),
+        "installation.toml",
+        &["torsion[0].trailing", "M99", "survey.csv"],
+    );
+    assert_only_fault(document("\"camera.toml\"", "\"cam.toml\""), "cam.toml", &["cannot be read", "calibrate"]);
+    assert_only_fault(document("0.002", "inf"), "installation.toml", &["projection_centre_sigma_m", "inf"]);
 }
 
 #[test]
-fn every_fault_is_told_in_one_go() {
+fn all_faults_are_reported_at_once() {
     let survey = SURVEY.replace("20.0", "NaN").replace("M01,quadrant", "M01,star");
     let found = faults(DOCUMENT, &CAMERA.replace("4000", "0"), survey.as_bytes());
     assert_eq!(found.len(), 3, "{found:#?}");
@@ -155,11 +158,11 @@ fn an_orientation_must_be_a_rotation() {
     write("orientation.toml", "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n");
     assert!(installation::load(directory.path()).unwrap().orientation.is_some());
     write("orientation.toml", "camera_from_survey = [[0, -1, 0], [0, 0, 1], [1, 0, 0]]\n");
-    only(installation::load(directory.path()).err().unwrap(), "orientation.toml", &["not a rotation"]);
+    assert_only_fault(installation::load(directory.path()).err().unwrap(), "orientation.toml", &["not a rotation"]);
 }
 
 #[test]
-fn an_orientation_holds_for_the_camera_and_survey_that_it_was_made_with() {
+fn an_orientation_is_valid_only_with_its_camera_and_survey() {
     let directory = tempfile::tempdir().unwrap();
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
     for name in ["installation.toml", "camera.toml", "survey.csv"] {
@@ -176,9 +179,9 @@ fn an_orientation_holds_for_the_camera_and_survey_that_it_was_made_with() {
     let text = std::fs::read_to_string(&camera).unwrap();
     std::fs::write(&camera, format!("{text}# another lens\n")).unwrap();
     let refused = wingd("solve", "flight-1.jpg");
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(78), "{said}");
-    assert!(said.contains("orientation.toml") && said.contains("camera.toml has changed"), "{said}");
+    let printed = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("orientation.toml") && printed.contains("camera.toml has changed"), "{printed}");
     assert_eq!(wingd("orient", "ground.jpg").status.code(), Some(0));
     assert_eq!(wingd("solve", "flight-1.jpg").status.code(), Some(0));
 }

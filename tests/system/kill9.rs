@@ -41,7 +41,7 @@ pub(crate) fn configuration(dir: &Path) -> std::path::PathBuf {
     path
 }
 
-/// Series, file and hash of every frame that the daemon said is durable.
+/// Series, file and hash of every frame that the daemon reported as durable.
 type Acknowledged = Arc<Mutex<BTreeSet<[String; 3]>>>;
 
 fn start(config: &Path, acknowledged: &Acknowledged) -> (Child, std::thread::JoinHandle<()>) {
@@ -67,9 +67,10 @@ fn start(config: &Path, acknowledged: &Acknowledged) -> (Child, std::thread::Joi
     (child, reader)
 }
 
-/// Every frame in the finished series, and the numbers of (series, results, interrupted series).
-fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, usize, usize, usize) {
-    let (mut frames, mut series_count, mut results, mut interrupted) = (BTreeSet::new(), 0, 0, 0);
+/// Every frame in the finished series, the frame (series, file) and inputs of every result, and the numbers of
+/// series and interrupted series.
+fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, Vec<[String; 3]>, usize, usize) {
+    let (mut frames, mut results, mut series_count, mut interrupted) = (BTreeSet::new(), vec![], 0, 0);
     for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
         for series in catalogue::list_series(&RealDisk, &flight).unwrap() {
             let manifest = catalogue::read_series_manifest(&RealDisk, &series).unwrap();
@@ -77,10 +78,11 @@ fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, usize, usize, usize) {
             interrupted += usize::from(manifest.state == SeriesState::Interrupted);
             let of_series = manifest.shots.into_iter().filter_map(|shot| shot.frame);
             frames.extend(of_series.map(|frame| [series.id.clone(), frame.file, frame.sha256]));
-            results += catalogue::read_results(&RealDisk, &series).unwrap().len();
+            let solved = catalogue::read_results(&RealDisk, &series).unwrap().into_iter();
+            results.extend(solved.map(|record| [series.id.clone(), record.frame, record.inputs]));
         }
     }
-    (frames, series_count, results, interrupted)
+    (frames, results, series_count, interrupted)
 }
 
 #[test]
@@ -102,7 +104,7 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
             assert!(report.is_sound(), "kill {kill}: {:#?}", report.faults);
         }
     }
-    // A last run, stopped properly, recovers the last kill's series.
+    // A last run, stopped properly, recovers the series of the last kill.
     let (mut child, reader) = start(&config, &acknowledged);
     std::thread::sleep(Duration::from_millis(1500));
     let pid = rustix::process::Pid::from_child(&child);
@@ -111,15 +113,16 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     reader.join().unwrap();
     let report = verify_path(&RealDisk, &root);
     assert!(report.is_sound(), "{:#?}", report.faults);
-    assert!(
-        std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(),
-        "nothing is left in incoming"
-    );
-    let (frames, series, results, interrupted) = holdings(&root);
+    assert!(std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(), "nothing is left in incoming");
+    let (frames, results, series, interrupted) = holdings(&root);
     let acknowledged = acknowledged.lock().unwrap();
     let missing: Vec<_> = acknowledged.difference(&frames).collect();
     assert!(missing.is_empty(), "acknowledged frames are missing: {missing:?}");
     assert!(acknowledged.len() >= 5 && interrupted >= 1, "{acknowledged:?} {interrupted}");
-    eprintln!("{series} series, {interrupted} interrupted, {} frames, {results} results", report.frames);
-    assert!(results >= 1 && results <= report.frames);
+    eprintln!("{series} series, {interrupted} interrupted, {} frames, {} results", report.frames, results.len());
+    let solved: BTreeSet<&[String; 3]> = results.iter().collect();
+    assert_eq!(solved.len(), results.len(), "a frame is solved twice: {results:?}");
+    let stored: BTreeSet<[&str; 2]> = frames.iter().map(|[series, file, _]| [series.as_str(), file]).collect();
+    let unknown = |[series, file, _]: &&[String; 3]| !stored.contains(&[series.as_str(), file.as_str()]);
+    assert!(!results.is_empty() && !results.iter().any(|result| unknown(&result)), "{results:?}");
 }

@@ -1,4 +1,4 @@
-//! Promise: in live mode results come, are given out and are durable within seconds, whatever listeners, solver and disk do.
+//! Promise: live results are computed, published and durable within seconds, for any behaviour of listeners, solver and disk.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
@@ -13,17 +13,17 @@ use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
-    self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
+    self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
 };
-use wingd::daemon::{Tracking, live::KeepConfig};
-use wingd::pipeline::guided::Search;
-use wingd::pipeline::live::Tracked;
+use wingd::daemon::{FrameTracker, live::KeepConfig};
+use wingd::pipeline::guided::SearchMode;
+use wingd::pipeline::live::TrackedFrame;
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
 
-/// Long enough that some dozen lines are more than a socket holds.
+/// Long enough that a few dozen lines exceed the buffer of a socket.
 const REMARK: usize = 30_000;
 
 fn record(image: &str) -> ImageRecord {
@@ -39,22 +39,22 @@ fn record(image: &str) -> ImageRecord {
     .unwrap()
 }
 
-fn told(image: &str) -> Tracked {
-    let (search, outlines) = (Search::Guided, vec![]);
-    Tracked { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
+fn tracked_frame(image: &str) -> TrackedFrame {
+    let (search, outlines) = (SearchMode::Guided, vec![]);
+    TrackedFrame { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
 }
 
-/// Seconds of live mode with series in between, by the machine's clock.
-struct Ride {
+/// Live mode for some seconds with series in between, in real time.
+struct LiveRun {
     dir: tempfile::TempDir,
     live: LiveConfig,
     reserve_mb: u64,
     seconds: f64,
-    /// At these calls of the solver it panics.
+    /// Calls of the solver that panic.
     panics: Vec<usize>,
 }
 
-impl Ride {
+impl LiveRun {
     fn new(rate_hz: f64) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("frames");
@@ -66,11 +66,8 @@ impl Ride {
             encoder.encode(&grey, 32, 32, jpeg_encoder::ColorType::Luma).unwrap();
             std::fs::write(folder.join(format!("f{i:02}.jpg")), bytes).unwrap();
         }
-        let live = LiveConfig {
-            rate_hz: Some(rate_hz),
-            socket: Some(dir.path().join("live.sock")),
-            ..LiveConfig::default()
-        };
+        let live =
+            LiveConfig { rate_hz: Some(rate_hz), socket: Some(dir.path().join("live.sock")), ..LiveConfig::default() };
         Self { dir, live, reserve_mb: 0, seconds: 2.2, panics: vec![] }
     }
 
@@ -78,12 +75,12 @@ impl Ride {
         self.dir.path().join("store")
     }
 
-    fn fly(&self) -> Status {
+    fn run_flight(&self) -> DaemonStatus {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = self.reserve_mb;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
         let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
-        let replay = ReplayConfig::folder(self.dir.path().join("frames"));
+        let replay = ReplayConfig::from_folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
         let board = StatusBoard::new(clock.clone());
         let mut provenance = Map::new();
@@ -91,14 +88,14 @@ impl Ride {
         let (calls, panics) = (Arc::new(AtomicUsize::new(0)), self.panics.clone());
         let track = move || {
             let (calls, panics) = (calls.clone(), panics.clone());
-            let track: Tracking = Box::new(move |image, _, _, _| {
+            let track: FrameTracker = Box::new(move |image, _, _, _| {
                 let call = calls.fetch_add(1, Ordering::Relaxed) + 1;
                 assert!(!panics.contains(&call), "as the test asks");
-                told(image)
+                tracked_frame(image)
             });
             Ok(track)
         };
-        let parts = Parts {
+        let parts = DaemonParts {
             live: self.live.clone(),
             series: SeriesConfig {
                 interval: Duration::from_secs(1),
@@ -125,7 +122,7 @@ impl Ride {
         board.snapshot()
     }
 
-    /// Lines from the socket, from when it is there to its end.
+    /// Lines from the socket, from its creation to its end.
     fn listener(&self) -> std::thread::JoinHandle<Vec<String>> {
         let path = self.dir.path().join("live.sock");
         std::thread::spawn(move || {
@@ -146,7 +143,7 @@ fn connected(path: &Path) -> UnixStream {
     }
 }
 
-/// Numbers of the frames whose results are in the store.
+/// Numbers of the frames with stored results.
 fn stored(root: &Path) -> Vec<f64> {
     let mut numbers = vec![];
     for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
@@ -164,25 +161,25 @@ fn series(root: &Path) -> Vec<SeriesManifest> {
     all.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap()).collect()
 }
 
-fn sound(root: &Path) {
+fn assert_sound(root: &Path) {
     let report = verify_path(&RealDisk, root);
     assert!(report.is_sound(), "{:#?}", report.faults);
 }
 
-fn live_status(status: &Status) -> &LiveStatus {
+fn live_status(status: &DaemonStatus) -> &LiveStatus {
     status.live.as_ref().unwrap()
 }
 
 #[test]
 fn a_listener_that_hangs_loses_lines_and_stops_nothing() {
-    let mut ride = Ride::new(60.0);
+    let mut ride = LiveRun::new(60.0);
     let udp = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     udp.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     ride.live.udp = Some(udp.local_addr().unwrap().to_string());
     let path = ride.dir.path().join("live.sock");
     let hanging = std::thread::spawn(move || connected(&path));
     let good = ride.listener();
-    let status = ride.fly();
+    let status = ride.run_flight();
     let live = live_status(&status);
     let lines = good.join().unwrap();
     drop(hanging.join().unwrap());
@@ -190,13 +187,10 @@ fn a_listener_that_hangs_loses_lines_and_stops_nothing() {
     assert!(live.lines_lost > 0, "{live:?}");
     assert!(lines.len() as u64 + 40 > live.results, "{} of {}", lines.len(), live.results);
     let first: Value = serde_json::from_str(&lines[0]).unwrap();
-    assert_eq!(
-        (&first["status"], &first["search"], &first["mounting"]),
-        (&json!("ok"), &json!("guided"), &json!(1))
-    );
+    assert_eq!((&first["status"], &first["search"], &first["mounting"]), (&json!("ok"), &json!("guided"), &json!(1)));
     assert!(first["latency_ms"].as_f64().unwrap() >= 0.0 && first["exposure_time"].is_string(), "{first}");
     let mut datagram = [0; 2000];
-    // Between the results' datagrams there are those of the state.
+    // The results' datagrams are interleaved with those of the state.
     let (text, length) = std::iter::from_fn(|| {
         let length = udp.recv(&mut datagram).ok()?;
         Some((String::from_utf8_lossy(&datagram[..length]).into_owned(), length))
@@ -212,74 +206,73 @@ fn a_listener_that_hangs_loses_lines_and_stops_nothing() {
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
     assert_eq!(numbers.last().copied().unwrap_or_default() as u64, live.results + live.skipped);
     let complete = series(&ride.root()).iter().filter(|s| s.state == SeriesState::Complete).count();
-    assert_eq!((complete, status.counts.series_complete), (3, 3), "the timetable's series are whole");
-    sound(&ride.root());
+    assert_eq!((complete, status.counts.series_complete), (3, 3), "the timetable's series are complete");
+    assert_sound(&ride.root());
 }
 
 #[test]
 fn a_frame_that_breaks_the_solver_costs_one_result() {
-    let mut ride = Ride::new(20.0);
+    let mut ride = LiveRun::new(20.0);
     ride.panics = vec![5, 11];
     let lines = ride.listener();
-    let status = ride.fly();
+    let status = ride.run_flight();
     let live = live_status(&status);
     assert!(live.results > 15 && live.unsolvable == 2, "{live:?}");
-    let broken: Vec<String> = lines.join().unwrap().into_iter().filter(|l| l.contains("broke off")).collect();
+    let broken: Vec<String> = lines.join().unwrap().into_iter().filter(|l| l.contains("crashed")).collect();
     assert_eq!(broken.len(), 2);
     assert_eq!(stored(&ride.root()).len() as u64, live.results);
     assert_eq!(live.fault, None, "the next frame is solved again");
-    sound(&ride.root());
+    assert_sound(&ride.root());
 }
 
 #[test]
-fn a_full_disk_says_why_and_results_go_on() {
-    let mut ride = Ride::new(20.0);
+fn a_full_disk_is_reported_and_results_continue() {
+    let mut ride = LiveRun::new(20.0);
     ride.reserve_mb = u64::MAX / 2;
     let lines = ride.listener();
-    let status = ride.fly();
+    let status = ride.run_flight();
     let live = live_status(&status);
     assert_eq!((live.stored, status.counts.series_refused), (0, 3));
     let fault = live.fault.clone().unwrap_or_default();
     assert!(fault.contains("live results cannot be stored") && fault.contains("reserve"), "{fault}");
     assert!(live.results > 15 && lines.join().unwrap().len() > 10, "{live:?}");
-    sound(&ride.root());
+    assert_sound(&ride.root());
 }
 
 #[test]
-fn a_camera_that_repeats_itself_is_told_once() {
-    let mut ride = Ride::new(20.0);
+fn repeated_frames_are_reported_once() {
+    let mut ride = LiveRun::new(20.0);
     ride.live.series = false;
     for i in 1..50 {
         std::fs::remove_file(ride.dir.path().join(format!("frames/f{i:02}.jpg"))).unwrap();
     }
-    let status = ride.fly();
+    let status = ride.run_flight();
     let live = live_status(&status);
     let fault = live.fault.clone().unwrap_or_default();
     assert!(fault.starts_with("no live frame: camera delivered a bad frame: it is the same"), "{live:?}");
     assert!(live.failed_shots > 0 && live.results == 1, "{live:?}");
-    sound(&ride.root());
+    assert_sound(&ride.root());
 }
 
 #[test]
-fn raw_frames_are_kept_by_number_and_about_an_event() {
-    let mut ride = Ride::new(20.0);
+fn raw_frames_are_kept_by_number_and_around_an_event() {
+    let mut ride = LiveRun::new(20.0);
     let second = Duration::from_secs(1);
     ride.live.keep = KeepConfig { every: 10, before: second, after: second / 2, ..KeepConfig::default() };
     let socket = ride.dir.path().join("wingd.sock");
     let asking = std::thread::spawn(move || {
         drop(connected(&socket));
         std::thread::sleep(Duration::from_millis(1200));
-        daemon::ask(&socket, "trigger").unwrap()
+        daemon::query_daemon(&socket, "trigger").unwrap()
     });
-    let status = ride.fly();
+    let status = ride.run_flight();
     asking.join().unwrap();
     let live = live_status(&status);
     let all = series(&ride.root());
     let event: Vec<_> = all.iter().filter(|s| s.cause == SeriesCause::Event).collect();
     assert_eq!((event.len(), live.events), (1, 1));
     assert!(event[0].remarks.iter().any(|r| r.contains("wingd trigger")), "{:?}", event[0].remarks);
-    let times: Vec<f64> =
-        event[0].shots.iter().map(|s| s.exposure.as_ref().unwrap().exposure_since_boot_s).collect();
+    let times: Vec<f64> = event[0].shots.iter().map(|s| s.exposure.as_ref().unwrap().exposure_since_boot_s).collect();
     assert!(times.len() > 10 && times.windows(2).all(|pair| pair[0] < pair[1]), "{times:?}");
     assert!(times[times.len() - 1] - times[0] < 1.6 + 0.1, "{times:?}");
     let nth: usize = all.iter().filter(|s| s.cause == SeriesCause::Live).map(|s| s.shots.len()).sum();
@@ -287,7 +280,7 @@ fn raw_frames_are_kept_by_number_and_about_an_event() {
     assert_eq!((live.kept_frames as usize, live.lost_frames), (nth + times.len(), 0));
     assert_eq!(all.iter().filter(|s| s.cause == SeriesCause::Triggered).count(), 1, "and an extra series");
     assert!(all.iter().all(|s| s.state == SeriesState::Complete && s.camera["name"] == "replay"));
-    sound(&ride.root());
+    assert_sound(&ride.root());
 }
 
 #[test]
@@ -299,7 +292,7 @@ fn a_kill_costs_seconds_of_results_and_no_series() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_wingd"));
     let mut child = command.args(["run", "--config"]).arg(&config).stderr(Stdio::null()).spawn().unwrap();
     let lines = BufReader::new(connected(&dir.path().join("live.sock"))).lines();
-    // When each result came.
+    // Arrival time of each result.
     let mut came = vec![];
     for line in lines.map_while(Result::ok) {
         let result: Value = serde_json::from_str(&line).unwrap();
@@ -313,12 +306,12 @@ fn a_kill_costs_seconds_of_results_and_no_series() {
     let killed = Instant::now();
     child.wait().unwrap();
     let root = dir.path().join("store");
-    sound(&root);
-    // The next start puts the file into its flight.
+    assert_sound(&root);
+    // The next start moves the file into its flight.
     let mut store = StoreConfig::new(&root);
     store.reserve_mb = 0;
     drop(Store::open(Arc::new(RealDisk), store).unwrap());
-    sound(&root);
+    assert_sound(&root);
     let numbers = stored(&root);
     let lost = came.iter().filter(|(number, _)| !numbers.contains(number));
     let oldest = lost.map(|(_, when)| killed.duration_since(*when)).max().unwrap_or_default();

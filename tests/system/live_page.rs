@@ -1,4 +1,4 @@
-//! Promise: the page shows what the recorder's live socket gives, and says so where nobody answers there.
+//! Promise: the page shows the output of the recorder's live socket, and reports if nobody answers there.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -15,10 +15,10 @@ use crate::http_pages::Server;
 
 fn server(store: &Path, socket: &Path) -> Server {
     let live = Some(socket.to_owned());
-    Server::of(Site { root: store.to_owned(), setup: None, status: None, live }, Access::default())
+    Server::serve(Site { root: store.to_owned(), setup: None, board: None, live }, Access::default())
 }
 
-/// The stream of events, until it holds these words.
+/// The stream of events, until it contains these words.
 fn events_until(server: &Server, words: &str) -> String {
     let mut stream = TcpStream::connect(server.address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -37,7 +37,7 @@ fn results_and_the_frame_are_relayed() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
     let socket = store.path().join("live.sock");
     let listener = UnixListener::bind(&socket).unwrap();
-    let jpeg = base64::engine::general_purpose::STANDARD.encode(b"a picture");
+    let jpeg = base64::engine::general_purpose::STANDARD.encode(b"an image");
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let mut stream = stream.unwrap();
@@ -47,8 +47,7 @@ fn results_and_the_frame_are_relayed() {
                 let mut asked = String::new();
                 let _ = BufReader::new(stream.try_clone().unwrap()).read_line(&mut asked);
                 if asked == "frame\n" {
-                    writeln!(stream, "{{\"frame\":7,\"width\":40,\"height\":30,\"jpeg\":\"{jpeg}\"}}")
-                        .unwrap();
+                    writeln!(stream, "{{\"frame\":7,\"width\":40,\"height\":30,\"jpeg\":\"{jpeg}\"}}").unwrap();
                 }
             });
         }
@@ -62,7 +61,7 @@ fn results_and_the_frame_are_relayed() {
     let events = events_until(&server, "\n\n\r\n");
     assert!(events.contains("text/event-stream") && events.contains("data: {\"number\":7}\n\n"), "{events}");
     let frame = server.get("/live/frame.jpg");
-    assert_eq!((frame.status, frame.body.as_slice()), (200, b"a picture".as_slice()));
+    assert_eq!((frame.status, frame.body.as_slice()), (200, b"an image".as_slice()));
     assert_eq!((frame.header("x-wingd-frame"), frame.header("x-wingd-size")), (Some("7"), Some("40x30")));
 }
 

@@ -1,5 +1,5 @@
-//! Promise: what a person marks is kept durably with who, when and why, over nothing that was detected; a kill loses at most the
-//! last click, the store verifies and knows a changed mark, and `solve` and `orient` use what was marked.
+//! Promise: manual marks are stored durably with author, time and reason, without replacing detections; a kill loses at most the
+//! last click, the store verifies and detects a changed mark, and `solve` and `orient` use the marks.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -9,15 +9,14 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::program::{done_in as done, fixture, run_in as wingd, said};
+use crate::program::{all_output, fixture, run_in as wingd, run_in_folder as done};
 
-/// The fixture's pictures and installation, and whether that is oriented.
+/// The fixture's images and installation, optionally oriented.
 fn prepared(oriented: bool) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("installation")).unwrap();
     for name in ["camera.toml", "installation.toml", "survey.csv"] {
-        std::fs::copy(fixture("dev/installation").join(name), dir.path().join("installation").join(name))
-            .unwrap();
+        std::fs::copy(fixture("dev/installation").join(name), dir.path().join("installation").join(name)).unwrap();
     }
     for name in ["ground.jpg", "flight-1.jpg"] {
         std::fs::copy(fixture("dev/frames").join(name), dir.path().join(name)).unwrap();
@@ -46,11 +45,10 @@ impl Marking {
         Self { child, address }
     }
 
-    fn ask(&self, head: &str, body: &str) -> (u16, Value) {
+    fn request(&self, head: &str, body: &str) -> (u16, Value) {
         let mut stream = TcpStream::connect(&self.address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        write!(stream, "{head}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}", body.len())
-            .unwrap();
+        write!(stream, "{head}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}", body.len()).unwrap();
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).unwrap();
         let text = String::from_utf8_lossy(&bytes);
@@ -59,19 +57,18 @@ impl Marking {
     }
 
     fn state(&self) -> Value {
-        let (status, state) =
-            self.ask(&format!("GET /picture/0.json HTTP/1.1\r\nHost: {}", self.address), "");
+        let (status, state) = self.request(&format!("GET /picture/0.json HTTP/1.1\r\nHost: {}", self.address), "");
         assert_eq!(status, 200, "{state}");
         state
     }
 
-    fn say(&self, mut asked: Value) -> (u16, Value) {
+    fn send_mark(&self, mut asked: Value) -> (u16, Value) {
         asked.as_object_mut().unwrap().entry("who").or_insert("ada".into());
         let head = format!(
             "POST /picture/0 HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nContent-Type: application/json",
             self.address
         );
-        self.ask(&head, &asked.to_string())
+        self.request(&head, &asked.to_string())
     }
 
     /// Ends it as Ctrl-C does.
@@ -96,22 +93,21 @@ fn place(state: &Value, id: &str) -> [f64; 2] {
     ["u_px", "v_px"].map(|key| marker(state, id)[key].as_f64().unwrap())
 }
 
-/// Nothing is replaced unasked, nothing is taken away without a reason, nothing is kept without a name.
+/// Nothing is replaced without confirmation, nothing is withdrawn without a reason, nothing is stored without a name.
 fn refuses(marking: &Marking, near: &Value, with: &dyn Fn(Value) -> Value) {
-    assert_eq!(marking.say(near.clone()).0, 409);
-    assert_eq!(marking.say(json!({"act": "reject", "id": "M05"})).0, 422);
-    assert_eq!(marking.say(with(json!({"over": true, "who": " "}))).0, 422);
-    assert_eq!(marking.say(with(json!({"over": true, "u_px": 1e9}))).0, 422);
-    assert_eq!(marking.say(json!({"act": "place", "id": "M99", "u_px": 1.0, "v_px": 1.0})).0, 422);
-    assert_eq!(marking.say(json!({"act": "withdraw", "id": "M05"})).0, 422);
+    assert_eq!(marking.send_mark(near.clone()).0, 409);
+    assert_eq!(marking.send_mark(json!({"act": "reject", "id": "M05"})).0, 422);
+    assert_eq!(marking.send_mark(with(json!({"over": true, "who": " "}))).0, 422);
+    assert_eq!(marking.send_mark(with(json!({"over": true, "u_px": 1e9}))).0, 422);
+    assert_eq!(marking.send_mark(json!({"act": "place", "id": "M99", "u_px": 1.0, "v_px": 1.0})).0, 422);
+    assert_eq!(marking.send_mark(json!({"act": "withdraw", "id": "M05"})).0, 422);
     // Nor from another site's page.
     let post = format!("POST /picture/0 HTTP/1.1\r\nHost: {}\r\n", marking.address);
     let body = with(json!({"over": true, "who": "eve"})).to_string();
-    for head in ["Content-Type: text/plain", "Content-Type: application/json\r\nOrigin: http://evil.example"]
-    {
-        assert_eq!(marking.ask(&format!("{post}{head}"), &body).0, 422, "{head}");
+    for head in ["Content-Type: text/plain", "Content-Type: application/json\r\nOrigin: http://evil.example"] {
+        assert_eq!(marking.request(&format!("{post}{head}"), &body).0, 422, "{head}");
     }
-    assert_eq!(marking.ask("GET / HTTP/1.1\r\nHost: evil.example", "").0, 421);
+    assert_eq!(marking.request("GET / HTTP/1.1\r\nHost: evil.example", "").0, 421);
     assert_eq!(marking.state()["marks"], 0);
 }
 
@@ -120,19 +116,19 @@ fn a_changed_mark_is_seen_in_a_copy(at: &Path) {
     let file = at.join("copy/flights/f0001/marks-000001.jsonl");
     let text = std::fs::read_to_string(&file).unwrap();
     let marks = text.split_once('\n').unwrap().1;
-    super::json_schemas::holds("mark", marks.as_bytes());
+    super::json_schemas::assert_valid("mark", marks.as_bytes());
     assert!(text.contains("\"who\":\"ada\"") && text.contains("\"frame_sha256\":"), "{text}");
     std::fs::write(&file, text.replacen("ada", "bob", 1)).unwrap();
     let spoiled = wingd(at, &["verify", "copy"]);
     assert!(
-        spoiled.status.code() == Some(1) && said(&spoiled).contains("marks-000001.jsonl"),
+        spoiled.status.code() == Some(1) && all_output(&spoiled).contains("marks-000001.jsonl"),
         "{}",
-        said(&spoiled)
+        all_output(&spoiled)
     );
 }
 
 #[test]
-fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
+fn manual_marks_survive_a_kill_are_evidence_and_are_used_by_solve() {
     let dir = prepared(true);
     let at = dir.path();
     done(at, &["import", "flight-1.jpg", "--store", "store", "--installation", "installation"]);
@@ -148,40 +144,34 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
         Value::Object(all)
     };
     refuses(&marking, &near, &with);
-    // The detector measures where the hand points; a hand that wants to be taken at its word is.
-    let (status, state) = marking.say(with(json!({"over": true, "why": "by way of trial"})));
+    // The detector measures at the marked position; a mark can also be used unchanged.
+    let (status, state) = marking.send_mark(with(json!({"over": true, "why": "by way of trial"})));
     assert_eq!((status, &marker(&state, "M19")["mark"]["source"]), (200, &"fit".into()), "{state}");
     let off = place(&state, "M19");
     assert!((off[0] - u).hypot(off[1] - v) < 0.2, "{off:?} for {u} {v}");
-    let (_, state) = marking.say(with(json!({"over": true, "exact": true})));
+    let (_, state) = marking.send_mark(with(json!({"over": true, "exact": true})));
     assert_eq!(
         (place(&state, "M19"), marker(&state, "M19")["mark"]["source"].as_str()),
         ([u + 1.5, v - 1.0], Some("manual"))
     );
     assert!((marker(&state, "M19")["covariance_px2"][0][0].as_f64().unwrap() - 4.0).abs() < 1e-12);
-    let (_, state) = marking.say(json!({"act": "reject", "id": "M05", "why": "dirt,\n\"oil\""}));
-    assert_eq!(
-        (&marker(&state, "M05")["state"], &marker(&state, "M05")["used"]),
-        (&"rejected".into(), &false.into())
-    );
-    assert_eq!(marking.say(with(json!({"over": false, "who": "bob"}))).0, 409, "ada's mark");
+    let (_, state) = marking.send_mark(json!({"act": "reject", "id": "M05", "why": "dirt,\n\"oil\""}));
+    assert_eq!((&marker(&state, "M05")["state"], &marker(&state, "M05")["used"]), (&"rejected".into(), &false.into()));
+    assert_eq!(marking.send_mark(with(json!({"over": false, "who": "bob"}))).0, 409, "ada's mark");
     drop(marking);
-    // Killed: all three are there, and the store is sound.
+    // Killed: all three marks are there, and the store is sound.
     done(at, &["verify", "store"]);
     let marking = Marking::start(at, &["store"]);
     let state = marking.state();
-    assert_eq!(
-        (&state["marks"], &marker(&state, "M05")["mark"]["why"]),
-        (&2.into(), &"dirt, \"oil\"".into())
-    );
+    assert_eq!((&state["marks"], &marker(&state, "M05")["mark"]["why"]), (&2.into(), &"dirt, \"oil\"".into()));
     let (_, state) =
-        marking.say(json!({"act": "rename", "id": "M10", "to": "M08", "why": "trial", "over": true}));
+        marking.send_mark(json!({"act": "rename", "id": "M10", "to": "M08", "why": "trial", "over": true}));
     assert_eq!(
         (place(&state, "M08"), &marker(&state, "M10")["state"]),
         (place(&marking.state(), "M08"), &"rejected".into())
     );
     for id in ["M08", "M10"] {
-        assert_eq!(marking.say(json!({"act": "withdraw", "id": id})).0, 200);
+        assert_eq!(marking.send_mark(json!({"act": "withdraw", "id": id})).0, 200);
     }
     marking.end();
     done(at, &["verify", "store"]);
@@ -190,12 +180,9 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     assert!(sums.contains("  marks-000001.jsonl") && sums.contains("  marks-000002.jsonl"), "{sums}");
     let again: Value = serde_json::from_str(&done(at, &["solve", "store", "--json"])).unwrap();
     let line = |result: &Value, id: &str| marker(result, id).clone();
-    assert_eq!(
-        (&line(&again, "M19")["manual"], &line(&again, "M19")["u_px"]),
-        (&true.into(), &(u + 1.5).into())
-    );
+    assert_eq!((&line(&again, "M19")["manual"], &line(&again, "M19")["u_px"]), (&true.into(), &(u + 1.5).into()));
     let rejected = line(&again, "M05");
-    assert!(rejected["reason"].as_str().unwrap().contains("rejected by hand (ada): dirt"), "{rejected}");
+    assert!(rejected["reason"].as_str().unwrap().contains("rejected manually (ada): dirt"), "{rejected}");
     assert!(line(&bare, "M05")["used"].as_bool().unwrap() && line(&bare, "M19").get("manual").is_none());
     assert_eq!(done(at, &["solve", "store", "--json", "--no-marks"]), "", "that is there already");
     done(at, &["verify", "store"]);
@@ -203,64 +190,47 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
 }
 
 #[test]
-fn marks_beside_pictures_are_observations_for_solve_and_orient() {
+fn manual_marks_of_image_files_are_observations_for_solve_and_orient() {
     let dir = prepared(false);
     let at = dir.path();
-    // Without an orientation a picture is of the wing on ground.
+    // Without an orientation an image shows the wing on the ground.
     let marking = Marking::start(at, &["ground.jpg"]);
     let state = marking.state();
-    assert!(
-        state["now"]["remarks"][0].as_str().unwrap().contains("orientation from 21 markers"),
-        "{}",
-        state["now"]
-    );
+    assert!(state["now"]["remarks"][0].as_str().unwrap().contains("orientation from 21 markers"), "{}", state["now"]);
     let [u, v] = place(&state, "M12");
     let asked = json!({"act": "place", "id": "M12", "u_px": u + 1.0, "v_px": v, "exact": true, "over": true});
-    assert_eq!(marking.say(asked).0, 200);
-    let (_, state) = marking.say(json!({"act": "reject", "id": "M07", "why": "a bird"}));
-    assert!(
-        marker(&state, "M07")["reason"].as_str().unwrap().contains("a bird"),
-        "{}",
-        marker(&state, "M07")
-    );
+    assert_eq!(marking.send_mark(asked).0, 200);
+    let (_, state) = marking.send_mark(json!({"act": "reject", "id": "M07", "why": "a bird"}));
+    assert!(marker(&state, "M07")["reason"].as_str().unwrap().contains("a bird"), "{}", marker(&state, "M07"));
     assert!(marker(&state, "M12")["used"].as_bool().unwrap(), "{}", marker(&state, "M12"));
     drop(marking);
     let text = std::fs::read_to_string(at.join("observations.csv")).unwrap();
     assert!(text.starts_with("id,u_px,v_px,sigma_px,image,") && text.lines().count() == 3, "{text}");
-    let fit: Value = serde_json::from_str(&done(
-        at,
-        &["orient", "--observations", "observations.csv", "--json", "ground.jpg"],
-    ))
-    .unwrap();
+    let fit: Value =
+        serde_json::from_str(&done(at, &["orient", "--observations", "observations.csv", "--json", "ground.jpg"]))
+            .unwrap();
     assert_eq!((&fit["markers"], &fit["unused"][0]["id"]), (&20.into(), &"M07".into()), "{fit}");
-    assert!(fit["unused"][0]["reason"].as_str().unwrap().contains("rejected by hand (ada): a bird"), "{fit}");
-    // The same file takes the marks of a picture in flight.
+    assert!(fit["unused"][0]["reason"].as_str().unwrap().contains("rejected manually (ada): a bird"), "{fit}");
+    // The same file takes the marks of an image in flight.
     let marking = Marking::start(at, &["flight-1.jpg"]);
     let [u, v] = place(&marking.state(), "M19");
-    let asked = json!({"act": "place", "id": "M19", "u_px": u - 1.0, "v_px": v, "exact": true, "over": true, "why": "a, b"});
-    assert_eq!(marking.say(asked).0, 200);
+    let asked =
+        json!({"act": "place", "id": "M19", "u_px": u - 1.0, "v_px": v, "exact": true, "over": true, "why": "a, b"});
+    assert_eq!(marking.send_mark(asked).0, 200);
     marking.end();
     let text = std::fs::read_to_string(at.join("observations.csv")).unwrap();
-    assert!(
-        text.lines().count() == 4 && text.contains("flight-1.jpg") && text.contains("\"a, b\""),
-        "{text}"
-    );
+    assert!(text.lines().count() == 4 && text.contains("flight-1.jpg") && text.contains("\"a, b\""), "{text}");
 
-    let result: Value = serde_json::from_str(&done(
-        at,
-        &["solve", "flight-1.jpg", "--observations", "observations.csv", "--json"],
-    ))
-    .unwrap();
-    assert_eq!(
-        (&marker(&result, "M19")["manual"], &marker(&result, "M19")["u_px"]),
-        (&true.into(), &(u - 1.0).into())
-    );
-    // A line that cannot be read is a fault of the file, and nothing of it is written over.
+    let result: Value =
+        serde_json::from_str(&done(at, &["solve", "flight-1.jpg", "--observations", "observations.csv", "--json"]))
+            .unwrap();
+    assert_eq!((&marker(&result, "M19")["manual"], &marker(&result, "M19")["u_px"]), (&true.into(), &(u - 1.0).into()));
+    // An unreadable line is a fault of the file, and the file is not overwritten.
     std::fs::write(at.join("observations.csv"), "id,u_px,v_px,sigma_px\nM19,1,x,2\n").unwrap();
     let refused = wingd(at, &["mark", "flight-1.jpg", "--listen", "127.0.0.1:0"]);
     assert!(
-        refused.status.code() == Some(78) && said(&refused).contains("column v_px"),
+        refused.status.code() == Some(78) && all_output(&refused).contains("column v_px"),
         "{}",
-        said(&refused)
+        all_output(&refused)
     );
 }

@@ -1,5 +1,5 @@
-//! Promise: whatever an installation, a frame, a file of hand measurements or a configuration was turned into, the commands
-//! end within seconds, with a result or with a reason. Not part of the usual run: `make test-mutations`.
+//! Promise: for any mutation of an installation, a frame, a file of manual observations or a configuration, the commands
+//! end within seconds, with a result or with a reason. Not part of the default run: `make test-mutations`.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -9,20 +9,20 @@ use std::time::{Duration, Instant};
 use rand::prelude::*;
 use rand::rngs::StdRng;
 use wingd::measure::raster::Raster;
-use wingd::pipeline::decode::decode;
+use wingd::pipeline::decode::decode_image;
 
-/// Longest time of a command, of the processor: beside other work the clock says little.
+/// Longest processor time of a command; wall-clock time depends on other load.
 const LIMIT: Duration = Duration::from_secs(15);
-/// By the clock, after which it is ended: under load and `nice` a second may take a minute.
+/// Wall-clock time after which a command is ended: under load and `nice` a second may take a minute.
 const GIVEN_UP: Duration = Duration::from_secs(600);
-/// Mutations where `WINGD_MUTATIONS` does not say.
+/// Number of mutations without `WINGD_MUTATIONS`.
 const USUAL: u64 = 400;
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
 }
 
-/// What a number in a file may become.
+/// Replacements of a number in a file.
 const NUMBERS: [&str; 24] = [
     "0",
     "-0.0",
@@ -50,7 +50,7 @@ const NUMBERS: [&str; 24] = [
     "[1]",
 ];
 
-/// Where a text holds numbers.
+/// Positions of the numbers in a text.
 fn numbers(text: &str) -> Vec<std::ops::Range<usize>> {
     let part = |c: char| c.is_ascii_digit() || c == '.';
     let mut found: Vec<std::ops::Range<usize>> = vec![];
@@ -63,7 +63,7 @@ fn numbers(text: &str) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-/// Another number in the place of one: mostly a likely one, in another unit, of another sign, somewhat off; or a special one.
+/// Replaces a number: mostly by a plausible one, in another unit, of another sign, slightly changed; or a special one.
 fn other_number(rng: &mut StdRng, old: &str) -> String {
     match (rng.random_range(0..6), old.parse::<f64>()) {
         (0..=2, Ok(value)) => {
@@ -75,7 +75,7 @@ fn other_number(rng: &mut StdRng, old: &str) -> String {
     }
 }
 
-/// A line left out, twice, or at another place.
+/// A line removed, duplicated or moved.
 fn other_lines(rng: &mut StdRng, text: &str) -> String {
     let mut lines: Vec<&str> = text.lines().collect();
     let at = rng.random_range(0..lines.len());
@@ -113,7 +113,7 @@ fn mutate_text(rng: &mut StdRng, text: &str) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// A part of a picture black, white, of noise, elsewhere once more, or mirrored; a few of these.
+/// A part of an image black, white, noisy, copied elsewhere, or mirrored; a few of these.
 fn mutate_picture(rng: &mut StdRng, of: &Raster) -> Vec<u8> {
     let (w, h) = (of.width(), of.height());
     let mut luma = of.luma().to_vec();
@@ -142,7 +142,7 @@ fn mutate_picture(rng: &mut StdRng, of: &Raster) -> Vec<u8> {
 
 fn mutate_bytes(rng: &mut StdRng, mut bytes: Vec<u8>) -> Vec<u8> {
     let n = bytes.len().max(2);
-    // Headers are short and decide most.
+    // Headers are short and the most sensitive part.
     let place = |rng: &mut StdRng| {
         if rng.random() { rng.random_range(0..n) } else { rng.random_range(0..n.min(700)) }
     };
@@ -163,17 +163,17 @@ fn mutate_bytes(rng: &mut StdRng, mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// The folder in which everything is mutated, as it is when sound.
+/// The folder of all mutations, in its sound state.
 struct Bench {
     folder: tempfile::TempDir,
     sound: Vec<(&'static str, Vec<u8>)>,
 }
 
-/// As files their bytes are mutated, as pictures their pixels.
-const GROUND_PICTURE: &str = "picture of ground.jpg";
-const FLIGHT_PICTURE: &str = "picture of flight.jpg";
+/// Mutated in their bytes as files, in their pixels as images.
+const GROUND_PICTURE: &str = "image of ground.jpg";
+const FLIGHT_PICTURE: &str = "image of flight.jpg";
 
-/// What is mutated, with the commands that read it.
+/// Mutated files, with the commands that read them.
 const KINDS: [(&str, &[&str]); 10] = [
     ("i/installation.toml", &["check", "solve-by-hand", "plan", "orient"]),
     ("i/survey.csv", &["check", "solve-by-hand", "plan", "orient"]),
@@ -206,7 +206,7 @@ impl Bench {
         std::fs::write(path("hand.csv"), "").unwrap();
         let bench = Self { folder, sound: vec![] };
         assert_eq!(bench.run("orient").0, Some(0));
-        bench.unbind();
+        bench.remove_digests();
         let (_, solved, _) = bench.run("solve");
         std::fs::write(bench.path("hand.csv"), manual(&solved)).unwrap();
         let files = KINDS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("picture"));
@@ -218,8 +218,8 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    /// An orientation that is bound to no files, so that a changed survey is read on.
-    fn unbind(&self) {
+    /// Removes the digests of an orientation, so that a changed survey is read.
+    fn remove_digests(&self) {
         let path = self.path("i/orientation.toml");
         let text = std::fs::read_to_string(&path).unwrap();
         let (from, to) = (text.find("[made_with]").unwrap(), text.find("[[image]]").unwrap());
@@ -227,11 +227,11 @@ impl Bench {
     }
 
     fn mutate(&self, rng: &mut StdRng, name: &str) {
-        let file = name.strip_prefix("picture of ").unwrap_or(name);
+        let file = name.strip_prefix("image of ").unwrap_or(name);
         let sound = &self.sound.iter().find(|(other, _)| *other == file).unwrap().1;
         let mutated = match std::str::from_utf8(sound) {
             Ok(text) => mutate_text(rng, text),
-            Err(_) if file != name => mutate_picture(rng, &decode(sound, None).unwrap()),
+            Err(_) if file != name => mutate_picture(rng, &decode_image(sound, None).unwrap()),
             Err(_) => mutate_bytes(rng, sound.clone()),
         };
         std::fs::write(self.path(file), mutated).unwrap();
@@ -245,20 +245,13 @@ impl Bench {
             "plan" => &["plan", "--json", "--installation", "i"],
             "orient" => &["orient", "--json", "--installation", "i", "ground.jpg"],
             "solve" => &["solve", "--json", "--installation", "i", "flight.jpg"],
-            "solve-profile" => &[
-                "solve",
-                "--json",
-                "--method",
-                "profile",
-                "--installation",
-                "i",
-                "--observations",
-                "hand.csv",
-            ],
+            "solve-profile" => {
+                &["solve", "--json", "--method", "profile", "--installation", "i", "--observations", "hand.csv"]
+            }
             _ => &["solve", "--json", "--installation", "i", "--observations", "hand.csv"],
         };
-        let said = self.path("said");
-        let output = File::create(&said).unwrap();
+        let printed = self.path("said");
+        let output = File::create(&printed).unwrap();
         let mut child = Command::new(env!("CARGO_BIN_EXE_wingd"));
         let child = child.args(arguments).current_dir(self.folder.path());
         let mut child = child.stderr(output.try_clone().unwrap()).stdout(output).spawn().unwrap();
@@ -274,7 +267,7 @@ impl Bench {
                 None => std::thread::sleep(Duration::from_millis(2)),
             }
         };
-        let text = String::from_utf8_lossy(&std::fs::read(said).unwrap()).into_owned();
+        let text = String::from_utf8_lossy(&std::fs::read(printed).unwrap()).into_owned();
         (status, text, children_time().saturating_sub(before))
     }
 }
@@ -287,54 +280,52 @@ fn children_time() -> Duration {
     Duration::from_millis(10 * ticks)
 }
 
-/// A frame's measured markers as if by hand.
+/// Measured markers of a frame as manual observations.
 fn manual(solved: &str) -> String {
     let record: serde_json::Value = serde_json::from_str(solved.lines().next().unwrap()).unwrap();
-    let line =
-        |m: &serde_json::Value| format!("{},{},{},0.2\n", m["id"].as_str().unwrap(), m["u_px"], m["v_px"]);
+    let line = |m: &serde_json::Value| format!("{},{},{},0.2\n", m["id"].as_str().unwrap(), m["u_px"], m["v_px"]);
     let seen = record["markers"].as_array().unwrap().iter().filter(|m| !m["u_px"].is_null());
     "id,u_px,v_px,sigma_px\n".to_owned() + &seen.map(line).collect::<String>()
 }
 
-/// What is wrong about an ending, if anything.
-fn wrong(command: &str, (status, said, time): &(Option<i32>, String, Duration)) -> Option<String> {
+/// The error of an ending, if any.
+fn check_ending(command: &str, (status, printed, time): &(Option<i32>, String, Duration)) -> Option<String> {
     let Some(status) = status else { return Some("no end in time, or a signal".into()) };
-    if said.contains("panicked") || said.contains("broke off") || ![0, 1, 2, 78].contains(status) {
+    let crashed = ["panicked", "internal error", "decoder failed", "crashed"].iter().any(|word| printed.contains(word));
+    if crashed || ![0, 1, 2, 78].contains(status) {
         return Some(format!("exit {status}"));
     }
     if *time > LIMIT {
         return Some(format!("{time:?}"));
     }
-    // A name of ours with a list of fields is debug text.
+    // One of our type names with a list of fields is debug text.
     let of_ours = |before: &str| {
         let name = before.rsplit(|c: char| !c.is_ascii_alphanumeric()).next().unwrap_or_default();
         name.starts_with(|c: char| c.is_ascii_uppercase())
     };
-    let parts: Vec<&str> = said.split(" { ").collect();
-    if parts[..parts.len() - 1].iter().any(|before| of_ours(before)) || said.contains("Some(") {
+    let parts: Vec<&str> = printed.split(" { ").collect();
+    if parts[..parts.len() - 1].iter().any(|before| of_ours(before)) || printed.contains("Some(") {
         return Some("debug text".into());
     }
-    let json = || said.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+    let json = || printed.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     let sound = match (status, command) {
         (0, "solve" | "solve-by-hand" | "solve-profile") => json().is_some_and(|record| {
             let sigma = record["tip"]["sigma_deflection_m"].as_f64();
-            record["status"] == "ok"
-                && record["tip"]["deflection_m"].is_f64()
-                && sigma.is_some_and(|s| s > 0.0)
+            record["status"] == "ok" && record["tip"]["deflection_m"].is_f64() && sigma.is_some_and(|s| s > 0.0)
         }),
         (0, "orient") => json().is_some_and(|fit| fit["rms_px"].is_f64() && fit["sigma_mrad"].is_array()),
         (0, "plan") => json().is_some(),
-        _ => said.trim().len() > 20,
+        _ => printed.trim().len() > 20,
     };
     (!sound).then(|| format!("exit {status} without a result or a reason"))
 }
 
-/// The first seed of the changes of foreign files; 0 where `WINGD_SEED` says nothing.
+/// First seed of the changes of foreign files; 0 without `WINGD_SEED`.
 pub fn first_seed() -> u64 {
     std::env::var("WINGD_SEED").map_or(0, |text| text.parse().unwrap())
 }
 
-/// How many, or from..to: a single one is left to be looked at.
+/// Number of seeds, or from..to: files of a single one are kept for inspection.
 fn seeds(wanted: &str) -> std::ops::Range<u64> {
     let number = |text: &str| text.parse().ok();
     let range = wanted.split_once("..").and_then(|(from, to)| Some(number(from)?..number(to)?));
@@ -359,9 +350,9 @@ fn mutated_inputs_end_with_a_result_or_a_reason() {
         let ending = bench.run(command);
         slowest = slowest.max((ending.2, seed, name, command));
         *endings.entry((name, command, ending.0)).or_insert(0) += 1;
-        if let Some(what) = wrong(command, &ending) {
-            let said: String = ending.1.chars().take(400).collect();
-            eprintln!("seed {seed}, {name}, {command}: {what}: {said}");
+        if let Some(what) = check_ending(command, &ending) {
+            let printed: String = ending.1.chars().take(400).collect();
+            eprintln!("seed {seed}, {name}, {command}: {what}: {printed}");
             failures.push(seed);
         }
     }

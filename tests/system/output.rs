@@ -1,4 +1,4 @@
-//! Every result is kept, or its loss is said.
+//! Every result is written, or its loss is reported.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -13,12 +13,12 @@ fn wingd() -> Command {
     Command::new(env!("CARGO_BIN_EXE_wingd"))
 }
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[test]
-fn a_full_disk_is_said() {
+fn a_full_disk_is_reported() {
     let installation = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
     let frame = picture("baseline-2x1.jpg");
     let frame = frame.to_str().unwrap();
@@ -42,7 +42,7 @@ fn a_full_disk_is_said() {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let output = wingd().args(arguments).stdout(full).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{arguments:?}");
-        assert!(said(&output).contains("cannot be written to standard output"), "{}", said(&output));
+        assert!(stderr(&output).contains("cannot be written to standard output"), "{}", stderr(&output));
     }
 }
 
@@ -57,12 +57,12 @@ fn a_closed_pipe_is_silent() {
         .unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
-    assert_eq!((output.status.code(), said(&output).as_str()), (Some(0), ""));
+    assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""));
 }
 
-/// What is done before Ctrl-C is there, in order, and no more is begun.
+/// Results finished before Ctrl-C are written, in order, and no more are begun.
 #[test]
-fn results_come_as_they_are_done_and_an_interruption_keeps_them() {
+fn results_are_written_as_they_are_done_and_an_interruption_keeps_them() {
     let folder = tempfile::tempdir().unwrap();
     let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/flight-1.jpg");
     let files: Vec<PathBuf> = (0..60).map(|k| folder.path().join(format!("{k:02}.jpg"))).collect();
@@ -77,23 +77,22 @@ fn results_come_as_they_are_done_and_an_interruption_keeps_them() {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let name = |line: String| serde_json::from_str::<serde_json::Value>(&line).unwrap()["image"].clone();
     assert_eq!(name(lines.next().unwrap().unwrap()), "00.jpg", "the first, while the others are to come");
-    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT)
-        .unwrap();
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
     let rest: Vec<serde_json::Value> = lines.map(|l| name(l.unwrap())).collect();
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    let done = format!("stopped: {} of 60 pictures are done", rest.len() + 1);
-    assert!(said(&output).contains(&done), "{done}: {}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let done = format!("stopped: {} of 60 images were processed", rest.len() + 1);
+    assert!(stderr(&output).contains(&done), "{done}: {}", stderr(&output));
     assert!(rest.len() < 59, "all were done");
     assert!(rest.iter().enumerate().all(|(k, n)| *n == format!("{:02}.jpg", k + 1)), "{rest:?}");
 }
 
 #[test]
-fn what_was_turned_down_is_listed_where_it_is_asked_for() {
+fn rejected_candidates_are_listed_on_request() {
     let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures/packed.png");
     let answer = |options: &[&str]| {
         let output = wingd().arg("detect").args(options).arg(&frame).output().unwrap();
-        assert!(output.status.success(), "{}", said(&output));
+        assert!(output.status.success(), "{}", stderr(&output));
         serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
     };
     assert!(answer(&["--json"]).get("rejected").is_none());
@@ -104,7 +103,7 @@ fn what_was_turned_down_is_listed_where_it_is_asked_for() {
 }
 
 #[test]
-fn frames_of_several_folders_are_told_apart() {
+fn frames_of_several_folders_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     let files = ["a/1.jpg", "b/1.jpg", "b/2.jpg"].map(|name| folder.path().join(name));
     for file in &files {
@@ -118,7 +117,7 @@ fn frames_of_several_folders_are_told_apart() {
         .args(&files)
         .output()
         .unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let name = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone();
     let names: Vec<serde_json::Value> = text.lines().map(name).collect();
@@ -130,7 +129,7 @@ fn frames_of_several_folders_are_told_apart() {
 fn an_address_may_be_a_name() {
     let run = |address: &str| {
         let output = wingd().args(["serve", "/nowhere/store", "--listen", address]).output().unwrap();
-        (output.status.code(), said(&output))
+        (output.status.code(), stderr(&output))
     };
     let (status, text) = run("localhost:8080");
     assert_eq!(status, Some(1), "{text}");
@@ -142,7 +141,7 @@ fn an_address_may_be_a_name() {
 
 /// Results of a test of the camera alone are results too.
 #[test]
-fn the_camera_s_test_says_what_is_wrong() {
+fn the_camera_test_reports_the_cause() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("frames")).unwrap();
     std::fs::copy(picture("baseline-2x1.jpg"), folder.path().join("frames/1.jpg")).unwrap();
@@ -155,28 +154,24 @@ fn the_camera_s_test_says_what_is_wrong() {
     };
     let sound = "[camera]\nkind = \"replay\"\nfolder = \"frames\"\n";
     let output = run(sound, Stdio::piped());
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    assert!(said(&output).contains("\"error\":null"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("\"error\":null"), "{}", stderr(&output));
     let full = File::options().write(true).open("/dev/full").unwrap();
     let output = run(sound, full.into());
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("cannot be written"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("cannot be written"), "{}", stderr(&output));
     let output = run(&sound.replace("folder", "folders"), Stdio::piped());
-    assert_eq!(output.status.code(), Some(78), "{}", said(&output));
-    assert!(
-        said(&output).contains("wingd.toml: line") && said(&output).contains("folders"),
-        "{}",
-        said(&output)
-    );
+    assert_eq!(output.status.code(), Some(78), "{}", stderr(&output));
+    assert!(stderr(&output).contains("wingd.toml: line") && stderr(&output).contains("folders"), "{}", stderr(&output));
 }
 
-/// The program on board has no way to the outside; it says what to build instead.
+/// The program on the recorder has no upload; it names the build option.
 #[cfg(not(feature = "upload"))]
 #[test]
-fn upload_is_named_where_it_is_not_built_in() {
+fn upload_is_reported_as_missing_if_it_is_not_built_in() {
     for arguments in [&["upload"][..], &["upload", "store", "--to", "s3://bucket/prefix", "--json"]] {
         let output = wingd().args(arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(said(&output).contains("--features upload"), "{}", said(&output));
+        assert!(printed(&output).contains("--features upload"), "{}", printed(&output));
     }
 }

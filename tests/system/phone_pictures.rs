@@ -1,9 +1,9 @@
-//! Promise: pictures of phones and cameras are read as the sensor has them, or named (docs/interface.md, Frames).
+//! Promise: images of phones and cameras are read as the sensor has them, or named (docs/interface.md, Frames).
 
 use std::path::Path;
 
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgba};
-use wingd::pipeline::decode::decode;
+use wingd::pipeline::decode::decode_image;
 
 use crate::program::{fixture, outcome};
 
@@ -11,7 +11,7 @@ fn jpeg() -> Vec<u8> {
     std::fs::read(fixture("jpeg/baseline-2x1.jpg")).unwrap()
 }
 
-/// The JPEG with an Exif block that says how the picture is to be turned.
+/// The JPEG with an Exif block that gives the rotation of the image.
 fn with_orientation(orientation: u8) -> Vec<u8> {
     let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
     let tiff = [b"MM\0*".as_slice(), &[0, 0, 0, 8, 0, 1], &entry, &[0; 4]].concat();
@@ -26,32 +26,29 @@ fn png(picture: impl Into<DynamicImage>) -> Vec<u8> {
     bytes
 }
 
-/// A slope from black to white of 16 bits, down to its lower bits.
+/// A ramp from black to white of 16 bits, down to its lower bits.
 fn slope(shift: u32) -> ImageBuffer<Luma<u16>, Vec<u16>> {
     ImageBuffer::from_fn(64, 48, |x, _| Luma([((x * 1040) >> shift) as u16]))
 }
 
 #[test]
-fn an_orientation_tag_turns_nothing_and_what_follows_a_picture_is_not_read() {
-    let plain = decode(&jpeg(), None).unwrap();
+fn an_orientation_tag_rotates_nothing_and_data_after_an_image_are_ignored() {
+    let plain = decode_image(&jpeg(), None).unwrap();
     for orientation in 1..=8 {
-        assert!(
-            decode(&with_orientation(orientation), None).unwrap().luma() == plain.luma(),
-            "{orientation}"
-        );
+        assert!(decode_image(&with_orientation(orientation), None).unwrap().luma() == plain.luma(), "{orientation}");
     }
     let other = std::fs::read(fixture("dev/frames/ground.jpg")).unwrap();
     for behind in [&other[..], b"\0\0\0\x18ftypmp42 a film"] {
-        assert!(decode(&[&jpeg(), behind].concat(), None).unwrap().luma() == plain.luma());
+        assert!(decode_image(&[&jpeg(), behind].concat(), None).unwrap().luma() == plain.luma());
     }
 }
 
 #[test]
-fn sixteen_bits_are_read_by_their_upper_ones_and_named_where_those_are_empty() {
-    let grey = |bytes: &[u8]| decode(bytes, None).map(|r| r.luma()[63]);
+fn sixteen_bit_images_are_read_by_their_upper_bits_and_named_if_those_are_empty() {
+    let grey = |bytes: &[u8]| decode_image(bytes, None).map(|r| r.luma()[63]);
     // 63 x 1040 of 65535 is 254.9 of 255.
     assert_eq!(grey(&png(slope(0))), Ok(255));
-    assert_eq!(grey(&png(slope(2))), Ok(64), "14 bits may be a dark picture");
+    assert_eq!(grey(&png(slope(2))), Ok(64), "14 bits may be a dark image");
     let translucent = ImageBuffer::from_fn(64, 48, |x, _| Rgba([(4 * x) as u8; 4]));
     assert_eq!(grey(&png(translucent)), Ok(252));
     for (shift, bits) in [(4, 12), (6, 10)] {
@@ -62,10 +59,10 @@ fn sixteen_bits_are_read_by_their_upper_ones_and_named_where_those_are_empty() {
     assert_eq!(grey(&png(black)), Ok(0));
     let samples: Vec<u8> = slope(6).into_raw().iter().flat_map(|v| v.to_be_bytes()).collect();
     let ten_bits = [b"P5\n64 48\n1023\n".as_slice(), &samples].concat();
-    assert!(matches!(grey(&ten_bits), Ok(250..)), "a PNM that says so is of 10 bits: {:?}", grey(&ten_bits));
+    assert!(matches!(grey(&ten_bits), Ok(250..)), "a PNM declared as 10 bits: {:?}", grey(&ten_bits));
 }
 
-/// A TIFF of a reduced picture of 8 x 8, as a DNG begins with.
+/// A TIFF with a reduced image of 8 x 8, like the beginning of a DNG.
 fn raw_file() -> Vec<u8> {
     let entry = |tag: u16, kind: u16, count: u32, value: u32| -> Vec<u8> {
         [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &count.to_le_bytes(), &value.to_le_bytes()].concat()
@@ -87,7 +84,7 @@ fn raw_file() -> Vec<u8> {
 }
 
 #[test]
-fn what_is_not_read_is_named_by_detect_and_calibrate() {
+fn unreadable_files_are_named_by_detect_and_calibrate() {
     let folder = tempfile::tempdir().unwrap();
     let board = folder.path().join("board.toml");
     std::fs::write(&board, "pattern = \"checkerboard\"\ncolumns = 8\nrows = 6\nsquare_m = 0.025\n").unwrap();
@@ -95,31 +92,26 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
     for (name, bytes, words) in [
         ("a.dng", raw_file(), "raw file"),
         ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(), "it is HEIC"),
-        (
-            "a.webp",
-            b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(),
-            "use JPEG, PNG, PNM or TIFF",
-        ),
+        ("a.webp", b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(), "use JPEG, PNG, PNM or TIFF"),
         ("ten.png", png(slope(6)), "16 bits, of which 10 are used"),
     ] {
         let file = folder.path().join(name);
         std::fs::write(&file, bytes).unwrap();
-        let (status, said) = outcome(&["detect", "--json", &path(&file)]);
-        assert!(status == Some(1) && said.contains(words), "{name}: {said}");
+        let (status, printed) = outcome(&["detect", "--json", &path(&file)]);
+        assert!(status == Some(1) && printed.contains(words), "{name}: {printed}");
         let as_jpeg = folder.path().join(format!("{name}.jpg"));
         std::fs::copy(&file, &as_jpeg).unwrap();
         let store = folder.path().join("store");
-        let (status, said) = outcome(&["import", &path(&as_jpeg), "--store", &path(&store)]);
-        assert!(status == Some(1) && said.contains(words) && !store.exists(), "{name}: {said}");
+        let (status, printed) = outcome(&["import", &path(&as_jpeg), "--store", &path(&store)]);
+        assert!(status == Some(1) && printed.contains(words) && !store.exists(), "{name}: {printed}");
         let out = path(&folder.path().join("camera.toml"));
-        let (status, said) =
-            outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
-        assert!(status == Some(1) && said.contains(words) && said.contains(name), "{name}: {said}");
+        let (status, printed) = outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
+        assert!(status == Some(1) && printed.contains(words) && printed.contains(name), "{name}: {printed}");
     }
 }
 
 #[test]
-fn names_that_are_no_utf8_stay_told_apart() {
+fn names_that_are_not_utf8_stay_distinct() {
     use std::os::unix::ffi::OsStrExt;
     let folder = tempfile::tempdir().unwrap();
     let names = [b"fl\xfcgel.jpg".as_slice(), b"fl\xe4gel.jpg"].map(std::ffi::OsStr::from_bytes);
@@ -127,14 +119,13 @@ fn names_that_are_no_utf8_stay_told_apart() {
     files.iter().for_each(|file| std::fs::write(file, jpeg()).unwrap());
     let mut detect = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
     let done = detect.args(["detect", "--json"]).args(&files).output().unwrap();
-    let said = String::from_utf8(done.stdout).unwrap();
-    let images =
-        said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone());
+    let printed = String::from_utf8(done.stdout).unwrap();
+    let images = printed.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone());
     assert_eq!(images.collect::<Vec<_>>(), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg"]);
 }
 
 #[test]
-fn import_takes_what_is_read_byte_by_byte_and_names_what_it_passes_over() {
+fn import_copies_readable_images_byte_by_byte_and_names_skipped_files() {
     let folder = tempfile::tempdir().unwrap();
     let (card, store) = (folder.path().join("card"), folder.path().join("store"));
     std::fs::create_dir(&card).unwrap();
@@ -147,9 +138,9 @@ fn import_takes_what_is_read_byte_by_byte_and_names_what_it_passes_over() {
         std::fs::write(card.join(name), raw_file()).unwrap();
     }
     let arguments = ["import", &card.to_string_lossy(), "--store", &store.to_string_lossy()];
-    let (status, said) = outcome(&arguments);
-    assert!(status == Some(0) && said.contains("3 taken"), "{said}");
-    assert!(said.contains("1 pictures that are not read are passed over, d.heic first"), "{said}");
+    let (status, printed) = outcome(&arguments);
+    assert!(status == Some(0) && printed.contains("3 taken"), "{printed}");
+    assert!(printed.contains("1 images of unsupported formats are skipped, first d.heic"), "{printed}");
     let series = store.join("flights/f0001");
     let mut kept: Vec<Vec<u8>> = vec![];
     for folder in std::fs::read_dir(series).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()) {

@@ -1,4 +1,4 @@
-//! `wingd plan` through the real binary: its JSON, its drawing, and its promise against an adjustment of
+//! `wingd plan` through the real binary: its JSON, its drawing, and its prediction compared with an adjustment of
 //! observations with that noise.
 
 use std::path::Path;
@@ -24,8 +24,7 @@ fn installation(rows: &str) -> tempfile::TempDir {
 
 fn plan(directory: &Path, more: &[&str]) -> Value {
     let sigma = PIXEL_SIGMA.to_string();
-    let mut arguments =
-        vec!["plan", "--installation", directory.to_str().unwrap(), "--pixel-sigma", &sigma, "--json"];
+    let mut arguments = vec!["plan", "--installation", directory.to_str().unwrap(), "--pixel-sigma", &sigma, "--json"];
     arguments.extend(more);
     serde_json::from_str(&stdout(&arguments)).unwrap()
 }
@@ -35,7 +34,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn the_json_holds_a_finite_positive_prediction_for_every_marker_and_along_the_span() {
+fn the_json_contains_a_finite_positive_prediction_for_every_marker_and_along_the_span() {
     let plan = plan(installation("").path(), &[]);
     let markers = plan["markers"].as_array().unwrap();
     assert_eq!(markers.len(), 21);
@@ -50,18 +49,12 @@ fn the_json_holds_a_finite_positive_prediction_for_every_marker_and_along_the_sp
     let span = plan["span"].as_array().unwrap();
     assert!(span.len() > 20);
     assert!(span.windows(2).all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"])));
-    assert!(
-        span.iter()
-            .skip(1)
-            .all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
-    );
-    // Uncertainty grows from the root, where nothing bends.
-    assert!(
-        number(&span[span.len() - 1]["sigma_deflection_m"]) > 3.0 * number(&span[0]["sigma_deflection_m"])
-    );
+    assert!(span.iter().skip(1).all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0));
+    // Uncertainty grows from the root, which does not bend.
+    assert!(number(&span[span.len() - 1]["sigma_deflection_m"]) > 3.0 * number(&span[0]["sigma_deflection_m"]));
 }
 
-/// Names, texts and attributes of a drawing; fails where tags do not match.
+/// Names, texts and attributes of a drawing; fails if tags do not match.
 fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
     let (mut names, mut texts, mut attributes) = (vec![], vec![], vec![]);
     let mut open: Vec<String> = vec![];
@@ -91,27 +84,16 @@ fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
 }
 
 #[test]
-fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_places() {
+fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_positions() {
     let directory = installation("");
     let file = directory.path().join("plan.svg");
-    stdout(&[
-        "plan",
-        "--installation",
-        directory.path().to_str().unwrap(),
-        "--figure",
-        file.to_str().unwrap(),
-    ]);
+    stdout(&["plan", "--installation", directory.path().to_str().unwrap(), "--figure", file.to_str().unwrap()]);
     let svg = std::fs::read_to_string(&file).unwrap();
     let (names, texts, attributes) = tags(&svg);
     assert_eq!(names[0], "svg");
-    for label in [
-        "deflection / mm",
-        "twist / deg",
-        "footprint / mm",
-        "span, outboard from the camera / m",
-        "M01",
-        "M21",
-    ] {
+    for label in
+        ["deflection / mm", "twist / deg", "footprint / mm", "span, outboard from the camera / m", "M01", "M21"]
+    {
         assert!(texts.iter().any(|t| t.trim() == label), "no \"{label}\"");
     }
     let view = attributes.iter().find(|(key, _)| key == "viewBox").unwrap();
@@ -126,14 +108,12 @@ fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_places() {
     assert!(curves.len() >= 4, "{} curves", curves.len());
     for (_, places) in curves {
         assert!(!places.contains("NaN") && !places.contains("inf"), "{places}");
-        assert!(
-            places.split(|c: char| !c.is_ascii_digit() && c != '.').filter(|n| !n.is_empty()).count() > 20
-        );
+        assert!(places.split(|c: char| !c.is_ascii_digit() && c != '.').filter(|n| !n.is_empty()).count() > 20);
     }
 }
 
 #[test]
-fn another_marker_makes_figures_smaller() {
+fn an_additional_marker_reduces_the_standard_deviations() {
     let place = |text: &str, id: &str| -> Vec<f64> {
         let row = text.lines().find(|l| l.starts_with(id)).unwrap();
         row.split(',').skip(3).take(3).map(|v| v.parse().unwrap()).collect()
@@ -146,27 +126,24 @@ fn another_marker_makes_figures_smaller() {
     let after = plan(installation(&format!("M22,circle,0.32,{},0.002\n", at.join(","))).path(), &[]);
     assert_eq!(after["markers"].as_array().unwrap().len(), 22);
     for key in ["sigma_tip_deflection_m", "sigma_mean_deflection_m", "sigma_tip_twist_deg", "sigma_span_m"] {
-        let (b, a) =
-            (number(&before["prediction"]["expected"][key]), number(&after["prediction"]["expected"][key]));
+        let (b, a) = (number(&before["prediction"]["expected"][key]), number(&after["prediction"]["expected"][key]));
         println!("{key}: {b:.6} -> {a:.6}");
-        // What the installation leaves unknown of the root is nearly all of deflections and places; no marker tells it, and the
-        // fitted ground shape on which it is linearised differs by the new marker.
+        // The installation's uncertainty of the root dominates deflections and positions; no marker constrains it, and the
+        // fitted ground shape at which it is linearised changes with the new marker.
         let limit = if key.ends_with("_m") { 1.001 * b } else { b };
         assert!(a < limit, "{key}: {b} -> {a}");
     }
 }
 
-/// The same installation, camera and deflection: what was planned is what an adjustment of observations with
-/// that noise states.
+/// With the same installation, camera and deflection, the planned standard deviations equal those of an adjustment of
+/// observations with that noise.
 #[test]
-fn planned_standard_deviations_are_those_that_the_adjustment_states() {
+fn planned_standard_deviations_are_those_of_the_adjustment() {
     let directory = installation("");
     let path = directory.path().to_str().unwrap();
     stdout(&["orient", "--installation", path, fixture("dev/frames/ground.jpg").to_str().unwrap()]);
-    let truth: Value =
-        serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
-    let frame =
-        truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_deflection_m"]) > 1.0).unwrap();
+    let truth: Value = serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
+    let frame = truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_deflection_m"]) > 1.0).unwrap();
     let markers = frame["markers"].as_array().unwrap();
     let tip = markers.iter().find(|m| m["id"] == "M19").unwrap();
     let plan = plan(directory.path(), &["--tip-deflection", &number(&tip["deflection_m"]).to_string()]);
@@ -203,19 +180,15 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
         let ratio = number(&planned["sigma"]["deflection_m"]) / number(&found["sigma_deflection_m"]);
         ratios.push((planned["id"].to_string(), ratio));
     }
-    println!("planned over stated: {ratios:.3?}");
-    assert!(
-        ratios.len() >= 20 && ratios.iter().all(|(_, ratio)| (0.95..1.05).contains(ratio)),
-        "{ratios:.3?}"
-    );
+    println!("planned over reported: {ratios:.3?}");
+    assert!(ratios.len() >= 20 && ratios.iter().all(|(_, ratio)| (0.95..1.05).contains(ratio)), "{ratios:.3?}");
 }
 
-/// What is seen less lowers no standard deviation, what is known more raises none.
+/// Less visibility reduces no standard deviation, and more information increases none.
 #[test]
-fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
+fn an_invisible_marker_improves_nothing() {
     for id in ["dev", "demo"] {
-        let plan =
-            stdout(&["plan", "--installation", fixture(id).join("installation").to_str().unwrap(), "--json"]);
+        let plan = stdout(&["plan", "--installation", fixture(id).join("installation").to_str().unwrap(), "--json"]);
         let plan: Value = serde_json::from_str(&plan).unwrap();
         let whole = number(&plan["prediction"]["expected"]["sigma_tip_deflection_m"]);
         let changes = plan["prediction"]["changes"].as_array().unwrap();
@@ -223,12 +196,12 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
         let mut compared = 0;
         for change in without {
             let Some(left) = change["expected"]["sigma_tip_deflection_m"].as_f64() else { continue };
-            // The same linearisation: no more than what the iterations leave.
+            // The same linearisation: only the remainder of the iterations differs.
             assert!(left > (1.0 - 1e-6) * whole, "{id}: without {}: {left} {whole}", change["without"]);
             compared += 1;
         }
         assert!(compared > 15, "{compared}");
-        // What is known makes nothing less certain.
+        // Additional knowledge increases no standard deviation.
         let known = plan["prediction"]["terms_known"].as_array().unwrap();
         assert!(known.len() > 5, "{known:?}");
         for term in known {
@@ -239,7 +212,7 @@ fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
 }
 
 #[test]
-fn frames_together_are_told_beside_one() {
+fn plan_prints_single_and_joint_precision() {
     let one = plan(installation("").path(), &["--frames", "10"]);
     let (alone, together) = (
         number(&one["prediction"]["expected"]["sigma_tip_deflection_m"]),
@@ -249,26 +222,14 @@ fn frames_together_are_told_beside_one() {
 }
 
 #[test]
-fn a_wish_is_answered_for_a_wing_that_has_no_installation_yet() {
+fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let folder = tempfile::tempdir().unwrap();
     let layout = folder.path().join("layout");
-    let wing = [
-        "plan",
-        "--span",
-        "33",
-        "--height",
-        "2.5",
-        "--chord",
-        "4",
-        "--focal",
-        "12",
-        "--sensor",
-        "4000x3000x1.54",
-    ];
+    let wing =
+        ["plan", "--span", "33", "--height", "2.5", "--chord", "4", "--focal", "12", "--sensor", "4000x3000x1.54"];
     let more = ["--markers", "20", "--fixed", "2", "--frames", "10", "--json"];
-    let ask = |want: &[&str]| -> Value {
-        serde_json::from_str(&stdout(&[&wing[..], &more[..], want].concat())).unwrap()
-    };
+    let ask =
+        |want: &[&str]| -> Value { serde_json::from_str(&stdout(&[&wing[..], &more[..], want].concat())).unwrap() };
     let strict = ask(&["--want", "0.1mm"]);
     assert_eq!((&strict["reached"], &strict["proposal_reached"]), (&false.into(), &false.into()));
     let easy = ask(&["--want", "10m", "--layout", layout.to_str().unwrap()]);
@@ -285,12 +246,12 @@ fn a_wish_is_answered_for_a_wing_that_has_no_installation_yet() {
     assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_deflection_m"]));
     assert!(easy["remedies"].as_array().unwrap().iter().all(|r| r["sigma_taken_m"].is_null()));
     assert_eq!(easy["layout"].as_array().unwrap().len(), 22);
-    // What was written is an installation, and is worth what was said.
+    // The written draft is an installation with the predicted precision.
     let path = layout.to_str().unwrap();
     let again: Value =
         serde_json::from_str(&stdout(&["plan", "--installation", path, "--frames", "10", "--json"])).unwrap();
-    let ratio = number(&again["flight"]["expected"]["sigma_tip_deflection_m"])
-        / number(&easy["sigma_tip_deflection_m"]);
+    let ratio =
+        number(&again["flight"]["expected"]["sigma_tip_deflection_m"]) / number(&easy["sigma_tip_deflection_m"]);
     assert!((0.98..1.02).contains(&ratio), "{ratio}");
     let svg = std::fs::read_to_string(layout.join("layout.svg")).unwrap();
     let (names, texts, _) = tags(&svg);

@@ -1,5 +1,5 @@
-//! Promise: told to stop, or that the power fails, the recorder has everything durable within a stated time,
-//! whatever the camera does; when the power is back it goes on.
+//! Promise: after a stop or a power failure the recorder has everything durable within a specified time,
+//! for any behaviour of the camera; when the power is back it continues.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use wingd::store::manifest::{SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, catalogue};
 
-/// For what a test waits for and that has no limit of its own.
+/// Time limit of steps without a limit of their own.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A recorder whose camera hangs at the second shot.
@@ -51,12 +51,12 @@ impl Recorder {
         self.dir.path().join("store")
     }
 
-    fn power(&self, online: &str) {
+    fn set_power(&self, online: &str) {
         std::fs::write(self.dir.path().join("online"), online).unwrap();
     }
 
-    /// The next line with these words.
-    fn says(&self, words: &str) -> String {
+    /// Waits for the next line with these words.
+    fn wait_for_line(&self, words: &str) -> String {
         let end = Instant::now() + PATIENCE;
         let mut all = Vec::new();
         while let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
@@ -68,8 +68,8 @@ impl Recorder {
         panic!("no line with {words:?}: {all:#?}");
     }
 
-    /// Lines with each of these words; threads may write them in any order.
-    fn says_each(&self, words: &[&str]) {
+    /// Waits for lines with each of these words; threads may write them in any order.
+    fn wait_for_lines(&self, words: &[&str]) {
         let end = Instant::now() + PATIENCE;
         let (mut left, mut all) = (words.to_vec(), Vec::new());
         while !left.is_empty() {
@@ -104,7 +104,7 @@ impl Drop for Recorder {
     }
 }
 
-/// A small JPEG file with a number in a comment, so that no two are alike.
+/// A small JPEG file with a number in a comment, so that no two are equal.
 pub fn picture(number: u8) -> Vec<u8> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/jpeg/baseline-1x1.jpg");
     let file = std::fs::read(path).unwrap();
@@ -112,10 +112,10 @@ pub fn picture(number: u8) -> Vec<u8> {
 }
 
 #[test]
-fn a_stop_gives_a_hanging_shot_up_and_ends_in_time() {
+fn a_stop_abandons_a_hanging_shot_and_ends_in_time() {
     let within = Duration::from_secs(4);
     let mut recorder = Recorder::start("stop_within = \"4s\"\n");
-    recorder.says("frame is durable");
+    recorder.wait_for_line("frame is durable");
     std::thread::sleep(Duration::from_millis(300));
     let begin = Instant::now();
     assert_eq!(recorder.terminate(), Some(0), "a clean stop");
@@ -130,15 +130,15 @@ fn a_stop_gives_a_hanging_shot_up_and_ends_in_time() {
 }
 
 #[test]
-fn when_the_power_fails_all_is_durable_in_time_and_when_it_is_back_recording_goes_on() {
+fn a_power_failure_makes_all_durable_in_time_and_recording_resumes_with_power() {
     let hold_up = Duration::from_secs(3);
     let mut recorder = Recorder::start("hold_up = \"3s\"\nfile = \"online\"\n");
-    recorder.says("frame is durable");
+    recorder.wait_for_line("frame is durable");
     std::thread::sleep(Duration::from_millis(300));
     let begin = Instant::now();
-    recorder.power("0\n");
-    recorder.says("the power fails");
-    recorder.says("series closed");
+    recorder.set_power("0\n");
+    recorder.wait_for_line("the power fails");
+    recorder.wait_for_line("series closed");
     let took = begin.elapsed();
     println!("durable after {took:?} of {hold_up:?}");
     assert!(took < hold_up, "{took:?}");
@@ -150,17 +150,17 @@ fn when_the_power_fails_all_is_durable_in_time_and_when_it_is_back_recording_goe
         (series.state, series.remarks.as_slice()),
         (SeriesState::Interrupted, &["the power failed".to_owned()][..])
     );
-    recorder.power("1\n");
-    recorder.says("the power is back");
-    recorder.says("series begins");
-    recorder.says("frame is durable");
+    recorder.set_power("1\n");
+    recorder.wait_for_line("the power is back");
+    recorder.wait_for_line("series begins");
+    recorder.wait_for_line("frame is durable");
     assert_eq!(recorder.terminate(), Some(0));
     assert!(recorder.manifests().len() > 1);
 }
 
 #[test]
-fn a_supply_that_cannot_be_watched_keeps_nothing_from_being_recorded() {
+fn a_supply_that_cannot_be_monitored_does_not_prevent_recording() {
     let mut recorder = Recorder::start("file = \"no-such-file\"\nstop_within = \"2s\"\n");
-    recorder.says_each(&["the supply cannot be watched", "frame is durable"]);
+    recorder.wait_for_lines(&["the supply cannot be watched", "frame is durable"]);
     assert_eq!(recorder.terminate(), Some(0));
 }

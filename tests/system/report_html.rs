@@ -1,13 +1,13 @@
-//! The report of a store: complete, well formed, nothing from outside, hostile names harmless.
+//! The report of a store: complete, well formed, without external resources, hostile names harmless.
 
 use crate::common::report_store::{failed, solved, store_with};
 use wingd::report::{html, source};
 
 fn page(root: &std::path::Path) -> String {
-    html::page(&source::flight(root, source::Choice::default(), None).unwrap())
+    html::report_page(&source::read_flight(root, source::ResultChoice::default(), None).unwrap())
 }
 
-/// The page without its own script and the values for it, which are checked to be just these.
+/// The page without its own script and its values, which are checked exactly.
 fn without_scripts(html: &str) -> String {
     let own = format!("<script>{}</script>", html::SCRIPT);
     assert_eq!(html.matches(&own).count(), 1, "the report's own script, once");
@@ -75,19 +75,13 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         assert!(html.contains(number), "{number} is missing");
     }
     assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
-    assert!(
-        html.contains("of series s000001, begun 2026-03-01 08:00 UTC"),
-        "when the greatest deflection was"
-    );
-    assert!(
-        html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
-        "times on the axis"
-    );
+    assert!(html.contains("of series s000001, started 2026-03-01 08:00 UTC"), "time of the largest deflection");
+    assert!(html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"), "times on the axis");
     assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
     assert!(html.matches("<svg").count() >= 6);
 }
 
-/// A record with three deflections, of which the one from the root's tangent is told best, and a budget.
+/// A record with three deflections, the most precise relative to the root tangent, and a budget.
 fn with_deflections(deflection_m: f64, sigma_m: f64) -> serde_json::Value {
     let mut record = solved(deflection_m, sigma_m);
     let deflections = serde_json::json!({"deflection_ground_m": deflection_m - 0.01, "sigma_deflection_ground_m": 0.8 * sigma_m,
@@ -99,18 +93,18 @@ fn with_deflections(deflection_m: f64, sigma_m: f64) -> serde_json::Value {
 }
 
 #[test]
-fn headlines_say_what_they_are() {
+fn headlines_name_their_quantities() {
     let store = store_with(&[&[with_deflections(1.4, 0.006), with_deflections(3.0, 0.02)]]);
     let html = page(store.path());
     check_well_formed(&html);
-    // 3.0 less 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
-    assert!(html.contains("2.980 ± 0.010 m"), "the greatest of single frames");
-    assert!(html.contains("greatest tip deflection of a single frame ± 1 sigma, from the root's tangent"));
+    // 3.0 minus 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
+    assert!(html.contains("2.980 ± 0.010 m"), "the largest of single frames");
+    assert!(html.contains("largest tip deflection of a single frame ± 1 sigma, from the root's tangent"));
     assert!(html.contains("mean tip deflection / m") && html.contains(">1.1</td>"), "mean and scatter");
-    assert!(html.contains("do not contradict the model") && html.contains("cannot show"));
+    assert!(html.contains("consistent with the model") && html.contains("cannot rule out"));
     assert!(!html.contains("deviations hold"));
-    assert!(html.contains("What the uncertainty comes from") && html.contains(">mounting<"), "budget");
-    assert!(html.contains("known without error: mounting."), "what would help");
+    assert!(html.contains("Uncertainty budget") && html.contains(">mounting<"), "budget");
+    assert!(html.contains("known without error: mounting."), "possible improvements");
 
     let older = store_with(&[&[with_deflections(1.4, 0.006), solved(2.0, 0.006)]]);
     let html = page(older.path());
@@ -170,7 +164,7 @@ fn extreme_numbers_do_not_break_the_page() {
     check_harmless(&html);
 }
 
-/// The values of the frames, as the page's script reads them.
+/// Values of the frames, as read by the page's script.
 fn frames(html: &str) -> serde_json::Value {
     let start = html.find("id=\"frames-data\"").expect("values of the frames");
     let start = start + html[start..].find('>').unwrap() + 1;
@@ -179,7 +173,7 @@ fn frames(html: &str) -> serde_json::Value {
 }
 
 #[test]
-fn every_frame_is_there_and_the_suspicious_one_stands_first() {
+fn every_frame_is_listed_and_the_suspicious_one_is_first() {
     let mut rejected = solved(2.2, 0.006);
     rejected["global_test"] = "rejected".into();
     rejected["variance_factor"] = 3.1.into();
@@ -195,5 +189,5 @@ fn every_frame_is_there_and_the_suspicious_one_stands_first() {
     assert_eq!(all[3]["why"], reason);
     let marker = &all[0]["markers"][0];
     assert!(marker["flight"][1].as_f64().unwrap() > marker["ground"][1].as_f64().unwrap(), "{marker}");
-    assert!(html.contains("data-frame=\"s000002/0002.jpg\""), "its picture is there");
+    assert!(html.contains("data-frame=\"s000002/0002.jpg\""), "its image is there");
 }

@@ -1,4 +1,4 @@
-//! Every configuration that is shipped is accepted by `wingd check`.
+//! Every shipped configuration is accepted by `wingd check`.
 
 use std::path::Path;
 use std::process::Command;
@@ -21,13 +21,13 @@ fn every_shipped_configuration_is_accepted() {
         std::fs::copy(&path, &copy).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_wingd"));
         command.args(["check", "--config"]).arg(&copy);
-        // Only the default names a camera that is everywhere.
+        // Only the default names a camera that exists everywhere.
         if path.file_name().unwrap() != "wingd.toml" {
             command.arg("--no-camera");
         }
         let output = command.output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{}: {said}", path.display());
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{}: {printed}", path.display());
     }
     assert!(seen > 0, "no configuration is shipped");
 }
@@ -40,14 +40,12 @@ fn the_comments_of_the_default_are_the_defaults() {
     let file = folder.path().join("wingd.toml");
     std::fs::write(&file, &text).unwrap();
     let plain = wingd::config::load_configuration(&file).unwrap();
-    // Choices that are left out by default are shown by an example, not by a default.
+    // Options that are unset by default are shown by an example, not by a default.
     let examples = ["installation =", "until =", "curvature_terms =", "signing_key =", "file =", "line ="];
     let shown: Vec<String> = text
         .lines()
         .map(|line| match line.strip_prefix("# ") {
-            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => {
-                rest.to_owned()
-            }
+            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => rest.to_owned(),
             _ => line.to_owned(),
         })
         .collect();

@@ -1,11 +1,11 @@
-//! Promise: a store can be solved again years later, beside its old results, and the two are never mixed.
+//! Promise: a store can be solved again years later, next to its old results, and the two are never mixed.
 
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
 use serde_json::{Map, Value};
-use wingd::report::source::{self, Choice};
+use wingd::report::source::{self, ResultChoice};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 
@@ -20,20 +20,15 @@ fn text(output: &Output) -> String {
 }
 
 #[test]
-fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
+fn the_demo_store_is_solved_again_and_its_result_sets_are_distinguished_and_compared() {
     let dir = tempfile::tempdir().unwrap();
     let demo = wingd(&["demo", "--output", "demo"], dir.path());
     assert!(demo.status.success(), "{}", text(&demo));
-    // Nothing but the store is at hand: the installation is the one that it keeps.
-    let alone =
-        Command::new("sh").args(["-c", "mv demo/store store && rm -r demo"]).current_dir(dir.path()).status();
+    // Only the store is available: the installation is the one stored in it.
+    let alone = Command::new("sh").args(["-c", "mv demo/store store && rm -r demo"]).current_dir(dir.path()).status();
     assert!(alone.unwrap().success());
     let same = wingd(&["solve", "store"], dir.path());
-    assert!(
-        same.status.success() && text(&same).contains("result of these inputs already"),
-        "{}",
-        text(&same)
-    );
+    assert!(same.status.success() && text(&same).contains("already has a result from these inputs"), "{}", text(&same));
     let again = wingd(&["solve", "store", "--flight", "f0001", "--method", "profile", "--json"], dir.path());
     assert!(again.status.success(), "{}", text(&again));
     let lines: Vec<Value> =
@@ -43,18 +38,14 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
     assert!(report.is_sound() && report.results == 20, "{report:#?}");
     assert!(report.notes.iter().any(|n| n.contains("results of 2 inputs")), "{:?}", report.notes);
     let together = wingd(&["solve", "store", "--together"], dir.path());
-    assert!(
-        together.status.success() && text(&together).contains("results of 3 inputs"),
-        "{}",
-        text(&together)
-    );
-    // The newest whole solve is shown, alone.
-    let data = source::flight(&dir.path().join("store"), Choice::default(), None).unwrap();
+    assert!(together.status.success() && text(&together).contains("results of 3 inputs"), "{}", text(&together));
+    // Only the newest complete solve is shown.
+    let data = source::read_flight(&dir.path().join("store"), ResultChoice::default(), None).unwrap();
     let records = || data.series.iter().flat_map(|s| &s.records);
     assert!(records().count() == 10 && records().all(|r| r.flight));
-    // One camera, opened once: the recorder knows that it was not taken down.
+    // One camera, opened once: the recorder knows that it was not dismounted.
     let remarks: Vec<&String> = records().flat_map(|r| &r.remarks).collect();
-    assert!(remarks.iter().any(|r| r.contains("in 1 mounting(s), as stated")), "{remarks:?}");
+    assert!(remarks.iter().any(|r| r.contains("in 1 mounting(s) (as specified)")), "{remarks:?}");
     assert!(data.warnings[0].contains("results of 3 inputs"));
     let page = wingd(&["report", "store"], dir.path());
     assert!(page.status.success() && text(&page).contains("results of 3 inputs"), "{}", text(&page));
@@ -64,8 +55,7 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
     assert!(table.status.success() && text(&table).contains("results of 3 inputs"), "{}", text(&table));
     let mut csv = csv::Reader::from_reader(&table.stdout[..]);
     let inputs = csv.headers().unwrap().iter().position(|h| h == "inputs").unwrap();
-    let keys: std::collections::BTreeSet<String> =
-        csv.records().map(|r| r.unwrap()[inputs].to_owned()).collect();
+    let keys: std::collections::BTreeSet<String> = csv.records().map(|r| r.unwrap()[inputs].to_owned()).collect();
     assert_eq!(keys.len(), 1, "one solve in one table");
     let compared = wingd(&["compare", "store"], dir.path());
     assert!(
@@ -74,20 +64,15 @@ fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
         text(&compared)
     );
     let lines = wingd(&["compare", "store", "--json"], dir.path());
-    crate::json_schemas::holds("compare", &lines.stdout);
-    let first: Value =
-        serde_json::from_str(String::from_utf8_lossy(&lines.stdout).lines().next().unwrap()).unwrap();
+    crate::json_schemas::assert_valid("compare", &lines.stdout);
+    let first: Value = serde_json::from_str(String::from_utf8_lossy(&lines.stdout).lines().next().unwrap()).unwrap();
     assert!(first["change_m"].as_f64().unwrap().abs() < 0.5 && first["sigma_m"].is_f64(), "{first}");
     let missing = wingd(&["solve", "store", "--flight", "f0009"], dir.path());
-    assert!(
-        missing.status.code() == Some(1) && text(&missing).contains("no flight f0009"),
-        "{}",
-        text(&missing)
-    );
+    assert!(missing.status.code() == Some(1) && text(&missing).contains("no flight f0009"), "{}", text(&missing));
 }
 
-/// A solve that was broken off after `done` of the frames.
-fn broken_off(root: &Path, done: usize) {
+/// Interrupts a solve after `done` of the frames.
+fn interrupt_solve(root: &Path, done: usize) {
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
@@ -99,30 +84,25 @@ fn broken_off(root: &Path, done: usize) {
 }
 
 #[test]
-fn a_solve_that_was_broken_off_changes_no_figure() {
+fn an_interrupted_solve_changes_no_figure() {
     let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
-    broken_off(store.path(), 2);
-    let deflections = |choice: Choice| {
-        let data = source::flight(store.path(), choice, None).unwrap();
-        let tips = data
-            .series
-            .iter()
-            .flat_map(|s| &s.records)
-            .filter_map(|r| r.tip.as_ref())
-            .map(|t| t.deflection_m);
+    interrupt_solve(store.path(), 2);
+    let deflections = |choice: ResultChoice| {
+        let data = source::read_flight(store.path(), choice, None).unwrap();
+        let tips = data.series.iter().flat_map(|s| &s.records).filter_map(|r| r.tip.as_ref()).map(|t| t.deflection_m);
         (tips.collect::<Vec<f64>>(), data.warnings)
     };
-    let (shown, warnings) = deflections(Choice::default());
+    let (shown, warnings) = deflections(ResultChoice::default());
     assert_eq!(shown, [2.9, 2.8, 2.1]);
     assert!(warnings[0].contains("results of 2 inputs"), "{warnings:?}");
-    broken_off(store.path(), 1);
-    let (shown, warnings) = deflections(Choice::default());
-    assert_eq!(shown, [9.9; 3], "now it is whole");
+    interrupt_solve(store.path(), 1);
+    let (shown, warnings) = deflections(ResultChoice::default());
+    assert_eq!(shown, [9.9; 3], "now it is complete");
     let key = warnings[0].split("inputs, ").nth(1).unwrap().split(' ').next().unwrap();
     assert_eq!(
-        deflections(Choice { flight: None, inputs: Some(key) }).0,
+        deflections(ResultChoice { flight: None, inputs: Some(key) }).0,
         [2.9, 2.8, 2.1],
         "and the old one is there still"
     );
-    assert!(source::flight(store.path(), Choice { flight: None, inputs: Some("zz") }, None).is_err());
+    assert!(source::read_flight(store.path(), ResultChoice { flight: None, inputs: Some("zz") }, None).is_err());
 }

@@ -1,4 +1,4 @@
-//! Promise: a copy is whole or is no store, whatever breaks it off; only what is provably copied is deleted.
+//! Promise: a copy is complete or is no store, after any interruption; only verified copies permit deletion.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, json};
 use wingd::store::bundle::{self, BundleContent};
-use wingd::store::fake::{FakeDisk, DiskFault, Survival, read_all_files};
+use wingd::store::fake::{DiskFault, FakeDisk, Survival, read_all_files};
 use wingd::store::prune::CopyProof;
 use wingd::store::receive::{Listing, Receiver};
 use wingd::store::verify::verify_path;
@@ -41,7 +41,7 @@ fn fill(store: &Store, wanted: u64) {
     }
 }
 
-/// As `wingd copy` does it.
+/// Copies as `wingd copy` does.
 fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
     let receiver = Receiver::open(disk, Path::new(TO))?;
     for flight in catalogue::list_flights(disk, Path::new(FROM))? {
@@ -52,11 +52,9 @@ fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
         for (item, listed) in bundle.items.iter().zip(&listing.items).filter(|(_, l)| missing.contains(l)) {
             let bytes = match &item.content {
                 BundleContent::Bytes(bytes) => bytes.clone(),
-                BundleContent::File(path) => disk.read(path).map_err(|source| StoreError::Io {
-                    path: path.clone(),
-                    doing: "read",
-                    source,
-                })?,
+                BundleContent::File(path) => {
+                    disk.read(path).map_err(|source| StoreError::Io { path: path.clone(), doing: "read", source })?
+                }
             };
             receiver.accept_file(listed, &bytes)?;
         }
@@ -65,7 +63,7 @@ fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
     Ok(receiver.finish()?.is_sound())
 }
 
-fn no_half_store(disk: &dyn Disk, when: &str) {
+fn assert_no_partial_store(disk: &dyn Disk, when: &str) {
     if disk.exists(&Path::new(TO).join("store.toml")) {
         let report = verify_path(disk, Path::new(TO));
         assert!(report.is_sound(), "{when}: {:#?}", report.faults);
@@ -82,7 +80,7 @@ fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> DiskFault
         let outcome = copy(disk.as_ref());
         let whole = disk.steps() < from + step;
         let disk = disk.power_up(Survival::random(step));
-        no_half_store(&disk, &format!("step {step}"));
+        assert_no_partial_store(&disk, &format!("step {step}"));
         assert!(copy(&disk).unwrap(), "step {step}: repeated");
         let report = verify_path(&disk, Path::new(TO));
         assert!(report.is_sound() && report.frames == 8 && report.results == 8, "step {step}: {report:#?}");
@@ -103,9 +101,9 @@ fn a_copy_survives_a_failed_call_at_every_step() {
     copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), DiskFault::Error);
 }
 
-/// The first flight has been copied before it was solved anew; the second came since.
+/// The first flight was copied before it was solved again; the second is newer.
 #[test]
-fn a_copy_that_is_brought_up_survives_a_power_cut_at_every_step() {
+fn an_updated_copy_survives_a_power_cut_at_every_step() {
     let before = |disk: &Arc<FakeDisk>| {
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
         fill(&store, 1);
@@ -132,7 +130,7 @@ fn prune_with_faults(fault: fn(u64) -> DiskFault) {
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
         let report = verify_path(disk.as_ref(), Path::new(FROM));
         assert!(report.is_sound(), "step {step}: {:#?}", report.faults);
-        assert!([4, 8].contains(&report.frames), "a flight is there whole or not at all");
+        assert!([4, 8].contains(&report.frames), "a flight is there completely or not at all");
         if disk.exists(&flight.folder) {
             assert!(matches!(store.prune_flight(&flight, Path::new(TO)).unwrap(), CopyProof::Verified { .. }));
         }
@@ -147,22 +145,22 @@ fn prune_with_faults(fault: fn(u64) -> DiskFault) {
 }
 
 #[test]
-fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
+fn a_flight_is_pruned_completely_or_kept_at_any_power_cut() {
     prune_with_faults(DiskFault::PowerCut);
 }
 
 #[test]
-fn a_flight_is_pruned_whole_or_stays_whatever_call_fails() {
+fn a_flight_is_pruned_completely_or_kept_if_any_call_fails() {
     prune_with_faults(DiskFault::Error);
 }
 
 #[test]
-fn a_flight_is_pruned_whole_or_stays_whatever_call_is_done_and_said_to_have_failed() {
+fn a_flight_is_pruned_completely_or_kept_if_any_call_succeeds_but_reports_failure() {
     prune_with_faults(DiskFault::FailedAfterwards);
 }
 
 #[test]
-fn a_copy_survives_a_call_that_is_done_and_said_to_have_failed_at_every_step() {
+fn a_copy_survives_a_call_that_succeeds_but_reports_failure_at_every_step() {
     copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), DiskFault::FailedAfterwards);
 }
 
@@ -170,8 +168,8 @@ fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
-/// A store of three flights and the place of its copy.
-fn real() -> (tempfile::TempDir, String, String) {
+/// A store of three flights and the folder of its copy.
+fn copied_store() -> (tempfile::TempDir, String, String) {
     let dir = tempfile::tempdir().unwrap();
     let (from, to) = (dir.path().join(FROM), dir.path().join(TO));
     fill(&open(Arc::new(RealDisk), &from).unwrap(), 3);
@@ -181,18 +179,14 @@ fn real() -> (tempfile::TempDir, String, String) {
 }
 
 #[test]
-fn the_commands_copy_prune_and_say_what_they_freed() {
-    let (_dir, from, to) = real();
+fn the_commands_copy_and_prune_and_report_the_space_freed() {
+    let (_dir, from, to) = copied_store();
     let copied = run(&["copy", &from, &to]);
     assert_eq!(copied.status.code(), Some(0), "{}", text(&copied));
-    assert!(text(&copied).contains("whole and sound") && text(&copied).contains("3 flights"));
+    assert!(text(&copied).contains("complete and sound") && text(&copied).contains("3 flights"));
     let dry = run(&["prune", &from, "--verified-copy", &to, "--dry-run"]);
     assert_eq!(dry.status.code(), Some(0), "{}", text(&dry));
-    assert!(
-        text(&dry).contains("f0001  would be deleted") && !text(&dry).contains("f0003"),
-        "{}",
-        text(&dry)
-    );
+    assert!(text(&dry).contains("f0001  would be deleted") && !text(&dry).contains("f0003"), "{}", text(&dry));
     assert_eq!(verify_path(&RealDisk, Path::new(&from)).flights, 3, "a dry run deletes nothing");
     let pruned = run(&["prune", &from, "--verified-copy", &to]);
     assert_eq!(pruned.status.code(), Some(0), "{}", text(&pruned));
@@ -201,13 +195,13 @@ fn the_commands_copy_prune_and_say_what_they_freed() {
     assert!(report.is_sound() && report.flights == 1, "{report:#?}");
     assert!(report.notes.iter().any(|note| note.contains("f0001 was pruned")), "{:?}", report.notes);
     assert!(!report.notes.iter().any(|note| note.contains("lost")), "{:?}", report.notes);
-    // The copy keeps all, also when it is made again from what is left.
+    // The copy keeps everything, also if it is made again from the pruned store.
     assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
     assert_eq!(verify_path(&RealDisk, Path::new(&to)).flights, 3);
 }
 
 #[test]
-fn what_is_not_provably_copied_stays() {
+fn flights_without_a_verified_copy_are_kept() {
     type Damage = (&'static str, fn(&Path));
     let damage: [Damage; 5] = [
         ("missing, older", |to| {
@@ -216,30 +210,30 @@ fn what_is_not_provably_copied_stays() {
         ("not sound", |to| std::fs::write(to.join("flights/f0001/s000001/0001.jpg"), "x").unwrap()),
         ("not sound", |to| std::fs::remove_file(to.join("flights/f0001/s000002/0002.jpg")).unwrap()),
         ("missing, older", |to| std::fs::write(to.join("flights/f0001/SHA256SUMS"), "x").unwrap()),
-        ("none of this store", |to| {
+        ("belongs to another store", |to| {
             let path = to.join("store.toml");
             let text = std::fs::read_to_string(&path).unwrap();
             std::fs::write(path, text.replace("id = \"", "id = \"00")).unwrap();
         }),
     ];
     for (why, damage) in damage {
-        let (_dir, from, to) = real();
+        let (_dir, from, to) = copied_store();
         assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
         damage(Path::new(&to));
         let pruned = run(&["prune", &from, "--verified-copy", &to, "--flight", "f0001"]);
         assert_eq!(pruned.status.code(), Some(1), "{}", text(&pruned));
-        assert!(text(&pruned).contains("stays") && text(&pruned).contains(why), "{why}: {}", text(&pruned));
+        assert!(text(&pruned).contains("kept: ") && text(&pruned).contains(why), "{why}: {}", text(&pruned));
         assert_eq!(verify_path(&RealDisk, Path::new(&from)).flights, 3);
     }
-    let (_dir, from, _) = real();
+    let (_dir, from, _) = copied_store();
     let own = run(&["prune", &from, "--verified-copy", &from]);
     assert_eq!(own.status.code(), Some(1), "{}", text(&own));
     assert!(text(&own).contains("the store itself"), "{}", text(&own));
 }
 
 #[test]
-fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
-    let (_dir, from, to) = real();
+fn a_damaged_copy_is_repaired_and_a_foreign_or_changed_one_refused() {
+    let (_dir, from, to) = copied_store();
     assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
     let frame = Path::new(&to).join("flights/f0001/s000001/0001.jpg");
     let mut bytes = std::fs::read(&frame).unwrap();
@@ -247,7 +241,7 @@ fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
     std::fs::write(&frame, bytes).unwrap();
     let mended = run(&["copy", &from, &to]);
     assert_eq!(mended.status.code(), Some(0), "{}", text(&mended));
-    let (_other_dir, other, _) = real();
+    let (_other_dir, other, _) = copied_store();
     let foreign = run(&["copy", &other, &to]);
     assert_eq!(foreign.status.code(), Some(1));
     assert!(text(&foreign).contains("another store"), "{}", text(&foreign));
@@ -260,7 +254,7 @@ fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
     drop(copy);
     let changed = run(&["copy", &from, &to]);
     assert_eq!(changed.status.code(), Some(1));
-    assert!(text(&changed).contains("not written over"), "{}", text(&changed));
+    assert!(text(&changed).contains("not overwritten"), "{}", text(&changed));
     let not_empty = tempfile::tempdir().unwrap();
     std::fs::write(not_empty.path().join("thesis.txt"), "x").unwrap();
     assert_eq!(run(&["copy", &from, not_empty.path().to_str().unwrap()]).status.code(), Some(1));

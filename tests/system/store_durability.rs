@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use wingd::store::fake::{FakeDisk, DiskFault, Survival};
+use wingd::store::fake::{DiskFault, FakeDisk, Survival};
 use wingd::store::manifest::SeriesCause;
 use wingd::store::verify::verify_path;
 use wingd::store::{Disk, SeriesPlan, Store, StoreConfig, StoreError};
@@ -27,9 +27,9 @@ fn below_the_reserve_a_series_is_refused_and_the_refusal_recorded() {
     assert!(store.begin_series(plan, &moment(2.0)).is_ok());
 }
 
-/// The test disk is worth something only if it punishes a missing sync.
+/// The test disk is useful only if it punishes a missing sync.
 #[test]
-fn the_disk_forgets_what_was_not_synced() {
+fn the_disk_forgets_unsynced_data() {
     let (mut lost_name, mut torn) = (0, 0);
     for seed in 0..64 {
         let disk = FakeDisk::new(vec![DiskFault::Error(3)]);
@@ -73,19 +73,19 @@ fn a_store_of_another_version_and_a_foreign_folder_are_refused() {
 
 #[test]
 fn a_flight_continues_or_begins_as_the_rule_says() {
-    let mut work = Work::on(FakeDisk::default());
+    let mut work = Work::new(FakeDisk::default());
     let store = work.open().unwrap();
-    work.days(&store, 1).unwrap();
+    work.take_days(&store, 1).unwrap();
     drop(store);
     work.time_s += 3600.0;
     let store = work.open().unwrap();
-    work.days(&store, 1).unwrap();
+    work.take_days(&store, 1).unwrap();
     assert_eq!(store.current_flight().as_deref(), Some("f0001"));
     work.time_s += 4.0 * 3600.0;
-    work.days(&store, 1).unwrap();
+    work.take_days(&store, 1).unwrap();
     assert_eq!(store.current_flight().as_deref(), Some("f0002"));
     store.request_new_flight();
-    work.days(&store, 2).unwrap();
+    work.take_days(&store, 2).unwrap();
     assert_eq!(store.current_flight().as_deref(), Some("f0003"));
     work.check().unwrap();
 }

@@ -1,4 +1,4 @@
-//! Promise: whatever is changed in a store or a copy of it is named, and an old store is upgraded whole.
+//! Promise: any change of a store or of a copy is reported, and an old store is upgraded completely.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::common::report_store::add_two_solved;
 
 pub const FLIGHT: &str = "flights/f0001";
 
-/// The installation that the results come from.
+/// Installation of the results.
 fn installation() -> Vec<(String, Vec<u8>)> {
     vec![("camera.toml".into(), b"fx = 1\n".to_vec()), ("survey.csv".into(), b"id\n".to_vec())]
 }
@@ -45,7 +45,7 @@ pub fn fill(store: &Store) {
     }
 }
 
-pub fn made() -> tempfile::TempDir {
+pub fn copy_store() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     make(dir.path());
     dir
@@ -55,9 +55,9 @@ pub fn wingd(arguments: &[&str], store: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).arg(store).output().unwrap()
 }
 
-/// Exit status 1, and a line that names the place; in a copy of the flight alone too, where that was damaged.
-fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
-    let dir = made();
+/// Exit status 1, and a line that names the position; for a damaged flight also in a copy of the flight alone.
+fn assert_named(damage: impl FnOnce(&Path), place: &str, what: &str) {
+    let dir = copy_store();
     let before = read_all_files(&RealDisk, &dir.path().join(FLIGHT));
     let sound = wingd(&["verify"], dir.path());
     assert_eq!(sound.status.code(), Some(0), "{}", String::from_utf8_lossy(&sound.stdout));
@@ -114,43 +114,47 @@ fn move_out(root: &Path, what: &str) {
 
 #[test]
 fn damage_01_a_bit_in_a_frame() {
-    named(|root| flip(root, "flights/f0001/s000002/0001.jpg"), "s000002/0001.jpg", "SHA-256");
+    assert_named(|root| flip(root, "flights/f0001/s000002/0001.jpg"), "s000002/0001.jpg", "SHA-256");
 }
 
 #[test]
 fn damage_02_a_bit_in_results() {
-    named(|root| flip(root, "flights/f0001/s000002/results.jsonl"), "s000002/results.jsonl", "changed");
+    assert_named(|root| flip(root, "flights/f0001/s000002/results.jsonl"), "s000002/results.jsonl", "changed");
 }
 
 #[test]
 fn damage_03_a_bit_in_a_manifest() {
-    // A remark that nothing else would miss.
+    // A remark that no other check would miss.
     let file = "flights/f0001/s000002/series.json";
-    named(|root| replace(root, file, "09", "08"), "s000002/series.json", "changed or replaced");
-    named(|root| flip(root, "flights/f0001/SHA256SUMS"), "f0001/SHA256SUMS", "");
-    named(|root| replace(root, "flights/f0001/flight.json", "first", "worst"), "flight.json", "SHA-256");
-    named(|root| replace(root, "flights/f0001/chain.jsonl", "bytes\":", "bytes\":1"), "chain.jsonl", "");
+    assert_named(|root| replace(root, file, "09", "08"), "s000002/series.json", "changed or replaced");
+    assert_named(|root| flip(root, "flights/f0001/SHA256SUMS"), "f0001/SHA256SUMS", "");
+    assert_named(|root| replace(root, "flights/f0001/flight.json", "first", "worst"), "flight.json", "SHA-256");
+    assert_named(|root| replace(root, "flights/f0001/chain.jsonl", "bytes\":", "bytes\":1"), "chain.jsonl", "");
 }
 
 #[test]
 fn damage_04_a_file_edited() {
     let file = "flights/f0001/s000001/results.jsonl";
-    named(|root| replace(root, file, "2.74", "9.74"), "s000001/results.jsonl", "it was changed");
+    assert_named(|root| replace(root, file, "2.74", "9.74"), "s000001/results.jsonl", "it was changed");
 }
 
 #[test]
 fn damage_05_a_file_missing() {
     for file in ["s000001/0002.jpg", "s000001/series.json", "flight.json", "SHA256SUMS", "chain.jsonl"] {
-        named(|root| move_out(root, &format!("{FLIGHT}/{file}")), file, "cannot be read");
+        assert_named(|root| move_out(root, &format!("{FLIGHT}/{file}")), file, "cannot be read");
     }
 }
 
 #[test]
 fn damage_06_a_file_cut_at_a_line_end() {
     let results = "flights/f0001/s000003/results.jsonl";
-    named(|root| cut_last_line(root, results), "s000003/results.jsonl", "results are missing");
-    named(|root| cut_last_line(root, "flights/f0001/chain.jsonl"), "SHA256SUMS", "is not of this chain");
-    named(|root| cut_last_line(root, "flights/f0001/SHA256SUMS"), "SHA256SUMS", "does not list");
+    assert_named(|root| cut_last_line(root, results), "s000003/results.jsonl", "results are missing");
+    assert_named(
+        |root| cut_last_line(root, "flights/f0001/chain.jsonl"),
+        "SHA256SUMS",
+        "does not belong to this chain",
+    );
+    assert_named(|root| cut_last_line(root, "flights/f0001/SHA256SUMS"), "SHA256SUMS", "does not list");
 }
 
 #[test]
@@ -163,29 +167,27 @@ fn damage_07_two_files_swapped() {
         }
     };
     let frames = swap("flights/f0001/s000001/0001.jpg", "flights/f0001/s000001/0002.jpg");
-    named(frames, "s000001/0002.jpg", "SHA-256");
+    assert_named(frames, "s000001/0002.jpg", "SHA-256");
     let results = swap("flights/f0001/s000001/results.jsonl", "flights/f0001/s000002/results.jsonl");
-    named(results, "s000001/results.jsonl", "changed");
+    assert_named(results, "s000001/results.jsonl", "changed");
 }
 
 #[test]
 fn damage_08_a_link() {
-    for file in
-        ["flights/f0001/s000001/0001.jpg", "flights/f0001/chain.jsonl", "counter.json", "flights/f0001"]
-    {
+    for file in ["flights/f0001/s000001/0001.jpg", "flights/f0001/chain.jsonl", "counter.json", "flights/f0001"] {
         let link = |root: &Path| {
             move_out(root, file);
-            let elsewhere = made().keep();
+            let elsewhere = copy_store().keep();
             std::os::unix::fs::symlink(elsewhere.join(file), root.join(file)).unwrap();
         };
-        named(link, file, "is a link");
+        assert_named(link, file, "is a link");
     }
 }
 
 #[test]
 fn damage_09_a_file_added() {
     for file in ["flights/f0001/s000001/0003.jpg", "flights/f0001/notes.txt", "flights/x", "notes.txt"] {
-        named(|root| std::fs::write(root.join(file), "x").unwrap(), file, "");
+        assert_named(|root| std::fs::write(root.join(file), "x").unwrap(), file, "");
     }
     let line = |root: &Path| {
         edit(root, "flights/f0001/s000003/results.jsonl", |bytes| {
@@ -197,17 +199,17 @@ fn damage_09_a_file_added() {
             *bytes = format!("{text}{added}\n").into_bytes();
         });
     };
-    named(line, "s000003/results.jsonl", "added by hand");
+    assert_named(line, "s000003/results.jsonl", "added manually");
 }
 
 #[test]
 fn damage_10_a_series_missing_in_the_middle() {
-    named(|root| move_out(root, "flights/f0001/s000002"), "s000002", "is missing");
+    assert_named(|root| move_out(root, "flights/f0001/s000002"), "s000002", "is missing");
 }
 
 #[test]
 fn damage_11_the_last_series_missing() {
-    named(|root| move_out(root, "flights/f0001/s000003"), "s000003", "is missing");
+    assert_named(|root| move_out(root, "flights/f0001/s000003"), "s000003", "is missing");
     let with_the_chain = |root: &Path| {
         move_out(root, "flights/f0001/s000003");
         edit(root, "flights/f0001/chain.jsonl", |bytes| {
@@ -216,27 +218,27 @@ fn damage_11_the_last_series_missing() {
             *bytes = kept.collect::<String>().into_bytes();
         });
     };
-    named(with_the_chain, "SHA256SUMS", "is not of this chain");
+    assert_named(with_the_chain, "SHA256SUMS", "does not belong to this chain");
 }
 
 #[test]
 fn damage_12_results_missing() {
-    named(|root| move_out(root, "flights/f0001/s000002/results.jsonl"), "results.jsonl", "is missing");
+    assert_named(|root| move_out(root, "flights/f0001/s000002/results.jsonl"), "results.jsonl", "is missing");
 }
 
 #[test]
 fn damage_13_the_counter_set_back() {
     let back = |root: &Path| replace(root, "counter.json", "\"next_series\":4", "\"next_series\":2");
-    named(back, "counter.json", "is not above");
+    assert_named(back, "counter.json", "is not above");
 }
 
 #[test]
 fn damage_14_the_installation_missing() {
     let kept = |root: &Path| std::fs::read_dir(root.join("installations")).unwrap().next().unwrap().unwrap();
     let all = |root: &Path| move_out(root, kept(root).path().strip_prefix(root).unwrap().to_str().unwrap());
-    named(all, "installations/", "is missing");
+    assert_named(all, "installations/", "is missing");
     let edited = |root: &Path| std::fs::write(kept(root).path().join("survey.csv"), "x").unwrap();
-    named(edited, "survey.csv", "SHA-256");
+    assert_named(edited, "survey.csv", "SHA-256");
 }
 
 #[test]
@@ -251,12 +253,12 @@ fn a_replaced_series_is_named() {
             std::fs::write(root.join(series).join(name), text).unwrap();
         }
     };
-    named(other, "s000002/results.jsonl", "changed");
+    assert_named(other, "s000002/results.jsonl", "changed");
 }
 
 #[test]
 fn sha256sum_reads_the_sums_of_every_file_of_a_flight() {
-    let dir = made();
+    let dir = copy_store();
     let flight = dir.path().join(FLIGHT);
     let check = |flight: &Path| {
         let mut command = Command::new("sha256sum");
@@ -270,9 +272,9 @@ fn sha256sum_reads_the_sums_of_every_file_of_a_flight() {
     assert!(!check(&flight).status.success());
 }
 
-/// A store as format 1 has it: without id, chains, sums, installations.
-fn old() -> tempfile::TempDir {
-    let dir = made();
+/// A store of format 1: without id, chains, sums, installations.
+fn make_format_1() -> tempfile::TempDir {
+    let dir = copy_store();
     for file in ["flights/f0001/chain.jsonl", "flights/f0001/SHA256SUMS", "installations", "pending.json"] {
         move_out(dir.path(), file);
     }
@@ -288,7 +290,7 @@ fn content(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 
 #[test]
 fn an_old_store_is_read_and_recorded_to_as_before() {
-    let dir = old();
+    let dir = make_format_1();
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
     assert!(report.notes.iter().any(|note| note.contains("--upgrade")));
@@ -299,8 +301,8 @@ fn an_old_store_is_read_and_recorded_to_as_before() {
 }
 
 #[test]
-fn an_upgrade_loses_nothing_and_what_follows_is_chained() {
-    let dir = old();
+fn an_upgrade_loses_nothing_and_later_data_are_chained() {
+    let dir = make_format_1();
     let before = content(dir.path());
     let output = wingd(&["verify", "--upgrade"], dir.path());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
@@ -316,17 +318,17 @@ fn an_upgrade_loses_nothing_and_what_follows_is_chained() {
 }
 
 #[test]
-fn damage_is_not_upgraded_and_an_upgrade_broken_off_is_begun_again() {
-    let dir = old();
+fn damage_is_not_upgraded_and_an_interrupted_upgrade_is_restarted() {
+    let dir = make_format_1();
     flip(dir.path(), "flights/f0001/s000001/0001.jpg");
     let output = wingd(&["verify", "--upgrade"], dir.path());
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("0001.jpg"));
-    let dir = old();
+    let dir = make_format_1();
     upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
     std::fs::write(dir.path().join("store.toml"), "format = 1\n").unwrap();
     let half = verify_path(&RealDisk, dir.path());
-    assert!(!half.is_sound(), "a mark set back does not hide the chain");
+    assert!(!half.is_sound(), "a format file set back does not hide the chain");
     upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);

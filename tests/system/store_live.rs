@@ -1,15 +1,16 @@
-//! Promise: live results come back as they were recorded, are covered by the chain, and disturb no series.
+//! Promise: live results are read back as recorded, are covered by the chain, and disturb no series.
 //! (Power cuts and failures at every step: store_faults.)
 
 use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use wingd::store::fake::{FakeDisk, DiskFault};
+use wingd::store::fake::{DiskFault, FakeDisk};
 use wingd::store::manifest::{SeriesCause, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{
-    LiveColumn, Disk, FlightRef, ValueKind, LiveTable, RealDisk, LiveRow, Store, StoreConfig, StoreError, catalogue, live,
+    Disk, FlightRef, LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, StoreError, ValueKind, catalogue,
+    live,
 };
 
 use super::http_pages::Server;
@@ -31,7 +32,7 @@ fn rows(numbers: std::ops::Range<u32>) -> Vec<LiveRow> {
     numbers.map(live_row).collect()
 }
 
-/// Two flights: one with two tables, one that is under way.
+/// Two flights: one with two tables, one still open.
 fn made() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let store = open(dir.path());
@@ -44,7 +45,7 @@ fn made() -> tempfile::TempDir {
 }
 
 #[test]
-fn flights_and_tables_have_files_of_their_own_and_the_one_under_way_is_read_too() {
+fn each_flight_and_table_has_its_own_file_and_the_open_one_is_read_too() {
     let dir = made();
     let [first, second] = &flights(dir.path())[..] else { panic!("two flights") };
     assert_eq!(live::closed_files(&RealDisk, first).unwrap(), ["live-000001.rows", "live-000002.rows"]);
@@ -62,14 +63,14 @@ fn flights_and_tables_have_files_of_their_own_and_the_one_under_way_is_read_too(
     assert_eq!(of(second), [(two, (50..60).collect())]);
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{report:#?}");
-    // The next recorder closes what this one left.
+    // The next recorder closes the file that this one left open.
     drop(open(dir.path()));
     assert_eq!(live::closed_files(&RealDisk, second).unwrap(), ["live-000001.rows"]);
     assert!(verify_path(&RealDisk, dir.path()).is_sound());
 }
 
 #[test]
-fn a_file_that_is_long_is_closed_and_another_one_begun() {
+fn a_long_file_is_closed_and_the_next_one_begun() {
     let disk = Arc::new(FakeDisk::default());
     let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
     let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap();
@@ -90,7 +91,7 @@ fn a_file_that_is_long_is_closed_and_another_one_begun() {
 }
 
 #[test]
-fn any_changed_byte_a_missing_file_and_one_put_there_are_found() {
+fn changed_bytes_and_missing_or_added_files_are_found() {
     let dir = made();
     let flight = flights(dir.path()).remove(0);
     let file = flight.folder.join("live-000001.rows");
@@ -105,8 +106,8 @@ fn any_changed_byte_a_missing_file_and_one_put_there_are_found() {
         std::fs::write(&file, &changed).unwrap();
         assert_eq!(faults(&flight.folder), [21], "byte {at}");
     }
-    let (status, said) = outcome(&["verify", dir.path().to_str().unwrap()]);
-    assert!(status == Some(1) && said.contains("live-000001.rows: does not have the SHA-256"), "{said}");
+    let (status, printed) = outcome(&["verify", dir.path().to_str().unwrap()]);
+    assert!(status == Some(1) && printed.contains("live-000001.rows: does not have the SHA-256"), "{printed}");
     std::fs::remove_file(&file).unwrap();
     assert_eq!(faults(dir.path()), [21]);
     std::fs::write(&file, &whole).unwrap();
@@ -115,7 +116,7 @@ fn any_changed_byte_a_missing_file_and_one_put_there_are_found() {
 }
 
 #[test]
-fn a_torn_or_zeroed_end_is_set_aside_and_the_whole_blocks_stay() {
+fn a_torn_or_zeroed_end_is_set_aside_and_the_intact_blocks_are_kept() {
     for tail in [&b"wingdrow\x05"[..], &[0; 700]] {
         let dir = made();
         let path = dir.path().join("live.rows");
@@ -136,32 +137,31 @@ fn a_torn_or_zeroed_end_is_set_aside_and_the_whole_blocks_stay() {
 }
 
 #[test]
-fn a_copy_and_a_fetched_flight_hold_the_live_results() {
+fn a_copy_and_a_fetched_flight_contain_the_live_results() {
     let dir = made();
     drop(open(dir.path()));
     let from = dir.path().to_str().unwrap();
     let (copied, fetched) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let (status, said) = outcome(&["copy", from, copied.path().to_str().unwrap()]);
-    assert_eq!(status, Some(0), "{said}");
+    let (status, printed) = outcome(&["copy", from, copied.path().to_str().unwrap()]);
+    assert_eq!(status, Some(0), "{printed}");
     let server = Server::start(dir.path());
     let url = format!("http://{}", server.address);
     for flight in ["f0001", "f0002"] {
-        let (status, said) = outcome(&["fetch", &url, fetched.path().to_str().unwrap(), "--flight", flight]);
-        assert_eq!(status, Some(0), "{said}");
+        let (status, printed) = outcome(&["fetch", &url, fetched.path().to_str().unwrap(), "--flight", flight]);
+        assert_eq!(status, Some(0), "{printed}");
     }
     for (place, flight) in
         [&copied, &fetched].into_iter().flat_map(|to| flights(to.path()).into_iter().map(move |f| (to, f)))
     {
         let here = FlightRef { folder: dir.path().join("flights").join(&flight.id), id: flight.id.clone() };
-        let read =
-            |root: &Path, flight: &FlightRef| format!("{:?}", live::read_live(&RealDisk, root, flight).unwrap());
+        let read = |root: &Path, flight: &FlightRef| format!("{:?}", live::read_live(&RealDisk, root, flight).unwrap());
         assert_eq!(read(place.path(), &flight), read(dir.path(), &here));
     }
     assert_eq!((flights(copied.path()).len(), flights(fetched.path()).len()), (2, 2));
 }
 
 #[test]
-fn below_the_reserve_and_where_rows_do_not_fit_nothing_is_recorded() {
+fn nothing_is_recorded_below_the_reserve_or_if_rows_do_not_fit() {
     let disk = Arc::new(FakeDisk::default());
     let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, StoreConfig::new(ROOT)).unwrap();
     store.append_live_rows(&live_table("one"), &rows(0..2), &moment(1.0)).unwrap();
@@ -178,7 +178,7 @@ fn below_the_reserve_and_where_rows_do_not_fit_nothing_is_recorded() {
     assert_eq!((numbers, files.len(), notes.len()), (vec![0, 1, 4], 1, 0));
 }
 
-/// Nine hours with live results alone: they keep the flight from ending, in the next process too.
+/// Nine hours with live results alone: they prevent the flight from ending, in the next process too.
 #[test]
 fn live_results_keep_their_flight_together() {
     let disk = Arc::new(FakeDisk::default());
@@ -192,18 +192,16 @@ fn live_results_keep_their_flight_together() {
             store = open();
         }
         let program = if hour % 2 == 0 { "one" } else { "two" };
-        store
-            .append_live_rows(&live_table(program), &rows(hour..hour + 1), &moment(3600.0 * f64::from(hour)))
-            .unwrap();
+        store.append_live_rows(&live_table(program), &rows(hour..hour + 1), &moment(3600.0 * f64::from(hour))).unwrap();
     }
     assert_eq!(catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 1);
     store.append_live_rows(&live_table("one"), &rows(9..10), &moment(12.0 * 3600.0)).unwrap();
     assert_eq!(catalogue::list_flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 2, "four hours later");
 }
 
-/// Whatever becomes of a series of an event, the one under way has its frames and closes.
+/// After any failure of a series of an event, the open series has its frames and closes.
 #[test]
-fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
+fn an_event_series_leaves_the_open_series_untouched_whichever_step_fails() {
     let event = |work: &mut Work, store: &Store| -> Result<(), StoreError> {
         let mut series = work.begin(store, SeriesCause::Event, 0)?;
         series.add_remark("a gust")?;
@@ -212,7 +210,7 @@ fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
         work.finish(store, series)
     };
     for step in 1.. {
-        let mut work = Work::on(FakeDisk::default());
+        let mut work = Work::new(FakeDisk::default());
         let store = work.open().unwrap();
         let mut hourly = work.begin(&store, SeriesCause::Scheduled, 3).unwrap();
         work.shoot(&mut hourly, 1).unwrap();
@@ -222,7 +220,7 @@ fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
         let all_steps = work.disk.steps() < at;
         work.disk.set_faults(Vec::new());
         work.shoot(&mut hourly, 2).unwrap();
-        // The next series recovers what the failed one left, and not the one under way.
+        // The next series recovers the failed one, and not the open one.
         let live = work.begin(&store, SeriesCause::Live, 0).unwrap();
         work.shoot(&mut hourly, 3).unwrap();
         let id = hourly.id().to_owned();
@@ -249,10 +247,10 @@ fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
     }
 }
 
-/// Frames from before the event, with the hourly series' before and after.
+/// Frames from before the event, with frames of the hourly series before and after.
 #[test]
 fn frames_of_a_ring_are_older_than_their_series_and_that_is_no_fault() {
-    let mut work = Work::on(FakeDisk::default());
+    let mut work = Work::new(FakeDisk::default());
     let store = work.open().unwrap();
     let mut hourly = work.begin(&store, SeriesCause::Scheduled, 2).unwrap();
     work.shoot(&mut hourly, 1).unwrap();
@@ -278,37 +276,22 @@ fn live_results_are_exported_with_units_zones_and_names() {
     let csv = stdout(&["export", text(dir.path()), "--format", "csv", "--table", "live"]);
     let mut lines = csv.lines();
     let columns = lines.next().unwrap();
-    let heading =
-        "recorder_id,flight,result_id,boot_id,utc,since_boot_s,exposure_sigma_s,clock_sigma_s,number,";
+    let heading = "recorder_id,flight,result_id,boot_id,utc,since_boot_s,exposure_sigma_s,clock_sigma_s,number,";
     assert!(columns.starts_with(heading) && columns.contains(",weight_kg,sigma_weight_kg,"), "{columns}");
     assert!(columns.ends_with(",program,installation_sha256,parameters,inputs,schema_version"), "{columns}");
     let row: Vec<&str> = lines.nth(3).unwrap().split(',').collect();
     let of = |name: &str| row[columns.split(',').position(|column| column == name).unwrap()];
-    let names = [
-        "flight",
-        "boot_id",
-        "utc",
-        "number",
-        "deflection_M1_m",
-        "deflection_M2_m",
-        "deflection_M3_m",
-        "latency_ms",
-    ];
-    let said = ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"];
-    assert_eq!(names.map(of), said);
+    let names =
+        ["flight", "boot_id", "utc", "number", "deflection_M1_m", "deflection_M2_m", "deflection_M3_m", "latency_ms"];
+    let printed = ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"];
+    assert_eq!(names.map(of), printed);
     assert_eq!((of("exposure_time"), of("schema_version")), (of("utc"), "3"));
     assert!(of("result_id").starts_with("boot/"), "{}", of("result_id"));
     assert_eq!(csv.lines().count(), 61);
     let one = ["export", text(dir.path()), "--format", "jsonl", "--table", "live", "--flight", "f0002"];
     let objects: Vec<Value> = stdout(&one).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(
-        (objects.len(), &objects[0]["number"], &objects[0]["deflection_M2_m"]),
-        (10, &json!(50), &Value::Null)
-    );
-    assert_eq!(
-        (&objects[0]["utc"], &objects[1]["deflection_M1_m"]),
-        (&json!("2001-09-09T01:46:45Z"), &json!(0.502))
-    );
+    assert_eq!((objects.len(), &objects[0]["number"], &objects[0]["deflection_M2_m"]), (10, &json!(50), &Value::Null));
+    assert_eq!((&objects[0]["utc"], &objects[1]["deflection_M1_m"]), (&json!("2001-09-09T01:46:45Z"), &json!(0.502)));
     let ids = |lines: &str| {
         let of = |line: &str| line.split(',').nth(2).unwrap().to_owned();
         lines.lines().skip(1).map(of).collect::<std::collections::BTreeSet<_>>().len()
@@ -319,10 +302,10 @@ fn live_results_are_exported_with_units_zones_and_names() {
     let bytes = std::fs::read(&file).unwrap();
     assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
     std::fs::remove_file(file).unwrap();
-    let (status, said) = outcome(&["export", text(dir.path()), "--format", "vtk", "--table", "live"]);
-    assert!(status == Some(2) && said.contains("take csv, parquet or jsonl"), "{status:?} {said}");
+    let (status, printed) = outcome(&["export", text(dir.path()), "--format", "vtk", "--table", "live"]);
+    assert!(status == Some(2) && printed.contains("use csv, parquet or jsonl"), "{status:?} {printed}");
     let empty = tempfile::tempdir().unwrap();
     drop(open(empty.path()));
-    let (status, said) = outcome(&["export", text(empty.path()), "--format", "csv", "--table", "live"]);
-    assert!(status == Some(1) && said.contains("there are no live results"), "{said}");
+    let (status, printed) = outcome(&["export", text(empty.path()), "--format", "csv", "--table", "live"]);
+    assert!(status == Some(1) && printed.contains("no live results"), "{printed}");
 }

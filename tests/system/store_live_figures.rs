@@ -1,4 +1,4 @@
-//! What 8.5 hours of ten results a second cost. Run by hand, on the medium of TMPDIR:
+//! Cost of 8.5 hours of ten results per second. Run it manually, on the medium of TMPDIR:
 //! `cargo test --release --test system -- --ignored --nocapture store_live_figures`
 
 use std::path::Path;
@@ -9,7 +9,9 @@ use rand::rngs::StdRng;
 use serde_json::{Value, json};
 use wingd::store::columns::UTC;
 use wingd::store::verify::verify_path;
-use wingd::store::{LiveColumn, ValueKind, LiveTable, RealDisk, LiveRow, Store, StoreConfig, StoreError, catalogue, live};
+use wingd::store::{
+    LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, StoreError, ValueKind, catalogue, live,
+};
 
 use crate::common::random::{normal, rng};
 use crate::common::report_store::stamp;
@@ -19,7 +21,7 @@ const STATIONS: usize = 20;
 const TERMS: usize = 5;
 const RATE_HZ: usize = 10;
 const SECONDS: usize = 30_600;
-/// Between two blocks.
+/// Interval between two blocks.
 const BLOCK_S: usize = 2;
 
 fn table() -> LiveTable {
@@ -42,14 +44,11 @@ fn table() -> LiveTable {
     for (name, unit) in MARKER {
         columns.push(column(&format!("markers.{name}"), unit, ValueKind::F32, MARKERS));
     }
-    for (name, unit) in
-        [("deflection", "m"), ("sigma_deflection", "m"), ("twist", "deg"), ("sigma_twist", "deg")]
-    {
+    for (name, unit) in [("deflection", "m"), ("sigma_deflection", "m"), ("twist", "deg"), ("sigma_twist", "deg")] {
         columns.push(column(&format!("stations.{name}"), unit, ValueKind::F32, STATIONS));
     }
     let names = |letter: &str, count| (0..count).map(|n| format!("{letter}{n:02}")).collect::<Vec<_>>();
-    let source =
-        json!({"markers": names("M", MARKERS), "stations": names("S", STATIONS), "pairs": names("P", 4)});
+    let source = json!({"markers": names("M", MARKERS), "stations": names("S", STATIONS), "pairs": names("P", 4)});
     LiveTable { source, columns }
 }
 
@@ -68,7 +67,7 @@ const MARKER: [(&str, &str); 12] = [
     ("sigma_deflection", "m"),
 ];
 
-/// A wing in gusts, with noise of the size that detection and adjustment have.
+/// A wing in gusts, with noise as large as that of detection and adjustment.
 fn row(number: usize, draw: &mut StdRng) -> LiveRow {
     let t_s = number as f64 / RATE_HZ as f64;
     let tip_m = 2.0 + 0.4 * (t_s / 5000.0).sin() + 0.15 * (1.1 * t_s).sin() * (t_s / 60.0).sin();
@@ -124,8 +123,8 @@ fn timed<T>(what: &str, work: impl FnOnce() -> T) -> T {
 }
 
 #[test]
-#[ignore = "half a gigabyte, by hand"]
-fn eight_and_a_half_hours_at_ten_a_second() {
+#[ignore = "500 MB, run manually"]
+fn eight_and_a_half_hours_at_ten_results_per_second() {
     let dir = tempfile::tempdir().unwrap();
     let (store, table, mut draw) = (open(dir.path()), table(), rng(38));
     let before_mb = status_mb("VmRSS");
@@ -157,7 +156,7 @@ fn eight_and_a_half_hours_at_ten_a_second() {
     let plain: usize = table.columns.iter().map(|column| column.width * column.kind.byte_size()).sum();
     let rows = SECONDS * RATE_HZ;
     println!(
-        "{rows} rows of {plain} bytes, {:.0} MB; {} files, {:.0} MB, {:.2} of it",
+        "{rows} rows of {plain} bytes, {:.0} MB; {} files, {:.0} MB, ratio {:.2}",
         1e-6 * (rows * plain) as f64,
         names.len(),
         1e-6 * bytes as f64,

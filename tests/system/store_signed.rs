@@ -1,4 +1,4 @@
-//! Promise: what is signed is verified with the public key, and what is forged is not.
+//! Promise: a signed store is verified with the public key, and a forged one is not.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,9 +8,9 @@ use serde_json::Value;
 use wingd::store::verify::verify_path;
 use wingd::store::{RealDisk, Store, StoreConfig, sha256_hex};
 
-use super::store_evidence::{FLIGHT, fill, made, open, replace, wingd};
+use super::store_evidence::{FLIGHT, copy_store, fill, open, replace, wingd};
 
-/// A store whose flights are signed; the public key.
+/// A store with signed flights; the public key.
 fn signed() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let key = dir.path().join("recorder.key");
@@ -22,13 +22,13 @@ fn signed() -> (tempfile::TempDir, PathBuf) {
     (dir, public)
 }
 
-fn verified(root: &Path, key: &Path) -> (Option<i32>, String) {
+fn verify_with(root: &Path, key: &Path) -> (Option<i32>, String) {
     let output = wingd(&["verify", "--key", key.to_str().unwrap()], root);
     let text = [output.stdout, output.stderr].concat();
     (output.status.code(), String::from_utf8(text).unwrap())
 }
 
-/// Rewrites what the chain of a flight says, with all its digests and sums, as somebody could who knows how.
+/// Rewrites the chain of a flight with all its digests and sums, as an informed attacker could.
 fn forge(root: &Path, keep_signatures: bool) {
     let results = root.join(FLIGHT).join("s000001/results.jsonl");
     replace(root, "flights/f0001/s000001/results.jsonl", "2.74", "9.74");
@@ -55,22 +55,22 @@ fn forge(root: &Path, keep_signatures: bool) {
 }
 
 #[test]
-fn what_is_signed_is_verified_with_the_public_key_and_no_other() {
+fn a_signed_store_is_verified_with_its_public_key_and_no_other() {
     use std::os::unix::fs::PermissionsExt;
     let (dir, key) = signed();
     let root = dir.path().join("store");
-    let (status, said) = verified(&root, &key);
-    assert_eq!(status, Some(0), "{said}");
+    let (status, printed) = verify_with(&root, &key);
+    assert_eq!(status, Some(0), "{printed}");
     let secret = std::fs::metadata(dir.path().join("recorder.key")).unwrap();
     assert_eq!(secret.permissions().mode() & 0o077, 0, "for the recorder alone");
     let (other, foreign) = signed();
-    let (status, said) = verified(&root, &foreign);
-    assert!(status == Some(1) && said.contains("no signature by this key"), "{said}");
-    let (status, said) = verified(&root, &other.path().join("recorder.key"));
-    assert!(status == Some(1) && said.contains(".pub"), "{said}");
+    let (status, printed) = verify_with(&root, &foreign);
+    assert!(status == Some(1) && printed.contains("no signature by this key"), "{printed}");
+    let (status, printed) = verify_with(&root, &other.path().join("recorder.key"));
+    assert!(status == Some(1) && printed.contains(".pub"), "{printed}");
     // Without signatures there is nothing to verify.
-    let (status, said) = verified(made().path(), &key);
-    assert!(status == Some(1) && said.contains("no signature"), "{said}");
+    let (status, printed) = verify_with(copy_store().path(), &key);
+    assert!(status == Some(1) && printed.contains("no signature"), "{printed}");
 }
 
 #[test]
@@ -79,13 +79,13 @@ fn a_store_forged_with_all_its_digests_is_sound_and_lacks_its_signature() {
         let (dir, key) = signed();
         let root = dir.path().join("store");
         forge(&root, keep_signatures);
-        // An opening without the key brings the sums up to the forged chain.
+        // An opening without the key extends the sums to the forged chain.
         drop(open(&root));
         let report = verify_path(&RealDisk, &root);
-        assert!(report.is_sound(), "whoever rewrites all of it leaves no trace: {:#?}", report.faults);
-        let (status, said) = verified(&root, &key);
+        assert!(report.is_sound(), "a complete rewrite leaves no trace: {:#?}", report.faults);
+        let (status, printed) = verify_with(&root, &key);
         let wanted = if keep_signatures { "is not good" } else { "no signature by this key" };
-        assert!(status == Some(1) && said.contains(wanted), "{said}");
+        assert!(status == Some(1) && printed.contains(wanted), "{printed}");
     }
 }
 
@@ -95,8 +95,7 @@ fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_abo
     let root = dir.path().join("store");
     let chain = std::fs::read_to_string(root.join(FLIGHT).join("chain.jsonl")).unwrap();
     let link: Value = serde_json::from_str(chain.lines().last().unwrap()).unwrap();
-    std::fs::write(dir.path().join("message"), format!("wingd chain {}", link["before"].as_str().unwrap()))
-        .unwrap();
+    std::fs::write(dir.path().join("message"), format!("wingd chain {}", link["before"].as_str().unwrap())).unwrap();
     std::fs::write(
         dir.path().join("signature"),
         hex::decode(link["signature"]["signature"].as_str().unwrap()).unwrap(),

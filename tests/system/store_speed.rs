@@ -1,4 +1,4 @@
-//! How long a big store takes to verify, beside sha256sum over the same bytes. Run by hand:
+//! Time to verify a big store, compared with sha256sum over the same bytes. Run it manually:
 //! `cargo test --release --test system -- --ignored --nocapture store_speed` (WINGD: another binary)
 
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value};
 use wingd::store::fake::{FakeDisk, read_all_files};
-use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
+use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
 use wingd::store::{NewFrame, SeriesPlan, Store, StoreConfig};
 
 use crate::common::store_work::{ROOT, moment};
@@ -30,10 +30,8 @@ fn make(root: &Path) {
             let mut bytes = format!("{number} {shot} ").repeat(FRAME_BYTES / 4).into_bytes();
             bytes.truncate(FRAME_BYTES);
             let stamp = moment(begin_s + f64::from(shot));
-            let shot =
-                Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
-            let frame =
-                NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
+            let shot = Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
+            let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
             series.add_shot(shot, Some(frame)).unwrap();
         }
         let end = moment(begin_s + f64::from(SHOTS));
@@ -61,7 +59,7 @@ fn shortest(command: &mut Command) -> f64 {
 }
 
 #[test]
-#[ignore = "a gigabyte, by hand"]
+#[ignore = "1 GB, run manually"]
 fn a_store_of_100_000_frames_verifies_as_fast_as_sha256sum_reads_it() {
     let dir = tempfile::tempdir().unwrap();
     make(dir.path());

@@ -7,9 +7,9 @@ use std::sync::{Arc, OnceLock};
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
 use wingd::store::fake::read_all_files;
-use wingd::store::manifest::{SeriesCause, Shot, SeriesState};
+use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
 use wingd::store::verify::verify_path;
-use wingd::store::{Inputs, NewFrame, OpenSeries, SeriesPlan, RealDisk, Store, StoreConfig};
+use wingd::store::{Inputs, NewFrame, OpenSeries, RealDisk, SeriesPlan, Store, StoreConfig};
 
 fn stamp(since_boot_s: f64) -> Stamp {
     let utc = jiff::Timestamp::from_second(since_boot_s as i64).unwrap();
@@ -18,14 +18,7 @@ fn stamp(since_boot_s: f64) -> Stamp {
 
 fn add(series: &mut OpenSeries, shot: u32, time: f64) {
     let bytes = format!("frame {shot} {time}");
-    let shot = Shot {
-        shot,
-        stamp: stamp(time),
-        duration_s: None,
-        exposure: None,
-        frame: None,
-        failures: Vec::new(),
-    };
+    let shot = Shot { shot, stamp: stamp(time), duration_s: None, exposure: None, frame: None, failures: Vec::new() };
     let format = json!({"kind": "jpeg"});
     let frame = NewFrame { bytes: bytes.as_bytes(), extension: "jpg", format, settings: Map::new() };
     series.add_shot(shot, Some(frame)).unwrap();
@@ -48,7 +41,7 @@ fn store() -> tempfile::TempDir {
     dir
 }
 
-/// Two series with results, and one being taken.
+/// Two series with results, and an open one.
 fn make_store() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let mut config = StoreConfig::new(dir.path());
@@ -83,12 +76,12 @@ const SERIES: &str = "flights/f0001/s000001";
 fn edit(root: &Path, file: &str, from: &str, to: &str) {
     let path = root.join(file);
     let text = std::fs::read_to_string(&path).unwrap();
-    assert!(text.contains(from), "{file} holds no {from:?}: {text}");
+    assert!(text.contains(from), "{file} does not contain {from:?}: {text}");
     std::fs::write(path, text.replacen(from, to, 1)).unwrap();
 }
 
-/// The numbers of the invariants found broken after `damage`.
-fn broken(damage: impl FnOnce(&Path)) -> BTreeSet<u8> {
+/// Numbers of the invariants found broken after `damage`.
+fn broken_invariants(damage: impl FnOnce(&Path)) -> BTreeSet<u8> {
     let dir = store();
     let before = verify_path(&RealDisk, dir.path());
     assert!(before.is_sound(), "{:#?}", before.faults);
@@ -96,11 +89,11 @@ fn broken(damage: impl FnOnce(&Path)) -> BTreeSet<u8> {
     damage(dir.path());
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.faults.iter().all(|fault| !fault.what.is_empty()));
-    // 14 to 18, the evidence, see most of it too: tests/system/store_evidence.rs.
+    // Invariants 14 to 18, the evidence, detect most of it too: tests/system/store_evidence.rs.
     report.faults.iter().map(|fault| fault.invariant).filter(|invariant| *invariant <= 13).collect()
 }
 
-fn only(invariant: u8) -> BTreeSet<u8> {
+fn only_invariant(invariant: u8) -> BTreeSet<u8> {
     BTreeSet::from([invariant])
 }
 
@@ -109,81 +102,104 @@ fn series_file(name: &str) -> PathBuf {
 }
 
 #[test]
-fn invariant_1_the_mark_and_its_format() {
-    assert_eq!(broken(|root| edit(root, "store.toml", "format = 2", "format = 3")), only(1));
-    assert_eq!(broken(|root| edit(root, "store.toml", "format = 2", "")), only(1));
-    assert_eq!(broken(|root| std::fs::remove_file(root.join("store.toml")).unwrap()), only(1));
+fn invariant_1_the_format_file() {
+    assert_eq!(broken_invariants(|root| edit(root, "store.toml", "format = 2", "format = 3")), only_invariant(1));
+    assert_eq!(broken_invariants(|root| edit(root, "store.toml", "format = 2", "")), only_invariant(1));
+    assert_eq!(broken_invariants(|root| std::fs::remove_file(root.join("store.toml")).unwrap()), only_invariant(1));
 }
 
 #[test]
 fn invariant_2_the_counter_is_above_every_id() {
-    assert_eq!(broken(|root| edit(root, "counter.json", "\"next_series\":4", "\"next_series\":3")), only(2));
-    assert_eq!(broken(|root| edit(root, "counter.json", "\"next_flight\":2", "\"next_flight\":1")), only(2));
-    assert_eq!(broken(|root| std::fs::write(root.join("counter.json"), "{").unwrap()), only(2));
+    assert_eq!(
+        broken_invariants(|root| edit(root, "counter.json", "\"next_series\":4", "\"next_series\":3")),
+        only_invariant(2)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, "counter.json", "\"next_flight\":2", "\"next_flight\":1")),
+        only_invariant(2)
+    );
+    assert_eq!(broken_invariants(|root| std::fs::write(root.join("counter.json"), "{").unwrap()), only_invariant(2));
 }
 
 #[test]
-fn invariant_3_flights_hold_their_manifest_and_series_only() {
-    assert_eq!(broken(|root| std::fs::remove_file(root.join("flights/f0001/flight.json")).unwrap()), only(3));
-    assert_eq!(broken(|root| edit(root, "flights/f0001/flight.json", "f0001", "f0002")), only(3));
-    assert_eq!(broken(|root| std::fs::write(root.join("flights/f0001/notes.txt"), "x").unwrap()), only(3));
-    assert_eq!(broken(|root| std::fs::create_dir(root.join("flights/spare")).unwrap()), only(3));
+fn invariant_3_flights_contain_their_manifest_and_series_only() {
+    assert_eq!(
+        broken_invariants(|root| std::fs::remove_file(root.join("flights/f0001/flight.json")).unwrap()),
+        only_invariant(3)
+    );
+    assert_eq!(broken_invariants(|root| edit(root, "flights/f0001/flight.json", "f0001", "f0002")), only_invariant(3));
+    assert_eq!(
+        broken_invariants(|root| std::fs::write(root.join("flights/f0001/notes.txt"), "x").unwrap()),
+        only_invariant(3)
+    );
+    assert_eq!(broken_invariants(|root| std::fs::create_dir(root.join("flights/spare")).unwrap()), only_invariant(3));
 }
 
 #[test]
 fn invariant_4_a_series_has_its_manifest_and_an_id_of_its_own() {
-    assert_eq!(broken(|root| std::fs::remove_file(root.join(series_file("series.json"))).unwrap()), only(4));
+    assert_eq!(
+        broken_invariants(|root| std::fs::remove_file(root.join(series_file("series.json"))).unwrap()),
+        only_invariant(4)
+    );
     let file = format!("{SERIES}/series.json");
-    assert_eq!(broken(|root| edit(root, &file, "\"s000001\"", "\"s000002\"")), only(4));
-    assert_eq!(broken(|root| edit(root, &file, "\"format\": 1", "\"format\": 9")), only(4));
-    assert_eq!(broken(|root| edit(root, &file, "}", "")), only(4));
+    assert_eq!(broken_invariants(|root| edit(root, &file, "\"s000001\"", "\"s000002\"")), only_invariant(4));
+    assert_eq!(broken_invariants(|root| edit(root, &file, "\"format\": 1", "\"format\": 9")), only_invariant(4));
+    assert_eq!(broken_invariants(|root| edit(root, &file, "}", "")), only_invariant(4));
     let doubled = |root: &Path| {
         std::fs::create_dir(root.join("incoming/s000001")).unwrap();
     };
-    assert_eq!(broken(doubled), only(4));
+    assert_eq!(broken_invariants(doubled), only_invariant(4));
 }
 
 #[test]
 fn invariant_5_every_frame_has_its_size_and_hash() {
     let frame = format!("{SERIES}/0001.jpg");
-    assert_eq!(broken(|root| edit(root, &frame, "frame", "flame")), only(5));
-    assert_eq!(broken(|root| edit(root, &frame, "frame", "fra")), only(5));
-    let gone = broken(|root| std::fs::remove_file(root.join(&frame)).unwrap());
-    assert_eq!(gone, only(5));
+    assert_eq!(broken_invariants(|root| edit(root, &frame, "frame", "flame")), only_invariant(5));
+    assert_eq!(broken_invariants(|root| edit(root, &frame, "frame", "fra")), only_invariant(5));
+    let gone = broken_invariants(|root| std::fs::remove_file(root.join(&frame)).unwrap());
+    assert_eq!(gone, only_invariant(5));
 }
 
 #[test]
-fn invariant_6_a_series_holds_nothing_else() {
-    let write =
-        |name: &'static str| move |root: &Path| std::fs::write(root.join(series_file(name)), "x").unwrap();
-    assert_eq!(broken(write("0003.jpg")), only(6));
-    assert_eq!(broken(write("0001.jpg.part")), only(6));
+fn invariant_6_a_series_contains_nothing_else() {
+    let write = |name: &'static str| move |root: &Path| std::fs::write(root.join(series_file(name)), "x").unwrap();
+    assert_eq!(broken_invariants(write("0003.jpg")), only_invariant(6));
+    assert_eq!(broken_invariants(write("0001.jpg.part")), only_invariant(6));
 }
 
 #[test]
 fn invariant_7_shots_are_in_order_and_accounted_for() {
     let file = format!("{SERIES}/series.json");
-    assert_eq!(broken(|root| edit(root, &file, "\"planned_shots\": 2", "\"planned_shots\": 3")), only(7));
-    assert_eq!(broken(|root| edit(root, &file, "\"shot\": 1", "\"shot\": 2")), only(7));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"planned_shots\": 2", "\"planned_shots\": 3")),
+        only_invariant(7)
+    );
+    assert_eq!(broken_invariants(|root| edit(root, &file, "\"shot\": 1", "\"shot\": 2")), only_invariant(7));
 }
 
 #[test]
 fn invariant_8_time_since_boot_does_not_go_back() {
     let file = format!("{SERIES}/series.json");
-    assert_eq!(broken(|root| edit(root, &file, "\"since_boot_s\": 2.0", "\"since_boot_s\": 0.5")), only(8));
-    assert_eq!(broken(|root| edit(root, &file, "\"since_boot_s\": 3.0", "\"since_boot_s\": 150.0")), only(8));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"since_boot_s\": 2.0", "\"since_boot_s\": 0.5")),
+        only_invariant(8)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"since_boot_s\": 3.0", "\"since_boot_s\": 150.0")),
+        only_invariant(8)
+    );
 }
 
 #[test]
-fn invariant_9_every_line_of_results_is_whole() {
+fn invariant_9_every_line_of_results_is_complete() {
     let file = format!("{SERIES}/results.jsonl");
-    assert_eq!(broken(|root| edit(root, &file, "{", "")), only(9));
+    assert_eq!(broken_invariants(|root| edit(root, &file, "{", "")), only_invariant(9));
 }
 
 #[test]
 fn invariant_10_a_result_belongs_to_a_frame_of_its_series() {
     let file = format!("{SERIES}/results.jsonl");
-    assert_eq!(broken(|root| edit(root, &file, "0001.jpg", "0007.jpg")), only(10));
+    assert_eq!(broken_invariants(|root| edit(root, &file, "0001.jpg", "0007.jpg")), only_invariant(10));
 }
 
 #[test]
@@ -193,29 +209,31 @@ fn invariant_11_one_result_for_the_same_inputs() {
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, format!("{text}{text}")).unwrap();
     };
-    assert_eq!(broken(twice), only(11));
+    assert_eq!(broken_invariants(twice), only_invariant(11));
 }
 
 #[test]
 fn invariant_12_the_key_is_the_hash_of_the_inputs() {
     let file = format!("{SERIES}/results.jsonl");
-    assert_eq!(broken(|root| edit(root, &file, "\"program\":\"test\"", "\"program\":\"other\"")), only(12));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"program\":\"test\"", "\"program\":\"other\"")),
+        only_invariant(12)
+    );
 }
 
 #[test]
-fn invariant_13_what_was_acknowledged_in_incoming_is_whole() {
-    assert_eq!(broken(|root| edit(root, "incoming/s000003/0001.jpg", "frame", "flame")), only(13));
+fn invariant_13_acknowledged_frames_in_incoming_are_complete() {
+    assert_eq!(broken_invariants(|root| edit(root, "incoming/s000003/0001.jpg", "frame", "flame")), only_invariant(13));
 }
 
 #[test]
-fn a_torn_last_line_is_a_note_and_is_mended() {
+fn a_torn_last_line_is_a_note_and_is_repaired() {
     let file = series_file("results.jsonl");
-    // As a power cut leaves it while the line is written: the line is announced and half there.
+    // As a power cut leaves it during the write: the line is announced and partly there.
     let torn = |root: &Path| {
         let text = std::fs::read(root.join(&file)).unwrap();
         let half = [text.as_slice(), &text[..20]].concat();
-        let announced =
-            json!({"flight": "f0001", "series": "s000001", "bytes": 2 * text.len(), "sha256": ""});
+        let announced = json!({"flight": "f0001", "series": "s000001", "bytes": 2 * text.len(), "sha256": ""});
         std::fs::write(root.join("pending.json"), announced.to_string()).unwrap();
         std::fs::write(root.join(&file), half).unwrap();
     };
@@ -223,7 +241,7 @@ fn a_torn_last_line_is_a_note_and_is_mended() {
     torn(dir.path());
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
-    assert_eq!(broken(torn), BTreeSet::new());
+    assert_eq!(broken_invariants(torn), BTreeSet::new());
     let dir = store();
     torn(dir.path());
     let (store, _) = Store::open(Arc::new(RealDisk), StoreConfig::new(dir.path())).unwrap();
@@ -264,7 +282,7 @@ fn a_copied_flight_or_series_is_verified_too() {
 proptest::proptest! {
     #![proptest_config(proptest::test_runner::Config { cases: 100, failure_persistence: None, ..Default::default() })]
 
-    /// Bytes replaced anywhere in any file: an answer, never a panic, and opening survives it too.
+    /// Bytes replaced anywhere in any file: a verdict, never a panic, and opening survives it too.
     #[test]
     fn damaged_files_are_survived(which in 0usize..32, at in 0.0f64..1.0, bytes in proptest::collection::vec(proptest::num::u8::ANY, 1..24)) {
         let dir = store();

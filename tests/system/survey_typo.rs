@@ -1,4 +1,4 @@
-//! Promise: a surveyed point that is wrong takes no part, also not in the wing's shape on ground: the result is that
+//! Promise: a wrong surveyed point is excluded, also from the wing's ground shape: the result equals that
 //! of a survey without it.
 
 use serde_json::Value;
@@ -24,15 +24,14 @@ fn tip(change: impl Fn(String) -> String) -> (f64, f64) {
 }
 
 #[test]
-fn two_digits_exchanged_are_as_good_as_left_out() {
+fn a_survey_point_with_two_digits_exchanged_is_excluded() {
     let (typo, _) = tip(|survey| {
         let wrong = survey.replace("26.4142", "24.6142");
-        assert_ne!(wrong, survey, "the fixture's M02 lies elsewhere");
+        assert_ne!(wrong, survey, "the fixture's M02 has another position");
         wrong
     });
-    let without = |survey: String| {
-        survey.lines().filter(|l| !l.starts_with("M02")).fold(String::new(), |t, l| t + l + "\n")
-    };
+    let without =
+        |survey: String| survey.lines().filter(|l| !l.starts_with("M02")).fold(String::new(), |t, l| t + l + "\n");
     let (removed, sigma) = tip(without);
     assert!((typo - removed).abs() < 0.1 * sigma, "{typo} {removed} +- {sigma}");
 }

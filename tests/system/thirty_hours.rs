@@ -1,4 +1,4 @@
-//! Promise: thirty hours of flight with a failing camera cost no frame that was promised, and no memory.
+//! Promise: thirty hours of flight with a failing camera lose no acknowledged frame and leak no memory.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,10 +11,10 @@ use rand::{Rng, SeedableRng};
 use wingd::camera::Camera;
 use wingd::camera::replay::{FaultKind, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::clock::{Clock, SimulatedClock};
-use wingd::daemon::{self, Event, Parts, SeriesConfig, Solver, Status, StatusBoard};
+use wingd::daemon::{self, DaemonParts, DaemonStatus, Event, SeriesConfig, Solver, StatusBoard};
 use wingd::installation;
-use wingd::measure::adjust::{Method, Options};
-use wingd::pipeline::{self, Job};
+use wingd::measure::adjust::{AdjustmentMethod, Options};
+use wingd::pipeline::{self, SolveJob};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig};
 
@@ -23,11 +23,10 @@ const SHOTS: u32 = 3;
 /// Of the calls to the camera.
 const FAULTY: f64 = 0.3;
 
-/// The frames of the fixture, numbered by a comment behind the start marker, so that no two are alike.
+/// The frames of the fixture, numbered by a comment behind the start marker, so that no two are equal.
 fn frames(dir: &Path) {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames");
-    let files: Vec<_> =
-        (1..=5).map(|k| std::fs::read(fixture.join(format!("flight-{k}.jpg"))).unwrap()).collect();
+    let files: Vec<_> = (1..=5).map(|k| std::fs::read(fixture.join(format!("flight-{k}.jpg"))).unwrap()).collect();
     for number in 0..25_u8 {
         let file = &files[usize::from(number) % files.len()];
         let bytes = [&file[..2], &[0xFF, 0xFE, 0, 3, number], &file[2..]].concat();
@@ -66,22 +65,22 @@ fn script() -> Vec<ScriptedFault> {
         .collect()
 }
 
-/// kB, of what is not a file's.
+/// Resident memory without file mappings, kB.
 fn resident_kb() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
-/// Holds the recorder before each series until all is solved, and looks at the memory then.
+/// Delays the recorder before each series until all is solved, and then reads the memory use.
 #[derive(Default)]
-struct Watch {
+struct ResourceLog {
     /// Frames stored, frames with a result, kB at each hour.
     state: Mutex<(u64, u64, Vec<u64>)>,
     changed: Condvar,
 }
 
-impl Watch {
+impl ResourceLog {
     fn note(&self, event: &Event) {
         let mut state = self.state.lock().unwrap();
         match event {
@@ -89,8 +88,7 @@ impl Watch {
             Event::Solved { .. } => state.1 += 1,
             Event::SeriesBegan { .. } => {
                 let limit = Duration::from_secs(60);
-                let (kept, late) =
-                    self.changed.wait_timeout_while(state, limit, |state| state.1 < state.0).unwrap();
+                let (kept, late) = self.changed.wait_timeout_while(state, limit, |state| state.1 < state.0).unwrap();
                 assert!(!late.timed_out(), "{} frames, {} solved", kept.0, kept.1);
                 state = kept;
                 state.2.push(resident_kb());
@@ -101,21 +99,21 @@ impl Watch {
     }
 }
 
-fn fly(root: &Path, watch: Arc<Watch>) -> Status {
+fn run_flight(root: &Path, watch: Arc<ResourceLog>) -> DaemonStatus {
     let folder = root.join("frames");
     std::fs::create_dir(&folder).unwrap();
     frames(&folder);
     let installation = oriented(&root.join("installation"));
     let orientation = installation.require_orientation().unwrap().clone();
-    let job = Job { method: Method::Spatial, options: Options::default() };
-    let inputs = Inputs::new(pipeline::inputs(&installation, &job));
+    let job = SolveJob { method: AdjustmentMethod::Spatial, options: Options::default() };
+    let inputs = Inputs::new(pipeline::provenance_map(&installation, &job));
     let clock = Arc::new(SimulatedClock::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
-    let replay = ReplayConfig { fault: script(), ..ReplayConfig::folder(folder) };
+    let replay = ReplayConfig { fault: script(), ..ReplayConfig::from_folder(folder) };
     let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
     let mut config = StoreConfig::new(root.join("store"));
     config.reserve_mb = 0;
     let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
-    let parts = Parts {
+    let parts = DaemonParts {
         live: wingd::daemon::LiveConfig::default(),
         series: SeriesConfig {
             shots: SHOTS,
@@ -147,15 +145,12 @@ fn mean(values: &[u64]) -> u64 {
     values.iter().sum::<u64>() / values.len() as u64
 }
 
-/// The environment that the service file sets: it decides what the C library keeps of freed memory.
-fn of_the_service() -> Vec<(String, String)> {
+/// The environment set by the service file: it controls how much freed memory the C library keeps.
+fn service_environment() -> Vec<(String, String)> {
     let unit = include_str!("../../systemd/wingd.service");
-    let words =
-        unit.lines().filter_map(|line| line.strip_prefix("Environment=")).flat_map(str::split_whitespace);
-    let mut all: Vec<(String, String)> = words
-        .filter_map(|word| word.split_once('='))
-        .map(|(key, value)| (key.into(), value.into()))
-        .collect();
+    let words = unit.lines().filter_map(|line| line.strip_prefix("Environment=")).flat_map(str::split_whitespace);
+    let mut all: Vec<(String, String)> =
+        words.filter_map(|word| word.split_once('=')).map(|(key, value)| (key.into(), value.into())).collect();
     assert!(!all.is_empty());
     // The camera's scripted panics: a backtrace reads 30 MB of symbols, once; the service prints none.
     all.push(("RUST_BACKTRACE".to_owned(), "0".to_owned()));
@@ -164,21 +159,21 @@ fn of_the_service() -> Vec<(String, String)> {
 
 #[test]
 fn thirty_hours_with_random_faults() {
-    let environment = of_the_service();
+    let environment = service_environment();
     if environment.iter().any(|(key, value)| std::env::var(key).as_ref() != Ok(value)) {
         let mut again = Command::new(std::env::current_exe().unwrap());
         let name = "thirty_hours::thirty_hours_with_random_faults";
         let output = again.args(["--exact", name, "--nocapture"]).envs(environment).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        println!("{said}{}", String::from_utf8_lossy(&output.stderr));
-        // A name that no test bears would pass without a test.
-        assert!(output.status.success() && said.contains("1 passed"), "{}", output.status);
+        let printed = String::from_utf8_lossy(&output.stdout);
+        println!("{printed}{}", String::from_utf8_lossy(&output.stderr));
+        // A filter that matches no test would pass without running one.
+        assert!(output.status.success() && printed.contains("1 passed"), "{}", output.status);
         return;
     }
     let begin = Instant::now();
     let dir = tempfile::tempdir().unwrap();
-    let watch = Arc::new(Watch::default());
-    let status = fly(dir.path(), watch.clone());
+    let watch = Arc::new(ResourceLog::default());
+    let status = run_flight(dir.path(), watch.clone());
     let counts = status.counts;
     let resident = watch.state.lock().unwrap().2.clone();
     for (hour, kb) in resident.iter().enumerate() {
@@ -194,7 +189,7 @@ fn thirty_hours_with_random_faults() {
     assert_eq!(report.frames as u64, counts.frames, "every frame that was promised is there");
     assert_eq!(counts.solved, counts.frames, "every frame is solved");
     assert!(counts.failed_attempts > 20 && counts.hangs > 0 && counts.stale_frames > 0, "{counts:?}");
-    // A leak of one luma plane, 12 MB, in every second hour would show ten times over.
+    // A leak of one luma plane, 12 MB, in every second hour would be ten times the limit.
     let (early, late) = (mean(&resident[5..15]), mean(&resident[20..]));
     assert!(late <= early + 6_000, "{early} kB on average in hours 5 to 14, {late} kB in hours 20 to 29");
 }

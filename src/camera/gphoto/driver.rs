@@ -1,4 +1,4 @@
-//! The camera is driven here, inside the camera process.
+//! Driver of the camera, inside the camera process.
 
 use std::time::Duration;
 
@@ -7,15 +7,15 @@ use gphoto2::{Camera, Context};
 use serde_json::{Map, Value};
 
 use crate::camera::deadline::Deadline;
-use crate::camera::gphoto::protocol::Picture;
-use crate::camera::gphoto::{ANSWERED, ASKED, GphotoSection, faults, settings};
+use crate::camera::gphoto::protocol::CardImage;
+use crate::camera::gphoto::{GphotoSection, REQUEST_TIME_KEY, RESPONSE_TIME_KEY, faults, settings};
 use crate::camera::{CameraError, CameraInfo, jpeg};
 use crate::clock;
 
-/// Below this the card counts as full: no picture fits.
+/// Minimum free space on the card, bytes: below it the card counts as full.
 const MIN_FREE_BYTES: u64 = 8 << 20;
 
-/// A picture on the card.
+/// File on the card.
 #[derive(Clone, Debug, PartialEq)]
 struct CardFile {
     folder: String,
@@ -33,7 +33,7 @@ impl CardFile {
     }
 }
 
-/// An open camera.
+/// Open camera.
 pub struct GphotoDriver {
     context: Context,
     camera: Camera,
@@ -45,18 +45,20 @@ pub struct GphotoDriver {
 impl GphotoDriver {
     /// Finds and sets up the camera.
     pub fn open(section: &GphotoSection) -> Result<(Self, CameraInfo), CameraError> {
-        let context = Context::new().map_err(|e| faults::sort(&e, "libgphoto2"))?;
-        let (camera, model) = find(&context, section)?;
-        let (mut settings, mut warnings) = settings::apply(&camera, &section.settings);
-        settings.extend(space(&camera));
+        let context = Context::new().map_err(|e| faults::classify_error(&e, "libgphoto2"))?;
+        let (camera, model) = find_camera(&context, section)?;
+        let (mut settings, mut warnings) = settings::apply_settings(&camera, &section.settings);
+        settings.extend(free_space(&camera));
         let mut driver = Self { context, camera, delete: section.delete, leftovers: Vec::new(), last: None };
         if section.recover > 0 {
-            driver.leftovers = driver.pictures().map_err(|e| faults::sort(&e, "listing the card"))?;
+            driver.leftovers = driver.list_images().map_err(|e| faults::classify_error(&e, "listing the card"))?;
         }
         if driver.leftovers.len() > section.recover {
             warnings.push(format!(
-                "{} pictures on the card are left alone, since camera.recover is {}: take them off and format the card",
-                driver.leftovers.len(), section.recover
+                "{} images on the card are not taken over, as camera.recover is {}: copy them elsewhere and \
+                 format the card",
+                driver.leftovers.len(),
+                section.recover
             ));
             driver.leftovers.clear();
         }
@@ -65,74 +67,74 @@ impl GphotoDriver {
         Ok((driver, CameraInfo { name, settings, warnings }))
     }
 
-    /// The next leftover, where there is one.
-    pub fn recover(&mut self) -> Result<(Option<Picture>, Vec<u8>), CameraError> {
+    /// Returns the next leftover image, if any.
+    pub fn recover(&mut self) -> Result<(Option<CardImage>, Vec<u8>), CameraError> {
         while let Some(left) = self.leftovers.pop() {
-            let (bytes, mut settings) = self.fetch(&left)?;
+            let (bytes, mut settings) = self.download(&left)?;
             if let Err(why) = jpeg::check_complete(&bytes) {
-                // Stays on the card; a person may still read something out of it.
-                tracing::warn!(path = left.path(), %why, "a picture on the card is damaged and left there");
+                // It stays on the card, as part of it may still be recoverable manually.
+                tracing::warn!(path = left.path(), %why, "an image on the card is damaged; it is left there");
                 continue;
             }
             settings.insert("recovered".to_owned(), true.into());
             let path = left.path();
             self.last = Some(left);
-            return Ok((Some(Picture { path, settings }), bytes));
+            return Ok((Some(CardImage { path, settings }), bytes));
         }
         Ok((None, Vec::new()))
     }
 
-    /// Releases the shutter (or waits for somebody else's release) and fetches the picture.
-    pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(Picture, Vec<u8>), CameraError> {
+    /// Releases the shutter (or waits for an external release) and downloads the image.
+    pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(CardImage, Vec<u8>), CameraError> {
         let deadline = Deadline::new(deadline);
         let unexpected = if trigger { self.drain_events() } else { Vec::new() };
         let asked_s = clock::since_boot_s();
         if trigger {
-            self.trigger(&deadline).map_err(|error| self.or_card_full(error))?;
+            self.trigger(&deadline).map_err(|error| self.check_card_full(error))?;
         }
-        let (picture, others) = self.wait(&deadline).map_err(|error| self.or_card_full(error))?;
-        let told_s = clock::since_boot_s();
-        let (mut bytes, mut settings) = self.fetch(&picture)?;
+        let (image, others) = self.wait_for_image(&deadline).map_err(|error| self.check_card_full(error))?;
+        let answered_s = clock::since_boot_s();
+        let (mut bytes, mut settings) = self.download(&image)?;
         if jpeg::check_complete(&bytes).is_err() {
             deadline.remaining("a second download")?;
-            (bytes, settings) = self.fetch(&picture)?;
+            (bytes, settings) = self.download(&image)?;
         }
-        jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(format!("{}: {why}", picture.path())))?;
+        jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(format!("{}: {why}", image.path())))?;
         for (key, list) in [("other_files", others), ("unexpected_files", unexpected)] {
             if !list.is_empty() {
                 settings.insert(key.to_owned(), list.iter().map(CardFile::path).collect::<Vec<_>>().into());
             }
         }
-        settings.insert(ASKED.to_owned(), asked_s.into());
-        settings.insert(ANSWERED.to_owned(), told_s.into());
-        let path = picture.path();
-        self.last = Some(picture);
-        Ok((Picture { path, settings }, bytes))
+        settings.insert(REQUEST_TIME_KEY.to_owned(), asked_s.into());
+        settings.insert(RESPONSE_TIME_KEY.to_owned(), answered_s.into());
+        let path = image.path();
+        self.last = Some(image);
+        Ok((CardImage { path, settings }, bytes))
     }
 
-    /// Pictures that came without a shot.
-    pub fn unexpected(&mut self) -> Vec<String> {
+    /// Returns images that appeared without a shot.
+    pub fn unexpected_images(&mut self) -> Vec<String> {
         self.drain_events().iter().map(CardFile::path).collect()
     }
 
-    /// The last picture is safe.
-    pub fn release(&mut self) -> Result<(), CameraError> {
+    /// Deletes the last image on the card, whose copy is durable.
+    pub fn delete_last(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.delete) {
             Some(last) => {
                 let deletion = self.camera.fs().delete_file(&last.folder, &last.name).wait();
-                deletion.map_err(|e| faults::sort(&e, &format!("deleting {}", last.path())))
+                deletion.map_err(|e| faults::classify_error(&e, &format!("deleting {}", last.path())))
             }
             None => Ok(()),
         }
     }
 
-    /// Events of before, which must not be taken for this shot's; files among them are shots that
-    /// nobody asked for.
+    /// Drains earlier events, which must not be taken for this shot's, and returns the files among them: shots that were
+    /// not requested.
     fn drain_events(&mut self) -> Vec<CardFile> {
         let mut files = Vec::new();
         for _ in 0..100 {
             match self.camera.wait_event(Duration::from_millis(1)).wait() {
-                Ok(CameraEvent::NewFile(path)) => files.push(on_card(&path)),
+                Ok(CameraEvent::NewFile(path)) => files.push(card_file(&path)),
                 Ok(CameraEvent::Timeout) | Err(_) => break,
                 Ok(_) => {}
             }
@@ -142,12 +144,10 @@ impl GphotoDriver {
 
     fn trigger(&mut self, deadline: &Deadline) -> Result<(), CameraError> {
         loop {
-            match self.camera.trigger_capture().wait().map_err(|e| faults::sort(&e, "release")) {
-                // Still writing the last picture, most of the time.
+            match self.camera.trigger_capture().wait().map_err(|e| faults::classify_error(&e, "release")) {
+                // The camera is typically still writing the last image.
                 Err(CameraError::Busy(why)) => match deadline.remaining("") {
-                    Ok(left) if left > Duration::from_secs(2) => {
-                        std::thread::sleep(Duration::from_millis(200))
-                    }
+                    Ok(left) if left > Duration::from_secs(2) => std::thread::sleep(Duration::from_millis(200)),
                     _ => return Err(CameraError::Busy(why)),
                 },
                 other => return other,
@@ -155,19 +155,19 @@ impl GphotoDriver {
         }
     }
 
-    /// The first JPEG that appears, and the other files that came with it.
-    fn wait(&mut self, deadline: &Deadline) -> Result<(CardFile, Vec<CardFile>), CameraError> {
+    /// Waits for the first JPEG, and returns the other files that came with it.
+    fn wait_for_image(&mut self, deadline: &Deadline) -> Result<(CardFile, Vec<CardFile>), CameraError> {
         let mut others = Vec::new();
         loop {
-            let left = deadline.remaining("the picture after the release")?.min(Duration::from_secs(1));
+            let left = deadline.remaining("the image after the release")?.min(Duration::from_secs(1));
             match self
                 .camera
                 .wait_event(left)
                 .wait()
-                .map_err(|e| faults::sort(&e, "waiting for the picture"))?
+                .map_err(|e| faults::classify_error(&e, "waiting for the image"))?
             {
                 CameraEvent::NewFile(path) => {
-                    let file = on_card(&path);
+                    let file = card_file(&path);
                     if file.is_jpeg() {
                         return Ok((file, others));
                     }
@@ -175,9 +175,9 @@ impl GphotoDriver {
                 }
                 CameraEvent::CaptureComplete if !others.is_empty() => {
                     let names: Vec<_> = others.iter().map(CardFile::path).collect();
-                    let mend = "set imagequality or imageformat to a JPEG format";
+                    let remedy = "set imagequality or imageformat to a JPEG format";
                     return Err(CameraError::Refused(format!(
-                        "the camera wrote {} and no JPEG; {mend}",
+                        "the camera wrote {} and no JPEG; {remedy}",
                         names.join(", ")
                     )));
                 }
@@ -186,75 +186,73 @@ impl GphotoDriver {
         }
     }
 
-    fn fetch(&self, picture: &CardFile) -> Result<(Vec<u8>, Map<String, Value>), CameraError> {
-        let failed = |e: gphoto2::Error| faults::sort(&e, &format!("downloading {}", picture.path()));
-        let file = self.camera.fs().download(&picture.folder, &picture.name).wait().map_err(failed)?;
+    fn download(&self, image: &CardFile) -> Result<(Vec<u8>, Map<String, Value>), CameraError> {
+        let failed = |e: gphoto2::Error| faults::classify_error(&e, &format!("downloading {}", image.path()));
+        let file = self.camera.fs().download(&image.folder, &image.name).wait().map_err(failed)?;
         let bytes = file.get_data(&self.context).wait().map_err(failed)?.into_vec();
         let mut settings = Map::new();
-        settings.insert("camera_path".to_owned(), picture.path().into());
+        settings.insert("camera_path".to_owned(), image.path().into());
         settings.insert("camera_time_unix_s".to_owned(), file.mtime().into());
         Ok((bytes, settings))
     }
 
-    /// A full card shows as an error without a name.
-    fn or_card_full(&self, error: CameraError) -> CameraError {
-        let full =
-            matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. }) && card_full(&self.camera);
-        if full { CameraError::Refused(faults::card_full(&error.to_string())) } else { error }
+    /// Replaces an error by a full card if the card is full: the camera does not name that error.
+    fn check_card_full(&self, error: CameraError) -> CameraError {
+        let full = matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. }) && is_card_full(&self.camera);
+        if full { CameraError::Refused(faults::card_full_message(&error.to_string())) } else { error }
     }
 
-    /// Every JPEG below a DCIM folder, the oldest name last.
-    fn pictures(&self) -> Result<Vec<CardFile>, gphoto2::Error> {
+    /// Lists every JPEG below a DCIM folder, the oldest name last.
+    fn list_images(&self) -> Result<Vec<CardFile>, gphoto2::Error> {
         let mut found = Vec::new();
         let mut folders = vec!["/".to_owned()];
         while let Some(folder) = folders.pop() {
             if folder.contains("/DCIM") {
                 let files = self.camera.fs().list_files(&folder).wait()?;
-                found.extend(
-                    files.map(|name| CardFile { folder: folder.clone(), name }).filter(CardFile::is_jpeg),
-                );
+                found.extend(files.map(|name| CardFile { folder: folder.clone(), name }).filter(CardFile::is_jpeg));
             }
             let inner = self.camera.fs().list_folders(&folder).wait()?;
             folders.extend(inner.map(|name| format!("{}/{name}", folder.trim_end_matches('/'))));
         }
-        found.sort_by_key(|picture| std::cmp::Reverse(picture.path()));
+        found.sort_by_key(|image| std::cmp::Reverse(image.path()));
         Ok(found)
     }
 }
 
-fn on_card(path: &gphoto2::file::CameraFilePath) -> CardFile {
+fn card_file(path: &gphoto2::file::CameraFilePath) -> CardFile {
     CardFile { folder: path.folder().into_owned(), name: path.name().into_owned() }
 }
 
-fn find(context: &Context, section: &GphotoSection) -> Result<(Camera, String), CameraError> {
+fn find_camera(context: &Context, section: &GphotoSection) -> Result<(Camera, String), CameraError> {
     let all: Vec<_> =
-        context.list_cameras().wait().map_err(|e| faults::sort(&e, "looking for cameras"))?.collect();
+        context.list_cameras().wait().map_err(|e| faults::classify_error(&e, "searching for cameras"))?.collect();
     let names: Vec<_> = all.iter().map(|camera| format!("{} on {}", camera.model, camera.port)).collect();
     let mut matching = all.iter().filter(|camera| {
         section.model.as_ref().is_none_or(|model| camera.model.contains(model))
             && section.port.as_ref().is_none_or(|port| camera.port == *port)
     });
     let Some(camera) = matching.next() else {
-        let there = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let connected = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         return Err(CameraError::Gone(format!(
-            "no matching camera on USB (there: {there}); check cable and power, set the camera's USB mode to PTP"
+            "no matching camera on USB (connected: {connected}); check cable and power, and set the \
+             camera's USB mode to PTP"
         )));
     };
     if matching.next().is_some() {
-        let mend = "name one with camera.model or camera.port";
-        return Err(CameraError::Refused(format!("several cameras: {}; {mend}", names.join(", "))));
+        let remedy = "name one with camera.model or camera.port";
+        return Err(CameraError::Refused(format!("several cameras: {}; {remedy}", names.join(", "))));
     }
     let opened = context.get_camera(camera).wait();
     opened
         .map(|open| (open, camera.model.clone()))
-        .map_err(|e| faults::sort(&e, &format!("opening {}", camera.model)))
+        .map_err(|e| faults::classify_error(&e, &format!("opening {}", camera.model)))
 }
 
-/// Free space, for the record; a camera that cannot say has none in it.
-fn space(camera: &Camera) -> Map<String, Value> {
+/// Returns the free space as settings, as far as the camera reports it.
+fn free_space(camera: &Camera) -> Map<String, Value> {
     let mut settings = Map::new();
     for storage in camera.storages().wait().unwrap_or_default() {
-        // The binding's name says kB and its value is bytes.
+        // The binding's name says kB, but its value is in bytes.
         if let Some(bytes) = storage.free_kb() {
             settings.insert("card_free_bytes".to_owned(), bytes.into());
         }
@@ -265,7 +263,7 @@ fn space(camera: &Camera) -> Map<String, Value> {
     settings
 }
 
-fn card_full(camera: &Camera) -> bool {
+fn is_card_full(camera: &Camera) -> bool {
     let storages = camera.storages().wait().unwrap_or_default();
     !storages.is_empty()
         && storages.iter().all(|storage| {

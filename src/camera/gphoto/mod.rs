@@ -1,8 +1,8 @@
-//! A still camera on USB is driven through libgphoto2.
+//! Still cameras on USB, through libgphoto2.
 //!
-//! The library keeps one global thread, and a call into it cannot be cancelled: a hung camera would hang
-//! the recorder. It therefore runs in a process of its own, the same program again, which is killed at
-//! its deadline and started anew. Between series no such process exists.
+//! The library keeps one global thread, and a call into it cannot be cancelled: a hung camera would hang the recorder. It
+//! therefore runs in a process of its own (this program, started again), which is killed at its deadline and restarted.
+//! Between series there is no such process.
 
 pub mod child;
 mod driver;
@@ -18,47 +18,47 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame, jpeg};
+use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format, jpeg};
 use crate::clock::exposure::ExposureEvidence;
 use crate::installation::KeyFault;
-use process::Process;
-use protocol::{Answer, Picture, Request};
+use process::CameraProcess;
+use protocol::{CameraAnswer, CardImage, Request};
 
-/// In a shot's settings: time since boot before the trigger, s. Both processes have one such clock.
-const ASKED: &str = "asked_since_boot_s";
-/// The same when the camera said that there is a picture.
-const ANSWERED: &str = "told_since_boot_s";
-/// The hidden command that makes this program a camera process.
+/// Key in a shot's settings: time since boot before the trigger, s. Both processes share that clock.
+const REQUEST_TIME_KEY: &str = "asked_since_boot_s";
+/// Key in a shot's settings: time since boot of the camera's image event, s.
+const RESPONSE_TIME_KEY: &str = "response_since_boot_s";
+/// Hidden command that makes this program a camera process.
 pub const CHILD_COMMAND: &str = "camera-child";
-/// For what neither waits for the shutter nor brings a picture.
-const SHORT: Duration = Duration::from_secs(10);
-/// The running program, even if an upgrade has replaced its file.
+/// Deadline of requests that neither wait for the shutter nor transfer an image.
+const SHORT_LIMIT: Duration = Duration::from_secs(10);
+/// Running program, even if an upgrade has replaced its file.
 const PROGRAM: &str = "/proc/self/exe";
-/// The camera process keeps deadlines too; it is killed a little later, and before the recorder gives
-/// the whole camera up.
-fn grace(deadline: Duration) -> Duration {
+/// Returns the time after which the camera process is killed: after its own deadline, and before the recorder gives up the
+/// camera.
+fn kill_deadline(deadline: Duration) -> Duration {
     deadline + (deadline / 8).max(Duration::from_millis(150))
 }
 
-/// `[camera]` with `kind = "gphoto"`. Without `model` and `port`, the only camera there is.
+/// Section `[camera]` with `kind = "gphoto"`. Without `model` and `port`, the only camera there is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GphotoSection {
     /// Part of the model's name, as `gphoto2 --auto-detect` prints it.
     pub model: Option<String>,
-    /// Port, such as `usb:001,004`; it changes from plug to plug.
+    /// Port, such as `usb:001,004`; it changes with every connection.
     pub port: Option<String>,
     /// Setting -> value, as `gphoto2 --get-config NAME` prints it; set and read back before each series.
     #[serde(default)]
     pub settings: BTreeMap<String, String>,
-    /// Longest time for finding and setting up the camera, s.
+    /// Maximum time for finding and setting up the camera, s.
     #[serde(default = "default_open")]
     pub open_s: f64,
-    /// Delete a picture on the card once our copy is durable.
+    /// Delete an image on the card once our copy is durable.
     #[serde(default = "default_true")]
     pub delete: bool,
-    /// Take over pictures found on the card, at most this many at a time; more are taken for somebody
-    /// else's and left alone. 0: never.
+    /// Take over images found on the card, if there are at most this many; more are assumed to be somebody else's and left
+    /// alone. 0: never.
     #[serde(default = "default_recover")]
     pub recover: usize,
 }
@@ -76,7 +76,7 @@ fn default_recover() -> usize {
 }
 
 impl GphotoSection {
-    /// Every fault, at its key of the section.
+    /// Returns every fault, at its key of the section.
     pub fn faults(&self) -> Vec<KeyFault> {
         let sane = (1.0..=600.0).contains(&self.open_s);
         let fault = || KeyFault::new("open_s", format!("{} s", self.open_s), "use 1 to 600 s");
@@ -84,63 +84,63 @@ impl GphotoSection {
     }
 }
 
-/// The camera; see [`Camera`].
+/// Still camera on USB; see [`Camera`].
 pub struct GphotoCamera {
     section: GphotoSection,
-    process: Option<Process>,
+    process: Option<CameraProcess>,
     last_name: LastName,
 }
 
 impl GphotoCamera {
-    /// Nothing is touched before `open`.
+    /// Creates a closed camera; no device is accessed before `open`.
     pub fn new(section: GphotoSection, last_name: LastName) -> Self {
         Self { section, process: None, last_name }
     }
 
-    /// Asks the camera process; one that is of no more use is dropped.
+    /// Sends a request to the camera process; drops the process if it can no longer be used.
     fn ask<T: DeserializeOwned>(
         &mut self,
         request: &Request,
         limit: Duration,
         what: &str,
-    ) -> Answer<(T, Vec<u8>)> {
+    ) -> CameraAnswer<(T, Vec<u8>)> {
         let process = self.process.as_mut().ok_or_else(CameraError::closed)?;
         let answer = process.ask(request, limit, what);
-        if matches!(answer, Err(CameraError::Gone(_))) || !process.alive() {
+        if matches!(answer, Err(CameraError::Gone(_))) || !process.is_alive() {
             self.process = None;
         }
         answer
     }
 
-    /// Pictures that came without a shot; to be asked just before somebody else releases the shutter.
-    pub fn drain(&mut self) -> Result<Vec<String>, CameraError> {
-        self.ask(&Request::Drain, SHORT, "the camera's events").map(|(paths, _)| paths)
+    /// Returns images that appeared without a shot; called just before an external release of the shutter.
+    pub fn drain_events(&mut self) -> Result<Vec<String>, CameraError> {
+        self.ask(&Request::Drain, SHORT_LIMIT, "the camera's events").map(|(paths, _)| paths)
     }
 
-    /// Takes a shot, or with `trigger` false waits for one that something else released.
+    /// Takes a shot, or with `trigger` false waits for one released externally.
     pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<CameraFrame, CameraError> {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
-        let (picture, bytes): (Picture, _) = self.ask(&request, grace(deadline), "a shot")?;
+        let (image, bytes): (CardImage, _) = self.ask(&request, kill_deadline(deadline), "a shot")?;
         jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
-        self.last_name.check(&picture.path)?;
-        let exposed = exposed(&picture.settings);
-        Ok(CameraFrame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })
+        self.last_name.check(&image.path)?;
+        let exposed = exposure_evidence(&image.settings);
+        Ok(CameraFrame { bytes, format: Format::Jpeg, settings: image.settings, exposed })
     }
 }
 
-/// Between the trigger and the camera's word that there is a picture.
-fn exposed(settings: &serde_json::Map<String, serde_json::Value>) -> Option<ExposureEvidence> {
+/// Returns the interval between the trigger and the camera's image event.
+fn exposure_evidence(settings: &serde_json::Map<String, serde_json::Value>) -> Option<ExposureEvidence> {
     let time = |key: &str| settings.get(key).and_then(serde_json::Value::as_f64);
-    Some(ExposureEvidence::Between { from_s: time(ASKED)?, to_s: time(ANSWERED)? })
+    Some(ExposureEvidence::Between { from_s: time(REQUEST_TIME_KEY)?, to_s: time(RESPONSE_TIME_KEY)? })
 }
 
 impl Camera for GphotoCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.close();
-        self.process = Some(Process::start(PROGRAM, &[CHILD_COMMAND])?);
+        self.process = Some(CameraProcess::start(PROGRAM, &[CHILD_COMMAND])?);
         let request = Request::Open { section: self.section.clone() };
         let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(Duration::from_secs(30));
-        let opened = self.ask(&request, limit, "the camera to be set up");
+        let opened = self.ask(&request, limit, "the setup of the camera");
         if opened.is_err() {
             self.close();
         }
@@ -148,14 +148,10 @@ impl Camera for GphotoCamera {
     }
 
     fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
-        let (picture, bytes) = self.ask(&Request::Recover, deadline, "a picture from the card")?;
-        let frame = |picture: Picture| CameraFrame {
-            bytes,
-            format: Format::Jpeg,
-            settings: picture.settings,
-            exposed: None,
-        };
-        Ok(Option::map(picture, frame))
+        let (image, bytes) = self.ask(&Request::Recover, deadline, "an image from the card")?;
+        let frame =
+            |image: CardImage| CameraFrame { bytes, format: Format::Jpeg, settings: image.settings, exposed: None };
+        Ok(Option::map(image, frame))
     }
 
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
@@ -163,7 +159,7 @@ impl Camera for GphotoCamera {
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
-        self.ask(&Request::Release, SHORT, "a picture to be deleted on the card").map(|((), _)| ())
+        self.ask(&Request::Release, SHORT_LIMIT, "the deletion of an image on the card").map(|((), _)| ())
     }
 
     fn close(&mut self) {

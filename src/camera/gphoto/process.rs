@@ -1,4 +1,4 @@
-//! The recorder starts the camera process, asks it with a deadline, and kills it.
+//! Camera process, started by the recorder, queried with a deadline, and killed.
 
 use std::ffi::OsStr;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -9,18 +9,18 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::camera::CameraError;
-use crate::camera::gphoto::protocol::{self, Answer, ProtocolError, Request};
+use crate::camera::gphoto::protocol::{self, CameraAnswer, ProtocolError, Request};
 
-type Message = Result<(Answer<Value>, Vec<u8>), ProtocolError>;
+type Message = Result<(CameraAnswer<Value>, Vec<u8>), ProtocolError>;
 
-/// A running camera process. Dropped, it is killed.
-pub struct Process {
+/// Running camera process, killed on drop.
+pub struct CameraProcess {
     child: Child,
     requests: ChildStdin,
     answers: Receiver<Message>,
 }
 
-impl Process {
+impl CameraProcess {
     /// Starts `program` with `arguments`; it speaks [`protocol`] on its standard input and output.
     pub fn start<A: AsRef<OsStr>>(program: &str, arguments: &[A]) -> Result<Self, CameraError> {
         let refused = |error: &dyn std::fmt::Display| {
@@ -35,10 +35,10 @@ impl Process {
         let (requests, output) = (child.stdin.take(), child.stdout.take());
         let (requests, mut output) = requests.zip(output).ok_or_else(|| refused(&"it has no pipes"))?;
         let (sender, answers) = mpsc::sync_channel(1);
-        // Ends with the pipe, hence at the latest when the process is killed.
+        // The thread ends with the pipe, at the latest when the process is killed.
         std::thread::spawn(move || {
             loop {
-                let message = protocol::read(&mut output);
+                let message = protocol::read_message(&mut output);
                 let last = message.is_err();
                 if sender.send(message).is_err() || last {
                     return;
@@ -48,23 +48,23 @@ impl Process {
         Ok(Self { child, requests, answers })
     }
 
-    /// One question and its answer. After an error that is not an answer the process is of no use.
+    /// Sends a request and waits for the answer. After an error other than an answer the process cannot be used.
     pub fn ask<T: DeserializeOwned>(
         &mut self,
         request: &Request,
         limit: Duration,
         what: &str,
-    ) -> Answer<(T, Vec<u8>)> {
-        if let Err(error) = protocol::write(&mut self.requests, request, &[]) {
-            return Err(self.ended(&error.to_string()));
+    ) -> CameraAnswer<(T, Vec<u8>)> {
+        if let Err(error) = protocol::write_message(&mut self.requests, request, &[]) {
+            return Err(self.end_error(&error.to_string()));
         }
         match self.answers.recv_timeout(limit) {
             Ok(Ok((answer, body))) => {
-                let odd = |_| CameraError::Gone("the camera process answered what nobody asked".to_owned());
-                Ok((serde_json::from_value(answer?).map_err(odd)?, body))
+                let unexpected = |_| CameraError::Gone("the camera process gave an unexpected answer".to_owned());
+                Ok((serde_json::from_value(answer?).map_err(unexpected)?, body))
             }
-            Ok(Err(error)) => Err(self.ended(&error.to_string())),
-            Err(RecvTimeoutError::Disconnected) => Err(self.ended("the pipe was closed")),
+            Ok(Err(error)) => Err(self.end_error(&error.to_string())),
+            Err(RecvTimeoutError::Disconnected) => Err(self.end_error("the pipe was closed")),
             Err(RecvTimeoutError::Timeout) => {
                 self.kill();
                 let what = format!("{what}; the camera process was killed");
@@ -73,26 +73,26 @@ impl Process {
         }
     }
 
-    /// Whether it can be asked again.
-    pub fn alive(&mut self) -> bool {
+    /// Returns true if the process accepts another request.
+    pub fn is_alive(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
 
-    /// Why it ended. It is killed first where it still runs.
-    fn ended(&mut self, why: &str) -> CameraError {
+    /// Kills the process if it still runs, and builds the error with the reason for its end.
+    fn end_error(&mut self, why: &str) -> CameraError {
         self.kill();
         let status = self.child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
         CameraError::Gone(format!("the camera process ended: {why}, {status}"))
     }
 
     fn kill(&mut self) {
-        // Both fail only where it has ended already.
+        // Both fail only if the process has already ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-impl Drop for Process {
+impl Drop for CameraProcess {
     fn drop(&mut self) {
         self.kill();
     }
@@ -106,9 +106,9 @@ mod tests {
 
     fn ask(script: &str) -> (CameraError, bool, Duration) {
         let start = Instant::now();
-        let mut process = Process::start("/bin/sh", &["-c", script]).unwrap();
+        let mut process = CameraProcess::start("/bin/sh", &["-c", script]).unwrap();
         let error = process.ask::<()>(&Request::Recover, Duration::from_millis(300), "nothing").unwrap_err();
-        (error, process.alive(), start.elapsed())
+        (error, process.is_alive(), start.elapsed())
     }
 
     #[test]
@@ -119,13 +119,13 @@ mod tests {
     }
 
     #[test]
-    fn a_crash_and_nonsense_are_told_apart_from_an_answer() {
+    fn crashes_and_invalid_messages_are_errors() {
         let (error, alive, _) = ask("kill -SEGV $$");
         assert!(matches!(&error, CameraError::Gone(why) if why.contains("signal: 11")), "{error}");
         assert!(!alive);
         let (error, alive, _) = ask("echo hello, this is not a message; sleep 100");
         assert!(matches!(&error, CameraError::Gone(why) if why.contains("not a message")), "{error}");
         assert!(!alive);
-        assert!(Process::start::<&str>("/no/such/program", &[]).is_err());
+        assert!(CameraProcess::start::<&str>("/no/such/program", &[]).is_err());
     }
 }

@@ -1,8 +1,7 @@
-//! The recorder and its camera process talk over a pipe.
+//! Protocol between the recorder and its camera process over a pipe.
 //!
-//! A message: `WGC2`, header length, body length (u32 each, low byte first), header (JSON), body (the
-//! bytes of a picture, or none). The `2` is the version: both ends are the same program, but an upgrade
-//! may replace it while it runs.
+//! A message: `WGC2`, header length, body length (u32 each, low byte first), header (JSON), body (the bytes of an image, or
+//! none). The `2` is the version: both ends are the same program, but an upgrade may replace it while it runs.
 
 use std::io::{self, Read, Write};
 
@@ -14,75 +13,67 @@ use crate::camera::CameraError;
 use crate::camera::gphoto::GphotoSection;
 
 const MAGIC: [u8; 4] = *b"WGC2";
-/// Longer headers are not ours.
+/// Maximum length of a header.
 const MAX_HEADER_BYTES: u32 = 1 << 20;
-/// Longer pictures are not ours either.
+/// Maximum length of a body.
 const MAX_BODY_BYTES: u32 = 1 << 29;
 
-/// Asked by the recorder.
+/// Request of the recorder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "snake_case")]
 pub enum Request {
     /// Find the camera, set it up, look for leftovers.
-    Open {
-        /// The configuration.
-        section: GphotoSection,
-    },
-    /// Next leftover of the card.
+    Open { section: GphotoSection },
+    /// Next leftover image on the card.
     Recover,
-    /// Files that appeared without having been asked for.
+    /// Files that appeared without a request.
     Drain,
-    /// One shot.
+    /// Take a shot.
     Shoot {
-        /// s, for trigger, exposure and download.
+        /// Deadline for trigger, exposure and download, s.
         deadline_s: f64,
-        /// False where something else releases the shutter.
+        /// False for an external release of the shutter.
         trigger: bool,
     },
-    /// The last picture is safe: delete it on the card.
+    /// Delete the last image on the card, whose copy is durable.
     Release,
 }
 
-/// Answered by the camera process: what was asked for, or why not. `Open` gets a [`crate::camera::CameraInfo`], `Recover` a
-/// picture or `null`, `Drain` paths on the card, `Shoot` a picture, `Release` nothing.
-pub type Answer<T> = Result<T, CameraError>;
+/// Answer of the camera process: the result, or an error. `Open` gets a [`crate::camera::CameraInfo`], `Recover` an image
+/// or `null`, `Drain` paths on the card, `Shoot` an image, `Release` nothing.
+pub type CameraAnswer<T> = Result<T, CameraError>;
 
-/// What is said of the picture that the message's body is.
+/// Description of the image in the message's body.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Picture {
+pub struct CardImage {
     /// Path on the card.
     pub path: String,
-    /// What the camera says of it.
+    /// Settings reported by the camera.
     pub settings: Map<String, Value>,
 }
 
-/// Why a message could not be read.
+/// Reason why a message could not be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ProtocolError {
-    /// The other end is gone.
+    /// Closed pipe.
     #[error("the pipe was closed")]
     Closed,
-    /// The pipe failed.
+    /// Error of the pipe.
     #[error("the pipe failed: {0}")]
     Pipe(String),
-    /// Not our message, or of another version.
+    /// Foreign message, or another version.
     #[error("not a message of this version")]
     Foreign,
-    /// A length that cannot be true.
+    /// Implausible length.
     #[error("a message of {header} + {body} bytes is too long")]
-    TooLong {
-        /// Bytes.
-        header: u32,
-        /// Bytes.
-        body: u32,
-    },
-    /// The header is not understood.
-    #[error("the header is not understood: {0}")]
+    TooLong { header: u32, body: u32 },
+    /// Invalid header.
+    #[error("the header is invalid: {0}")]
     Header(String),
 }
 
 /// Writes one message and flushes.
-pub fn write(out: &mut impl Write, header: &impl Serialize, body: &[u8]) -> io::Result<()> {
+pub fn write_message(out: &mut impl Write, header: &impl Serialize, body: &[u8]) -> io::Result<()> {
     let header = serde_json::to_vec(header).map_err(io::Error::other)?;
     let length = |bytes: &[u8]| u32::try_from(bytes.len()).map_err(io::Error::other);
     out.write_all(&MAGIC)?;
@@ -93,10 +84,10 @@ pub fn write(out: &mut impl Write, header: &impl Serialize, body: &[u8]) -> io::
     out.flush()
 }
 
-/// Reads one message, whole.
-pub fn read<T: DeserializeOwned>(input: &mut impl Read) -> Result<(T, Vec<u8>), ProtocolError> {
+/// Reads one complete message.
+pub fn read_message<T: DeserializeOwned>(input: &mut impl Read) -> Result<(T, Vec<u8>), ProtocolError> {
     let mut start = [[0; 4]; 3];
-    input.read_exact(start.as_flattened_mut()).map_err(pipe)?;
+    input.read_exact(start.as_flattened_mut()).map_err(pipe_error)?;
     let [magic, header, body] = start;
     let (header, body) = (u32::from_le_bytes(header), u32::from_le_bytes(body));
     if magic != MAGIC {
@@ -105,19 +96,19 @@ pub fn read<T: DeserializeOwned>(input: &mut impl Read) -> Result<(T, Vec<u8>), 
     if header > MAX_HEADER_BYTES || body > MAX_BODY_BYTES {
         return Err(ProtocolError::TooLong { header, body });
     }
-    let head = exactly(input, header)?;
+    let head = read_exactly(input, header)?;
     let head = serde_json::from_slice(&head).map_err(|error| ProtocolError::Header(error.to_string()))?;
-    Ok((head, exactly(input, body)?))
+    Ok((head, read_exactly(input, body)?))
 }
 
-/// Memory grows with what comes, not with what is announced.
-fn exactly(input: &mut impl Read, length: u32) -> Result<Vec<u8>, ProtocolError> {
+/// Reads `length` bytes; allocates only as much as arrives.
+fn read_exactly(input: &mut impl Read, length: u32) -> Result<Vec<u8>, ProtocolError> {
     let mut bytes = Vec::new();
-    input.take(u64::from(length)).read_to_end(&mut bytes).map_err(pipe)?;
+    input.take(u64::from(length)).read_to_end(&mut bytes).map_err(pipe_error)?;
     if bytes.len() == length as usize { Ok(bytes) } else { Err(ProtocolError::Closed) }
 }
 
-fn pipe(error: io::Error) -> ProtocolError {
+fn pipe_error(error: io::Error) -> ProtocolError {
     match error.kind() {
         io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => ProtocolError::Closed,
         _ => ProtocolError::Pipe(error.to_string()),
@@ -129,17 +120,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    type Shot = Answer<Picture>;
+    type ShotAnswer = CameraAnswer<CardImage>;
 
-    fn sample() -> (Shot, Vec<u8>) {
+    fn sample() -> (ShotAnswer, Vec<u8>) {
         let settings = Map::from_iter([("iso".to_owned(), Value::from("100"))]);
-        (Ok(Picture { path: "/DCIM/1.JPG".to_owned(), settings }), (0..=255).collect())
+        (Ok(CardImage { path: "/DCIM/1.JPG".to_owned(), settings }), (0..=255).collect())
     }
 
     fn written() -> Vec<u8> {
         let (header, body) = sample();
         let mut bytes = Vec::new();
-        write(&mut bytes, &header, &body).unwrap();
+        write_message(&mut bytes, &header, &body).unwrap();
         bytes
     }
 
@@ -147,16 +138,16 @@ mod tests {
     fn messages_come_back_one_after_the_other() {
         let stream = [written(), written()].concat();
         let mut input = stream.as_slice();
-        assert_eq!(read(&mut input), Ok(sample()));
-        assert_eq!(read(&mut input), Ok(sample()));
-        assert_eq!(read::<Shot>(&mut input), Err(ProtocolError::Closed));
+        assert_eq!(read_message(&mut input), Ok(sample()));
+        assert_eq!(read_message(&mut input), Ok(sample()));
+        assert_eq!(read_message::<ShotAnswer>(&mut input), Err(ProtocolError::Closed));
     }
 
     #[test]
-    fn every_cut_is_noticed() {
+    fn every_truncation_is_detected() {
         let bytes = written();
         for length in 0..bytes.len() {
-            assert_eq!(read::<Shot>(&mut &bytes[..length]), Err(ProtocolError::Closed), "{length}");
+            assert_eq!(read_message::<ShotAnswer>(&mut &bytes[..length]), Err(ProtocolError::Closed), "{length}");
         }
     }
 
@@ -164,18 +155,18 @@ mod tests {
     fn another_version_and_lying_lengths_are_refused() {
         let mut bytes = written();
         bytes[3] = b'1';
-        assert_eq!(read::<Shot>(&mut bytes.as_slice()), Err(ProtocolError::Foreign));
+        assert_eq!(read_message::<ShotAnswer>(&mut bytes.as_slice()), Err(ProtocolError::Foreign));
         bytes[3] = b'2';
         bytes[4..12].fill(0xFF);
-        let result = read::<Shot>(&mut bytes.as_slice());
+        let result = read_message::<ShotAnswer>(&mut bytes.as_slice());
         assert_eq!(result, Err(ProtocolError::TooLong { header: u32::MAX, body: u32::MAX }));
     }
 
     proptest! {
         #[test]
         fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let _ = read::<Shot>(&mut bytes.as_slice());
-            let _ = read::<Request>(&mut [MAGIC.as_slice(), &bytes].concat().as_slice());
+            let _ = read_message::<ShotAnswer>(&mut bytes.as_slice());
+            let _ = read_message::<Request>(&mut [MAGIC.as_slice(), &bytes].concat().as_slice());
         }
 
         #[test]
@@ -183,7 +174,7 @@ mod tests {
             let mut bytes = written();
             let length = bytes.len();
             bytes[at % length] = with;
-            if let Ok((_, body)) = read::<Shot>(&mut bytes.as_slice()) {
+            if let Ok((_, body)) = read_message::<ShotAnswer>(&mut bytes.as_slice()) {
                 prop_assert!(body.len() <= length);
             }
         }

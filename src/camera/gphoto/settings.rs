@@ -1,4 +1,4 @@
-//! A camera's settings are read by name, set where they differ, and read back.
+//! Camera settings: read by name, set if they differ, and read back.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use gphoto2::Camera;
 use gphoto2::widget::Widget;
 use serde_json::{Map, Value};
 
-/// Always recorded where the camera has them.
+/// Settings that are always recorded if the camera has them.
 const RECORDED: [&str; 14] = [
     "serialnumber",
     "lensname",
@@ -24,12 +24,12 @@ const RECORDED: [&str; 14] = [
     "expprogram",
 ];
 
-/// Sets what differs from `wanted`; settings in force, and a warning for each that is not as wanted.
-pub fn apply(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String, Value>, Vec<String>) {
+/// Sets the settings that differ from `wanted`; returns those in force, and a warning for each that still differs.
+pub fn apply_settings(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String, Value>, Vec<String>) {
     let mut settings = Map::new();
     let mut warnings = Vec::new();
     for (name, value) in wanted {
-        match set(camera, name, value) {
+        match set_setting(camera, name, value) {
             Ok(now) => {
                 settings.insert(name.clone(), now.into());
             }
@@ -38,57 +38,58 @@ pub fn apply(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String,
     }
     for name in RECORDED {
         if let (false, Ok(widget)) = (settings.contains_key(name), camera.config_key::<Widget>(name).wait()) {
-            settings.insert(name.to_owned(), text(&widget).into());
+            settings.insert(name.to_owned(), widget_text(&widget).into());
         }
     }
     (settings, warnings)
 }
 
-/// Why a setting is not as wanted: a warning for the operator.
+/// Reason why a setting differs from the configuration: a warning for the operator.
 #[derive(Debug, thiserror::Error)]
-enum Unset {
+enum SettingError {
     #[error("the camera has no setting {0} ({1})")]
     Unknown(String, gphoto2::Error),
-    #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", hint(.name))]
-    Refused { name: String, now: String, wanted: String, why: Unfit },
+    #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", setting_hint(.name))]
+    Refused { name: String, now: String, wanted: String, why: ValueError },
     #[error("setting {0}: {1}")]
-    Unread(String, gphoto2::Error),
-    #[error("setting {name} is {now}, wanted {wanted}{}", hint(.name))]
-    Other { name: String, now: String, wanted: String },
+    Unreadable(String, gphoto2::Error),
+    #[error("setting {name} is {now}, wanted {wanted}{}", setting_hint(.name))]
+    NotApplied { name: String, now: String, wanted: String },
 }
 
-/// Why a setting does not take a value.
+/// Reason why a setting does not accept a value.
 #[derive(Debug, thiserror::Error)]
-enum Unfit {
+enum ValueError {
     #[error(transparent)]
     Camera(#[from] gphoto2::Error),
-    #[error("it takes a number")]
+    #[error("it requires a number")]
     NoNumber,
-    #[error("it takes one of: {0}")]
+    #[error("it requires one of: {0}")]
     NoChoice(String),
     #[error("it is not a setting")]
     NoSetting,
 }
 
-/// The value in force after the attempt.
+/// Sets a setting and returns the value in force.
 ///
 /// # Errors
-/// Where it is not the wanted one.
-fn set(camera: &Camera, name: &str, value: &str) -> Result<String, Unset> {
+/// Returns an error if it differs from the wanted one.
+fn set_setting(camera: &Camera, name: &str, value: &str) -> Result<String, SettingError> {
     let read = || camera.config_key::<Widget>(name).wait();
-    let widget = read().map_err(|error| Unset::Unknown(name.to_owned(), error))?;
-    if same(&text(&widget), value) {
-        return Ok(text(&widget));
+    let widget = read().map_err(|error| SettingError::Unknown(name.to_owned(), error))?;
+    if is_equal(&widget_text(&widget), value) {
+        return Ok(widget_text(&widget));
     }
     let (name, wanted) = (name.to_owned(), value.to_owned());
-    if let Err(why) = change(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
-        return Err(Unset::Refused { name, now: text(&widget), wanted, why });
+    if let Err(why) = change_widget(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
+        return Err(SettingError::Refused { name, now: widget_text(&widget), wanted, why });
     }
-    let now = read().map(|widget| text(&widget)).map_err(|error| Unset::Unread(name.clone(), error))?;
-    if same(&now, value) { Ok(now) } else { Err(Unset::Other { name, now, wanted }) }
+    let now =
+        read().map(|widget| widget_text(&widget)).map_err(|error| SettingError::Unreadable(name.clone(), error))?;
+    if is_equal(&now, value) { Ok(now) } else { Err(SettingError::NotApplied { name, now, wanted }) }
 }
 
-fn hint(name: &str) -> &'static str {
+fn setting_hint(name: &str) -> &'static str {
     match name {
         "focusmode" => "; set the switch on the lens or body to M",
         "f-number" | "aperture" | "shutterspeed" | "iso" | "expprogram" => "; set the mode dial to M",
@@ -96,28 +97,26 @@ fn hint(name: &str) -> &'static str {
     }
 }
 
-fn same(now: &str, wanted: &str) -> bool {
+fn is_equal(now: &str, wanted: &str) -> bool {
     now.trim().eq_ignore_ascii_case(wanted.trim())
 }
 
-fn text(widget: &Widget) -> String {
+fn widget_text(widget: &Widget) -> String {
     match widget {
         Widget::Text(widget) => widget.value(),
         Widget::Range(widget) => widget.value().to_string(),
-        Widget::Toggle(widget) => {
-            widget.toggled().map_or("unknown", |on| if on { "1" } else { "0" }).to_owned()
-        }
+        Widget::Toggle(widget) => widget.toggled().map_or("unknown", |on| if on { "1" } else { "0" }).to_owned(),
         Widget::Radio(widget) => widget.choice(),
         Widget::Date(widget) => widget.timestamp().to_string(),
         _ => String::new(),
     }
 }
 
-fn change(widget: &Widget, value: &str) -> Result<(), Unfit> {
+fn change_widget(widget: &Widget, value: &str) -> Result<(), ValueError> {
     match widget {
         Widget::Text(widget) => Ok(widget.set_value(value)?),
         Widget::Range(widget) => {
-            widget.set_value(value.parse().map_err(|_| Unfit::NoNumber)?);
+            widget.set_value(value.parse().map_err(|_| ValueError::NoNumber)?);
             Ok(())
         }
         Widget::Toggle(widget) => {
@@ -126,10 +125,10 @@ fn change(widget: &Widget, value: &str) -> Result<(), Unfit> {
         }
         Widget::Radio(widget) => {
             let choices: Vec<_> = widget.choices_iter().collect();
-            let choice = choices.iter().find(|choice| same(choice, value));
-            let choice = choice.ok_or_else(|| Unfit::NoChoice(choices.join(", ")))?;
+            let choice = choices.iter().find(|choice| is_equal(choice, value));
+            let choice = choice.ok_or_else(|| ValueError::NoChoice(choices.join(", ")))?;
             Ok(widget.set_choice(choice)?)
         }
-        _ => Err(Unfit::NoSetting),
+        _ => Err(ValueError::NoSetting),
     }
 }

@@ -1,5 +1,5 @@
-//! Frames that arrive as files: a Wi-Fi card's or a camera's folder, mounted or synchronised here. The
-//! folder is polled, since a network mount announces nothing.
+//! Frames that arrive as files: the folder of a Wi-Fi card or a camera, mounted or synchronised here. The folder is polled,
+//! as a network mount reports no changes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,52 +11,52 @@ use serde_json::Map;
 
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraInfo, Format, CameraFrame, jpeg};
+use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format, jpeg};
 
-/// Between two looks. A file counts when two looks agree on its size and it is whole.
-const LOOK: Duration = Duration::from_millis(200);
-/// Folders within folders, as on a camera's card.
-const DEPTH: usize = 4;
+/// Polling interval. A file is accepted when two polls agree on its size and it is complete.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// Maximum depth of subfolders, as on a camera's card.
+const MAX_DEPTH: usize = 4;
 
-/// `[camera.frames]` with `kind = "folder"`.
+/// Section `[camera.frames]` with `kind = "folder"`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FolderSection {
-    /// Where the files appear; folders in it are looked through too.
+    /// Folder of the files; subfolders are searched too.
     pub path: PathBuf,
     /// Delete a file there once our copy is durable.
     #[serde(default)]
     pub delete: bool,
 }
 
-/// A watched folder; see [`Camera`].
-pub struct Folder {
+/// Watched folder; see [`Camera`].
+pub struct WatchedFolder {
     section: FolderSection,
     last_name: LastName,
-    /// Files that are old; `None` while it is closed.
+    /// Files that are not new; `None` while it is closed.
     known: Option<BTreeSet<PathBuf>>,
     last: Option<PathBuf>,
 }
 
-impl Folder {
-    /// Nothing is touched before `open`.
+impl WatchedFolder {
+    /// Creates a closed folder; it is not accessed before `open`.
     pub fn new(section: FolderSection, last_name: LastName) -> Self {
         Self { section, last_name, known: None, last: None }
     }
 
-    /// Files that came without having been asked for; they are old from now on.
-    pub fn unexpected(&mut self) -> Result<Vec<String>, CameraError> {
+    /// Returns files that appeared without a request; they are no longer new.
+    pub fn unexpected_files(&mut self) -> Result<Vec<String>, CameraError> {
         let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
-        let mut files: Vec<_> = list(&self.section.path)?.into_keys().collect();
+        let mut files: Vec<_> = list_files(&self.section.path)?.into_keys().collect();
         files.retain(|file| known.insert(file.clone()));
         Ok(files.iter().map(|file| file.display().to_string()).collect())
     }
 }
 
-impl Camera for Folder {
-    /// What is there already is old.
+impl Camera for WatchedFolder {
+    /// Records the present files as not new.
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
-        self.known = Some(list(&self.section.path)?.into_keys().collect());
+        self.known = Some(list_files(&self.section.path)?.into_keys().collect());
         let name = format!("remote release, files in {}", self.section.path.display());
         Ok(CameraInfo { name, ..CameraInfo::default() })
     }
@@ -68,10 +68,10 @@ impl Camera for Folder {
         let mut before = BTreeMap::new();
         loop {
             let left = deadline.remaining(&format!("a new JPEG file in {}", self.section.path.display()))?;
-            let now = list(&self.section.path)?;
+            let now = list_files(&self.section.path)?;
             for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
-                    let bytes = fs::read(file).map_err(|error| gone(file, &error))?;
+                    let bytes = fs::read(file).map_err(|error| gone_error(file, &error))?;
                     if jpeg::check_complete(&bytes).is_ok() {
                         known.insert(file.clone());
                         self.last = Some(file.clone());
@@ -83,13 +83,13 @@ impl Camera for Folder {
                 }
             }
             before = now;
-            std::thread::sleep(LOOK.min(left));
+            std::thread::sleep(POLL_INTERVAL.min(left));
         }
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.section.delete) {
-            Some(file) => fs::remove_file(&file).map_err(|error| gone(&file, &error)),
+            Some(file) => fs::remove_file(&file).map_err(|error| gone_error(&file, &error)),
             None => Ok(()),
         }
     }
@@ -99,25 +99,25 @@ impl Camera for Folder {
     }
 }
 
-fn gone(path: &Path, error: &io::Error) -> CameraError {
+fn gone_error(path: &Path, error: &io::Error) -> CameraError {
     CameraError::Gone(format!("{}: {error}; is the card's folder mounted?", path.display()))
 }
 
-/// JPEG files and their sizes.
-fn list(path: &Path) -> Result<BTreeMap<PathBuf, u64>, CameraError> {
+/// Lists JPEG files and their sizes.
+fn list_files(path: &Path) -> Result<BTreeMap<PathBuf, u64>, CameraError> {
     let mut files = BTreeMap::new();
-    collect(path, DEPTH, &mut files).map_err(|error| gone(path, &error))?;
+    collect_files(path, MAX_DEPTH, &mut files).map_err(|error| gone_error(path, &error))?;
     Ok(files)
 }
 
-fn collect(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
+fn collect_files(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
     for entry in fs::read_dir(path)? {
         let entry = entry?;
         let kind = entry.file_type()?;
         if kind.is_dir() && depth > 0 {
-            collect(&entry.path(), depth - 1, into)?;
+            collect_files(&entry.path(), depth - 1, into)?;
         } else if kind.is_file() && is_jpeg(&entry.path()) {
-            // Gone again in the meantime: not there.
+            // A file that was deleted in the meantime is skipped.
             if let Ok(data) = entry.metadata() {
                 into.insert(entry.path(), data.len());
             }
@@ -138,20 +138,18 @@ mod tests {
     fn picture(seed: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i * seed % 251) as u8).collect();
-        jpeg_encoder::Encoder::new(&mut bytes, 90)
-            .encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma)
-            .unwrap();
+        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
         bytes
     }
 
     #[test]
-    fn a_file_counts_once_it_is_whole_and_old_ones_do_not() {
+    fn only_complete_new_files_are_delivered() {
         let dir = tempfile::tempdir().unwrap();
         let card = dir.path().join("DCIM/100");
         fs::create_dir_all(&card).unwrap();
         fs::write(card.join("old.jpg"), picture(3)).unwrap();
         let section = FolderSection { path: dir.path().to_owned(), delete: true };
-        let mut folder = Folder::new(section, LastName::default());
+        let mut folder = WatchedFolder::new(section, LastName::default());
         folder.open().unwrap();
 
         let late = picture(7);
@@ -159,7 +157,7 @@ mod tests {
         let target = card.join("new.JPG");
         let writer = std::thread::spawn(move || {
             fs::write(&target, half).unwrap();
-            std::thread::sleep(LOOK * 4);
+            std::thread::sleep(POLL_INTERVAL * 4);
             fs::write(&target, whole).unwrap();
         });
         let frame = folder.shoot(Duration::from_secs(20)).unwrap();
@@ -168,10 +166,10 @@ mod tests {
         folder.release_last().unwrap();
         assert!(!card.join("new.JPG").exists() && card.join("old.jpg").exists());
 
-        let none = folder.shoot(LOOK * 3);
+        let none = folder.shoot(POLL_INTERVAL * 3);
         assert!(matches!(none, Err(CameraError::Timeout { .. })), "{none:?}");
         fs::write(card.join("stray.jpg"), picture(5)).unwrap();
-        assert_eq!(folder.unexpected().unwrap().len(), 1);
-        assert!(folder.unexpected().unwrap().is_empty());
+        assert_eq!(folder.unexpected_files().unwrap().len(), 1);
+        assert!(folder.unexpected_files().unwrap().is_empty());
     }
 }

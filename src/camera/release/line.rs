@@ -1,4 +1,4 @@
-//! A GPIO line works a camera's remote release, or says that the supply fails.
+//! GPIO lines for a camera's remote release and for the signal of a failing supply.
 
 use std::path::PathBuf;
 
@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraError;
 
-/// A line by its name, or by chip and offset.
+/// GPIO line, given by its name or by chip and offset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LineSection {
-    /// As `gpioinfo` prints it, such as `GPIO17`.
+    /// Name as printed by `gpioinfo`, such as `GPIO17`.
     pub name: Option<String>,
     /// Device of the chip, such as `/dev/gpiochip0`.
     pub chip: Option<PathBuf>,
@@ -25,7 +25,7 @@ pub struct LineSection {
 }
 
 impl LineSection {
-    /// Whether it names one line.
+    /// Returns true if exactly one line is named.
     pub fn is_clear(&self) -> bool {
         matches!((&self.name, &self.chip, self.offset), (Some(_), None, None) | (None, Some(_), Some(_)))
     }
@@ -34,40 +34,38 @@ impl LineSection {
         match (&self.name, &self.chip, self.offset) {
             (Some(name), ..) => format!("line {name}"),
             (None, Some(chip), Some(offset)) => format!("line {offset} of {}", chip.display()),
-            _ => "a line without name".to_owned(),
+            _ => "a line without a name".to_owned(),
         }
     }
 
     fn find(&self) -> Result<FoundLine, CameraError> {
         let missing = |why: String| CameraError::Refused(format!("{}: {why}; see gpioinfo", self.label()));
         match (&self.name, &self.chip, self.offset) {
-            (Some(name), ..) => {
-                gpiocdev::find_named_line(name).ok_or_else(|| missing("no such GPIO line".to_owned()))
-            }
+            (Some(name), ..) => gpiocdev::find_named_line(name).ok_or_else(|| missing("no such GPIO line".to_owned())),
             (None, Some(chip), Some(offset)) => {
                 let info: Info = Chip::from_path(chip)
                     .and_then(|open| open.line_info(offset))
                     .map_err(|error| missing(error.to_string()))?;
                 Ok(FoundLine { chip: chip.clone(), info })
             }
-            _ => Err(missing("name it, or give chip and offset".to_owned())),
+            _ => Err(missing("give its name, or chip and offset".to_owned())),
         }
     }
 }
 
-/// A line of ours, not pressed unless asked. The kernel lets go of it when it is dropped.
-pub struct Line {
+/// Requested line, inactive unless set. The kernel releases it on drop.
+pub struct GpioLine {
     request: Request,
     label: String,
 }
 
-impl Line {
-    /// Takes the line as an output, not pressed.
+impl GpioLine {
+    /// Requests the line as an output, inactive.
     pub fn take(section: &LineSection) -> Result<Self, CameraError> {
         Self::request(section, |builder| builder.as_output(Value::Inactive))
     }
 
-    /// Takes the line as an input.
+    /// Requests the line as an input.
     pub fn watch(section: &LineSection) -> Result<Self, CameraError> {
         Self::request(section, Builder::as_input)
     }
@@ -76,10 +74,7 @@ impl Line {
         let label = section.label();
         let found = section.find()?;
         if found.info.used {
-            return Err(CameraError::Busy(format!(
-                "{label} is held by {:?}; stop that program",
-                found.info.consumer
-            )));
+            return Err(CameraError::Busy(format!("{label} is held by {:?}; stop that program", found.info.consumer)));
         }
         let mut builder = Request::builder();
         builder.with_found_line(&found).with_consumer("wingd");
@@ -87,27 +82,26 @@ impl Line {
         if section.active_low {
             builder.as_active_low();
         }
-        // Between the look above and this somebody else may have taken it.
+        // Another program may have requested the line since the check above.
         let request = builder.request().map_err(|error| match error.to_string() {
             text if text.contains("busy") => CameraError::Busy(format!("{label}: {text}")),
-            text => CameraError::Refused(format!("{label}: {text}; the user needs the group gpio")),
+            text => CameraError::Refused(format!(
+                "{label}: {text}; add the user that runs wingd to the \
+                                                  group gpio"
+            )),
         })?;
         Ok(Self { request, label })
     }
 
-    /// Presses or lets go.
+    /// Sets the line active (pressed) or inactive.
     pub fn set(&self, pressed: bool) -> Result<(), CameraError> {
         let value = if pressed { Value::Active } else { Value::Inactive };
-        self.request
-            .set_lone_value(value)
-            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+        self.request.set_lone_value(value).map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
     }
 
-    /// Whether it is active, of a line that is watched.
+    /// Returns true if an input line is active.
     pub fn is_active(&self) -> Result<bool, CameraError> {
         let value = self.request.lone_value();
-        value
-            .map(|value| value == Value::Active)
-            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+        value.map(|value| value == Value::Active).map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
     }
 }

@@ -1,6 +1,5 @@
-//! A camera whose remote release hangs on GPIO lines. The frame then comes over USB, as a file in a
-//! watched folder, or through V4L2. A shot without a frame is an error; a frame without a shot is
-//! noted with the next shot.
+//! Camera with a remote release on GPIO lines. The frame arrives over USB, as a file in a watched folder, or through V4L2.
+//! A shot without a frame is an error; a frame without a shot is recorded with the next shot.
 
 mod folder;
 mod line;
@@ -15,47 +14,46 @@ use crate::camera::freshness::LastName;
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
-use crate::camera::{Camera, CameraError, CameraInfo, CameraFrame};
+use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo};
 use crate::clock;
-use crate::clock::exposure::{MeasuredDelay, ExposureEvidence};
+use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
 use crate::installation::KeyFault;
-use folder::Folder;
 pub use folder::FolderSection;
-pub(crate) use line::Line;
+use folder::WatchedFolder;
+pub(crate) use line::GpioLine;
 pub use line::LineSection;
 
-/// `[camera]` with `kind = "release"`.
+/// Section `[camera]` with `kind = "release"`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReleaseSection {
-    /// Contact that takes the picture.
+    /// Contact that releases the shutter.
     pub full_press: LineSection,
-    /// Contact that wakes and focuses the camera; held until after the full press.
+    /// Contact that wakes and focuses the camera; active until after the full press.
     pub half_press: Option<LineSection>,
-    /// From half press to full press, s.
+    /// Time from half press to full press, s.
     #[serde(default = "default_half")]
     pub half_press_s: f64,
     /// Length of the full press, s.
     #[serde(default = "default_full")]
     pub full_press_s: f64,
-    /// From the full press to the middle of the exposure, s.
+    /// Delay from the full press to the middle of the exposure, s.
     pub exposure_delay_s: Option<f64>,
-    /// Standard deviation of that, s.
     pub exposure_delay_sigma_s: Option<f64>,
-    /// Where the frames come from.
+    /// Source of the frames.
     pub frames: FramesSection,
 }
 
-/// `[camera.frames]`.
+/// Section `[camera.frames]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum FramesSection {
-    /// Over USB.
+    /// Camera on USB.
     #[cfg(feature = "gphoto")]
     Gphoto(GphotoSection),
-    /// As files.
+    /// Folder of files.
     Folder(FolderSection),
-    /// As a video stream that delivers on its trigger.
+    /// Video stream that delivers on a trigger.
     #[cfg(feature = "v4l")]
     V4l(V4lSection),
 }
@@ -69,7 +67,7 @@ fn default_full() -> f64 {
 }
 
 impl ReleaseSection {
-    /// Every fault, at its key of the section.
+    /// Returns every fault, at its key of the section.
     pub fn faults(&self) -> Vec<KeyFault> {
         let frames = match &self.frames {
             #[cfg(feature = "gphoto")]
@@ -78,12 +76,12 @@ impl ReleaseSection {
             FramesSection::V4l(section) => section.faults(),
             FramesSection::Folder(_) => Vec::new(),
         };
-        let mut faults: Vec<KeyFault> = frames.into_iter().map(|fault| fault.within("frames")).collect();
+        let mut faults: Vec<KeyFault> = frames.into_iter().map(|fault| fault.with_section("frames")).collect();
         let lines = [("full_press", Some(&self.full_press)), ("half_press", self.half_press.as_ref())];
         for (key, line) in lines {
             if line.is_some_and(|line| !line.is_clear()) {
-                let mend = "give either name, or chip and offset";
-                faults.push(KeyFault::new(key, "no single GPIO line is named", mend));
+                let remedy = "give either name, or chip and offset";
+                faults.push(KeyFault::new(key, "does not name exactly one GPIO line", remedy));
             }
         }
         faults.extend(delay_fault("exposure_delay", self.exposure_delay_s, self.exposure_delay_sigma_s));
@@ -96,73 +94,89 @@ impl ReleaseSection {
     }
 }
 
-/// What delivers the frames of a release.
-trait Source: Camera {
-    /// Has the button pressed, and takes the frame that this makes; also the names of those that came before, unasked.
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError>;
+/// Source of the frames of a remote release.
+trait FrameSource: Camera {
+    /// Presses the button and returns the frame, the edge, and the names of files that appeared before without a request.
+    fn fire(
+        &mut self,
+        press: Press,
+        deadline: Duration,
+    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError>;
 }
 
-/// One press of the button.
-type Press<'a> = &'a (dyn Fn() -> Result<Edge, CameraError> + Sync);
+/// Function that presses the button once.
+type Press<'a> = &'a (dyn Fn() -> Result<ReleaseEdge, CameraError> + Sync);
 
 #[cfg(feature = "gphoto")]
-impl Source for GphotoCamera {
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
-        let strays = self.drain()?;
+impl FrameSource for GphotoCamera {
+    fn fire(
+        &mut self,
+        press: Press,
+        deadline: Duration,
+    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
+        let strays = self.drain_events()?;
         let edge = press()?;
         Ok((self.shoot_or_wait(deadline, false)?, edge, strays))
     }
 }
 
-impl Source for Folder {
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
-        let strays = self.unexpected()?;
+impl FrameSource for WatchedFolder {
+    fn fire(
+        &mut self,
+        press: Press,
+        deadline: Duration,
+    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
+        let strays = self.unexpected_files()?;
         let edge = press()?;
         Ok((self.shoot(deadline)?, edge, strays))
     }
 }
 
 #[cfg(feature = "v4l")]
-impl Source for V4lCamera {
-    /// The stream must run before the release, or its frame is missed.
-    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(CameraFrame, Edge, Vec<String>), CameraError> {
+impl FrameSource for V4lCamera {
+    /// Starts the stream before the release, or its frame would be missed.
+    fn fire(
+        &mut self,
+        press: Press,
+        deadline: Duration,
+    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
         std::thread::scope(|scope| {
             let pressing = scope.spawn(press);
             let frame = self.shoot(deadline);
-            let broke_off = |_| Err(CameraError::Gone("the release broke off".to_owned()));
+            let broke_off = |_| Err(CameraError::Gone("the release failed unexpectedly".to_owned()));
             let edge = pressing.join().unwrap_or_else(broke_off)?;
             Ok((frame?, edge, Vec::new()))
         })
     }
 }
 
-/// The camera; see [`Camera`].
+/// Camera on a remote release; see [`Camera`].
 pub struct ReleaseCamera {
     section: ReleaseSection,
-    lines: Option<Lines>,
-    source: Box<dyn Source>,
+    lines: Option<ReleaseLines>,
+    source: Box<dyn FrameSource>,
 }
 
-struct Lines {
-    full: Line,
-    half: Option<Line>,
+struct ReleaseLines {
+    full: GpioLine,
+    half: Option<GpioLine>,
 }
 
-/// When the line was pulled: between two times since boot, s.
+/// Interval in which the line became active, times since boot, s.
 #[derive(Clone, Copy)]
-struct Edge {
+struct ReleaseEdge {
     from_s: f64,
     to_s: f64,
 }
 
-impl Lines {
-    /// One press of the button. The lines are let go of whatever happens.
-    fn press(&self, half_s: f64, full_s: f64) -> Result<Edge, CameraError> {
+impl ReleaseLines {
+    /// Presses the button once. The lines are always released.
+    fn press(&self, half_s: f64, full_s: f64) -> Result<ReleaseEdge, CameraError> {
         let hold = |seconds| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default());
         let half = self.half.as_ref().map_or(Ok(()), |half| half.set(true).map(|()| hold(half_s)));
         let edge = half.and_then(|()| {
             let from_s = clock::since_boot_s();
-            self.full.set(true).map(|()| Edge { from_s, to_s: clock::since_boot_s() })
+            self.full.set(true).map(|()| ReleaseEdge { from_s, to_s: clock::since_boot_s() })
         });
         if edge.is_ok() {
             hold(full_s);
@@ -173,12 +187,12 @@ impl Lines {
 }
 
 impl ReleaseCamera {
-    /// Nothing is touched before `open`.
+    /// Creates a closed camera; no device is accessed before `open`.
     pub fn new(section: ReleaseSection, last_name: LastName) -> Self {
-        let source: Box<dyn Source> = match section.frames.clone() {
+        let source: Box<dyn FrameSource> = match section.frames.clone() {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => Box::new(GphotoCamera::new(section, last_name)),
-            FramesSection::Folder(section) => Box::new(Folder::new(section, last_name)),
+            FramesSection::Folder(section) => Box::new(WatchedFolder::new(section, last_name)),
             #[cfg(feature = "v4l")]
             FramesSection::V4l(section) => Box::new(V4lCamera::new(section)),
         };
@@ -186,9 +200,10 @@ impl ReleaseCamera {
     }
 }
 
-/// The edge tells the exposure best where its delay was measured; else a driver's stamp, else edge and delivery.
-fn exposed(mut frame: CameraFrame, edge: Edge, delay: Option<MeasuredDelay>) -> CameraFrame {
-    let Edge { from_s, to_s } = edge;
+/// Sets the most precise evidence for the exposure: the edge if its delay was measured, else a driver's stamp, else edge
+/// and delivery.
+fn with_evidence(mut frame: CameraFrame, edge: ReleaseEdge, delay: Option<MeasuredDelay>) -> CameraFrame {
+    let ReleaseEdge { from_s, to_s } = edge;
     frame.exposed = match (delay, frame.exposed) {
         (Some(delay), _) => Some(ExposureEvidence::Edge { from_s, to_s, delay }),
         (None, Some(ExposureEvidence::Between { to_s, .. })) => Some(ExposureEvidence::Between { from_s, to_s }),
@@ -201,8 +216,8 @@ fn exposed(mut frame: CameraFrame, edge: Edge, delay: Option<MeasuredDelay>) -> 
 impl Camera for ReleaseCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.close();
-        let half = self.section.half_press.as_ref().map(Line::take).transpose()?;
-        self.lines = Some(Lines { full: Line::take(&self.section.full_press)?, half });
+        let half = self.section.half_press.as_ref().map(GpioLine::take).transpose()?;
+        self.lines = Some(ReleaseLines { full: GpioLine::take(&self.section.full_press)?, half });
         self.source.open()
     }
 
@@ -218,7 +233,8 @@ impl Camera for ReleaseCamera {
             CameraError::Timeout { after_s, what } => CameraError::Timeout {
                 after_s,
                 what: format!(
-                    "{what}. The release was pressed and no frame came: check its cable, the camera's mode and focus"
+                    "{what}. The release was pressed and no frame came: check its cable, and the camera's \
+                     mode and focus"
                 ),
             },
             error => error,
@@ -227,7 +243,7 @@ impl Camera for ReleaseCamera {
             frame.settings.insert("unexpected_files".to_owned(), strays.into());
         }
         let delay = MeasuredDelay::from_config(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
-        Ok(exposed(frame, edge, delay))
+        Ok(with_evidence(frame, edge, delay))
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
@@ -250,15 +266,14 @@ mod tests {
         let section: ReleaseSection = toml::from_str(good).unwrap();
         assert_eq!(section.faults(), []);
         let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
-        let keys: Vec<_> =
-            toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
+        let keys: Vec<_> = toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
         assert_eq!(keys, ["full_press", "exposure_delay_sigma_s", "half_press_s"]);
         assert!(toml::from_str::<ReleaseSection>(&good.replace("path", "pth")).is_err());
     }
 
     #[test]
     fn a_measured_delay_makes_the_edge_the_evidence() {
-        let edge = Edge { from_s: 5.0, to_s: 5.001 };
+        let edge = ReleaseEdge { from_s: 5.0, to_s: 5.001 };
         let settings = serde_json::Map::new();
         let frame = |exposed| CameraFrame {
             bytes: vec![],
@@ -267,20 +282,21 @@ mod tests {
             exposed,
         };
         let delay = MeasuredDelay { seconds: 0.05, sigma_s: 0.002 };
-        let dated = exposed(frame(None), edge, Some(delay)).exposed;
+        let dated = with_evidence(frame(None), edge, Some(delay)).exposed;
         assert_eq!(dated, Some(ExposureEvidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
         let answered = Some(ExposureEvidence::Between { from_s: 1.0, to_s: 6.0 });
         assert_eq!(
-            exposed(frame(answered), edge, None).exposed,
+            with_evidence(frame(answered), edge, None).exposed,
             Some(ExposureEvidence::Between { from_s: 5.0, to_s: 6.0 })
         );
         let stamped = Some(ExposureEvidence::EndOfFrame { at_s: 5.2, exposure_s: None, period_s: 0.1, delay: None });
-        assert_eq!(exposed(frame(stamped), edge, None).exposed, stamped);
+        assert_eq!(with_evidence(frame(stamped), edge, None).exposed, stamped);
     }
 
     #[test]
     fn a_missing_line_is_refused_with_its_name() {
-        let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
+        let section =
+            "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
         let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), LastName::default());
         let error = camera.open().unwrap_err();
         assert!(matches!(&error, CameraError::Refused(why) if why.contains("/dev/no-such-chip")), "{error}");

@@ -1,4 +1,4 @@
-//! A replay camera delivers the files of a folder, or those of a list.
+//! Files that a replay camera delivers: those of a folder, or of a list.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -8,64 +8,67 @@ use serde::Deserialize;
 use super::ReplayConfig;
 use crate::camera::{CameraError, Format};
 
-/// A file to deliver.
+/// File to deliver.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Item {
-    /// The picture.
+pub struct ReplayItem {
+    /// Image file.
     pub file: PathBuf,
-    /// Since the replay's origin; from then on this item and its equals are delivered in turn.
+    /// Time from the replay's origin at which this item and others of the same time begin to be delivered in turn.
     #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional")]
     pub at: Option<Duration>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct List {
+struct ReplayList {
     #[serde(default)]
-    frame: Vec<Item>,
+    frame: Vec<ReplayItem>,
 }
 
-/// What a folder or a list says is to be delivered; an error where that is nothing.
-pub fn read_items(config: &ReplayConfig) -> Result<Vec<Item>, CameraError> {
+/// Reads the items of a folder or a list.
+///
+/// # Errors
+/// Returns an error if there are none, or a file is missing or of another format.
+pub fn read_items(config: &ReplayConfig) -> Result<Vec<ReplayItem>, CameraError> {
     let (items, source) = match (&config.folder, &config.list) {
         (Some(folder), _) => (read_folder(folder)?, folder),
         (None, Some(list)) => (read_list(list)?, list),
         (None, None) => return Err(CameraError::Refused("camera: set folder or list".to_owned())),
     };
     if items.is_empty() {
-        let what = "holds no frames; put .jpg, .png, .pgm or .tiff files there";
-        return Err(CameraError::Refused(format!("{}: {what}", source.display())));
+        let problem = "contains no frames; put .jpg, .png, .pgm or .tiff files there";
+        return Err(CameraError::Refused(format!("{}: {problem}", source.display())));
     }
     Ok(items)
 }
 
-fn read_folder(folder: &Path) -> Result<Vec<Item>, CameraError> {
+fn read_folder(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     let fault = |error| {
-        let what = format!("{}: {error}; set [camera] folder to the frames", folder.display());
-        CameraError::Refused(what)
+        let problem = format!("{}: {error}; set [camera] folder to the folder of the frames", folder.display());
+        CameraError::Refused(problem)
     };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(fault)? {
         let path = entry.map_err(fault)?.path();
-        if path.is_file() && format_of(&path).is_some() {
+        if path.is_file() && format_from_path(&path).is_some() {
             files.push(path);
         }
     }
     files.sort();
-    Ok(files.into_iter().map(|file| Item { file, at: None }).collect())
+    Ok(files.into_iter().map(|file| ReplayItem { file, at: None }).collect())
 }
 
-fn read_list(path: &Path) -> Result<Vec<Item>, CameraError> {
-    let refused = |what: String| CameraError::Refused(format!("{}: {what}", path.display()));
+fn read_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
+    let refused = |problem: String| CameraError::Refused(format!("{}: {problem}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
-    let list: List = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
+    let list: ReplayList = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
     let base = path.parent().unwrap_or(Path::new("."));
     let mut items = list.frame;
     for item in &mut items {
         item.file = base.join(&item.file);
-        if format_of(&item.file).is_none() {
-            return Err(refused(format!("{} is no .jpg, .png, .pgm or .tiff", item.file.display())));
+        if format_from_path(&item.file).is_none() {
+            return Err(refused(format!("{} is not a .jpg, .png, .pgm or .tiff file", item.file.display())));
         }
         if !item.file.is_file() {
             return Err(refused(format!("{} does not exist", item.file.display())));
@@ -74,8 +77,8 @@ fn read_list(path: &Path) -> Result<Vec<Item>, CameraError> {
     Ok(items)
 }
 
-/// By the file's name; `None` where it is no picture.
-pub fn format_of(path: &Path) -> Option<Format> {
+/// Returns the format by the file's extension; `None` if it is not an image.
+pub fn format_from_path(path: &Path) -> Option<Format> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     match extension.as_str() {
         "jpg" | "jpeg" | "jpe" | "mpo" => Some(Format::Jpeg),

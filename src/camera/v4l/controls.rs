@@ -1,5 +1,5 @@
-//! Camera controls by id: set, read back, compared. Enumerating them is avoided on purpose: the
-//! binding cannot survive control types that it does not know.
+//! Camera controls by id: set, read back, compared. They are not enumerated, as the binding cannot handle unknown control
+//! types.
 
 use std::collections::BTreeMap;
 
@@ -7,8 +7,8 @@ use serde_json::{Map, Value};
 use v4l::Device;
 use v4l::control;
 
-/// Names as `v4l2-ctl` prints them, in the order in which they are to be set: the automatic modes
-/// first, since they lock the values they govern.
+/// Names as printed by `v4l2-ctl`, in the order in which they are set: the automatic modes first, since they lock the
+/// values they govern.
 const KNOWN: [(&str, u32); 17] = [
     ("auto_exposure", 0x009a_0901),
     ("exposure_dynamic_framerate", 0x009a_0903),
@@ -29,8 +29,8 @@ const KNOWN: [(&str, u32); 17] = [
     ("backlight_compensation", 0x0098_091c),
 ];
 
-/// The id of a control given by name or as `0x…`; and its place in the order of setting.
-pub fn id(name: &str) -> Option<(usize, u32)> {
+/// Returns position in the setting order and id of a control given by name or as `0x…`.
+pub fn control_id(name: &str) -> Option<(usize, u32)> {
     let known = KNOWN.iter().position(|(known, _)| *known == name);
     known.map(|place| (place, KNOWN[place].1)).or_else(|| {
         let digits = name.strip_prefix("0x")?;
@@ -38,15 +38,14 @@ pub fn id(name: &str) -> Option<(usize, u32)> {
     })
 }
 
-/// The names that can be used, for messages.
-pub fn names() -> String {
+/// Returns the known names, for messages.
+pub fn control_names() -> String {
     KNOWN.map(|(name, _)| name).join(", ")
 }
 
-/// Sets every control and reads it back; a warning for each that is not as wanted, naming it.
-pub fn apply(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
-    let mut order: Vec<_> =
-        wanted.iter().filter_map(|(name, value)| Some((id(name)?, name, *value))).collect();
+/// Sets every control and reads it back; returns the values in force, and a warning for each that differs.
+pub fn apply_controls(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
+    let mut order: Vec<_> = wanted.iter().filter_map(|(name, value)| Some((control_id(name)?, name, *value))).collect();
     order.sort();
     let mut warnings = Vec::new();
     for ((_, id), name, value) in &order {
@@ -60,24 +59,24 @@ pub fn apply(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Va
     (settings, warnings)
 }
 
-/// The same where a control is not as wanted: a camera that lost its settings, by a brown-out for instance, gets them again.
-pub fn hold(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
+/// Sets the controls again if any differs: a camera may lose its settings, for example by a brown-out.
+pub fn restore_controls(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
     let (settings, mut drift) = read_back(device, wanted);
     if drift.is_empty() {
         return (settings, drift);
     }
-    let (settings, still) = apply(device, wanted);
+    let (settings, still) = apply_controls(device, wanted);
     drift.extend(still);
     (settings, drift)
 }
 
-/// Values in force, and a warning for each that is not as wanted.
+/// Returns the values in force, and a warning for each that differs.
 fn read_back(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
     let mut settings = Map::new();
     let mut warnings = Vec::new();
     for (name, value) in wanted {
-        let Some((_, id)) = id(name) else { continue };
-        match read(device, id) {
+        let Some((_, id)) = control_id(name) else { continue };
+        match read_control(device, id) {
             Ok(now) => {
                 if now != *value {
                     warnings.push(format!("control {name} is {now}, wanted {value}"));
@@ -90,7 +89,7 @@ fn read_back(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Va
     (settings, warnings)
 }
 
-fn read(device: &Device, id: u32) -> std::io::Result<i64> {
+fn read_control(device: &Device, id: u32) -> std::io::Result<i64> {
     match device.control(id)?.value {
         control::Value::Integer(value) => Ok(value),
         control::Value::Boolean(value) => Ok(i64::from(value)),
@@ -103,13 +102,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn automatic_modes_come_before_what_they_govern() {
-        let place = |name: &str| id(name).map(|(place, _)| place);
+    fn automatic_modes_are_set_before_the_values_they_control() {
+        let place = |name: &str| control_id(name).map(|(place, _)| place);
         assert!(place("auto_exposure") < place("exposure_time_absolute"));
         assert!(place("focus_automatic_continuous") < place("focus_absolute"));
         assert!(place("white_balance_automatic") < place("white_balance_temperature"));
-        assert_eq!(id("0x009a0902").map(|(_, id)| id), id("exposure_time_absolute").map(|(_, id)| id));
-        assert_eq!(id("no_such"), None);
-        assert_eq!(id("0xzz"), None);
+        assert_eq!(control_id("0x009a0902").map(|(_, id)| id), control_id("exposure_time_absolute").map(|(_, id)| id));
+        assert_eq!(control_id("no_such"), None);
+        assert_eq!(control_id("0xzz"), None);
     }
 }

@@ -1,4 +1,4 @@
-//! The camera's device node is looked for: the number of `/dev/videoN` changes from plug to plug.
+//! Search for the camera's device node: the number of `/dev/videoN` changes with every connection.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,25 +6,25 @@ use std::path::{Path, PathBuf};
 use crate::camera::CameraError;
 use crate::camera::v4l::V4lSection;
 
-/// The kernel's list of video nodes.
+/// Kernel's list of video nodes.
 const CLASS: &str = "/sys/class/video4linux";
 
-/// The node of the configured camera.
-pub fn device(section: &V4lSection) -> Result<PathBuf, CameraError> {
-    in_class(section, Path::new(CLASS))
+/// Returns the node of the configured camera.
+pub fn find_device(section: &V4lSection) -> Result<PathBuf, CameraError> {
+    find_in_class(section, Path::new(CLASS))
 }
 
-fn in_class(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> {
+fn find_in_class(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> {
     if let Some(path) = &section.device {
         return match path.exists() {
             true => Ok(path.clone()),
-            false => Err(CameraError::Gone(format!("{} is not there; {}", path.display(), present(class)))),
+            false => Err(CameraError::Gone(format!("{} does not exist; {}", path.display(), describe_present(class)))),
         };
     }
-    nodes(class)
+    list_nodes(class)
         .into_iter()
         .find(|node| {
-            // A camera may own several nodes; the first one delivers pictures, others metadata.
+            // A camera may have several nodes; the first one delivers images, others metadata.
             node.index == 0
                 && section.serial.as_ref().is_none_or(|serial| node.serial.as_ref() == Some(serial))
                 && section.card.as_ref().is_none_or(|card| node.card == *card)
@@ -32,14 +32,13 @@ fn in_class(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> 
         .map(|node| node.path)
         .ok_or_else(|| {
             let wanted = section.serial.iter().map(|serial| format!("serial {serial}"));
-            let wanted: Vec<_> =
-                wanted.chain(section.card.iter().map(|card| format!("card {card:?}"))).collect();
-            CameraError::Gone(format!("no camera with {}; {}", wanted.join(" and "), present(class)))
+            let wanted: Vec<_> = wanted.chain(section.card.iter().map(|card| format!("card {card:?}"))).collect();
+            CameraError::Gone(format!("no camera with {}; {}", wanted.join(" and "), describe_present(class)))
         })
 }
 
-/// A video node as sysfs describes it.
-struct Node {
+/// Video node as described by sysfs.
+struct VideoNode {
     path: PathBuf,
     card: String,
     index: u32,
@@ -47,29 +46,29 @@ struct Node {
     number: u32,
 }
 
-fn nodes(class: &Path) -> Vec<Node> {
+fn list_nodes(class: &Path) -> Vec<VideoNode> {
     let entries = fs::read_dir(class).into_iter().flatten().flatten();
-    let mut nodes: Vec<_> = entries.filter_map(|entry| node(&entry.path())).collect();
+    let mut nodes: Vec<_> = entries.filter_map(|entry| read_node(&entry.path())).collect();
     nodes.sort_by_key(|node| node.number);
     nodes
 }
 
-fn node(sysfs: &Path) -> Option<Node> {
+fn read_node(sysfs: &Path) -> Option<VideoNode> {
     let read = |path: PathBuf| fs::read_to_string(path).ok().map(|text| text.trim().to_owned());
     let name = sysfs.file_name()?.to_str()?;
-    Some(Node {
+    Some(VideoNode {
         path: Path::new("/dev").join(name),
         card: read(sysfs.join("name"))?,
         index: read(sysfs.join("index")).and_then(|text| text.parse().ok()).unwrap_or(0),
-        // A USB interface hangs below the device that bears the serial number.
+        // A USB interface is below the device that has the serial number.
         serial: read(sysfs.join("device/../serial")).or_else(|| read(sysfs.join("device/serial"))),
         number: name.strip_prefix("video")?.parse().ok()?,
     })
 }
 
-/// What there is instead, for the message.
-fn present(class: &Path) -> String {
-    let list: Vec<_> = nodes(class)
+/// Describes the connected devices, for the message.
+fn describe_present(class: &Path) -> String {
+    let list: Vec<_> = list_nodes(class)
         .iter()
         .map(|node| {
             let serial = node.serial.as_ref().map_or(String::new(), |serial| format!(", serial {serial}"));
@@ -77,7 +76,7 @@ fn present(class: &Path) -> String {
         })
         .collect();
     match list.is_empty() {
-        true => "no video device is connected; check plug and power".to_owned(),
+        true => "no video device is connected; check cable and power".to_owned(),
         false => format!("connected: {}", list.join("; ")),
     }
 }
@@ -89,9 +88,7 @@ mod tests {
 
     fn class() -> tempfile::TempDir {
         let class = tempfile::tempdir().unwrap();
-        for (name, card, index, serial) in
-            [("video3", "Wing cam", "0", "A7"), ("video4", "Wing cam", "1", "A7")]
-        {
+        for (name, card, index, serial) in [("video3", "Wing cam", "0", "A7"), ("video4", "Wing cam", "1", "A7")] {
             let interface = class.path().join(name).join("device");
             fs::create_dir_all(&interface).unwrap();
             fs::write(class.path().join(name).join("name"), format!("{card}\n")).unwrap();
@@ -111,7 +108,7 @@ mod tests {
     #[test]
     fn a_camera_is_found_by_serial_and_card_whatever_its_number() {
         let class = class();
-        let found = |serial, card| in_class(&section(serial, card), class.path());
+        let found = |serial, card| find_in_class(&section(serial, card), class.path());
         assert_eq!(found(Some("A7"), None).unwrap(), Path::new("/dev/video3"));
         assert_eq!(found(None, Some("Wing cam")).unwrap(), Path::new("/dev/video3"));
         let message = found(Some("B8"), None).unwrap_err().to_string();

@@ -1,8 +1,8 @@
-//! A stream of an open device gives one frame.
+//! Streams of an open device.
 //!
-//! Every shot of a series starts a stream of its own: buffers that were filled in an idle hour are old pictures,
-//! and the binding's stream cannot be used again after a time-out. Live frames come from one stream that goes on; what
-//! lies in its buffers from before a frame is asked for is passed over.
+//! Every shot of a series starts a stream of its own: buffers filled during a pause hold old images, and the binding's
+//! stream cannot be used again after a timeout. Live frames come from one continuous stream; buffers filled before the
+//! request are skipped.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -15,58 +15,58 @@ use v4l::io::traits::{CaptureStream, Stream as _};
 use crate::camera::CameraError;
 use crate::camera::deadline::Deadline;
 
-/// Buffers asked for; each is a whole frame of kernel memory.
+/// Number of buffers; each is a full frame of kernel memory.
 const BUFFERS: u32 = 3;
-/// Damaged frames in a row before the shot fails.
-const DAMAGED: u32 = 10;
+/// Maximum number of consecutive damaged frames before the shot fails.
+const MAX_DAMAGED_FRAMES: u32 = 10;
 
-/// Bytes of one frame and what the driver says of it.
-pub struct Grabbed {
-    /// Cut at the length that the driver gives.
+/// Bytes of one frame and the driver's data on it.
+pub struct GrabbedFrame {
+    /// Bytes, truncated to the length given by the driver.
     pub bytes: Vec<u8>,
-    /// The driver's counter since the stream started.
+    /// Driver's counter since the stream started.
     pub sequence: u32,
-    /// The driver's time, s.
+    /// Driver's time stamp, s.
     pub time_s: f64,
-    /// Whether that is the machine's monotonic clock.
+    /// True if the stamp is in the machine's monotonic clock.
     pub monotonic: bool,
-    /// Whether it is of the exposure's beginning, not of the frame's end.
+    /// True if the stamp marks the begin of the exposure, false for the end of the frame.
     pub stamped_at_start: bool,
-    /// From one frame to the next, s; at most so much where only one came.
+    /// Frame period, s; an upper limit if there was only one frame.
     pub period_s: f64,
-    /// Frames that the driver counted and did not deliver.
+    /// Number of frames that the driver counted and did not deliver.
     pub dropped: u32,
-    /// Frames that came flagged as damaged, or too short, before this one.
+    /// Number of frames before this one that were marked as damaged or too short.
     pub damaged: u32,
-    /// Frames from before the shot that came first.
+    /// Number of frames from before the shot that were skipped.
     pub stale: u32,
 }
 
-/// A stream that was started.
-pub struct Running {
+/// Running stream.
+pub struct RunningStream {
     stream: Stream<'static>,
-    period: Period,
-    /// Frames that are to be thrown away still, while exposure and white level settle.
+    period: FramePeriod,
+    /// Number of frames still to be discarded while exposure and white level settle.
     settle: u32,
-    /// A frame has been taken: buffers may have filled since.
+    /// True if a frame has been taken: buffers may have been filled since.
     taken: bool,
 }
 
-impl Running {
-    /// `settle` frames will be discarded, once.
+impl RunningStream {
+    /// Starts a stream; its first `settle` frames will be discarded.
     pub fn start(device: &Device, settle: u32) -> Result<Self, CameraError> {
         let stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS);
-        let stream = stream.map_err(|e| streaming(&e, "buffers"))?;
-        Ok(Self { stream, period: Period::default(), settle, taken: false })
+        let stream = stream.map_err(|e| streaming_error(&e, "buffers"))?;
+        Ok(Self { stream, period: FramePeriod::default(), settle, taken: false })
     }
 
-    /// The first whole frame that comes from now on. After an error the stream is of no use.
-    pub fn next(&mut self, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
-        first_whole(self, shortest, deadline)
+    /// Returns the first complete frame that arrives from now on. After an error the stream cannot be used.
+    pub fn next_frame(&mut self, min_bytes: usize, deadline: &Deadline) -> Result<GrabbedFrame, CameraError> {
+        next_whole_frame(self, min_bytes, deadline)
     }
 
-    /// Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
-    /// left to the kernel, which frees it when the camera is closed.
+    /// Stops the stream. Dropping a stream that cannot be stopped would panic; such a stream is left to the kernel, which
+    /// frees it when the camera is closed.
     pub fn stop(mut self) {
         match self.stream.stop() {
             Ok(()) => drop(self.stream),
@@ -81,28 +81,28 @@ impl Running {
     }
 }
 
-/// Discards `settle` frames, then takes the first whole one.
-pub fn grab(
+/// Discards `settle` frames, then takes the first complete one.
+pub fn grab_frame(
     device: &Device,
     settle: u32,
-    shortest: usize,
+    min_bytes: usize,
     deadline: &Deadline,
-) -> Result<Grabbed, CameraError> {
-    let mut running = Running::start(device, settle)?;
-    let result = running.next(shortest, deadline);
+) -> Result<GrabbedFrame, CameraError> {
+    let mut running = RunningStream::start(device, settle)?;
+    let result = running.next_frame(min_bytes, deadline);
     running.stop();
     result
 }
 
-/// The shortest time from one of these frames to the next, s.
+/// Shortest time between consecutive frames, s.
 #[derive(Default)]
-struct Period {
+struct FramePeriod {
     last: Option<(u32, f64)>,
     shortest_s: Option<f64>,
 }
 
-impl Period {
-    fn see(&mut self, sequence: u32, time_s: f64) {
+impl FramePeriod {
+    fn update(&mut self, sequence: u32, time_s: f64) {
         if let Some((before, at_s)) = self.last {
             let frames = sequence.wrapping_sub(before);
             let one = (time_s - at_s) / f64::from(frames.max(1));
@@ -114,53 +114,57 @@ impl Period {
     }
 }
 
-/// A buffer that is there at once was filled before it was asked for.
-const AT_ONCE: Duration = Duration::from_millis(1);
+/// Waiting time below which a buffer was filled before it was requested.
+const IMMEDIATE: Duration = Duration::from_millis(1);
 
-fn first_whole(running: &mut Running, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
-    // An older frame was taken before the shot.
+fn next_whole_frame(
+    running: &mut RunningStream,
+    min_bytes: usize,
+    deadline: &Deadline,
+) -> Result<GrabbedFrame, CameraError> {
+    // A frame with an older stamp was taken before the shot.
     let begun_s = crate::clock::monotonic_s();
-    let Running { stream, period, settle, taken } = running;
+    let RunningStream { stream, period, settle, taken } = running;
     let (mut damaged, mut dropped, mut expected, mut stale) = (0, 0, None, 0);
     loop {
-        // At least a millisecond: 0 would not wait at all.
+        // At least a millisecond, as 0 would not wait at all.
         stream.set_timeout(deadline.remaining("a frame")?.max(Duration::from_millis(1)));
         let asked = Instant::now();
         let (bytes, meta) = stream.next().map_err(|error| match error.kind() {
             io::ErrorKind::TimedOut => deadline.timeout_error("a frame"),
-            _ => streaming(&error, "a frame"),
+            _ => streaming_error(&error, "a frame"),
         })?;
         dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));
         expected = Some(meta.sequence.wrapping_add(1));
         let used = bytes.get(..meta.bytesused as usize).unwrap_or(bytes);
-        if meta.flags.contains(Flags::ERROR) || used.len() < shortest {
+        if meta.flags.contains(Flags::ERROR) || used.len() < min_bytes {
             damaged += 1;
-            if damaged > DAMAGED {
+            if damaged > MAX_DAMAGED_FRAMES {
                 return Err(CameraError::BadFrame(format!(
                     "{damaged} frames in a row, {}",
-                    fault(meta, shortest)
+                    damage_text(meta, min_bytes)
                 )));
             }
             continue;
         }
         let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
-        period.see(meta.sequence, time_s);
+        period.update(meta.sequence, time_s);
         let monotonic = meta.flags.contains(Flags::TIMESTAMP_MONOTONIC);
-        let old = if monotonic { time_s < begun_s } else { *taken && asked.elapsed() < AT_ONCE };
-        // No more than there are buffers: a driver's clock may be wrong.
+        let old = if monotonic { time_s < begun_s } else { *taken && asked.elapsed() < IMMEDIATE };
+        // At most as many as there are buffers, as a driver's clock may be wrong.
         if stale < BUFFERS && old {
             stale += 1;
         } else if *settle > 0 {
             *settle -= 1;
         } else {
             *taken = true;
-            return Ok(Grabbed {
+            return Ok(GrabbedFrame {
                 bytes: used.to_vec(),
                 sequence: meta.sequence,
                 time_s,
                 monotonic,
                 stamped_at_start: (meta.flags & Flags::TSTAMP_SRC_MASK) == Flags::TSTAMP_SRC_SOE,
-                // Of a stream that has just been started, a frame is no longer than that.
+                // In a stream that was just started, no frame is longer than that.
                 period_s: period.shortest_s.unwrap_or((time_s - begun_s).max(0.0)),
                 dropped,
                 damaged,
@@ -170,23 +174,26 @@ fn first_whole(running: &mut Running, shortest: usize, deadline: &Deadline) -> R
     }
 }
 
-fn fault(meta: &Metadata, shortest: usize) -> String {
+fn damage_text(meta: &Metadata, min_bytes: usize) -> String {
     match meta.flags.contains(Flags::ERROR) {
         true => "marked as damaged by the driver; check cable and USB bandwidth".to_owned(),
-        false => format!("the last of {} bytes where {shortest} are needed", meta.bytesused),
+        false => format!("the last one of {} bytes; {min_bytes} are needed", meta.bytesused),
     }
 }
 
-/// The same of an open device: what was accepted before and is invalid now may be mended by opening anew.
-fn streaming(error: &io::Error, what: &str) -> CameraError {
+/// Classifies an error of an open device: a request that was valid before and is invalid now may succeed after reopening.
+fn streaming_error(error: &io::Error, what: &str) -> CameraError {
     match error.raw_os_error() == Some(rustix::io::Errno::INVAL.raw_os_error()) {
-        true => CameraError::Gone(format!("{what}: {error}; its driver lost its buffers, it is opened anew")),
-        false => sort(error, what),
+        true => CameraError::Gone(format!(
+            "{what}: {error}; the driver lost its buffers, and the camera is \
+                                           reopened"
+        )),
+        false => classify_error(error, what),
     }
 }
 
-/// An error by what the caller does about it.
-pub fn sort(error: &io::Error, what: &str) -> CameraError {
+/// Classifies an error by the caller's action.
+pub fn classify_error(error: &io::Error, what: &str) -> CameraError {
     use rustix::io::Errno;
     let text = format!("{what}: {error}");
     match error.raw_os_error().map(Errno::from_raw_os_error) {
@@ -194,7 +201,7 @@ pub fn sort(error: &io::Error, what: &str) -> CameraError {
             CameraError::Busy(format!("{text}; another program has the camera (see: fuser -v /dev/video*)"))
         }
         Some(Errno::NODEV | Errno::NXIO | Errno::NOENT | Errno::IO | Errno::PIPE | Errno::PROTO) => {
-            CameraError::Gone(format!("{text}; unplugged, or its power or cable is bad"))
+            CameraError::Gone(format!("{text}; unplugged, or a fault of power supply or cable"))
         }
         Some(Errno::ACCESS | Errno::PERM) => {
             CameraError::Refused(format!("{text}; add the user that runs wingd to the group video"))

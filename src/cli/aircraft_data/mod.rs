@@ -1,5 +1,4 @@
-//! `wingd aircraft-data` adds a table of the aircraft's own data to a recorded flight, or lists or withdraws such
-//! sources.
+//! `wingd aircraft-data` adds a table of the aircraft's own data to a recorded flight, or lists or withdraws such sources.
 
 mod list;
 mod table_import;
@@ -13,8 +12,7 @@ use crate::clock::{Clock, SystemClock};
 use crate::report::aircraft::{self, Withdrawal};
 use crate::store::{FlightRef, RealDisk, Store, StoreConfig, StoreError};
 
-/// Add a table of the aircraft's own data to a flight; its lines are kept unchanged, in addition to existing
-/// sources.
+/// Add a table of the aircraft's own data to a flight; its lines are kept unchanged, in addition to existing sources.
 #[derive(clap::Args)]
 pub struct AircraftDataArgs {
     /// Store
@@ -34,8 +32,8 @@ pub struct AircraftDataArgs {
     /// Stop using a source, by its number in --list; its data stay in the flight
     #[arg(long, value_name = "SOURCE")]
     withdraw: Option<usize>,
-    /// Print one JSON object: flight, source, lines, read, samples, repeated, frames, quantities; with --list
-    /// flight, sources
+    /// Print one JSON object: flight, source, lines, read, samples, repeated, frames, quantities; with --list flight,
+    /// sources
     #[arg(long)]
     json: bool,
 }
@@ -46,8 +44,7 @@ fn store_failure(error: StoreError) -> Failure {
 
 pub(super) fn run(args: &AircraftDataArgs) -> Result<Completion, Failure> {
     let found = select_flights(&args.store, Some(&args.flight))?;
-    let flight =
-        found.first().ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;
+    let flight = found.first().ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;
     match (args.withdraw, &args.table, &args.mapping) {
         (Some(source), ..) => withdraw_source(args, flight, source),
         (None, Some(table), Some(mapping)) if !args.list => table_import::import_table(args, flight, table, mapping),
@@ -63,7 +60,7 @@ fn open_store(args: &AircraftDataArgs) -> Result<Store, Failure> {
 
 fn withdraw_source(args: &AircraftDataArgs, flight: &FlightRef, number: usize) -> Result<Completion, Failure> {
     let store = open_store(args)?;
-    let (sources, _) = aircraft::sources(store.disk(), store.root(), flight).map_err(store_failure)?;
+    let (sources, _) = aircraft::read_sources(store.disk(), store.root(), flight).map_err(store_failure)?;
     let name = match sources.iter().find(|source| source.number == number) {
         None => {
             let known = format!("{} has {} sources of aircraft data", flight.id, sources.len());

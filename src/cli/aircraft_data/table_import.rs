@@ -5,7 +5,9 @@ use std::path::Path;
 use serde_json::json;
 
 use super::{AircraftDataArgs, Completion, Failure, list, open_store, print_line, store_failure};
-use crate::aircraft::{self, Contents, DAY_S, Mapping, Quantity, Received, Table, TimeFormat, Track};
+use crate::aircraft::{
+    self, AircraftTable, AircraftTrack, DAY_S, Mapping, Quantity, ReceivedLine, TableContents, TimeFormat,
+};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::installation::{self, Fault};
@@ -23,8 +25,8 @@ const MIN_UNIX_TIME_S: f64 = 315_532_800.0;
 struct TableImport<'a> {
     args: &'a AircraftDataArgs,
     flight: &'a FlightRef,
-    table: Table,
-    contents: Contents,
+    table: AircraftTable,
+    contents: TableContents,
     /// Number of the table among the flight's sources.
     source: usize,
     /// Samples of the flight, including the table's.
@@ -43,21 +45,26 @@ struct QuantityFrames {
     replaced: usize,
 }
 
-pub(super) fn import_table(args: &AircraftDataArgs, flight: &FlightRef, file: &Path, mapping: &Path) -> Result<Completion, Failure> {
+pub(super) fn import_table(
+    args: &AircraftDataArgs,
+    flight: &FlightRef,
+    file: &Path,
+    mapping: &Path,
+) -> Result<Completion, Failure> {
     let (text, written) = (read_text_file(file)?, read_text_file(mapping)?);
     let requested: Mapping = toml::from_str(&written)
         .map_err(|error| installation::toml_fault(mapping, &written, &error, "see docs/aircraft-data.md"))?;
-    let faults: Vec<Fault> = requested.faults().into_iter().map(|fault| fault.of(mapping)).collect();
+    let faults: Vec<Fault> = requested.faults().into_iter().map(|fault| fault.into_fault(mapping)).collect();
     if !faults.is_empty() {
         return Err(faults.into());
     }
-    let table = Table::find(&requested, &text).map_err(|trouble| {
+    let table = AircraftTable::parse(&requested, &text).map_err(|trouble| {
         let of_mapping = trouble.line == 0 && !trouble.key.is_empty();
-        trouble.of(if of_mapping { mapping } else { file })
+        trouble.into_fault(if of_mapping { mapping } else { file })
     })?;
-    let (sources, _) = joined::sources(&RealDisk, &args.store, flight).map_err(store_failure)?;
-    let (track, _) = joined::track(&RealDisk, &args.store, flight).map_err(store_failure)?;
-    let frames = joined::frames(&RealDisk, flight).map_err(store_failure)?;
+    let (sources, _) = joined::read_sources(&RealDisk, &args.store, flight).map_err(store_failure)?;
+    let (track, _) = joined::read_track(&RealDisk, &args.store, flight).map_err(store_failure)?;
+    let frames = joined::read_frame_times(&RealDisk, flight).map_err(store_failure)?;
     let answer = TableImport::new(args, flight, table, sources.len() + 1, track.clone(), &frames);
     let times = frames.iter().filter_map(|(stamp, exposure)| track.time_s(stamp, exposure.as_ref()));
     let cause = answer.no_value_reason(&requested, times.collect());
@@ -71,23 +78,23 @@ fn read_text_file(file: &Path) -> Result<String, Fault> {
     let trouble = |problem: String, remedy: &str| Fault::new(file, "file", problem, remedy);
     let bytes = std::fs::read(file)
         .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
-    installation::text_of(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
+    installation::decode_text(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
 }
 
 impl<'a> TableImport<'a> {
     fn new(
         args: &'a AircraftDataArgs,
         flight: &'a FlightRef,
-        table: Table,
+        table: AircraftTable,
         source: usize,
-        mut track: Track,
+        mut track: AircraftTrack,
         frames: &[(Stamp, Option<Exposure>)],
     ) -> Self {
         let contents = table.contents();
         let (repeated, before) = (track.unused.repeated, list::count_frames_by_source(&track, frames));
         track.begin_source(source);
-        let lines = table.lines.iter().map(|(_, line)| Received { at: None, line: line.clone() });
-        track.add(&table.layout, &lines.collect::<Vec<_>>());
+        let lines = table.lines.iter().map(|(_, line)| ReceivedLine { at: None, line: line.clone() });
+        track.add_lines(&table.layout, &lines.collect::<Vec<_>>());
         let after = list::count_frames_by_source(&track, frames);
         let reached = |quantity: Quantity| {
             let total = |counts: &list::FrameCounts| -> usize {
@@ -115,7 +122,10 @@ impl<'a> TableImport<'a> {
         }
         frames_s.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else {
-            return Some("no frame of this flight has a UTC time: the clock was not synchronised and no data feed was recorded".into());
+            return Some(
+                "no frame of this flight has a UTC time: the clock was not synchronised and no data feed was recorded"
+                    .into(),
+            );
         };
         if self.table.lines.is_empty() {
             return Some("the table has no lines below its header".into());
@@ -126,7 +136,7 @@ impl<'a> TableImport<'a> {
             return Some(cause.clone());
         }
         let mut why_none =
-            self.contents.tallies.iter().filter_map(aircraft::Tally::why_none).collect::<Vec<_>>();
+            self.contents.tallies.iter().filter_map(aircraft::ColumnTally::no_values_reason).collect::<Vec<_>>();
         let values = self.contents.tallies.iter().any(|tally| tally.values > 0);
         if let Some(cause) = times {
             why_none.insert(0, cause);
@@ -148,19 +158,17 @@ impl<'a> TableImport<'a> {
     /// Suggests a time format that fits the table better than the mapping's.
     fn other_time_format(&self, mapping: &Mapping, frames: (f64, f64)) -> Option<String> {
         let field = self.table.layout.time_field - 1;
-        let fields =
-            |(_, line): &(u64, String)| self.table.layout.fields(line).get(field).map(ToString::to_string);
+        let fields = |(_, line): &(u64, String)| self.table.layout.fields(line).get(field).map(ToString::to_string);
         let tags: Vec<String> = self.table.lines.iter().filter_map(fields).collect();
         let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
-        let likeliest = aircraft::likeliest(&tags, mapping.time_format, frames)?;
-        let day = aircraft::shown(frames.0).chars().take(10).collect::<String>();
-        let date =
-            if likeliest == TimeFormat::SecondsOfDay { format!(", date = \"{day}\"") } else { String::new() };
+        let likeliest = aircraft::guess_format(&tags, mapping.time_format, frames)?;
+        let day = aircraft::format_time(frames.0).chars().take(10).collect::<String>();
+        let date = if likeliest == TimeFormat::SecondsOfDay { format!(", date = \"{day}\"") } else { String::new() };
         Some(format!(
             "its times are {} ({}), not {}; write time_format = \"{}\"{date} in the mapping",
-            likeliest.words(),
+            likeliest.description(),
             tags.first().copied().unwrap_or_default(),
-            mapping.time_format.words(),
+            mapping.time_format.description(),
             likeliest.name()
         ))
     }
@@ -176,7 +184,7 @@ impl<'a> TableImport<'a> {
                  2026-06-01T07:59:50Z, or see time_format in docs/aircraft-data.md"
             );
         }
-        let shown = aircraft::shown;
+        let shown = aircraft::format_time;
         format!(
             "its times are {} to {}, but the frames were taken {} to {}; name the table of this flight, or another --flight",
             shown(from),
@@ -187,7 +195,7 @@ impl<'a> TableImport<'a> {
     }
 
     fn store_lines(&self, store: &Store, file: &Path) -> Result<(), Failure> {
-        let name = file.file_name().map(installation::shown_path);
+        let name = file.file_name().map(installation::printable_path);
         let head = json!({"table": name, "number": self.source, "layout": self.table.layout});
         let lines: Vec<AircraftLine> =
             self.table.lines.iter().map(|(_, line)| AircraftLine { at: None, line: line.clone() }).collect();
@@ -222,7 +230,7 @@ impl<'a> TableImport<'a> {
             )));
         }
         for tally in self.contents.tallies.iter().filter(|tally| is_mapped(tally.quantity)) {
-            tally.why_none().iter().for_each(|why| eprintln!("wingd: {why}"));
+            tally.no_values_reason().iter().for_each(|why| eprintln!("wingd: {why}"));
         }
         let complete = self.contents.unread.is_empty() && reached.iter().all(|r| r.frames > 0);
         Ok(Completion::from_success(complete && !self.passes_midnight(mapping)))
@@ -241,7 +249,7 @@ impl<'a> TableImport<'a> {
                 "values": tally.map_or(0, |t| t.values),
                 "blank": tally.map_or(0, |t| t.blank),
                 "text": tally.map_or(0, |t| t.text.0),
-                "out_of_reason": tally.map_or(0, |t| t.out_of_reason.0),
+                "out_of_reason": tally.map_or(0, |t| t.out_of_range.0),
                 "frames": r.frames,
                 "replaced": r.replaced,
             })
@@ -265,13 +273,12 @@ impl<'a> TableImport<'a> {
         let id = &self.flight.id;
         let as_source = if kept { format!("stored as source {}", self.source) } else { "not stored".into() };
         let (lines, read) = (self.table.lines.len(), self.contents.times_s.len());
-        let mut text =
-            format!("{id}: {lines} lines {as_source}, {read} with a time, {} repeated", self.repeated);
+        let mut text = format!("{id}: {lines} lines {as_source}, {read} with a time, {} repeated", self.repeated);
         for QuantityFrames { quantity, frames, replaced } in reached {
             let tally = self.column_tally(*quantity);
             let values = tally.map_or(0, |t| t.values);
             let none = tally.map_or(String::new(), |t| {
-                let parts = [(t.blank, "blank"), (t.text.0, "text"), (t.out_of_reason.0, "implausible")];
+                let parts = [(t.blank, "blank"), (t.text.0, "text"), (t.out_of_range.0, "implausible")];
                 let notes = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!(", {n} {what}"));
                 notes.collect()
             });
@@ -285,7 +292,7 @@ impl<'a> TableImport<'a> {
     }
 
     /// Returns the tally of a quantity's column; if there are two, of the later.
-    fn column_tally(&self, quantity: Quantity) -> Option<&aircraft::Tally> {
+    fn column_tally(&self, quantity: Quantity) -> Option<&aircraft::ColumnTally> {
         self.contents.tallies.iter().rfind(|tally| tally.quantity == quantity)
     }
 }

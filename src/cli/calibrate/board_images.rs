@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::{CalibrateArgs, Failure};
 use crate::cli::{CHECK_WRITE_ACCESS, image_batch, write_failure};
-use crate::installation::{self, PictureCorners};
-use crate::measure::calibrate::{Board, BoardPoint, Calibration, ImageRejection, BoardMismatch, BoardView};
+use crate::installation::{self, ImageCorners};
+use crate::measure::calibrate::{Board, BoardMismatch, BoardPoint, BoardView, Calibration, ImageRejection};
 use crate::pipeline::decode;
 use crate::record::Reason;
 
@@ -20,13 +20,15 @@ pub(super) struct BoardImage {
 /// Reads the images, or a file of corners.
 pub(super) fn read_images(args: &CalibrateArgs, board: &Board) -> Result<Vec<BoardImage>, Failure> {
     if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
-        let from =
-            |c: PictureCorners| BoardImage { name: c.image, size: Some(c.size), view: Ok(c.view), misfit: None };
+        let from = |c: ImageCorners| BoardImage { name: c.image, size: Some(c.size), view: Ok(c.view), misfit: None };
         return Ok(installation::read_corners(file)?.into_iter().map(from).collect());
     }
-    image_batch::process_images(&crate::cli::image_files::expand_folders(&args.images)?, args.jobs, "finding boards", |name, bytes| {
-        detect_board(name, bytes, board)
-    })
+    image_batch::process_images(
+        &crate::cli::image_files::expand_folders(&args.images)?,
+        args.jobs,
+        "finding boards",
+        |name, bytes| detect_board(name, bytes, board),
+    )
 }
 
 /// Writes the corners; after a calibration also which of them it used.
@@ -41,9 +43,9 @@ pub(super) fn write_corners(
             let took_part = |q: &BoardPoint| c.residuals[k].iter().any(|(at, _)| *at == q.pixel);
             view.iter().map(took_part).collect()
         });
-        Some(PictureCorners { image: p.name.clone(), size, view, used })
+        Some(ImageCorners { image: p.name.clone(), size, view, used })
     };
-    let corners: Vec<PictureCorners> = pictures.iter().enumerate().filter_map(corners).collect();
+    let corners: Vec<ImageCorners> = pictures.iter().enumerate().filter_map(corners).collect();
     installation::write_corners(file, &corners).map_err(write_failure(file, CHECK_WRITE_ACCESS))
 }
 
@@ -51,15 +53,15 @@ pub(super) fn write_corners(
 pub(super) fn exclusion_reason(calibration: &Calibration, k: usize, picture: &BoardImage) -> Option<String> {
     match &picture.view {
         Err(reason) => Some(reason.to_string()),
-        Ok(_) => calibration.dropped[k].map(|d| d.to_string()),
+        Ok(_) => calibration.rejections[k].map(|d| d.to_string()),
     }
 }
 
 pub(super) fn detect_board(name: &str, bytes: Result<&[u8], Reason>, board: &Board) -> BoardImage {
-    let raster = bytes.and_then(|b| decode::decode(b, None).map_err(Reason::of));
+    let raster = bytes.and_then(|b| decode::decode_image(b, None).map_err(Reason::from_error));
     let size = raster.as_ref().ok().map(|r| (r.width() as u32, r.height() as u32));
-    let detection = raster.and_then(|r| board.find(&r).map_err(Reason::of));
-    let misfit = detection.as_ref().ok().and_then(|s| s.misfit);
+    let detection = raster.and_then(|r| board.find(&r).map_err(Reason::from_error));
+    let misfit = detection.as_ref().ok().and_then(|s| s.mismatch);
     BoardImage { name: name.into(), size, view: detection.map(|s| s.view), misfit }
 }
 

@@ -11,13 +11,17 @@ use crate::clock::SystemClock;
 use crate::config;
 use crate::installation::DescribedBoard;
 use crate::measure::calibrate::Verdict;
-use crate::report::number::count;
+use crate::report::number::count_text;
 
 /// Maximum time for a shot.
 const SHOT_DEADLINE: Duration = Duration::from_secs(20);
 
 /// Takes images until the verdict is good, the camera ends, or the limit is reached.
-pub(super) fn take_images(args: &CalibrateArgs, file: &Path, board: &DescribedBoard) -> Result<Vec<BoardImage>, Failure> {
+pub(super) fn take_images(
+    args: &CalibrateArgs,
+    file: &Path,
+    board: &DescribedBoard,
+) -> Result<Vec<BoardImage>, Failure> {
     let section = config::load_camera(file)?;
     let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
     let opened = camera.open().map_err(|e| Failure::Failed(e.to_string()))?;
@@ -48,7 +52,7 @@ pub(super) fn take_images(args: &CalibrateArgs, file: &Path, board: &DescribedBo
 
 fn describe_image(picture: &BoardImage) -> String {
     match &picture.view {
-        Ok(view) => format!("{} of the board", count(view.len(), "point")),
+        Ok(view) => format!("{} of the board", count_text(view.len(), "point")),
         Err(reason) => reason.to_string(),
     }
 }

@@ -1,15 +1,17 @@
 //! `wingd calibrate` estimates the interior orientation from images of a board.
 
+mod board_images;
 mod live;
 mod output;
-mod board_images;
 
 use std::path::PathBuf;
 
 use self::board_images::{BoardImage, common_size, exclusion_reason};
-use super::{Completion, Failure, CHECK_WRITE_ACCESS, print_line, write_failure};
+use super::{CHECK_WRITE_ACCESS, Completion, Failure, print_line, write_failure};
 use crate::installation::{self, DescribedBoard};
-use crate::measure::calibrate::{self, CalibrateError, Calibration, BoardMismatch, CalibrationOptions, Verdict, BoardView};
+use crate::measure::calibrate::{
+    self, BoardMismatch, BoardView, CalibrateError, Calibration, CalibrationOptions, Verdict,
+};
 use crate::record::Reason;
 use crate::report;
 
@@ -81,7 +83,11 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
 }
 
 /// Calibrates and judges the result; the reasons of a failure begin with the most serious.
-fn calibrate_and_judge(pictures: &mut [BoardImage], described: &DescribedBoard, select: bool) -> Result<JudgedCalibration, Reason> {
+fn calibrate_and_judge(
+    pictures: &mut [BoardImage],
+    described: &DescribedBoard,
+    select: bool,
+) -> Result<JudgedCalibration, Reason> {
     let size = common_size(pictures)?;
     let views: Vec<BoardView> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
     let misfits: Vec<Option<BoardMismatch>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
@@ -91,7 +97,8 @@ fn calibrate_and_judge(pictures: &mut [BoardImage], described: &DescribedBoard, 
     let calibration = calibrate::calibrate_with_options(&views, size.0, size.1, &options).map_err(|e| {
         let board = board_reason.clone().or_else(|| never_whole.clone());
         let first = board.unwrap_or_else(|| e.to_string());
-        let excluded = if let CalibrateError::TooFewViews { dropped, .. } = &e { &dropped[..] } else { &[] };
+        let excluded =
+            if let CalibrateError::TooFewViews { rejections: dropped, .. } = &e { &dropped[..] } else { &[] };
         let text = format!("no calibration: {first}{}", board_images::list_failures(pictures, excluded));
         Reason::new(text, e)
     })?;
@@ -104,7 +111,11 @@ fn calibrate_and_judge(pictures: &mut [BoardImage], described: &DescribedBoard, 
     Ok(JudgedCalibration { calibration, verdict, reasons, refusals })
 }
 
-fn write_and_report(args: &CalibrateArgs, pictures: &[BoardImage], judged: &JudgedCalibration) -> Result<Completion, Failure> {
+fn write_and_report(
+    args: &CalibrateArgs,
+    pictures: &[BoardImage],
+    judged: &JudgedCalibration,
+) -> Result<Completion, Failure> {
     let JudgedCalibration { calibration, verdict, reasons, .. } = judged;
     let accepted = acceptance_reason(args, judged)?;
     let written = output::calibration_report(calibration, *verdict, accepted.clone());
@@ -116,7 +127,7 @@ fn write_and_report(args: &CalibrateArgs, pictures: &[BoardImage], judged: &Judg
         pictures.iter().enumerate().map(|(k, p)| exclusion_reason(calibration, k, p)).collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
-        let page = report::calibration::page(
+        let page = report::calibration::calibration_page(
             calibration,
             (*verdict, accepted.as_deref()),
             reasons,
@@ -156,13 +167,9 @@ fn acceptance_reason(args: &CalibrateArgs, judged: &JudgedCalibration) -> Result
     let fault = if reason.trim().is_empty() {
         "--accept needs a reason in words".to_owned()
     } else if judged.calibration.projections.is_none() {
-        "a lens model without an inverse over the image cannot be accepted: no command could use it"
-            .to_owned()
+        "a lens model without an inverse over the image cannot be accepted: no command could use it".to_owned()
     } else if judged.refusals > 1 {
-        format!(
-            "--accept works only if a single reason refuses the calibration; here there are {}",
-            judged.refusals
-        )
+        format!("--accept works only if a single reason refuses the calibration; here there are {}", judged.refusals)
     } else {
         return Ok(Some(reason.trim().to_owned()));
     };

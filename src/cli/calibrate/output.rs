@@ -6,8 +6,8 @@ use super::board_images::{BoardImage, exclusion_reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
-use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
-use crate::report::number::rounded;
+use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_correlation, parameter_values};
+use crate::report::number::format_rounded;
 
 pub(super) fn calibration_report(
     calibration: &Calibration,
@@ -26,8 +26,8 @@ pub(super) fn calibration_report(
         projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
-        board_stretch: calibration.stretch.filter(|s| s.stated.is_some()).map(|s| [s.value, s.sigma]),
-        sigma: std::array::from_fn(|k| (!calibration.held[k]).then(|| c[(k, k)].max(0.0).sqrt())),
+        board_stretch: calibration.stretch.filter(|s| s.prior_sigma.is_some()).map(|s| [s.value, s.sigma]),
+        sigma: std::array::from_fn(|k| (!calibration.fixed[k]).then(|| c[(k, k)].max(0.0).sqrt())),
         halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
     }
@@ -44,7 +44,7 @@ pub(super) fn result_json(
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
         Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
-    let parameters = values(calibration).map(Some);
+    let parameters = parameter_values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
     camera.insert("width".into(), calibration.lens.width.into());
     camera.insert("height".into(), calibration.lens.height.into());
@@ -80,7 +80,7 @@ pub(super) fn result_json(
         "sigma": sigma,
         "model": if rational { "rational" } else { "brown" },
         "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
-        "correlation": (0..9).map(|i| (0..9).map(|j| correlation(calibration, i, j)).collect::<Vec<_>>()).collect::<Vec<_>>(),
+        "correlation": (0..9).map(|i| (0..9).map(|j| parameter_correlation(calibration, i, j)).collect::<Vec<_>>()).collect::<Vec<_>>(),
         "halves": calibration.halves.map(|h| serde_json::json!({
             "distance_m": h.distance_m, "difference_px": h.difference_px, "predicted_px": h.predicted_px,
         })),
@@ -89,7 +89,7 @@ pub(super) fn result_json(
         "board_bow_m": report.board_bow_m,
         "board_bow_sigma_m": report.board_bow_sigma_m,
         "board_stretch": calibration.stretch.map(|s| serde_json::json!({
-            "value": s.value, "sigma": s.sigma, "projection_px": s.worth_px, "stated_sigma": s.stated,
+            "value": s.value, "sigma": s.sigma, "projection_px": s.projection_change_px, "stated_sigma": s.prior_sigma,
         })),
         "projection_sigma_px": report.projection_sigma_px,
         "camera": camera,
@@ -101,7 +101,7 @@ pub(super) fn result_json(
 
 /// Returns a distortion term divided by its standard deviation.
 fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> Option<f64> {
-    report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| values(calibration)[k] / s)
+    report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| parameter_values(calibration)[k] / s)
 }
 
 pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
@@ -115,10 +115,10 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
         report.rms_px
     );
     for (k, ((name, value), sigma)) in
-        Lens::PARAMETERS.iter().zip(values(calibration)).zip(report.sigma).enumerate()
+        Lens::PARAMETERS.iter().zip(parameter_values(calibration)).zip(report.sigma).enumerate()
     {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
-        let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
+        let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT_RATIO);
         let sigma = sigma.map_or("fixed".to_owned(), |s| format!("+- {s:.digits$}"));
         let note = if weak { " (not significant)" } else { "" };
         text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
@@ -131,10 +131,10 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
     }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
         let flat = if bow.is_significant() { "" } else { " (not significant)" };
-        let (value, sigma) = rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
+        let (value, sigma) = format_rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
         text.push_str(&format!("board's bow {name} {value} +- {sigma} mm{flat}\n"));
     }
-    if let Some(s) = calibration.stretch.filter(|s| s.stated.is_some()) {
+    if let Some(s) = calibration.stretch.filter(|s| s.prior_sigma.is_some()) {
         let note = if s.is_significant() { "" } else { " (not significant)" };
         text.push_str(&format!(
             "board's stretch across over along {:.4} +- {:.4} %{note}\n",
@@ -148,9 +148,7 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
     }
     if let Some(h) = calibration.halves {
         let (difference, predicted, at) = (h.difference_px, h.predicted_px, h.distance_m);
-        text.push_str(&format!(
-            "halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"
-        ));
+        text.push_str(&format!("halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"));
     }
     text.trim_end().to_owned()
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::sink::{FileMetadata, RowSink, ExportEnd, finish_export};
+use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
 use super::{ExportArgs, FormatName, recorder_metadata};
 use crate::cli::copy::byte_progress;
 use crate::cli::{Completion, Failure};
@@ -12,7 +12,7 @@ use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue
 
 pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failure> {
     check_options(args)?;
-    let flights = source::chosen(&args.store, args.flight.as_deref())?;
+    let flights = source::selected_flights(&args.store, args.flight.as_deref())?;
     let (mut tables, mut bytes) = (Vec::new(), 0);
     for flight in &flights {
         live::for_each_live_file(&RealDisk, &args.store, flight, |file| {
@@ -24,18 +24,16 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
         })?;
     }
     if tables.is_empty() {
-        let what = format!(
-            "{}: no live results; enable [live] in the configuration to record them",
-            args.store.display()
-        );
+        let what =
+            format!("{}: no live results; enable [live] in the configuration to record them", args.store.display());
         return Err(Failure::Failed(what));
     }
     let store_id = catalogue::store_id(&RealDisk, &args.store);
-    let columns = LiveColumns::of(&tables, store_id.clone());
+    let columns = LiveColumns::from_tables(&tables, store_id.clone());
     let bar = byte_progress(bytes, "live results");
     let mut notes = Vec::new();
-    let mut empty = columns.empty();
-    empty.extend(LiveFacts::empty());
+    let mut empty = columns.empty_columns();
+    empty.extend(LiveFacts::empty_columns());
     let sink = RowSink::begin(args, empty, || Ok(live_metadata(&tables, store_id.as_deref())));
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
@@ -74,15 +72,15 @@ fn write_flight_rows(
     sink: &mut RowSink,
     read: impl Fn(u64),
 ) -> Result<Vec<String>, ExportEnd> {
-    let (track, mut notes) = aircraft::track(&RealDisk, &args.store, flight)?;
+    let (track, mut notes) = aircraft::read_track(&RealDisk, &args.store, flight)?;
     let facts = LiveFacts { track };
     let files = live::for_each_live_file(&RealDisk, &args.store, flight, |mut file| {
         read(file.length() as u64);
         let head = file.head.clone();
         while let Some(block) = file.next_block() {
-            match columns.rows(&head, &block) {
+            match columns.block_columns(&head, &block) {
                 Some(mut rows) => {
-                    rows.extend(facts.rows(&head, &block));
+                    rows.extend(facts.block_columns(&head, &block));
                     sink.add_rows(args, rows)?;
                 }
                 None => return Ok(file.torn_length().max(1)),
@@ -96,10 +94,10 @@ fn write_flight_rows(
 
 fn check_options(args: &ExportArgs) -> Result<(), Failure> {
     let wrong = match args.format {
-        FormatName::Vtk => {
-            Some("--format vtk has no live results; use csv, parquet or jsonl")
+        FormatName::Vtk => Some("--format vtk has no live results; use csv, parquet or jsonl"),
+        _ if args.inputs.is_some() => {
+            Some("--inputs cannot be used with live results, which are never solved again; omit it")
         }
-        _ if args.inputs.is_some() => Some("--inputs cannot be used with live results, which are never solved again; omit it"),
         _ => args.installation.is_some().then_some("--installation is used only for vtk; omit it"),
     };
     wrong.map_or(Ok(()), |what| Err(Failure::Usage(what.to_owned())))

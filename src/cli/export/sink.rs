@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::{ExportArgs, FormatName};
 use crate::cli::{Failure, print_line};
-use crate::report::export::{self, Column, Csv};
+use crate::report::export::{self, CsvWriter, ExportColumn};
 
 /// Reason why an export ended early.
 pub(super) enum ExportEnd {
@@ -25,7 +25,7 @@ impl<E: Into<Failure>> From<E> for ExportEnd {
 
 /// Output of rows.
 pub(super) enum RowSink {
-    Csv(Csv<Box<dyn Write>>),
+    Csv(CsvWriter<Box<dyn Write>>),
     Lines(Box<dyn Write>),
     #[cfg(feature = "parquet")]
     Parquet(export::ParquetFile<BufWriter<File>>),
@@ -83,14 +83,14 @@ impl RowSink {
     /// Begins an output with columns and their first rows; `notes` are the metadata, if the format has any.
     pub(super) fn begin(
         args: &ExportArgs,
-        columns: Vec<Column>,
+        columns: Vec<ExportColumn>,
         notes: impl FnOnce() -> Result<FileMetadata, Failure>,
     ) -> Result<Self, ExportEnd> {
         match args.format {
             FormatName::Jsonl => Ok(Self::Lines(args.text_output()?)),
             FormatName::Parquet => Self::begin_parquet(args, columns, notes),
             FormatName::Csv | FormatName::Vtk => {
-                let begun = Csv::begin(args.text_output()?, &columns);
+                let begun = CsvWriter::begin(args.text_output()?, &columns);
                 begun.map(Self::Csv).map_err(|error| args.classify_csv_error(&error))
             }
         }
@@ -99,7 +99,7 @@ impl RowSink {
     #[cfg(feature = "parquet")]
     fn begin_parquet(
         args: &ExportArgs,
-        columns: Vec<Column>,
+        columns: Vec<ExportColumn>,
         notes: impl FnOnce() -> Result<FileMetadata, Failure>,
     ) -> Result<Self, ExportEnd> {
         let output = BufWriter::new(create_file(args.output_file().unwrap_or(Path::new("")))?);
@@ -108,14 +108,20 @@ impl RowSink {
     }
 
     #[cfg(not(feature = "parquet"))]
-    fn begin_parquet(_: &ExportArgs, _: Vec<Column>, _: impl FnOnce() -> Result<FileMetadata, Failure>) -> Result<Self, ExportEnd> {
+    fn begin_parquet(
+        _: &ExportArgs,
+        _: Vec<ExportColumn>,
+        _: impl FnOnce() -> Result<FileMetadata, Failure>,
+    ) -> Result<Self, ExportEnd> {
         Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
     }
 
-    pub(super) fn add_rows(&mut self, args: &ExportArgs, rows: Vec<Column>) -> Result<(), ExportEnd> {
+    pub(super) fn add_rows(&mut self, args: &ExportArgs, rows: Vec<ExportColumn>) -> Result<(), ExportEnd> {
         match self {
             Self::Csv(csv) => csv.add(&rows).map_err(|error| args.classify_csv_error(&error)),
-            Self::Lines(output) => export::json_rows(output, &rows).map_err(|error| args.classify_io_error(&error)),
+            Self::Lines(output) => {
+                export::write_json_rows(output, &rows).map_err(|error| args.classify_io_error(&error))
+            }
             #[cfg(feature = "parquet")]
             Self::Parquet(file) => file.add(rows).map_err(|error| args.classify_error(&error, None)),
         }

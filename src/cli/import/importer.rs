@@ -7,13 +7,13 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::Value;
 
 use crate::camera::file_extension;
-use crate::camera::replay::format_of;
+use crate::camera::replay::format_from_path;
 use crate::cli::image_files::DatedImage;
 use crate::cli::{Failure, image_batch};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::installation::shown_path;
-use crate::store::manifest::{SeriesCause, SeriesManifest, Shot, SeriesState};
+use crate::installation::printable_path;
+use crate::store::manifest::{SeriesCause, SeriesManifest, SeriesState, Shot};
 use crate::store::{FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex};
 
 /// Outcome of a series of images.
@@ -112,8 +112,8 @@ impl<'a> Importer<'a> {
         Ok(())
     }
 
-    /// Returns the flight that images belong to: the one requested; one that has some of them; one whose imported
-    /// images are near in time. `None`: a new one.
+    /// Returns the flight that images belong to: the one requested; one that has some of them; one whose imported images
+    /// are near in time. `None`: a new one.
     fn find_flight(&self, series: &[Vec<DatedImage>]) -> Result<Option<String>, Failure> {
         if let Some(wanted) = &self.requested {
             return Ok(self.flights.iter().any(|f| f.id == *wanted).then(|| wanted.clone()));
@@ -128,8 +128,13 @@ impl<'a> Importer<'a> {
     }
 
     /// Imports a series; its flight begins with the first image that the store does not have.
-    fn import_series(&mut self, pictures: &[DatedImage], flight: &mut Option<String>) -> Result<ImportedSeries, Failure> {
-        let new: Vec<&DatedImage> = pictures.iter().filter(|p| !self.flight_of_digest.contains_key(&p.digest)).collect();
+    fn import_series(
+        &mut self,
+        pictures: &[DatedImage],
+        flight: &mut Option<String>,
+    ) -> Result<ImportedSeries, Failure> {
+        let new: Vec<&DatedImage> =
+            pictures.iter().filter(|p| !self.flight_of_digest.contains_key(&p.digest)).collect();
         let already = pictures.len() - new.len();
         self.bar.inc(already as u64);
         let Some(first) = new.first() else {
@@ -141,8 +146,7 @@ impl<'a> Importer<'a> {
             Some(id) => id.clone(),
             None => {
                 let now = began.image_stamp(first, 0);
-                let id =
-                    self.store.begin_flight(&now, "imported from images".into(), self.requested.clone())?;
+                let id = self.store.begin_flight(&now, "imported from images".into(), self.requested.clone())?;
                 self.flights.push(ExistingFlight { id: id.clone(), span: None });
                 self.requested = self.requested.take().map(|_| id.clone());
                 flight.insert(id).clone()
@@ -170,13 +174,14 @@ impl<'a> Importer<'a> {
         let of_camera = settings.filter(|(name, _)| CAMERA_SETTINGS.contains(name));
         open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;
         if began.utc.is_none() {
-            open.add_remark("the images have no time: they are in the order of the files, and their times have no meaning")?;
+            open.add_remark(
+                "the images have no time: they are in the order of the files, and their times have no meaning",
+            )?;
         }
         for (k, picture) in new.iter().enumerate() {
-            let shown = shown_path(&picture.file);
-            let bytes = std::fs::read(&picture.file).map_err(|e| {
-                Failure::Failed(format!("{shown} cannot be read ({e}); import again to resume"))
-            })?;
+            let shown = printable_path(&picture.file);
+            let bytes = std::fs::read(&picture.file)
+                .map_err(|e| Failure::Failed(format!("{shown} cannot be read ({e}); import again to resume")))?;
             if sha256_hex(&bytes) != picture.digest {
                 return Err(Failure::Failed(format!(
                     "{shown} changed while being read; check the card and import again"
@@ -186,15 +191,14 @@ impl<'a> Importer<'a> {
             let stamp = began.image_stamp(picture, k);
             let exposure = (picture.has_own_time() && picture.utc.is_some())
                 .then(|| Exposure::from_camera_clock(&stamp, picture.clock_step_s(), self.clock_sigma_s));
-            let format = format_of(&picture.file);
+            let format = format_from_path(&picture.file);
             let frame = NewFrame {
                 bytes: &bytes,
                 extension: format.as_ref().map_or("bin", file_extension),
                 format: serde_json::to_value(&format).unwrap_or(Value::Null),
                 settings: picture.settings(),
             };
-            let shot =
-                Shot { shot: number, stamp, duration_s: None, exposure, frame: None, failures: Vec::new() };
+            let shot = Shot { shot: number, stamp, duration_s: None, exposure, frame: None, failures: Vec::new() };
             open.add_shot(shot, Some(frame))?;
             self.bar.inc(1);
         }

@@ -6,17 +6,17 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::image_files::{self, DatingOptions, DatedImage};
+use super::image_files::{self, DatedImage, DatingOptions};
 use super::{Completion, Failure, load_installation, print_line, store_access};
-use importer::{Importer, ImportedSeries};
+use importer::{ImportedSeries, Importer};
 
-use crate::installation::shown_path;
+use crate::installation::printable_path;
 
 /// Import the images of a camera's card into a store: dated, in series, each once.
 #[derive(clap::Args)]
 pub struct ImportArgs {
     /// Images, or folders with images in them and below
-    #[arg(required = true, value_name = "PICTURE|FOLDER")]
+    #[arg(required = true, value_name = "IMAGE|FOLDER")]
     pictures: Vec<PathBuf>,
     /// Store; created if it does not exist
     #[arg(long, value_name = "STORE")]
@@ -24,8 +24,8 @@ pub struct ImportArgs {
     /// Installation to keep in the store, for `wingd solve STORE`
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Flight for the images: one of the store (f0001), or your name for a new one
-    /// [default: by the images' times; a pause of 3 hours begins a new flight]
+    /// Flight for the images: one of the store (f0001), or your name for a new one [default: by the images' times; a pause
+    /// of 3 hours begins a new flight]
     #[arg(long, value_name = "NAME")]
     flight: Option<String>,
     #[command(flatten)]
@@ -49,10 +49,10 @@ pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
     let files = installation.as_ref().map(|i| i.files()).transpose()?;
     let card = image_files::read_collection(&args.pictures, &args.dating, 0)?;
     for (file, known) in &card.duplicates {
-        eprintln!("wingd: {}: same image as {}; imported once", shown_path(file), shown_path(known));
+        eprintln!("wingd: {}: same image as {}; imported once", printable_path(file), printable_path(known));
     }
     for (file, why) in &card.refused {
-        eprintln!("wingd: {}: {why}", shown_path(file));
+        eprintln!("wingd: {}: {why}", printable_path(file));
     }
     for (what, remedy) in &card.remarks {
         eprintln!("wingd: {what}; {remedy}");
@@ -104,8 +104,7 @@ fn print_series(args: &ImportArgs, pictures: &[DatedImage], taken: &ImportedSeri
         0 => String::new(),
         n => format!(", {n} already there"),
     };
-    let place =
-        taken.series.as_ref().map_or_else(|| taken.flight.clone(), |s| format!("{}/{s}", taken.flight));
+    let place = taken.series.as_ref().map_or_else(|| taken.flight.clone(), |s| format!("{}/{s}", taken.flight));
     let (first, last) = (name(first), name(last));
     print_line(&format!("{place}  {} imported{already}  {when}  {first} to {last}", taken.taken))
 }

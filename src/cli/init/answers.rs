@@ -45,7 +45,11 @@ fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 fn parse_pair(text: &str) -> Result<[String; 2], String> {
     let parts: Vec<String> = text.split(',').map(|t| t.trim().to_owned()).collect();
     let named = parts.iter().all(|t| !t.is_empty());
-    parts.try_into().ok().filter(|_| named).ok_or_else(|| "give the names of two markers, for example M20,M21".to_owned())
+    parts
+        .try_into()
+        .ok()
+        .filter(|_| named)
+        .ok_or_else(|| "give the names of two markers, for example M20,M21".to_owned())
 }
 
 fn parse_number(text: &str) -> Result<f64, String> {
@@ -71,9 +75,21 @@ impl InitAnswers {
         eprintln!("Press Enter to leave a value blank. installation.svg shows the quantities.");
         ask_until_valid(&mut self.name, "name of aircraft and wing", parse_text);
         ask_until_valid(&mut self.side, "which wing (left or right)", parse_side);
-        ask_until_valid(&mut self.projection_centre, "position of the lens in the survey frame, m (x,y,z)", parse_numbers::<3>);
-        ask_until_valid(&mut self.span_direction, "direction of the span, outboard, in the survey frame (dx,dy)", parse_numbers::<2>);
-        ask_until_valid(&mut self.root_offset, "distance along the span from the lens to the bending root, m", parse_number);
+        ask_until_valid(
+            &mut self.projection_centre,
+            "position of the lens in the survey frame, m (x,y,z)",
+            parse_numbers::<3>,
+        );
+        ask_until_valid(
+            &mut self.span_direction,
+            "direction of the span, outboard, in the survey frame (dx,dy)",
+            parse_numbers::<2>,
+        );
+        ask_until_valid(
+            &mut self.root_offset,
+            "distance along the span from the lens to the bending root, m",
+            parse_number,
+        );
         ask_until_valid(
             &mut self.temperatures,
             "temperature of the wing at the survey and in flight, C (ground,flight)",
@@ -92,10 +108,7 @@ impl InitAnswers {
         let known = [
             ("name = \"\"", self.name.as_ref().map(|t| format!("name = {t:?}"))),
             ("side = \"\"", self.side.as_ref().map(|t| format!("side = {t:?}"))),
-            (
-                "projection_centre_m = []",
-                self.projection_centre.map(|p| format!("projection_centre_m = {}", list(&p))),
-            ),
+            ("projection_centre_m = []", self.projection_centre.map(|p| format!("projection_centre_m = {}", list(&p)))),
             ("span_direction = []", self.span_direction.map(|d| format!("span_direction = {}", list(&d)))),
             ("root_offset_m = nan", self.root_offset.map(|m| format!("root_offset_m = {m:?}"))),
         ];
@@ -153,7 +166,7 @@ mod tests {
     const TEMPLATE: &str = include_str!("../../../config/new/installation.toml");
 
     #[test]
-    fn every_blank_of_the_template_has_its_answer() {
+    fn every_blank_of_the_template_has_an_answer() {
         let all = InitAnswers {
             name: Some("D-ABCD, left wing".into()),
             side: Some("left".into()),
@@ -179,7 +192,9 @@ mod tests {
     #[test]
     fn answers_are_read_or_refused() {
         assert_eq!(parse_numbers::<3>("1, -2.5,3"), Ok([1.0, -2.5, 3.0]));
-        assert!(parse_numbers::<3>("1,2").is_err() && parse_numbers::<2>("1,nan").is_err() && parse_pair("M20").is_err());
+        assert!(
+            parse_numbers::<3>("1,2").is_err() && parse_numbers::<2>("1,nan").is_err() && parse_pair("M20").is_err()
+        );
         assert_eq!(parse_pair("M20, M21"), Ok(["M20".to_owned(), "M21".to_owned()]));
     }
 }

@@ -1,13 +1,13 @@
-//! Plan for a wing of which only the main dimensions are known: an installation is derived from them, and written
-//! on request.
+//! Plan for a wing of which only the main dimensions are known: an installation is derived from them, and written on
+//! request.
 
 use std::path::Path;
 
-use crate::cli::{Failure, CHECK_WRITE_ACCESS, write_failure};
+use crate::cli::{CHECK_WRITE_ACCESS, Failure, write_failure};
 use crate::installation::{self, Installation};
 use crate::measure::geometry::Lens;
-use crate::measure::plan::{self, Draft, PlanOptions};
-use crate::measure::setup::{Orientation, Setup, Uncertainty};
+use crate::measure::plan::{self, LayoutDraft, PlanOptions};
+use crate::measure::setup::{Orientation, Setup, SetupUncertainty};
 use crate::report::layout_figure;
 
 /// Dimensions of a wing that has no installation yet.
@@ -47,7 +47,8 @@ struct Sensor {
 
 fn parse_sensor(text: &str) -> Result<Sensor, String> {
     let parts: Vec<&str> = text.split(['x', 'X']).collect();
-    let fault = || "give pixels across, pixels down and the pixel pitch in micrometres, for example 4000x3000x1.54".to_owned();
+    let fault =
+        || "give pixels across, pixels down and the pixel pitch in micrometres, for example 4000x3000x1.54".to_owned();
     let [width, height, pitch] = parts[..] else { return Err(fault()) };
     let side = |t: &str| t.parse().ok().filter(|n: &u32| (100..=20_000).contains(n)).ok_or_else(fault);
     let pitch_um = pitch.parse().ok().filter(|p: &f64| (0.3..=50.0).contains(p)).ok_or_else(fault)?;
@@ -59,7 +60,7 @@ type DimensionLimit = (&'static str, Option<f64>, (f64, f64), &'static str);
 
 impl DraftArgs {
     /// Returns the dimensions; `None` if any is missing.
-    fn to_draft(&self) -> Result<Option<Draft>, Failure> {
+    fn to_draft(&self) -> Result<Option<LayoutDraft>, Failure> {
         let (Some(span_m), Some(height_m), Some(chord_m), Some(focal_mm), Some(sensor)) =
             (self.span, self.height, self.chord, self.focal, self.sensor)
         else {
@@ -71,16 +72,14 @@ impl DraftArgs {
             ("--chord", self.chord, (0.1, 30.0), "m"),
             ("--focal", self.focal, (0.5, 1000.0), "mm"),
         ];
-        let off = limited
-            .iter()
-            .find(|(_, value, (low, high), _)| value.is_some_and(|v| !(*low..=*high).contains(&v)));
+        let off = limited.iter().find(|(_, value, (low, high), _)| value.is_some_and(|v| !(*low..=*high).contains(&v)));
         if let Some((name, _, (low, high), unit)) = off {
             return Err(Failure::Usage(format!("{name} must be from {low} to {high} {unit}")));
         }
         let focal_px = 1e3 * focal_mm / sensor.pitch_um;
         let centre = |side: u32| 0.5 * (f64::from(side) - 1.0);
         let (cx, cy) = (centre(sensor.width), centre(sensor.height));
-        Ok(Some(Draft {
+        Ok(Some(LayoutDraft {
             span_m,
             height_m,
             chord_m,
@@ -103,7 +102,7 @@ impl DraftArgs {
         let folder = tempfile::tempdir()
             .map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
         let mut first = setup_without_markers(&draft);
-        first.markers = plan::layout(&draft, options.tip_deflection_m);
+        first.markers = plan::even_layout(&draft, options.tip_deflection_m);
         write_setup(folder.path(), &first)?;
         let mut installation = installation::load(folder.path())?;
         let best = plan::best_layout(&draft, &installation.setup, options, frames);
@@ -113,7 +112,7 @@ impl DraftArgs {
 }
 
 /// Returns the setup of the wing without its markers; other values are the defaults of an installation.
-fn setup_without_markers(draft: &Draft) -> Setup {
+fn setup_without_markers(draft: &LayoutDraft) -> Setup {
     Setup {
         name: format!("plan of a wing of {} m", draft.span_m),
         lens: draft.lens,
@@ -121,11 +120,11 @@ fn setup_without_markers(draft: &Draft) -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: nalgebra::Vector2::new(1.0, 0.0),
-        stated_side: Some(crate::measure::setup::Side::Right),
+        configured_side: Some(crate::measure::setup::WingSide::Right),
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,
         skin_height: None,
-        uncertainty: Uncertainty::default(),
+        uncertainty: SetupUncertainty::default(),
         thermal: None,
         torsion: vec![],
         markers: vec![],
@@ -138,8 +137,7 @@ fn setup_without_markers(draft: &Draft) -> Setup {
 /// Distance from the camera to the bending root, as in the template of `wingd init`.
 const DEFAULT_ROOT_OFFSET_M: f64 = 0.6;
 
-/// Writes a layout: `installation.toml`, `camera.toml`, `survey.csv` to be replaced by the true survey, and the
-/// drawing.
+/// Writes a layout: `installation.toml`, `camera.toml`, `survey.csv` to be replaced by the true survey, and the drawing.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written.
@@ -151,7 +149,7 @@ pub fn write_layout(
 ) -> Result<(), Failure> {
     write_setup(folder, setup)?;
     let drawing = folder.join("layout.svg");
-    std::fs::write(&drawing, layout_figure::figure(setup, attitude, tip_deflection_m))
+    std::fs::write(&drawing, layout_figure::layout_svg(setup, attitude, tip_deflection_m))
         .map_err(write_failure(&drawing, CHECK_WRITE_ACCESS))
 }
 
@@ -171,9 +169,7 @@ mod tests {
     #[test]
     fn a_sensor_is_read_or_refused() {
         assert_eq!(parse_sensor("4000x3000x1.54"), Ok(Sensor { width: 4000, height: 3000, pitch_um: 1.54 }));
-        for odd in
-            ["4000x3000", "4000x3000x0", "x3000x1.5", "4000x3000x1.54x2", "99999x3000x1.5", "4000x3000xNaN"]
-        {
+        for odd in ["4000x3000", "4000x3000x0", "x3000x1.5", "4000x3000x1.54x2", "99999x3000x1.5", "4000x3000xNaN"] {
             assert!(parse_sensor(odd).is_err(), "{odd}");
         }
     }

@@ -5,14 +5,15 @@ mod requirement;
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, CHECK_WRITE_ACCESS, print_line, write_failure};
+use super::{CHECK_WRITE_ACCESS, Completion, Failure, print_line, write_failure};
 use crate::installation::Installation;
 use crate::measure::plan::{
-    self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction, TipSigma,
+    self, AlternativeLayout, InstallationPlan, LayoutPrecision, LayoutPrediction, MarkerPlan, Optics, PlanOptions,
+    TipSigma,
 };
 use crate::record::{BudgetShare, Reference};
 use crate::report::grid::Grid;
-use crate::report::number::fixed;
+use crate::report::number::format_fixed;
 use crate::report::{plan_figure, table};
 
 /// Predict resolution, depth of field and standard deviations of an installation.
@@ -26,13 +27,11 @@ pub struct PlanArgs {
     /// Also predict N frames of a flight, adjusted together
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
     frames: Option<u16>,
-    /// Required standard deviation of the tip deflection, for example 5mm: prints whether the plan meets it, the
-    /// variance
+    /// Required standard deviation of the tip deflection, for example 5mm: prints whether the plan meets it, the variance
     /// budget, and possible improvements
     #[arg(long, value_name = "LENGTH", value_parser = requirement::parse_length)]
     want: Option<f64>,
-    /// Write the layout (with --want the proposed one): installation.toml, camera.toml, a survey.csv to be replaced
-    /// by the
+    /// Write the layout (with --want the proposed one): installation.toml, camera.toml, a survey.csv to be replaced by the
     /// true survey, and layout.svg, a drawing to scale
     #[arg(long, value_name = "DIR")]
     layout: Option<PathBuf>,
@@ -59,9 +58,7 @@ pub struct PlanArgs {
 pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
     let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_deflection.abs() <= 100.0;
     if !sensible {
-        return Err(Failure::Usage(
-            "--pixel-sigma must be in (0, 100] px, --tip-deflection within 100 m".into(),
-        ));
+        return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-deflection within 100 m".into()));
     }
     let frames = args.frames.map_or(1, usize::from);
     let installation = match args.draft.span {
@@ -69,14 +66,17 @@ pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
         Some(_) => args.draft.draft_installation(&plan_options(args, None), frames)?,
     };
     let options = plan_options(args, Some(&installation));
-    let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
+    let plan = plan::plan_installation(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Failed(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
-        std::fs::write(file, plan_figure::figure(&plan)).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
+        std::fs::write(file, plan_figure::plan_svg(&plan)).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
     }
     let joint = requirement::flight_precision(&installation, &options, args.frames)?;
     let with_prior = requirement::prior_precision(&installation, &options, frames)?;
-    let proposal = args.want.map(|sigma_m| requirement::answer_requirement(&installation, &options, sigma_m, frames)).transpose()?;
+    let proposal = args
+        .want
+        .map(|sigma_m| requirement::answer_requirement(&installation, &options, sigma_m, frames))
+        .transpose()?;
     if let Some(folder) = &args.layout {
         requirement::write_layout(folder, &installation, &options, proposal.as_ref())?;
     }
@@ -105,24 +105,17 @@ fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOpt
     }
 }
 
-fn plan_text(plan: &Plan, wide: bool) -> String {
+fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
     let mut out = format!(
         "Planned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
-        plan.tip_deflection_m,
-        plan.pixel_sigma,
-        plan.field_of_view_deg[0],
-        plan.field_of_view_deg[1],
-        plan.focal_px
+        plan.tip_deflection_m, plan.pixel_sigma, plan.field_of_view_deg[0], plan.field_of_view_deg[1], plan.focal_px
     );
     out.push_str(&optics_text(plan));
-    out.push_str(&format!("\n{}", marker_table(&plan.markers).text_at(wide)));
+    out.push_str(&format!("\n{}", marker_table(&plan.markers).text_with_width(wide)));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", prediction_text(prediction)));
         let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
-        out.push_str(&format!(
-            "\nVariance budget of that deflection\n{}",
-            table::budget(&shares).text()
-        ));
+        out.push_str(&format!("\nVariance budget of that deflection\n{}", table::budget_table(&shares).text()));
         out.push_str(&format!("\nOne marker removed or added\n{}", marker_change_table(prediction).text()));
         let marks = alternative_table(prediction, &prediction.fixed_marks);
         out.push_str(&format!(
@@ -138,7 +131,7 @@ fn plan_text(plan: &Plan, wide: bool) -> String {
     out
 }
 
-fn optics_text(plan: &Plan) -> String {
+fn optics_text(plan: &InstallationPlan) -> String {
     let Some(o) = &plan.optics else {
         return "Depth of field and diffraction: give [camera.optics] in installation.toml\n".into();
     };
@@ -159,24 +152,24 @@ fn optics_text(plan: &Plan) -> String {
 }
 
 fn marker_table(markers: &[MarkerPlan]) -> Grid {
-    let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
-    Grid::each(markers).columns(&[
+    let mm = |value: Option<f64>| format_fixed(value.map(|m| 1e3 * m), 1);
+    Grid::for_rows(markers).columns(&[
         ("<marker", &|m| m.id.clone()),
         ("~<shape", &|m| m.shape.to_owned()),
-        ("span / m", &|m| fixed(Some(m.span_m), 2)),
-        ("~distance / m", &|m| fixed(Some(m.distance_m), 2)),
-        ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
-        ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
-        ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
+        ("span / m", &|m| format_fixed(Some(m.span_m), 2)),
+        ("~distance / m", &|m| format_fixed(Some(m.distance_m), 2)),
+        ("spanwise / (mm/px)", &|m| format_fixed(Some(m.ground.spanwise_mm), 1)),
+        ("in flight", &|m| format_fixed(Some(m.flight.spanwise_mm), 1)),
+        ("streamwise / (mm/px)", &|m| format_fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
-        ("blur / px", &|m| fixed(m.blur_px, 1)),
+        ("blur / px", &|m| format_fixed(m.blur_px, 1)),
         ("sigma deflection / mm", &|m| mm(m.sigma.as_ref().map(|s| s.deflection_m))),
         ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
 }
 
-fn prediction_text(prediction: &Prediction) -> String {
+fn prediction_text(prediction: &LayoutPrediction) -> String {
     let e = &prediction.expected;
     let mut out = format!(
         "Predicted standard deviations (spatial, one frame, redundancy {}): deflection of the axis relative to the survey {:.1} mm \
@@ -185,13 +178,13 @@ fn prediction_text(prediction: &Prediction) -> String {
         1e3 * e.sigma_tip_deflection_m,
         1e3 * e.sigma_mean_deflection_m,
         1e3 * e.sigma_span_m,
-        fixed(e.sigma_tip_twist_deg, 3)
+        format_fixed(e.sigma_tip_twist_deg, 3)
     );
     if let Some(tip) = &prediction.tip {
         out.push_str(&tip_deflection_text(tip));
     }
     for (name, angle, twist) in &prediction.torsion {
-        let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
+        let (angle, twist) = (format_fixed(*angle, 3), format_fixed(*twist, 3));
         out.push_str(&format!("Torsion '{name}': angle {angle} deg, twist free of bending {twist} deg\n"));
     }
     if let Some(r) = prediction.pitch_bending_correlation {
@@ -208,42 +201,42 @@ fn tip_deflection_text(tip: &TipSigma) -> String {
         Reference::Ground => tip.deflection_ground_m,
         Reference::Root => tip.deflection_root_m,
     };
-    let text = |one: Reference| Some(format!("{} {:.1} mm", one.words(), 1e3 * sigma(one)?));
+    let text = |one: Reference| Some(format!("{} {:.1} mm", one.description(), 1e3 * sigma(one)?));
     let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
     let all: Vec<String> = text(shown).into_iter().chain(others).collect();
     format!("Deflection of {}, first that reported in results: {}\n", tip.marker, all.join("; "))
 }
 
 /// Returns the change of the tip deflection's standard deviation relative to the layout as surveyed, in percent.
-fn relative_change(prediction: &Prediction, e: Option<Expected>) -> String {
+fn relative_change(prediction: &LayoutPrediction, e: Option<LayoutPrecision>) -> String {
     let before = prediction.expected.sigma_tip_deflection_m;
     let change = e.map(|e| 100.0 * (e.sigma_tip_deflection_m / before - 1.0));
-    change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %"))
+    change.map_or_else(|| format_fixed(None, 0), |c| format!("{c:+.1} %"))
 }
 
-fn sigma_mm(e: Option<Expected>, pick: fn(&Expected) -> f64) -> String {
-    fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
+fn sigma_mm(e: Option<LayoutPrecision>, pick: fn(&LayoutPrecision) -> f64) -> String {
+    format_fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
 }
 
-fn marker_change_table(prediction: &Prediction) -> Grid {
+fn marker_change_table(prediction: &LayoutPrediction) -> Grid {
     let mut rows = vec![("as surveyed".to_owned(), None, Some(prediction.expected))];
     rows.extend(prediction.changes.iter().map(|change| {
         let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
         (name, Some(change.span_m), change.expected)
     }));
-    Grid::each(&rows).columns(&[
+    Grid::for_rows(&rows).columns(&[
         ("<layout", &|(name, ..)| name.clone()),
-        ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
+        ("span / m", &|(_, span_m, _)| format_fixed(*span_m, 2)),
         ("tip deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
         ("mean deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
-        ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
+        ("tip twist / deg", &|(.., e)| format_fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
         ("along span / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_span_m)),
         ("tip deflection changes by", &|(.., e)| relative_change(prediction, *e)),
     ])
 }
 
-fn alternative_table(prediction: &Prediction, list: &[Alternative]) -> Grid {
-    Grid::each(list).columns(&[
+fn alternative_table(prediction: &LayoutPrediction, list: &[AlternativeLayout]) -> Grid {
+    Grid::for_rows(list).columns(&[
         ("<assumed", &|one| one.name.clone()),
         ("tip deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
         ("mean deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),

@@ -7,16 +7,15 @@ use serde_json::{Value, json};
 use super::draft;
 use crate::cli::Failure;
 use crate::installation::Installation;
-use crate::measure::plan::{self, Answer, Expected, Plan, PlanOptions, Requirement};
+use crate::measure::plan::{self, InstallationPlan, LayoutPrecision, PlanOptions, Requirement, RequirementResult};
 use crate::measure::setup::{Orientation, Setup};
 use crate::report::grid::Grid;
-use crate::report::number::{count, fixed};
+use crate::report::number::{count_text, format_fixed};
 
 /// Parses a length with its unit and returns it in metres.
 pub fn parse_length(text: &str) -> Result<f64, String> {
     let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
-    let read =
-        units.iter().find_map(|(unit, m)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * m));
+    let read = units.iter().find_map(|(unit, m)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * m));
     let sound = read.filter(|m| *m > 0.0 && *m <= 100.0);
     sound.ok_or_else(|| "give a length above 0 with its unit, for example 5mm".to_owned())
 }
@@ -24,7 +23,7 @@ pub fn parse_length(text: &str) -> Result<f64, String> {
 /// Predicted precision of several frames of a flight adjusted together.
 pub struct FlightPrecision {
     frames: usize,
-    expected: Expected,
+    expected: LayoutPrecision,
 }
 
 /// Predicted precision of frames with the prior from earlier flights.
@@ -35,7 +34,7 @@ pub struct PriorPrecision {
 
 /// Answer to a required precision, with the proposed layout.
 pub struct PlanProposal {
-    answer: Answer,
+    answer: RequirementResult,
     setup: Setup,
     attitude: Orientation,
 }
@@ -56,16 +55,17 @@ pub fn flight_precision(
     Ok(Some(FlightPrecision { frames, expected: expected.map_err(|e| plan_failure(&e))? }))
 }
 
-/// Predicts the precision with the flight prior; `None` without a prior, or if it has another number of curvature
-/// terms.
+/// Predicts the precision with the flight prior; `None` without a prior, or if it has another number of curvature terms.
 pub fn prior_precision(
     installation: &Installation,
     options: &PlanOptions,
     frames: usize,
 ) -> Result<Option<PriorPrecision>, Failure> {
-    let Installation { setup, orientation, learnt: prior, .. } = installation;
-    let flight_prior = prior.as_ref().and_then(|prior| Some((prior.sources.len(), prior.beside(&[], setup)?)));
-    let Some((flights, flight_prior)) = flight_prior.filter(|(_, t)| t.holds_for(options.curvature_terms)) else {
+    let Installation { setup, orientation, flight_prior: prior, .. } = installation;
+    let flight_prior = prior.as_ref().and_then(|prior| Some((prior.flights.len(), prior.prior_without(&[], setup)?)));
+    let Some((flights, flight_prior)) =
+        flight_prior.filter(|(_, t)| t.matches_curvature_terms(options.curvature_terms))
+    else {
         return Ok(None);
     };
     let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&flight_prior));
@@ -73,6 +73,7 @@ pub fn prior_precision(
     Ok(Some(PriorPrecision { flights, precision: joint }))
 }
 
+/// Checks whether the planned layout reaches the required standard deviation, m.
 pub fn answer_requirement(
     installation: &Installation,
     options: &PlanOptions,
@@ -80,7 +81,8 @@ pub fn answer_requirement(
     frames: usize,
 ) -> Result<PlanProposal, Failure> {
     let requirement = Requirement { sigma_m, frames };
-    let answered = plan::answer(&installation.setup, installation.orientation.as_ref(), options, &requirement);
+    let answered =
+        plan::check_requirement(&installation.setup, installation.orientation.as_ref(), options, &requirement);
     let (answer, setup, attitude) = answered.map_err(|e| plan_failure(&e))?;
     Ok(PlanProposal { answer, setup, attitude })
 }
@@ -95,7 +97,7 @@ pub fn write_layout(
     match proposal {
         Some(proposal) => draft::write_layout(folder, &proposal.setup, &proposal.attitude, options.tip_deflection_m),
         None => {
-            let attitude = plan::attitude(&installation.setup, installation.orientation.as_ref(), options);
+            let attitude = plan::assumed_attitude(&installation.setup, installation.orientation.as_ref(), options);
             let attitude = attitude.map_err(|e| plan_failure(&e))?;
             draft::write_layout(folder, &installation.setup, &attitude, options.tip_deflection_m)
         }
@@ -105,7 +107,7 @@ pub fn write_layout(
 /// Returns the plan as JSON, with `flight`, `flight_prior` and, for a required precision, the fields of the answer:
 /// `reached` first.
 pub fn plan_json(
-    plan: &Plan,
+    plan: &InstallationPlan,
     joint: Option<&FlightPrecision>,
     with_prior: Option<&PriorPrecision>,
     proposal: Option<&PlanProposal>,
@@ -149,7 +151,7 @@ pub fn precision_text(
     proposal: Option<&PlanProposal>,
 ) -> String {
     let mut out = String::new();
-    let mut describe = |what: String, expected: &Expected| {
+    let mut describe = |what: String, expected: &LayoutPrecision| {
         let [tip, span] = [expected.sigma_tip_deflection_m, expected.sigma_mean_deflection_m].map(format_mm);
         out.push_str(&format!("\n{what}: tip deflection {tip}, deflection along the span {span}\n"));
     };
@@ -157,7 +159,7 @@ pub fn precision_text(
         describe(format!("{frames} frames of a flight adjusted together (`wingd solve --flight`)"), expected);
     }
     if let Some(PriorPrecision { flights, precision: FlightPrecision { frames, expected } }) = with_prior {
-        let (frames, flights) = (count(*frames, "frame"), count(*flights, "flight"));
+        let (frames, flights) = (count_text(*frames, "frame"), count_text(*flights, "flight"));
         describe(format!("{frames}, with the prior from {flights} (flight_prior.json)"), expected);
     }
     if let Some(proposal) = proposal {
@@ -166,7 +168,7 @@ pub fn precision_text(
     out
 }
 
-fn answer_text(answer: &Answer, proposal: &Setup) -> String {
+fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
     let frames = |n: usize| if n == 1 { "one frame".to_owned() } else { format!("{n} frames together") };
     let verdict = if answer.reached { "YES" } else { "NO" };
     let mut out = format!(
@@ -174,17 +176,14 @@ fn answer_text(answer: &Answer, proposal: &Setup) -> String {
         format_mm(answer.want_m),
         format_mm(answer.sigma_tip_deflection_m),
         frames(answer.frames),
-        Grid::each(&answer.sources)
-            .columns(&[
-                ("<source", &|s| s.source.clone()),
-                ("share / %", &|s| fixed(Some(100.0 * s.share), 0)),
-            ])
+        Grid::for_rows(&answer.sources)
+            .columns(&[("<source", &|s| s.source.clone()), ("share / %", &|s| format_fixed(Some(100.0 * s.share), 0)),])
             .text()
     );
-    let taken = |sigma: Option<f64>| sigma.map_or_else(|| fixed(None, 0), |m| format!("{:.1}", 1e3 * m));
+    let taken = |sigma: Option<f64>| sigma.map_or_else(|| format_fixed(None, 0), |m| format!("{:.1}", 1e3 * m));
     out.push_str(&format!(
         "\nPossible improvements, cheapest first\n{}",
-        Grid::each(&answer.remedies)
+        Grid::for_rows(&answer.remedies)
             .columns(&[
                 ("<remedy", &|r| r.remedy.clone()),
                 ("<takes", &|r| r.cost.to_owned()),

@@ -3,15 +3,15 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::writer::{FlightMoment, SetFrame};
-use super::{SimulateArgs as Simulate, InvalidValue, choose_hidden};
+use super::{InvalidValue, SimulateArgs as Simulate, choose_hidden};
 use crate::cli::Failure;
-use crate::measure::render::{Light, SeededRandom, Scene};
+use crate::measure::render::{Light, Scene, SeededRandom};
 
-/// Frequencies of the gusts, Hz, rounded to whole periods: a patch of rough air, a short gust, the wing's first
-/// bending mode.
+/// Frequencies of the gusts, Hz, rounded to whole periods: a short gust, the wing's first bending mode, a patch of rough
+/// air.
 const GUSTS_HZ: [f64; 3] = [0.17, 0.6, 1.9];
-/// Relative variation of the fuel's bending relief with the fastest gust: the inertia of the fuel responds with a
-/// delay.
+/// Relative variation of the fuel's bending relief with the fastest gust: the inertia of the fuel responds with its own
+/// phase.
 const RELIEF_VARIATION: f64 = 0.1;
 /// Time in which the mounting drifts by its standard deviation, s.
 const MOUNT_WALK_TIME_S: f64 = 60.0;
@@ -20,9 +20,8 @@ const MOUNT_WALK_TIME_S: f64 = 60.0;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Flight in gusts")]
 pub struct GustArgs {
-    /// Render a flight of this duration in gusts; its mean deflection is the first of --tip-deflections, and the
-    /// last frame is
-    /// followed by the first, so that a replay can repeat it
+    /// Render a flight of this duration in gusts; its mean deflection is the first of --tip-deflections, and the last frame
+    /// is followed by the first, so that a replay can repeat it
     #[arg(long = "gusts", value_name = "SECONDS")]
     pub seconds: Option<f64>,
     /// Frames per second
@@ -31,9 +30,8 @@ pub struct GustArgs {
     /// Amplitude of the tip deflection of each of 3 gusts, m
     #[arg(long, default_value_t = 0.15, value_name = "M", requires = "seconds")]
     gust: f64,
-    /// One or two bending modes excited at random by rough air: frequency, damping ratio, rms of the tip
-    /// deflection. They do not
-    /// end as they began
+    /// One or two bending modes excited at random by rough air: frequency, damping ratio, rms of the tip deflection. They
+    /// do not end as they began
     #[arg(long, value_delimiter = ',', value_name = "HZ:DAMPING:RMS_M", requires = "seconds", value_parser = BendingMode::parse)]
     modes: Vec<BendingMode>,
 }
@@ -53,17 +51,14 @@ impl BendingMode {
     fn parse(text: &str) -> Result<Self, InvalidValue> {
         let numbers: Vec<f64> = text.split(':').map_while(|number| number.parse().ok()).collect();
         match numbers[..] {
-            [hz, damping, rms_m]
-                if hz > 0.0 && damping > 0.0 && damping < 1.0 && (0.0..2.0).contains(&rms_m) =>
-            {
+            [hz, damping, rms_m] if hz > 0.0 && damping > 0.0 && damping < 1.0 && (0.0..2.0).contains(&rms_m) => {
                 Ok(Self { hz, damping, rms_m })
             }
             _ => Err(InvalidValue("frequency, damping ratio below 1 and rms, such as 1.3:0.03:0.1".into())),
         }
     }
 
-    /// Samples the mode's amplitude at each frame, m: a damped oscillator driven by white noise, in its steady
-    /// state.
+    /// Samples the mode's amplitude at each frame, m: a damped oscillator driven by white noise, in its steady state.
     fn sample_amplitudes(self, rate_hz: f64, count: usize, random: &mut SeededRandom) -> Vec<f64> {
         let omega = std::f64::consts::TAU * self.hz / rate_hz;
         let decay = (-self.damping * omega).exp();
@@ -82,6 +77,7 @@ impl BendingMode {
 }
 
 impl GustArgs {
+    /// Returns a usage error if an option is out of its range.
     pub fn check_options(&self) -> Result<(), Failure> {
         let wrong = |what: &str| Err(Failure::Usage(what.into()));
         match self.seconds {
@@ -175,9 +171,8 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_swings_about_its_level_and_closes() {
-        let words =
-            "wingd --output o --gusts 20 --rate-hz 50 --tip-deflections 2 --gust 0.1 --side left --markers 8";
+    fn a_flight_oscillates_about_its_level_and_closes() {
+        let words = "wingd --output o --gusts 20 --rate-hz 50 --tip-deflections 2 --gust 0.1 --side left --markers 8";
         let args = Cli::try_parse_from(words.split(' ')).unwrap_or_else(|e| e.exit()).simulate;
         args.gusts.check_options().unwrap_or_else(|_| unreachable!());
         let scene = crate::cli::simulate::create_scene(&args).unwrap_or_else(|_| unreachable!());
@@ -187,10 +182,7 @@ mod tests {
         let mean = deflections.iter().sum::<f64>() / 1000.0;
         let scatter = (deflections.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
         // Three sines over whole periods.
-        assert!(
-            (mean - 2.0).abs() < 1e-9 && (scatter - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9,
-            "{mean} {scatter}"
-        );
+        assert!((mean - 2.0).abs() < 1e-9 && (scatter - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9, "{mean} {scatter}");
         let fastest = 0.1 * std::f64::consts::TAU * GUSTS_HZ.iter().sum::<f64>() * 1.1 / 50.0;
         let steps = (0..1000).map(|i| (deflections[(i + 1) % 1000] - deflections[i]).abs());
         assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");
@@ -202,16 +194,13 @@ mod tests {
     fn a_mode_has_its_frequency_damping_and_rms() {
         let mode = BendingMode::parse("1.3:0.03:0.1").unwrap();
         let swing = mode.sample_amplitudes(10.0, 200_000, &mut SeededRandom::new(5, 1));
-        let mean = |lag: usize| {
-            swing.iter().zip(&swing[lag..]).map(|(a, b)| a * b).sum::<f64>() / (swing.len() - lag) as f64
-        };
+        let mean =
+            |lag: usize| swing.iter().zip(&swing[lag..]).map(|(a, b)| a * b).sum::<f64>() / (swing.len() - lag) as f64;
         assert!((mean(0).sqrt() / 0.1 - 1.0).abs() < 0.03, "{}", mean(0).sqrt());
         // Yule and Walker: the recursion from its correlations.
         let (zero, one, two) = (mean(0), mean(1), mean(2));
-        let (first, second) = (
-            one * (zero - two) / (zero * zero - one * one),
-            (zero * two - one * one) / (zero * zero - one * one),
-        );
+        let (first, second) =
+            (one * (zero - two) / (zero * zero - one * one), (zero * two - one * one) / (zero * zero - one * one));
         let decay = (-second).sqrt();
         let (real, imaginary) = (decay.ln(), (0.5 * first / decay).acos());
         let hz = real.hypot(imaginary) * 10.0 / std::f64::consts::TAU;

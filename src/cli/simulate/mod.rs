@@ -11,9 +11,9 @@ use nalgebra::Vector2;
 use super::{Completion, Failure, image_batch, print_line};
 use crate::installation;
 use crate::measure::plan::{self, PlanOptions};
-use crate::measure::render::{SampledAircraft, Light, SceneOptions, SeededRandom, Scene, SceneShot, SceneSide};
-use crate::measure::setup::{Orientation, Setup, Thermal, Uncertainty, fixed_mark};
-use crate::report::number::count;
+use crate::measure::render::{Light, SampledAircraft, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom};
+use crate::measure::setup::{Orientation, Setup, SetupUncertainty, Thermal, fixed_target};
+use crate::report::number::count_text;
 use writer::{SetFrame, write_set};
 
 /// Render frames of a wing, or images of a board, with known truth
@@ -49,9 +49,8 @@ pub struct SimulateArgs {
     /// Remount the camera before this flight frame, counted from 1
     #[arg(long, value_name = "N")]
     remount: Option<usize>,
-    /// Sample errors of the installation's values and in-flight effects from the installation's priors; the
-    /// installation that is
-    /// written has these errors and the priors they were sampled from
+    /// Sample errors of the installation's values and in-flight effects from the installation's priors; the installation
+    /// that is written has these errors and the priors they were sampled from
     #[arg(long, requires = "installation")]
     drawn: bool,
     #[command(flatten)]
@@ -120,7 +119,7 @@ struct WingArgs {
 
 /// Sensor and file
 #[derive(clap::Args)]
-#[command(next_help_heading = "Picture")]
+#[command(next_help_heading = "Image")]
 struct PictureArgs {
     /// Standard deviation of the point spread function, px
     #[arg(long, default_value_t = 0.8, value_name = "PX")]
@@ -173,34 +172,34 @@ pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
     write_set(&args.output, &name, (&scene, &specified), &frames, || bar.inc(1))
         .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
-    print_line(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
+    print_line(&format!("{} with truth in {}", count_text(frames.len(), "frame"), args.output.display()))?;
     if let Some(file) = &args.board.board {
         let folder = args.output.join("board");
-        boards::write_board_images(&folder, file, &scene.setup.lens, usize::from(args.board.board_pictures), args.seed)?;
-        let pictures = count(usize::from(args.board.board_pictures), "picture");
+        boards::write_board_images(
+            &folder,
+            file,
+            &scene.setup.lens,
+            usize::from(args.board.board_pictures),
+            args.seed,
+        )?;
+        let pictures = count_text(usize::from(args.board.board_pictures), "image");
         print_line(&format!("{pictures} of the board in {}", folder.display()))?;
     }
     Ok(Completion::All)
 }
 
-/// Returns the setup of a scene without sampled errors, with default priors. The prior of the skin height stays: it
-/// is that of the
-/// drawings.
+/// Returns the setup of a scene without sampled errors, with default priors. The prior of the skin height stays: it is that
+/// of the drawings.
 fn with_default_priors(setup: &Setup) -> Setup {
     let skin_height_sigma_m = setup.uncertainty.skin_height_sigma_m;
-    let uncertainty = Uncertainty { skin_height_sigma_m, ..Uncertainty::default() };
+    let uncertainty = SetupUncertainty { skin_height_sigma_m, ..SetupUncertainty::default() };
     let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
     let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
-    specified
-        .markers
-        .iter_mut()
-        .filter(|m| m.fixed)
-        .for_each(|m| m.flight_motion_m = fixed_mark::FLIGHT_MOTION_M);
+    specified.markers.iter_mut().filter(|m| m.fixed).for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);
     specified
 }
 
-/// Samples an aircraft consistent with the installation; returns its frames and the setup as an installation
-/// specifies it.
+/// Samples an aircraft consistent with the installation; returns its frames and the setup as an installation specifies it.
 fn sample_aircraft(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFrame>) {
     let mut random = SeededRandom::new(seed, 21);
     let aircraft = SampledAircraft::new(scene, &mut random);
@@ -226,7 +225,7 @@ fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
     if args.drawn && orientation.is_none() {
         // Planned attitude: only there are targets in the corners of the image visible.
         let options = PlanOptions { tip_deflection_m: highest, ..PlanOptions::default() };
-        let planned = plan::attitude(&setup, None, &options);
+        let planned = plan::assumed_attitude(&setup, None, &options);
         orientation = Some(planned.map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))?);
     }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
@@ -247,10 +246,7 @@ fn load_setup(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>
 fn check_options(options: &SceneOptions) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
-    if options.lens.width < 64
-        || options.lens.height < 64
-        || options.lens.width.max(options.lens.height) > 65_000
-    {
+    if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {
         return wrong("--size: give sides between 64 and 65000 px");
     }
     if !positive(options.lens.fx) || !positive(options.diameter_m) || !positive(options.camera_height_m) {
@@ -279,7 +275,7 @@ impl WingArgs {
         set_if_given(&mut options.diameter_m, self.diameter);
         set_if_given(&mut options.camera_height_m, self.camera_height);
         set_if_given(&mut options.survey_sigma_m, self.survey_sigma);
-        options.fixed_marks = self.fixed_marks.map_or(0, usize::from);
+        options.fixed_targets = self.fixed_marks.map_or(0, usize::from);
         set_if_given(&mut options.clutter, self.clutter);
         let lens = &mut options.lens;
         if let Some([width, height]) = self.size.as_deref() {

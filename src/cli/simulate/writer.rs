@@ -32,8 +32,8 @@ pub struct FlightMoment {
     pub modes_m: Vec<f64>,
 }
 
-/// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`;
-/// `done` is called after each frame.
+/// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`; `done` is
+/// called after each frame.
 pub fn write_set(
     directory: &Path,
     name: &str,

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use super::{SolveArgs, ResultOutput, solve_job, report};
+use super::{ResultOutput, SolveArgs, report, solve_job};
 use crate::cli::manual_observations::ManualPoints;
-use crate::cli::{Completion, Failure, default_paths, image_batch, load_installation, image_files, print_flight_prior};
+use crate::cli::{Completion, Failure, default_paths, image_batch, image_files, load_installation, print_flight_prior};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, ProcessedFrame, stages};
+use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
 use crate::record::Reason;
 
 pub(super) fn solve_images(args: &SolveArgs) -> Result<Completion, Failure> {
@@ -28,8 +28,8 @@ pub(super) fn solve_images(args: &SolveArgs) -> Result<Completion, Failure> {
     let known = SolveInputs { installation: &installation, orientation, mountings, manual };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {
-            let processed = ProcessedFrame::manual(&image_batch::image_name(file), known.manual.iter());
-            output.take_record(pipeline::solve_sighting(&processed, &installation, orientation, &job))
+            let processed = ProcessedFrame::from_manual(&image_batch::image_name(file), known.manual.iter());
+            output.take_record(pipeline::solve_processed_frame(&processed, &installation, orientation, &job))
         }
         _ => solve_files(args, &files, &known, &job, &mut output),
     };
@@ -55,13 +55,15 @@ fn solve_files(
     args: &SolveArgs,
     files: &[PathBuf],
     known: &SolveInputs,
-    job: &Job,
+    job: &SolveJob,
     output: &mut ResultOutput,
 ) -> Result<(), Failure> {
     let SolveInputs { installation, orientation, mountings, manual } = known;
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
         let processed = match bytes {
-            Ok(bytes) if args.observations_only => ProcessedFrame::only_manual(name, bytes, manual.for_image(name)),
+            Ok(bytes) if args.observations_only => {
+                ProcessedFrame::without_detection(name, bytes, manual.for_image(name))
+            }
             Ok(bytes) => {
                 let mut processed = stages::process_frame(name, bytes, None, installation, Some(*orientation));
                 processed.add_manual(manual.for_image(name));
@@ -69,7 +71,7 @@ fn solve_files(
             }
             Err(reason) => ProcessedFrame::failed(name, reason),
         };
-        ProcessedFrame { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..processed }
+        ProcessedFrame { mounting: mountings.as_ref().and_then(|m| m.find(name)), ..processed }
     };
     if args.adjusts_jointly() {
         let processed_frames = image_batch::process_images(files, args.jobs, "measuring", process)?;
@@ -77,7 +79,7 @@ fn solve_files(
         return records.into_iter().try_for_each(|record| output.take_record(record));
     }
     let solve = |name: &str, bytes: Result<&[u8], Reason>| {
-        pipeline::solve_sighting(&process(name, bytes), installation, orientation, job)
+        pipeline::solve_processed_frame(&process(name, bytes), installation, orientation, job)
     };
     image_batch::for_each_image(files, args.jobs, "solving", solve, |record| output.take_record(record))
 }
@@ -87,7 +89,7 @@ fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> Result<Option<Mounting
     let Some(file) = &args.mountings else { return Ok(None) };
     let read = installation::read_mountings(file)?;
     let names = image_batch::image_names(files);
-    let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.of(n).is_none()).collect();
+    let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.find(n).is_none()).collect();
     let Some(first) = missing.first() else { return Ok(Some(read)) };
     let problem = match missing.len() {
         1 => format!("has no line for {first}, or it matches two files"),

@@ -3,7 +3,7 @@
 use super::SolveArgs;
 use crate::cli::Failure;
 use crate::installation::{Installation, ManualObservation};
-use crate::pipeline::manual_observations::observation;
+use crate::pipeline::manual_observations::observation_from_mark;
 use crate::store::{FlightRef, Store, manual_marks};
 
 /// Manual marks in the frames of a flight.
@@ -31,13 +31,9 @@ impl FlightMarks {
         }
         let counting = manual_marks::effective_marks(&all);
         let observations: Vec<ManualObservation> =
-            counting.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
+            counting.iter().filter_map(|mark| observation_from_mark(mark, &installation.setup)).collect();
         if !counting.is_empty() {
-            eprintln!(
-                "wingd: {}: using {} manual marks (--no-marks ignores them)",
-                flight.id,
-                observations.len()
-            );
+            eprintln!("wingd: {}: using {} manual marks (--no-marks ignores them)", flight.id, observations.len());
         }
         if observations.len() < counting.len() {
             let unknown = counting.len() - observations.len();

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 
 use super::{Completion, Failure, image_files, print_line};
-use crate::measure::adjust::{Method, Options, SigmaKind};
-use crate::pipeline::Job;
+use crate::measure::adjust::{AdjustmentMethod, Options, SigmaKind};
+use crate::pipeline::SolveJob;
 use crate::record::ImageRecord;
 use crate::report::{protocol, table};
 use crate::store::layout;
@@ -35,28 +35,26 @@ enum SigmaName {
 /// Estimate bending, torsion and positions, one result per image.
 #[derive(clap::Args)]
 pub struct SolveArgs {
-    /// Installation with its orientation [default: installation/ in this directory; for a store: the one kept there
-    /// that
+    /// Installation with its orientation [default: installation/ in this directory; for a store: the one kept there that
     /// its results came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Model of the deflection
     #[arg(long, value_enum, default_value = "spatial")]
     method: MethodName,
-    /// Adjust all frames together (spatial). For a store: the flight to solve, for example
-    /// --flight f0001 [default: all flights]
+    /// Adjust all frames together (spatial). For a store: the flight to solve, for example --flight f0001 [default: all
+    /// flights]
     #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true)]
     flight: Option<Option<String>>,
     /// Adjust the frames of each flight together, like --flight without a name, but also for a store
     #[arg(long)]
     together: bool,
-    /// Camera mounting of each frame (image,mounting); ground: not remounted since the ground
-    /// frames [default: remounts are detected from the frames]
+    /// Camera mounting of each frame (image,mounting); ground: not remounted since the ground frames [default: remounts are
+    /// detected from the frames]
     #[arg(long, value_name = "FILE.csv")]
     mountings: Option<PathBuf>,
-    /// Manually measured image points (id,u_px,v_px,sigma_px; for several images also image): with images they are
-    /// added
-    /// to the detections, by id; alone they are solved instead of an image
+    /// Manually measured image points (id,u_px,v_px,sigma_px; for several images also image): with images they are added to
+    /// the detections, by id; alone they are solved instead of an image
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
     /// Use only the manually measured points of the images; nothing is detected
@@ -92,8 +90,7 @@ pub struct SolveArgs {
     /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
-    /// Images (JPEG, PNG, PNM or TIFF) or folders of them; or a store, whose frames get results in addition to
-    /// older ones
+    /// Images (JPEG, PNG, PNM or TIFF) or folders of them; or a store, whose frames get results in addition to older ones
     #[arg(required_unless_present = "observations", value_name = "IMAGE|FOLDER|STORE")]
     images: Vec<PathBuf>,
 }
@@ -107,16 +104,12 @@ impl SolveArgs {
 
 pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
     if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
-        return Err(Failure::Usage(
-            "--flight needs the spatial method; omit --method profile".into(),
-        ));
+        return Err(Failure::Usage("--flight needs the spatial method; omit --method profile".into()));
     }
     if let [store] = args.images.as_slice()
         && is_store(store)
     {
-        if !store.join(layout::STORE_FILE).exists()
-            && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none())
-        {
+        if !store.join(layout::STORE_FILE).exists() && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none()) {
             let what = format!(
                 "{}: is empty; name images, a folder of images, or a store (`wingd import` creates one from images)",
                 store.display()
@@ -129,9 +122,7 @@ pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
         return store::solve_store(args, store);
     }
     if let Some(Some(flight)) = &args.flight {
-        return Err(Failure::Usage(format!(
-            "--flight {flight} names a flight of a store; give the store too"
-        )));
+        return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }
     images::solve_images(args)
 }
@@ -141,28 +132,24 @@ fn is_store(folder: &Path) -> bool {
     folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !image_files::contains_images(folder))
 }
 
-fn solve_job(args: &SolveArgs) -> Job {
+fn solve_job(args: &SolveArgs) -> SolveJob {
     let sigma = match args.sigma {
         None => SigmaKind::ByTest,
         Some(SigmaName::Prior) => SigmaKind::Prior,
         Some(SigmaName::Posterior) => SigmaKind::Posterior,
     };
     let method = match args.method {
-        MethodName::Profile => Method::Profile,
-        MethodName::Spatial => Method::Spatial,
+        MethodName::Profile => AdjustmentMethod::Profile,
+        MethodName::Spatial => AdjustmentMethod::Spatial,
     };
     let curvature_terms = args.curvature_terms.map(usize::from);
-    let options = Options {
-        sigma,
-        curvature_terms,
-        variance_components: args.variance_components,
-        ..Options::default()
-    };
-    Job { method, options }
+    let options =
+        Options { sigma, curvature_terms, variance_components: args.variance_components, ..Options::default() };
+    SolveJob { method, options }
 }
 
-/// Output of records: lines and protocols at once, so that finished results are kept; the table at the end, when
-/// its column widths are known.
+/// Output of records: lines and protocols at once, so that finished results are kept; the table at the end, when its column
+/// widths are known.
 struct ResultOutput<'a> {
     args: &'a SolveArgs,
     records: Vec<ImageRecord>,
@@ -186,7 +173,7 @@ impl<'a> ResultOutput<'a> {
             kept.push(record.clone());
         }
         if self.args.protocol {
-            return print_line(&protocol::protocol(&record));
+            return print_line(&protocol::adjustment_protocol(&record));
         }
         if self.args.json {
             let line = serde_json::to_string(&record).map_err(|error| {
@@ -202,7 +189,7 @@ impl<'a> ResultOutput<'a> {
 
     fn finish(self) -> Result<Completion, Failure> {
         if !self.records.is_empty() {
-            print_line(&table::results(&self.records, self.args.wide))?;
+            print_line(&table::results_text(&self.records, self.args.wide))?;
         }
         Ok(Completion::from_success(self.all_solved))
     }

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::camera::replay::format_of;
-use crate::cli::image_files::{self, DatingOptions, DatedImage};
-use crate::cli::{Failure, CHECK_WRITE_ACCESS, image_batch, write_failure};
+use crate::camera::replay::format_from_path;
+use crate::cli::image_files::{self, DatedImage, DatingOptions};
+use crate::cli::{CHECK_WRITE_ACCESS, Failure, image_batch, write_failure};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation};
 use crate::record::ImageRecord;
-use crate::report::source::{self, Choice, OF_PICTURES};
+use crate::report::source::{self, PICTURES_FLIGHT, ResultChoice};
 use crate::report::{ReportData, SeriesData, ShotData, html};
 use crate::store::Store;
 
@@ -21,8 +21,8 @@ pub(super) fn write_store_report(
     directory: Option<&Path>,
 ) -> Result<(), Failure> {
     let installation = directory.map(installation::load_without_orientation).transpose()?;
-    let choice = Choice { flight, inputs: None };
-    let data = source::flight(store.root(), choice, installation.as_ref().map(|i| &i.setup))?;
+    let choice = ResultChoice { flight, inputs: None };
+    let data = source::read_flight(store.root(), choice, installation.as_ref().map(|i| &i.setup))?;
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
@@ -45,7 +45,7 @@ pub(super) fn write_image_report(
         let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
         let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot_data(k, p, name(p))).collect();
         SeriesData {
-            flight: OF_PICTURES.to_owned(),
+            flight: PICTURES_FLIGHT.to_owned(),
             name: (k + 1).to_string(),
             begun: shots.first().and_then(|shot| shot.stamp.clone()),
             planned: shots.len(),
@@ -59,9 +59,9 @@ pub(super) fn write_image_report(
         let file = names.iter().find(|(_, name)| **name == image)?.0;
         let bytes = std::fs::read(file).ok()?;
         let format = shot.format.clone();
-        Some(crate::report::Picture { series: series.name.clone(), image, bytes, format, fault: None })
+        Some(crate::report::FramePicture { series: series.name.clone(), image, bytes, format, fault: None })
     };
-    let mut data = source::pictures(series.collect(), &installation.setup, of_shot);
+    let mut data = source::pictures_report(series.collect(), &installation.setup, of_shot);
     data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));
     write_page(page, &data)
 }
@@ -78,13 +78,13 @@ fn shot_data(place: usize, picture: &DatedImage, name: String) -> ShotData {
         image: Some(name),
         stamp,
         sha256: Some(picture.digest.clone()),
-        format: format_of(&picture.file),
+        format: format_from_path(&picture.file),
         ..ShotData::default()
     }
 }
 
 fn write_page(page: &Path, data: &ReportData) -> Result<(), Failure> {
-    std::fs::write(page, html::page(data)).map_err(write_failure(page, CHECK_WRITE_ACCESS))?;
+    std::fs::write(page, html::report_page(data)).map_err(write_failure(page, CHECK_WRITE_ACCESS))?;
     eprintln!("wingd: report: {}", page.display());
     Ok(())
 }

@@ -5,12 +5,12 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::marks::FlightMarks;
-use super::{SolveArgs, ResultOutput, solve_job, report};
-use crate::aircraft::Track;
-use crate::cli::{Completion, Failure, image_batch, print_flight_prior, stored_frames, store_access};
+use super::{ResultOutput, SolveArgs, report, solve_job};
+use crate::aircraft::AircraftTrack;
+use crate::cli::{Completion, Failure, image_batch, print_flight_prior, store_access, stored_frames};
 use crate::installation::{self, Installation};
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, ProcessedFrame};
+use crate::pipeline::{self, ProcessedFrame, SolveJob};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
 
@@ -55,23 +55,15 @@ fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mu
     let orientation = installation.require_orientation()?;
     let job = solve_job(args);
     let (track, digest) = match args.no_aircraft_data {
-        true => (Track::default(), None),
+        true => (AircraftTrack::default(), None),
         false => stored_frames::read_aircraft_data(store.disk(), store.root(), flight)?,
     };
     let marks = FlightMarks::read(args, store, flight, &installation)?;
-    let work = FlightSolver {
-        args,
-        store,
-        flight,
-        installation: &installation,
-        orientation,
-        job: &job,
-        track,
-        digest,
-        marks,
-    };
+    let work =
+        FlightSolver { args, store, flight, installation: &installation, orientation, job: &job, track, digest, marks };
     if args.adjusts_jointly() { work.solve_jointly(output) } else { work.solve_frames_singly(output) }?;
-    if let Some(warning) = result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None) {
+    if let Some(warning) = result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None)
+    {
         eprintln!("wingd: {warning}");
     }
     Ok(())
@@ -83,35 +75,34 @@ struct FlightSolver<'a> {
     flight: &'a FlightRef,
     installation: &'a Installation,
     orientation: &'a Orientation,
-    job: &'a Job,
+    job: &'a SolveJob,
     /// Aircraft data, with their digest if there are any.
-    track: Track,
+    track: AircraftTrack,
     digest: Option<String>,
     marks: FlightMarks,
 }
 
 impl FlightSolver<'_> {
     fn solve_frames_singly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
-        let mut provenance = pipeline::inputs(self.installation, self.job);
+        let mut provenance = pipeline::provenance_map(self.installation, self.job);
         self.add_input_digests(&mut provenance);
         let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
         self.announce_count(frames.len());
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let processed = self.process_frame(frame, bytes);
-            let record = pipeline::solve_sighting(&processed, self.installation, self.orientation, self.job);
+            let record = pipeline::solve_processed_frame(&processed, self.installation, self.orientation, self.job);
             (frame.clone(), record)
         };
         let take = |(frame, record)| self.add_result(&frame, &inputs, record, output);
         image_batch::for_each_stored_frame(self.store, &frames, self.args.jobs, solve, take)
     }
 
-    /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its
-    /// inputs.
+    /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its inputs.
     fn solve_jointly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
         let frames = store_access::flight_frames(self.store.disk(), self.flight, None)?;
-        let job = Job { method: crate::measure::adjust::Method::Flight, ..self.job.clone() };
-        let mut provenance = pipeline::inputs(self.installation, &job);
+        let job = SolveJob { method: crate::measure::adjust::AdjustmentMethod::Flight, ..self.job.clone() };
+        let mut provenance = pipeline::provenance_map(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
         self.add_input_digests(&mut provenance);
@@ -152,7 +143,8 @@ impl FlightSolver<'_> {
     }
 
     fn process_frame(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
-        let mut processed = stored_frames::process_stored_frame(frame, bytes, self.installation, self.orientation, &self.track);
+        let mut processed =
+            stored_frames::process_stored_frame(frame, bytes, self.installation, self.orientation, &self.track);
         processed.add_manual(self.marks.for_frame(&store_access::frame_name(frame)));
         processed
     }
@@ -166,9 +158,8 @@ impl FlightSolver<'_> {
         output: &mut ResultOutput,
     ) -> Result<(), Failure> {
         let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
-        let value: Value = serde_json::to_value(&written).map_err(|e| {
-            Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image))
-        })?;
+        let value: Value = serde_json::to_value(&written)
+            .map_err(|e| Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image)))?;
         self.store.add_result(frame, inputs, value)?;
         output.take_record(record)
     }

@@ -5,11 +5,11 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
-use super::{Failure, BendingLine};
+use super::{BendingLine, Failure};
 use crate::clock::Stamp;
-use crate::measure::stress::{Curvature, USUAL_STEPS};
-use crate::report::stress::Frame;
-use crate::store::columns::{RowBlock, LiveFile, LiveHead, LiveTable};
+use crate::measure::stress::{BendingCurvature, DEFAULT_STEPS};
+use crate::report::stress::StressFrame;
+use crate::store::columns::{LiveBlock, LiveFile, LiveHead, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
 
 fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
@@ -33,7 +33,7 @@ pub(super) fn live_frames(
     flight: &FlightRef,
     provenance: &Map<String, Value>,
     line: &BendingLine,
-) -> Result<(Vec<Frame>, Vec<String>), Failure> {
+) -> Result<(Vec<StressFrame>, Vec<String>), Failure> {
     let (mut frames, mut without, mut others, mut foreign) = (Vec::new(), 0, 0, Vec::new());
     let notes = live::for_each_live_file(&RealDisk, store, flight, |mut file: LiveFile<'_>| {
         let head = file.head.clone();
@@ -54,9 +54,7 @@ pub(super) fn live_frames(
     })?;
     let mut excluded = notes;
     if others > 0 {
-        excluded.push(format!(
-            "{others} files of live results come from another installation or have no curvature"
-        ));
+        excluded.push(format!("{others} files of live results come from another installation or have no curvature"));
     }
     if !foreign.is_empty() {
         let rows: usize = foreign.iter().sum();
@@ -69,7 +67,7 @@ pub(super) fn live_frames(
 }
 
 /// Returns the solved results of a block; `None` if columns are missing.
-fn block_frames(head: &LiveHead, block: &RowBlock, line: &BendingLine) -> Option<Vec<Frame>> {
+fn block_frames(head: &LiveHead, block: &LiveBlock, line: &BendingLine) -> Option<Vec<StressFrame>> {
     let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
     let curvature = column(live::names::CURVATURE)?;
     let covariance = column(live::names::CURVATURE_COVARIANCE)?;
@@ -90,16 +88,16 @@ fn block_frames(head: &LiveHead, block: &RowBlock, line: &BendingLine) -> Option
         let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
         let by_boot_s = since_boot_s.as_ref().and_then(|all| all.get(row)).filter(|s| s.is_finite());
         let named = number.as_ref().and_then(|all| all.get(row)).filter(|n| n.is_finite());
-        Some(Frame {
+        Some(StressFrame {
             series: "live".to_owned(),
             image: named.map_or_else(|| utc.to_string(), f64::to_string),
             stamp: Stamp { utc, since_boot_s: by_boot_s.copied().unwrap_or(by_utc_s), ..began.clone() },
-            curvature: Curvature {
+            curvature: BendingCurvature {
                 coefficients_per_m: DVector::from_column_slice(curvature),
                 covariance: symmetric_matrix(terms, covariance),
                 length_m: line.length_m,
                 root_sigma_m: line.root_sigma_m,
-                steps: USUAL_STEPS,
+                steps: DEFAULT_STEPS,
             },
         })
     };

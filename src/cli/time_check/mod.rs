@@ -1,21 +1,20 @@
 //! `wingd time-check` reads images of a screen that shows the clock, checks times of exposure and measures delays.
 
-mod summary;
 mod page;
+mod summary;
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, CHECK_WRITE_ACCESS, image_batch, print_line, store_access, write_failure};
+use super::{CHECK_WRITE_ACCESS, Completion, Failure, image_batch, print_line, store_access, write_failure};
 use crate::camera::Format;
 use crate::clock::exposure::Exposure;
 use crate::measure::time_code::{self, Screen};
-use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::pipeline::stages;
 use crate::record::Reason;
 use crate::store::{self, FrameRef, RealDisk};
 
-/// Check recorded times of exposure with images of a screen that shows the clock, and determine the delay for
-/// [camera].
+/// Check recorded times of exposure with images of a screen that shows the clock, and determine the delay for [camera].
 #[derive(clap::Args)]
 pub struct TimeCheckArgs {
     /// Store with the images
@@ -47,13 +46,12 @@ pub struct TimeCheckArgs {
     jobs: usize,
 }
 
-/// Default latency from drawing to light: a browser, a compositor and a screen take 1 to 3 frames at 60 Hz, assumed
-/// uniform
+/// Default latency from drawing to light: a browser, a compositor and a screen take 1 to 3 frames at 60 Hz, assumed uniform
 /// between 10 and 50 ms if not measured.
 const DEFAULT_LATENCY_MS: f64 = 30.0;
 const LATENCY_RANGE_MS: f64 = 40.0;
-/// Maximum difference between screen and recorder's clock, s: longer than a shot takes. A larger one means that the
-/// screen does not show that clock.
+/// Maximum difference between screen and recorder's clock, s: longer than a shot takes. A larger one means that the screen
+/// does not show that clock.
 const MAX_OFFSET_S: f64 = 60.0;
 
 /// Reading of one image; times in s.
@@ -76,8 +74,8 @@ pub(super) struct ScreenReading {
 }
 
 impl ScreenReading {
-    /// Returns the delay from the recorded event (stamp, edge, trigger) to the middle of the exposure according to
-    /// the screen.
+    /// Returns the delay from the recorded event (stamp, edge, trigger) to the middle of the exposure according to the
+    /// screen.
     fn delay_s(&self) -> Option<f64> {
         Some(self.exposure.as_ref()?.exposure_delay_s? - self.exposure_s?)
     }
@@ -94,7 +92,7 @@ pub(super) fn run(args: &TimeCheckArgs) -> Result<Completion, Failure> {
     let mut readings = Vec::new();
     let work = |frame: &FrameRef| {
         let name = format!("{}/{}", frame.series.id, frame.entry.file);
-        let read = guarded(|| read_screen(frame, &name, &screen)).unwrap_or_else(|| Err(BROKE_OFF.into()));
+        let read = catch_panic(|| read_screen(frame, &name, &screen)).unwrap_or_else(|| Err(PANIC_REASON.into()));
         read.map_err(|reason| (name, reason))
     };
     image_batch::run_jobs(&chosen, args.jobs, "reading", work, |read| {
@@ -147,14 +145,14 @@ fn select_frames(args: &TimeCheckArgs) -> Result<Vec<FrameRef>, Failure> {
 }
 
 fn read_screen(frame: &FrameRef, name: &str, screen: &Screen) -> Result<ScreenReading, Reason> {
-    let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::of)?;
-    let format = Format::from_manifest(&frame.entry.format).map_err(Reason::of)?;
+    let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::from_error)?;
+    let format = Format::from_manifest(&frame.entry.format).map_err(Reason::from_error)?;
     let (processed, raster) = stages::detect_only(name, &bytes, Some(&format));
     if let Some(reason) = processed.failure {
         return Err(reason);
     }
-    let Some(raster) = raster else { return Err(BROKE_OFF.into()) };
-    let shown = time_code::read_time(&raster, &processed.detections).map_err(Reason::of)?;
+    let Some(raster) = raster else { return Err(PANIC_REASON.into()) };
+    let shown = time_code::read_time(&raster, &processed.detections).map_err(Reason::from_error)?;
     let recorded = frame.exposure.as_ref().map_or(frame.stamp.utc, |exposure| exposure.exposure_time);
     let about_ms = 1e-6 * recorded.as_nanosecond() as f64;
     // Subtract first: as a float, milliseconds since 1970 have a resolution of only 0.25 µs.

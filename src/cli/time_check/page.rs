@@ -16,7 +16,8 @@ pub(super) fn clock_page() -> String {
         )
     };
     let cells: Vec<String> = (0..BITS).flat_map(|bit| [(bit, false), (bit, true)]).map(rect).collect();
-    PAGE_TEMPLATE.replace("{{SIZE}}", &format!("{} {}", SIZE[0], SIZE[1]))
+    PAGE_TEMPLATE
+        .replace("{{SIZE}}", &format!("{} {}", SIZE[0], SIZE[1]))
         .replace("{{DISCS}}", &discs)
         .replace("{{CELLS}}", &cells.join("\n  "))
         .replace("{{TICK_MS}}", &TICK_MS.to_string())
@@ -30,7 +31,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_is_whole_and_asks_for_nothing() {
+    fn the_page_is_self_contained() {
         let page = clock_page();
         assert!(!page.contains("{{") && !page.contains("http"), "{page}");
         assert_eq!((page.matches("<circle").count(), page.matches("<rect").count()), (4, 2 * BITS));

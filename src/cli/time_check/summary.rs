@@ -9,7 +9,7 @@ use crate::measure::estimation::quality::global_test;
 use crate::measure::time_code::{DelayEstimate, Screen, estimate_delay};
 use crate::record::Reason;
 use crate::report::grid::Grid;
-use crate::report::number::fixed;
+use crate::report::number::format_fixed;
 
 /// Maximum mean difference between record and screen, in standard deviations, for them to agree.
 const MAX_NORMALIZED: f64 = 3.0;
@@ -80,7 +80,7 @@ impl TimeCheckSummary {
     pub(super) fn to_json(&self) -> Value {
         json!({ "summary": {
             "pictures": self.pictures,
-            "read": self.command.map(|d| d.pictures),
+            "read": self.command.map(|d| d.images),
             "command_less_shown": self.command.as_ref().map(delay_json),
             "exposure_less_shown": self.exposure.as_ref().map(|test| {
                 let mut all = delay_json(&test.difference);
@@ -138,23 +138,31 @@ fn verdict_word(test: &ExposureTest) -> &'static str {
     if test.agrees { "agrees" } else { "disagrees" }
 }
 
-/// Tests the mean with its standard deviation, assuming the recorded one is common to all images, and the scatter
-/// with both.
+/// Tests the mean with its standard deviation, assuming the recorded one is common to all images, and the scatter with
+/// both.
 fn test_exposures(found: DelayEstimate, readings: &[ScreenReading]) -> ExposureTest {
     let recorded: Vec<f64> =
         readings.iter().filter_map(|r| Some(r.exposure.as_ref()?.exposure_sigma_s.powi(2))).collect();
     let recorded_variance = recorded.iter().sum::<f64>() / recorded.len().max(1) as f64;
     let normalised = found.mean_s.abs() / (found.mean_sigma_s.powi(2) + recorded_variance).sqrt();
-    let freedom = found.pictures.saturating_sub(1);
+    let freedom = found.images.saturating_sub(1);
     let scattered = found.scatter_s.is_some_and(|scatter_s| {
         let omega = freedom as f64 * scatter_s.powi(2) / (found.read_sigma_s.powi(2) + recorded_variance);
         global_test(omega, freedom, SIGNIFICANCE) == GlobalTest::Rejected
     });
-    ExposureTest { difference: found, recorded_s: recorded_variance.sqrt(), normalised, agrees: normalised <= MAX_NORMALIZED && !scattered }
+    ExposureTest {
+        difference: found,
+        recorded_s: recorded_variance.sqrt(),
+        normalised,
+        agrees: normalised <= MAX_NORMALIZED && !scattered,
+    }
 }
 
 /// Formats the delay for the configuration.
-fn configuration_lines(readings: &[ScreenReading], found: Option<DelayEstimate>) -> Result<ConfigurationLines, NoConfiguration> {
+fn configuration_lines(
+    readings: &[ScreenReading],
+    found: Option<DelayEstimate>,
+) -> Result<ConfigurationLines, NoConfiguration> {
     let sources: Vec<ExposureSource> =
         readings.iter().filter_map(|r| Some(r.exposure.as_ref()?.exposure_source)).collect();
     let Some(&source) = sources.first() else { return Err(NoConfiguration::NoInstants) };
@@ -162,30 +170,34 @@ fn configuration_lines(readings: &[ScreenReading], found: Option<DelayEstimate>)
         return Err(NoConfiguration::SeveralSources);
     }
     let (key, section) = match source {
-        ExposureSource::StartOfExposure | ExposureSource::EndOfFrame => ("stamp_delay", "the section with kind = \"v4l\""),
+        ExposureSource::StartOfExposure | ExposureSource::EndOfFrame => {
+            ("stamp_delay", "the section with kind = \"v4l\"")
+        }
         ExposureSource::ReleaseEdge | ExposureSource::TriggerAndEvent => {
             ("exposure_delay", "[camera] with kind = \"release\" (a camera on USB alone has no such key)")
         }
-        ExposureSource::AskedAndDelivered | ExposureSource::CameraClock => return Err(NoConfiguration::NoEvent),
+        ExposureSource::AskedAndDelivered | ExposureSource::CameraClock => {
+            return Err(NoConfiguration::NoEvent);
+        }
     };
     let found = found.ok_or(NoConfiguration::NoDelay)?;
-    let sigma_s = found.sigma_s.filter(|_| found.pictures >= MIN_PICTURES);
-    let sigma_s = sigma_s.ok_or(NoConfiguration::TooFew(found.pictures))?;
+    let sigma_s = found.sigma_s.filter(|_| found.images >= MIN_PICTURES);
+    let sigma_s = sigma_s.ok_or(NoConfiguration::TooFew(found.images))?;
     let text = format!("{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n", found.mean_s, sigma_s);
     Ok(ConfigurationLines { text, section })
 }
 
 fn delay_json(d: &DelayEstimate) -> Value {
     json!({
-        "pictures": d.pictures, "mean_s": d.mean_s, "sigma_mean_s": d.mean_sigma_s, "scatter_s": d.scatter_s,
+        "pictures": d.images, "mean_s": d.mean_s, "sigma_mean_s": d.mean_sigma_s, "scatter_s": d.scatter_s,
         "reading_sigma_s": d.read_sigma_s, "sigma_s": d.sigma_s,
     })
 }
 
 fn reading_table(readings: &[ScreenReading]) -> Grid {
-    let ms = |seconds: Option<f64>| fixed(seconds.map(|s| 1e3 * s), 1);
+    let ms = |seconds: Option<f64>| format_fixed(seconds.map(|s| 1e3 * s), 1);
     let recorded = |r: &ScreenReading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
-    Grid::each(readings).columns(&[
+    Grid::for_rows(readings).columns(&[
         ("<image", &|r| r.image.clone()),
         ("<exposure on the screen (UTC)", &|r| r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()),
         ("sigma / ms", &|r| ms(Some(r.sigma_s))),
@@ -266,10 +278,11 @@ mod tests {
     }
 
     #[test]
-    fn there_are_no_lines_where_nothing_can_be_configured() {
+    fn no_lines_are_printed_if_nothing_can_be_configured() {
         assert!(summary(20, ExposureSource::AskedAndDelivered, 0.0).lines.is_err());
         assert!(summary(4, ExposureSource::EndOfFrame, 0.0).lines.unwrap_err().to_string().contains("too few"));
-        let mixed = [readings(5, ExposureSource::EndOfFrame, 0.0), readings(5, ExposureSource::ReleaseEdge, 0.0)].concat();
+        let mixed =
+            [readings(5, ExposureSource::EndOfFrame, 0.0), readings(5, ExposureSource::ReleaseEdge, 0.0)].concat();
         assert!(configuration_lines(&mixed, None).unwrap_err() == NoConfiguration::SeveralSources);
     }
 }

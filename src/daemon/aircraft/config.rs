@@ -1,129 +1,129 @@
-//! `[live.aircraft_data]` of the configuration says where the lines come from, and what stands in them.
+//! `[live.aircraft_data]` of the configuration: source of the lines, and the meaning of their fields.
 
 use std::net::SocketAddr;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::aircraft::{Column, Kind, Layout};
+use crate::aircraft::{Layout, LineFormat, QuantityColumn};
 use crate::installation::KeyFault;
 
-/// `[live.aircraft_data]` of the configuration: where the lines come from, and what stands in them.
+/// `[live.aircraft_data]` of the configuration: source of the lines, and the meaning of their fields.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AircraftConfig {
-    /// Datagrams to this address and port of ours.
+    /// Local address and port that receive datagrams.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub udp: Option<SocketAddr>,
-    /// Or a server that sends lines: `host:port`; of several the one that answers.
+    /// One or several servers that send lines, `host:port` each; of several, the first that answers is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tcp: Option<Servers>,
-    /// A feed that brings no line for so long is taken for dead: a server is called again.
-    #[serde(default = "idle", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    /// Time without a line after which the feed counts as dead and the next server is called.
+    #[serde(default = "default_idle", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub idle: Duration,
-    /// Said to that server once it is connected, a line each.
+    /// Lines to send to the server after connecting.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub subscribe: Vec<String>,
-    /// `iwg1` or `text`.
+    /// Line format: `iwg1` or `text`.
     #[serde(default)]
-    pub format: Kind,
-    /// Of text: lines without this first field are recorded and not read.
+    pub format: LineFormat,
+    /// Required first field of text lines; other lines are recorded but not parsed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub begins_with: Option<String>,
-    /// Of text: between the fields.
-    #[serde(default = "comma")]
+    /// Separator between the fields of text lines.
+    #[serde(default = "default_separator")]
     pub separator: char,
-    /// Of text: the time tag's field, from 1.
-    #[serde(default = "first")]
+    /// Field number of the time tag in text lines, from 1.
+    #[serde(default = "default_time_field")]
     pub time_field: usize,
-    /// Fields that are taken; of IWG1 the platform's own, from 34.
+    /// Fields to use; for IWG1 the platform's own fields, from 34.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub column: Vec<Column>,
+    pub column: Vec<QuantityColumn>,
 }
 
-/// One place, or several.
+/// One server, or several that are called in turn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Servers {
     /// `"host:port"`.
     One(String),
-    /// `["host:port", "host:port"]`, called in turn.
+    /// `["host:port", "host:port"]`.
     InTurn(Vec<String>),
 }
 
 impl Servers {
-    /// In the order in which they are called.
-    pub fn places(&self) -> &[String] {
+    /// Returns the addresses in the order in which they are called.
+    pub fn addresses(&self) -> &[String] {
         match self {
             Self::One(place) => std::slice::from_ref(place),
             Self::InTurn(places) => places,
         }
     }
 
-    fn are_places(&self) -> bool {
+    fn are_valid(&self) -> bool {
         let is_place = |place: &String| {
             place.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
         };
-        !self.places().is_empty() && self.places().iter().all(is_place)
+        !self.addresses().is_empty() && self.addresses().iter().all(is_place)
     }
 }
 
-/// Feeds send once a second, slow ones every ten.
-fn idle() -> Duration {
+/// Default of `idle`: feeds send once per second, slow ones every ten seconds.
+fn default_idle() -> Duration {
     Duration::from_secs(20)
 }
 
-fn comma() -> char {
+fn default_separator() -> char {
     ','
 }
 
-fn first() -> usize {
+fn default_time_field() -> usize {
     1
 }
 
 impl AircraftConfig {
-    /// Every fault, at its key of the whole file.
+    /// Returns every invalid setting, with its key in the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        let mut fault = |key: &str, problem: &str, mend: &str| {
-            faults.push(KeyFault::new(format!("live.aircraft_data.{key}"), problem, mend));
+        let mut fault = |key: &str, problem: &str, remedy: &str| {
+            faults.push(KeyFault::new(format!("live.aircraft_data.{key}"), problem, remedy));
         };
         match (&self.udp, &self.tcp) {
-            (Some(_), Some(_)) => fault("tcp", "is given beside udp", "give one of the two"),
+            (Some(_), Some(_)) => fault("tcp", "is given together with udp", "remove one of the two"),
             (None, None) => fault("udp", "is missing", "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\""),
-            (None, Some(servers)) if !servers.are_places() => {
-                fault("tcp", "is no host and port", "write it as \"192.168.1.20:4711\"");
+            (None, Some(servers)) if !servers.are_valid() => {
+                fault("tcp", "is not host:port", "write it as \"192.168.1.20:4711\"");
             }
             _ => {}
         }
         if self.tcp.is_none() && !self.subscribe.is_empty() {
-            fault("subscribe", "is for tcp", "leave it out with udp");
+            fault("subscribe", "is only for tcp", "remove it, or give tcp instead of udp");
         }
         if self.idle.is_zero() {
             fault("idle", "must be longer than 0", "give for example \"20s\"");
         }
         if self.time_field == 0 || self.column.iter().any(|c| c.field == 0) {
-            fault("column", "counts fields from 0", "count from 1");
+            fault("column", "or time_field has a field number 0", "count fields from 1");
         }
-        if self.format == Kind::Text && self.column.is_empty() {
-            fault("column", "is missing", "say which field of the text is which quantity");
+        if self.format == LineFormat::Text && self.column.is_empty() {
+            fault("column", "is missing", "give the quantity of each field of the text");
         }
-        if self.format == Kind::Iwg1 && self.column.iter().any(|c| c.field <= 2) {
-            fault("column", "takes IWG1's keyword or time", "a platform's own fields begin at 34");
+        if self.format == LineFormat::Iwg1 && self.column.iter().any(|c| c.field <= 2) {
+            fault("column", "uses IWG1's keyword or time field", "use the platform's own fields, from 34");
         }
         if self.column.iter().any(|c| !(c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite())) {
-            fault("column", "has a scale of 0 or no number", "give finite numbers");
+            fault("column", "has a scale of 0, or a scale or offset that is not finite", "correct it");
         }
         faults
     }
 
-    /// Where the fields stand.
+    /// Returns the layout of a line.
     pub fn layout(&self) -> Layout {
         match self.format {
-            Kind::Iwg1 => Layout::iwg1(&self.column),
-            Kind::Text => Layout {
+            LineFormat::Iwg1 => Layout::iwg1(&self.column),
+            LineFormat::Text => Layout {
                 begins_with: self.begins_with.clone(),
-                ..Layout::text(self.separator, self.time_field, self.column.clone())
+                ..Layout::separated(self.separator, self.time_field, self.column.clone())
             },
         }
     }
@@ -149,7 +149,7 @@ mod tests {
         assert_eq!(keys, expected, "{faults:?}");
         assert!(read("udp = '0.0.0.0:7071'\nprot = 1\n").is_err());
         let two = read("tcp = ['a:4711', 'a:4712']\nidle = '60s'\n").unwrap();
-        assert_eq!((two.faults(), two.tcp.unwrap().places().len(), two.idle.as_secs()), (vec![], 2, 60));
+        assert_eq!((two.faults(), two.tcp.unwrap().addresses().len(), two.idle.as_secs()), (vec![], 2, 60));
         assert_eq!(read("tcp = []\nidle = '0s'\n").unwrap().faults().len(), 2);
     }
 }

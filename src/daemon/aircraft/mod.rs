@@ -1,5 +1,5 @@
-//! The aircraft's data while it flies: a feed is listened to and its lines are recorded. Nothing here can stop capturing: a
-//! feed that hangs, floods or is gone, and a disk that is full, cost its lines, which are counted.
+//! Aircraft data during a flight: receives the lines of a feed and records them. A feed that hangs, floods or is gone, or a
+//! full disk, never stops capturing: only lines are lost, and they are counted.
 
 mod config;
 mod feed;
@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use super::core::Core;
 pub use config::AircraftConfig;
-use feed::{Shared, hear};
-use recording::record;
+use feed::{FeedContext, receive_lines};
+use recording::record_lines;
 
-/// What the end of the recorder waits for the last lines.
-const LAST_LINES: Duration = Duration::from_secs(3);
+/// Maximum time that the end of the recorder waits for the last lines.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The feed of a running recorder.
 pub(crate) struct Feed {
@@ -22,25 +22,26 @@ pub(crate) struct Feed {
 }
 
 impl Drop for Feed {
-    /// The last lines become durable, in a time that is bounded. The daemon has been asked to end before.
+    /// Waits for a bounded time until the last lines are durable. The daemon has been asked to end before.
     fn drop(&mut self) {
-        let _ = self.ended.recv_timeout(LAST_LINES);
+        let _ = self.ended.recv_timeout(DRAIN_TIMEOUT);
     }
 }
 
-/// Listens and records until the daemon ends. Where the machine gives no threads the status says so.
-pub(crate) fn listen(core: &Core, config: &AircraftConfig) -> Feed {
-    let shared = Shared { core: core.clone(), config: config.clone() };
-    let (lines, inbox) = sync_channel(recording::WAITING);
+/// Starts the threads that receive and record lines until the daemon ends. If a thread cannot be started, the status
+/// reports it.
+pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> Feed {
+    let shared = FeedContext { core: core.clone(), config: config.clone() };
+    let (lines, inbox) = sync_channel(recording::MAX_WAITING);
     let (done, ended) = channel();
-    let (hearing, recording) = (shared.clone(), shared.clone());
-    let hear = Core::spawn("aircraft-feed", move || hear(&hearing, &lines));
-    let record = Core::spawn("aircraft-store", move || {
-        record(&recording, &inbox);
+    let (feed_context, recording) = (shared.clone(), shared.clone());
+    let receiver = Core::spawn_thread("aircraft-feed", move || receive_lines(&feed_context, &lines));
+    let recorder = Core::spawn_thread("aircraft-store", move || {
+        record_lines(&recording, &inbox);
         let _ = done.send(());
     });
-    if let Some(error) = hear.err().or(record.err()) {
-        shared.fault(Some(format!("no thread to listen on: {error}")));
+    if let Some(error) = receiver.err().or(recorder.err()) {
+        shared.set_fault(Some(format!("no thread can be started to receive lines: {error}; restart wingd")));
     }
     Feed { ended }
 }
@@ -58,14 +59,14 @@ mod tests {
     use crate::daemon::shutdown::Halt;
     use crate::daemon::status::{AircraftStatus, StatusBoard};
     use crate::store::manifest::{SeriesCause, SeriesState};
-    use crate::store::{SeriesPlan, RealDisk, Store, StoreConfig, catalogue, verify};
+    use crate::store::{RealDisk, SeriesPlan, Store, StoreConfig, catalogue, verify};
 
     struct Bench {
         dir: tempfile::TempDir,
         core: Core,
     }
 
-    /// A store with a flight, and `reserve_mb` to be kept free.
+    /// A store with a flight, which keeps `reserve_mb` free.
     fn bench(reserve_mb: u64) -> Bench {
         let dir = tempfile::tempdir().unwrap();
         let config = |reserve_mb| StoreConfig { reserve_mb, ..StoreConfig::new(dir.path()) };
@@ -84,19 +85,19 @@ mod tests {
     impl Bench {
         fn listen(&self, config: &str) -> Feed {
             let config: AircraftConfig = toml::from_str(config).unwrap();
-            listen(&self.core, &config)
+            start_feed(&self.core, &config)
         }
 
         fn end(&self, feed: Feed) {
-            self.core.halt.end(LAST_LINES);
+            self.core.halt.end(DRAIN_TIMEOUT);
             drop(feed);
         }
 
-        /// Waits, for a machine that is slow, until the status is as wanted.
-        fn until(&self, wanted: impl Fn(&AircraftStatus) -> bool) -> AircraftStatus {
+        /// Waits, on a slow machine too, until the status satisfies the condition.
+        fn until(&self, condition: impl Fn(&AircraftStatus) -> bool) -> AircraftStatus {
             for _ in 0..600 {
                 let status = self.core.board.snapshot().aircraft.unwrap_or_default();
-                if wanted(&status) {
+                if condition(&status) {
                     return status;
                 }
                 std::thread::sleep(Duration::from_millis(50));
@@ -105,12 +106,12 @@ mod tests {
         }
     }
 
-    /// As the recorder's own clock has it.
+    /// UTC by the recorder's own clock.
     fn now_utc() -> jiff::Timestamp {
         SystemClock::new().stamp().utc
     }
 
-    /// A port that nobody has.
+    /// An unused port.
     fn free_port() -> u16 {
         UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
     }
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_hangs_or_goes_is_called_again_and_holds_nothing_up() {
+    fn a_server_that_hangs_or_disconnects_is_reconnected_without_delay_to_others() {
         let bench = bench(0);
         let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let port = server.local_addr().unwrap().port();
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_falls_silent_is_called_again_at_the_next_place() {
+    fn a_silent_server_is_reconnected_at_the_next_address() {
         let bench = bench(0);
         let servers = [(); 2].map(|()| std::net::TcpListener::bind("127.0.0.1:0").unwrap());
         let [one, other] = servers.each_ref().map(|server| server.local_addr().unwrap().port());
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn tags_that_cannot_be_are_a_fault() {
+    fn impossible_tags_are_a_fault() {
         let at = |synchronised: bool| crate::clock::Stamp {
             utc: "2026-03-01T06:00:00Z".parse().unwrap(),
             utc_synchronised: synchronised,
@@ -213,7 +214,7 @@ mod tests {
             since_boot_s: 10.0,
         };
         let ahead = |seconds: f64, synchronised| {
-            crate::aircraft::impossible(1_772_344_800.0 + seconds, &at(synchronised))
+            crate::aircraft::impossible_delay_s(1_772_344_800.0 + seconds, &at(synchronised))
         };
         assert_eq!((ahead(40.0, true), ahead(40.0, false), ahead(1.0, true)), (Some(-40.0), None, None));
         assert_eq!((ahead(-30.0, true), ahead(-3600.0, true)), (None, Some(3600.0)));

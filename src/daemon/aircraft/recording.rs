@@ -1,34 +1,34 @@
-//! A feed's lines become durable within seconds.
+//! Records the lines of a feed; each is durable within seconds.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use super::feed::{LOOK, Shared};
+use super::feed::{FeedContext, POLL_INTERVAL};
 use crate::aircraft::{self, Layout};
-use crate::daemon::status::span;
+use crate::daemon::status::format_span;
 use crate::store::aircraft::AircraftLine;
 
-/// Lines that may wait to be recorded: a minute of ten feeds of 10 Hz.
-pub(super) const WAITING: usize = 6000;
-/// A line is durable at most this long after it came.
-const FLUSH: Duration = Duration::from_secs(2);
+/// Maximum number of lines that wait to be recorded: one minute of ten feeds at 10 Hz.
+pub(super) const MAX_WAITING: usize = 6000;
+/// Maximum time from the receipt of a line until it is durable.
+const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Writes what has come, every two seconds, and the rest at the end.
-pub(super) fn record(shared: &Shared, inbox: &Receiver<AircraftLine>) {
+/// Stores the received lines every two seconds, and the remaining ones at the end.
+pub(super) fn record_lines(shared: &FeedContext, inbox: &Receiver<AircraftLine>) {
     let layout = shared.config.layout();
     let (udp, tcp) = (&shared.config.udp, &shared.config.tcp);
     let source = serde_json::json!({"udp": udp, "tcp": tcp, "layout": layout});
     let mut waiting: Vec<AircraftLine> = Vec::new();
     let mut flushed = Instant::now();
     loop {
-        let heard = inbox.recv_timeout(LOOK);
-        let gone = matches!(heard, Err(RecvTimeoutError::Disconnected));
-        waiting.extend(heard);
-        waiting.extend(inbox.try_iter().take(WAITING));
-        let ending = gone || shared.over();
-        // The power may be about to go.
-        if ending || shared.core.halt.wanted() || flushed.elapsed() >= FLUSH {
-            flush(shared, (&layout, &source), &mut waiting);
+        let received = inbox.recv_timeout(POLL_INTERVAL);
+        let gone = matches!(received, Err(RecvTimeoutError::Disconnected));
+        waiting.extend(received);
+        waiting.extend(inbox.try_iter().take(MAX_WAITING));
+        let ending = gone || shared.is_ending();
+        // The power may be about to fail.
+        if ending || shared.core.halt.is_requested() || flushed.elapsed() >= FLUSH_INTERVAL {
+            store_lines(shared, (&layout, &source), &mut waiting);
             flushed = Instant::now();
         }
         if ending {
@@ -36,71 +36,71 @@ pub(super) fn record(shared: &Shared, inbox: &Receiver<AircraftLine>) {
         }
     }
     if let Err(error) = shared.core.store.close_aircraft_file() {
-        shared.fault(Some(error.to_string()));
+        shared.set_fault(Some(error.to_string()));
     }
 }
 
-fn flush(shared: &Shared, (layout, source): (&Layout, &serde_json::Value), waiting: &mut Vec<AircraftLine>) {
+fn store_lines(shared: &FeedContext, (layout, source): (&Layout, &serde_json::Value), waiting: &mut Vec<AircraftLine>) {
     if waiting.is_empty() {
         return;
     }
-    let seen = Seen::of(layout, waiting);
+    let statistics = LineStatistics::from_lines(layout, waiting);
     let count = waiting.len() as u64;
     match shared.core.store.add_aircraft_lines(source, waiting) {
         Ok(true) => {
             waiting.clear();
             shared.update(|status| {
                 status.recorded += count;
-                status.read += seen.read;
-                status.impossible += seen.impossible;
+                status.read += statistics.read;
+                status.impossible += statistics.impossible;
             });
-            shared.fault(seen.fault());
+            shared.set_fault(statistics.fault());
         }
-        // The first series begins the flight that they belong to.
+        // There is no flight yet: the first series begins it.
         Ok(false) => {
-            let over = waiting.len().saturating_sub(WAITING);
+            let over = waiting.len().saturating_sub(MAX_WAITING);
             waiting.drain(..over);
             shared.update(|status| status.lost += over as u64);
         }
         Err(error) => {
             waiting.clear();
             shared.update(|status| status.lost += count);
-            shared.fault(Some(error.to_string()));
+            shared.set_fault(Some(error.to_string()));
         }
     }
 }
 
-/// What some lines are.
+/// Counts of readable lines and of impossible time tags in a batch.
 #[derive(Default)]
-struct Seen {
+struct LineStatistics {
     read: u64,
     impossible: u64,
-    /// How far the last impossible one came after its tag, s.
+    /// Delay of the last impossible line, receipt minus time tag, s.
     delay_s: f64,
 }
 
-impl Seen {
-    fn of(layout: &Layout, lines: &[AircraftLine]) -> Self {
-        let mut seen = Self::default();
+impl LineStatistics {
+    fn from_lines(layout: &Layout, lines: &[AircraftLine]) -> Self {
+        let mut statistics = Self::default();
         for line in lines {
             let Some(sample) = layout.read(&line.line) else { continue };
-            seen.read += 1;
-            if let Some(delay_s) = line.at.as_ref().and_then(|at| aircraft::impossible(sample.time_s, at)) {
-                seen.impossible += 1;
-                seen.delay_s = delay_s;
+            statistics.read += 1;
+            if let Some(delay_s) = line.at.as_ref().and_then(|at| aircraft::impossible_delay_s(sample.time_s, at)) {
+                statistics.impossible += 1;
+                statistics.delay_s = delay_s;
             }
         }
-        seen
+        statistics
     }
 
     fn fault(&self) -> Option<String> {
         if self.read == 0 {
-            return Some("lines come and none can be read; look at format".to_owned());
+            return Some("lines arrive but none can be parsed; check format".to_owned());
         }
-        let way = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
+        let direction = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
         (self.impossible > 0).then(|| {
-            let apart = span(self.delay_s.abs().round());
-            format!("time tags are {apart} {way} their receipt, which cannot be: look at both clocks; they are not joined")
+            let apart = format_span(self.delay_s.abs().round());
+            format!("impossible time tags, {apart} {direction} their receipt, are not used; check both clocks")
         })
     }
 }

@@ -1,7 +1,7 @@
-//! The camera's side, below the series of the timetable and live mode alike: a camera behind hard limits, and of each
-//! frame whether it is whole and new and when it was exposed.
+//! Camera access for scheduled series and live mode: hard limits on every call, and checks of each frame for completeness,
+//! freshness and time of exposure.
 
-mod judging;
+mod frame_check;
 
 use std::time::Duration;
 
@@ -9,18 +9,18 @@ use serde_json::{Map, Value};
 
 use super::config::SeriesConfig;
 use super::core::Core;
-use super::worker::{Unanswered, Worker};
-use crate::camera::{Camera, CameraError, CameraFactory, CameraInfo, CameraFrame};
+use super::worker::{CallError, Worker};
+use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::store::manifest::{ShotFailure, Shot};
-pub(crate) use judging::STALE;
-use judging::{Judge, failure_of};
+use crate::store::manifest::{Shot, ShotFailure};
+pub(crate) use frame_check::STALE;
+use frame_check::{FrameChecker, shot_failure};
 
-/// Calls that may hang at a time before no new camera is made: each holds a thread.
+/// Maximum number of hanging calls; beyond it no new camera is created, because each holds a thread.
 const MAX_HANGING: usize = 8;
 
-/// A camera that is closed when its thread ends; after a panic nobody knows what closing it would do.
+/// A camera that is closed when its thread ends, except after a panic, when the effect of closing it is unknown.
 struct Driver(Box<dyn Camera>);
 
 impl Drop for Driver {
@@ -31,9 +31,9 @@ impl Drop for Driver {
     }
 }
 
-/// What is asked of the camera.
+/// Kind of frame requested from the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Mode {
+pub(crate) enum CaptureMode {
     /// A shot of a series.
     Shot,
     /// The next frame of a stream.
@@ -41,20 +41,20 @@ pub(crate) enum Mode {
 }
 
 /// A good frame.
-pub(crate) struct Taken {
-    /// As the camera delivered it.
+pub(crate) struct CapturedFrame {
+    /// Frame as delivered by the camera.
     pub frame: CameraFrame,
-    /// When the camera was asked.
+    /// Time of the request.
     pub stamp: Stamp,
-    /// From asking to delivery, s.
+    /// Time from the request to the delivery, s.
     pub duration_s: f64,
-    /// When it was exposed.
+    /// Time of exposure.
     pub exposure: Exposure,
 }
 
-impl Taken {
-    /// The shot that it is in a series.
-    pub fn shot(&self, number: u32, failures: Vec<ShotFailure>) -> Shot {
+impl CapturedFrame {
+    /// Returns the entry of this frame as a shot of a series.
+    pub fn to_shot(&self, number: u32, failures: Vec<ShotFailure>) -> Shot {
         Shot {
             shot: number,
             stamp: self.stamp.clone(),
@@ -67,45 +67,45 @@ impl Taken {
 }
 
 /// An attempt without a good frame.
-pub(crate) struct Missed {
-    /// Why.
+pub(crate) struct FailedAttempt {
+    /// Kind and reason of the failure.
     pub failure: ShotFailure,
-    /// Another attempt at the same shot may help. A camera that did not answer has cost its time already.
-    pub again: bool,
-    /// What was delivered instead.
+    /// True if another attempt at this shot may help; after a timeout it would cost as much time again.
+    pub retry: bool,
+    /// Frame that was delivered and rejected.
     pub delivered: Option<Box<CameraFrame>>,
 }
 
-impl From<CameraError> for Missed {
+impl From<CameraError> for FailedAttempt {
     fn from(error: CameraError) -> Self {
         let again = matches!(error, CameraError::Busy(_) | CameraError::Gone(_) | CameraError::BadFrame(_));
-        Self { failure: failure_of(&error), again, delivered: None }
+        Self { failure: shot_failure(&error), retry: again, delivered: None }
     }
 }
 
-/// The camera's side.
+/// The camera with its thread, its limits and the checks of its frames.
 pub(crate) struct Capture {
     core: Core,
     factory: CameraFactory,
     worker: Worker<Driver>,
     open: bool,
-    judge: Judge,
+    checker: FrameChecker,
     open_limit: Duration,
     deadline: Duration,
-    /// What the camera said when it was opened last, and how often it was.
+    /// Camera information from the last opening.
     info: CameraInfo,
     openings: u64,
 }
 
 impl Capture {
-    /// With a camera that is closed.
+    /// Creates the access to a camera that is still closed.
     pub fn new(factory: CameraFactory, config: &SeriesConfig, core: &Core) -> Self {
         Self {
             core: core.clone(),
             factory,
             worker: Worker::new("camera", MAX_HANGING, core.halt.clone()),
             open: false,
-            judge: Judge::remembering(config.stale_window),
+            checker: FrameChecker::new(config.stale_window),
             open_limit: config.open_deadline,
             deadline: config.shot_deadline,
             info: CameraInfo::default(),
@@ -113,13 +113,13 @@ impl Capture {
         }
     }
 
-    /// Calls to the camera that hang still.
-    pub fn hanging(&self) -> usize {
+    /// Returns the number of calls to the camera that still hang.
+    pub fn hanging_calls(&self) -> usize {
         self.worker.hanging()
     }
 
-    /// Opens the camera where it is not open; whether it was not.
-    pub fn open(&mut self) -> Result<bool, CameraError> {
+    /// Opens the camera unless it is open. Returns whether it had to be opened.
+    pub fn ensure_open(&mut self) -> Result<bool, CameraError> {
         if self.open {
             return Ok(false);
         }
@@ -137,8 +137,9 @@ impl Capture {
         Ok(true)
     }
 
-    /// The camera as a series keeps it, where it was opened since the opening that is `noted`, which becomes this one.
-    pub fn opened_since(&self, noted: &mut u64) -> Option<Map<String, Value>> {
+    /// Returns the camera's entry for a series if it was opened again since the opening number `noted`, and updates that
+    /// number.
+    pub fn camera_if_reopened(&self, noted: &mut u64) -> Option<Map<String, Value>> {
         (std::mem::replace(noted, self.openings) != self.openings).then(|| {
             let mut camera = Map::new();
             camera.insert("name".to_owned(), Value::from(self.info.name.clone()));
@@ -148,37 +149,37 @@ impl Capture {
         })
     }
 
-    /// A good frame of the open camera, which was `asked` for it at that moment. The camera gets its deadline; a quarter
-    /// more and the call is given up. A camera that is gone, or late by its own account, is closed and thrown away.
-    pub fn take(&mut self, mode: Mode, asked: &Stamp) -> Result<Taken, Missed> {
+    /// Takes a frame of the open camera; `asked` is the time of the request. The camera must deliver within its deadline;
+    /// after another 25 % the call is abandoned. A camera that is gone or reports a timeout is closed and replaced.
+    pub fn take_frame(&mut self, mode: CaptureMode, asked: &Stamp) -> Result<CapturedFrame, FailedAttempt> {
         let deadline = self.deadline;
-        let delivered = self.call(hard(deadline), "the frame", move |camera| match mode {
-            Mode::Shot => camera.shoot(deadline),
-            Mode::Stream => camera.live(deadline),
+        let delivered = self.call(hard_limit(deadline), "the frame", move |camera| match mode {
+            CaptureMode::Shot => camera.shoot(deadline),
+            CaptureMode::Stream => camera.live(deadline),
         })?;
         if matches!(delivered, Err(CameraError::Gone(_) | CameraError::Timeout { .. })) {
             self.close_driver();
             self.worker.dismiss();
         }
         let mut frame = delivered?;
-        if let Err(failure) = self.judge.judge(&frame) {
-            return Err(Missed { failure, again: true, delivered: Some(Box::new(frame)) });
+        if let Err(failure) = self.checker.check(&frame) {
+            return Err(FailedAttempt { failure, retry: true, delivered: Some(Box::new(frame)) });
         }
         let clock = self.core.clock.as_ref();
-        let exposure = self.judge.exposure(&mut frame, asked, clock);
+        let exposure = self.checker.determine_exposure(&mut frame, asked, clock);
         let duration_s = clock.since_boot().as_secs_f64() - asked.since_boot_s;
-        Ok(Taken { frame, stamp: asked.clone(), duration_s, exposure })
+        Ok(CapturedFrame { frame, stamp: asked.clone(), duration_s, exposure })
     }
 
-    /// The next frame that an interrupted series left on the open camera's card.
-    pub fn left_over(&mut self) -> Option<CameraFrame> {
+    /// Returns the next frame that an interrupted series left on the card of the open camera.
+    pub fn take_left_over(&mut self) -> Option<CameraFrame> {
         let deadline = self.deadline;
-        let found = self.call(hard(deadline), "a frame left in it", move |camera| camera.recover(deadline));
+        let found = self.call(hard_limit(deadline), "a frame left on its card", move |camera| camera.recover(deadline));
         found.and_then(|frame| frame).ok().flatten()
     }
 
-    /// Tells the camera that our copy of its last frame is durable; a failure costs nothing here.
-    pub fn release_last(&mut self) {
+    /// Informs the camera that our copy of its last frame is durable; a failure is ignored.
+    pub fn release_last_frame(&mut self) {
         let _ = self.call(self.open_limit, "releasing the frame", |camera| camera.release_last());
     }
 
@@ -194,7 +195,7 @@ impl Capture {
         }
     }
 
-    /// One call, on the camera's thread; a new camera where there is none.
+    /// Runs a call on the camera's thread, and creates a camera if there is none.
     fn call<T: Send + 'static>(
         &mut self,
         limit: Duration,
@@ -210,28 +211,30 @@ impl Capture {
         });
         answer.map_err(|why| {
             self.open = false;
-            unanswered(why, limit, what)
+            camera_error(why, limit, what)
         })
     }
 }
 
-fn unanswered(why: Unanswered, limit: Duration, what: &str) -> CameraError {
+fn camera_error(why: CallError, limit: Duration, what: &str) -> CameraError {
     let (after, why) = match why {
-        Unanswered::TooManyHang => {
-            let what = format!("{MAX_HANGING} calls to it hang; unplug it and restart wingd");
-            return CameraError::Gone(what);
+        CallError::TooManyHang => {
+            let reason = format!("{MAX_HANGING} calls to it hang; unplug it and restart wingd");
+            return CameraError::Gone(reason);
         }
-        Unanswered::NoThread(error) => {
-            return CameraError::Busy(format!("no thread for the camera: {error}"));
+        CallError::NoThread(error) => {
+            return CameraError::Busy(format!("no thread can be started for it: {error}; restart wingd"));
         }
-        Unanswered::Broken => return CameraError::Gone("its driver panicked; it is opened anew".to_owned()),
-        Unanswered::Late => (limit, "the call hangs and is given up"),
-        Unanswered::Halted(after) => (after, "it is given up because wingd stops or the power fails"),
+        CallError::Broken => {
+            return CameraError::Gone("its driver crashed; it will be opened again".to_owned());
+        }
+        CallError::TimedOut => (limit, "the call hangs and is abandoned"),
+        CallError::Halted(after) => (after, "abandoned because wingd stops or the power fails"),
     };
     CameraError::Timeout { after_s: after.as_secs_f64(), what: format!("{what}; {why}") }
 }
 
-/// The limit that a call has, when its camera was given this deadline.
-fn hard(deadline: Duration) -> Duration {
+/// Returns the time limit of a call to a camera with this deadline.
+fn hard_limit(deadline: Duration) -> Duration {
     deadline + deadline / 4 + Duration::from_millis(250)
 }

@@ -1,57 +1,57 @@
-//! A mailbox has a place for one thing: what is still there when the next comes is replaced, never queued.
+//! A mailbox for one item: an item that is still there when the next one comes is replaced, never queued.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 struct Slot<T> {
-    thing: Option<T>,
+    item: Option<T>,
     closed: bool,
 }
 
-/// Between one thread that gives and one that takes.
+/// A mailbox for one item between a sending and a receiving thread.
 pub(crate) struct Mailbox<T> {
     slot: Mutex<Slot<T>>,
     changed: Condvar,
 }
 
-/// What a look into the mailbox gave.
+/// Result of [`Mailbox::take`].
 #[derive(Debug, PartialEq)]
-pub(crate) enum Look<T> {
-    Thing(T),
-    Nothing,
+pub(crate) enum Delivery<T> {
+    Item(T),
+    Empty,
     Closed,
 }
 
 impl<T> Default for Mailbox<T> {
     fn default() -> Self {
-        Self { slot: Mutex::new(Slot { thing: None, closed: false }), changed: Condvar::new() }
+        Self { slot: Mutex::new(Slot { item: None, closed: false }), changed: Condvar::new() }
     }
 }
 
 impl<T> Mailbox<T> {
-    /// True where another thing lay there, which is gone.
+    /// Puts an item in; returns whether it replaced another one.
     pub fn put(&self, thing: T) -> bool {
-        let replaced = self.slot().thing.replace(thing).is_some();
+        let replaced = self.slot().item.replace(thing).is_some();
         self.changed.notify_one();
         replaced
     }
 
-    /// Nothing more will come.
+    /// Closes the mailbox: no more items come.
     pub fn close(&self) {
         self.slot().closed = true;
         self.changed.notify_all();
     }
 
-    /// Waits at most so long; machine time.
-    pub fn take(&self, patience: Duration) -> Look<T> {
+    /// Waits for an item, at most for `patience` of machine time.
+    pub fn take(&self, patience: Duration) -> Delivery<T> {
         let slot = self.slot();
-        let waiting = |slot: &mut Slot<T>| slot.thing.is_none() && !slot.closed;
+        let waiting = |slot: &mut Slot<T>| slot.item.is_none() && !slot.closed;
         let waited = self.changed.wait_timeout_while(slot, patience, waiting);
         let mut slot = waited.unwrap_or_else(PoisonError::into_inner).0;
-        match (slot.thing.take(), slot.closed) {
-            (Some(thing), _) => Look::Thing(thing),
-            (None, true) => Look::Closed,
-            (None, false) => Look::Nothing,
+        match (slot.item.take(), slot.closed) {
+            (Some(thing), _) => Delivery::Item(thing),
+            (None, true) => Delivery::Closed,
+            (None, false) => Delivery::Empty,
         }
     }
 
@@ -65,13 +65,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_is_there_and_the_last_is_taken_before_the_end() {
+    fn the_newest_item_is_delivered_and_the_last_one_before_the_end() {
         let mailbox = Mailbox::default();
-        assert_eq!(mailbox.take(Duration::ZERO), Look::Nothing);
+        assert_eq!(mailbox.take(Duration::ZERO), Delivery::Empty);
         assert!(!mailbox.put(1));
         assert!(mailbox.put(2));
         mailbox.close();
-        assert_eq!(mailbox.take(Duration::from_secs(60)), Look::Thing(2));
-        assert_eq!(mailbox.take(Duration::from_secs(60)), Look::Closed);
+        assert_eq!(mailbox.take(Duration::from_secs(60)), Delivery::Item(2));
+        assert_eq!(mailbox.take(Duration::from_secs(60)), Delivery::Closed);
     }
 }

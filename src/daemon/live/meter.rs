@@ -1,40 +1,40 @@
-//! The status shows rate and latency of the last results, which are measured here.
+//! Measures rate and latency of the last results for the status.
 
 use std::collections::VecDeque;
 
 /// Rate and latency of the last results.
 #[derive(Default)]
 pub(crate) struct Meter {
-    /// When, since boot, s; how late, ms.
+    /// Time since boot, s, and latency, ms.
     last: VecDeque<(f64, f64)>,
 }
 
-/// Latencies are of the results of this time, s.
-const LATENCY_OF_S: f64 = 60.0;
-/// The rate is of the results of this time, s.
-const RATE_OF_S: f64 = 10.0;
-/// Results that are remembered at most.
+/// Time over which latencies are evaluated, s.
+const LATENCY_WINDOW_S: f64 = 60.0;
+/// Time over which the rate is evaluated, s.
+const RATE_WINDOW_S: f64 = 10.0;
+/// Maximum number of remembered results.
 const MAX_RESULTS: usize = 6000;
 
 impl Meter {
-    /// A result that came `now_s` since boot.
-    pub fn note(&mut self, now_s: f64, latency_ms: f64) {
+    /// Adds a result that came `now_s` since boot.
+    pub fn add_result(&mut self, now_s: f64, latency_ms: f64) {
         self.last.push_back((now_s, latency_ms));
-        let old = |entry: &&(f64, f64)| now_s - entry.0 > LATENCY_OF_S;
+        let old = |entry: &&(f64, f64)| now_s - entry.0 > LATENCY_WINDOW_S;
         let gone = self.last.iter().take_while(old).count().max(self.last.len().saturating_sub(MAX_RESULTS));
         self.last.drain(..gone);
     }
 
-    /// Results a second.
+    /// Returns the results per second.
     pub fn rate_hz(&self, now_s: f64) -> f64 {
-        let recent: Vec<f64> = self.last.iter().map(|e| e.0).filter(|at| now_s - at <= RATE_OF_S).collect();
+        let recent: Vec<f64> = self.last.iter().map(|e| e.0).filter(|at| now_s - at <= RATE_WINDOW_S).collect();
         match (recent.first(), recent.len()) {
             (Some(first), 2..) => (recent.len() - 1) as f64 / (now_s - first).max(1e-3),
             _ => 0.0,
         }
     }
 
-    /// The latency that this share of the results keeps, ms.
+    /// Returns the quantile `share` of the latency, ms.
     pub fn latency_ms(&self, share: f64) -> Option<f64> {
         let mut all: Vec<f64> = self.last.iter().map(|e| e.1).collect();
         all.sort_unstable_by(f64::total_cmp);
@@ -52,15 +52,11 @@ mod tests {
         let mut meter = Meter::default();
         assert_eq!((meter.rate_hz(0.0), meter.latency_ms(0.95)), (0.0, None));
         for k in 0..1000 {
-            meter.note(f64::from(k) * 0.1, f64::from(k % 100));
+            meter.add_result(f64::from(k) * 0.1, f64::from(k % 100));
         }
         assert!((meter.rate_hz(99.9) - 10.0).abs() < 0.2, "{}", meter.rate_hz(99.9));
         assert_eq!(meter.last.len(), 601);
-        assert!(
-            meter.latency_ms(0.95).is_some_and(|ms| (93.0..=96.0).contains(&ms)),
-            "{:?}",
-            meter.latency_ms(0.95)
-        );
+        assert!(meter.latency_ms(0.95).is_some_and(|ms| (93.0..=96.0).contains(&ms)), "{:?}", meter.latency_ms(0.95));
         assert_eq!(meter.rate_hz(200.0), 0.0);
     }
 }

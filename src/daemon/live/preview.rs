@@ -1,83 +1,83 @@
-//! The page gets a small picture of the newest frame with a result, solved or not. It is made when somebody asks, at most once a second, and with
-//! nothing that the solving needs.
+//! Small image of the newest frame with a result, solved or not, for the page. It is made on request, at most once per
+//! second, and uses nothing that the solving needs.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::result::LiveFrame;
-use crate::daemon::core::{DISPLAY_NICE, give_way};
-use crate::pipeline::decode::decode;
-use crate::pipeline::guard::guarded;
+use crate::daemon::core::{DISPLAY_NICE, lower_priority};
+use crate::pipeline::decode::decode_image;
+use crate::pipeline::guard::catch_panic;
 use crate::pipeline::shrink::small_jpeg;
 
-/// Longer side, px.
-const LONGER: usize = 1280;
-/// Of the JPEG.
-const QUALITY: u8 = 70;
-/// The least time between two pictures.
-const PAUSE: Duration = Duration::from_secs(1);
+/// Longer side of the preview, px.
+const LONGER_SIDE_PX: usize = 1280;
+/// JPEG quality of the preview, 1 to 100.
+const JPEG_QUALITY: u8 = 70;
+/// Minimum time between two previews.
+const MIN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// A small picture.
-pub(crate) struct Picture {
-    /// Of the frame.
+/// A small image of a frame.
+pub(crate) struct PreviewImage {
+    /// Number of the frame.
     pub number: u64,
-    /// Of the frame, px: the outlines are in it.
+    /// Width and height of the frame, px; the outlines refer to it.
     pub size: (usize, usize),
-    /// The file.
+    /// JPEG file of the small image.
     pub jpeg: Vec<u8>,
 }
 
 #[derive(Default)]
-struct State {
+struct PreviewState {
     frame: Option<Arc<LiveFrame>>,
-    made: Option<(Instant, Arc<Picture>)>,
+    made: Option<(Instant, Arc<PreviewImage>)>,
 }
 
-/// The newest frame and the last picture.
+/// The newest frame and the last preview.
 #[derive(Default)]
 pub(crate) struct Preview {
-    state: Mutex<State>,
-    /// One picture at a time.
+    state: Mutex<PreviewState>,
+    /// Lock that lets one preview be made at a time.
     making: Mutex<()>,
 }
 
 impl Preview {
-    /// The newest frame with a result, solved or not.
-    pub fn show(&self, frame: &Arc<LiveFrame>) {
+    /// Sets the newest frame with a result, solved or not.
+    pub fn set_frame(&self, frame: &Arc<LiveFrame>) {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).frame = Some(frame.clone());
     }
 
-    /// A picture that is at most a second old, or newly made; `None` before the first frame.
-    pub fn newest(&self) -> Option<Arc<Picture>> {
+    /// Returns a preview that is at most one second old, or a new one; `None` before the first frame.
+    pub fn image(&self) -> Option<Arc<PreviewImage>> {
         let _one = self.making.lock().unwrap_or_else(PoisonError::into_inner);
         let frame = {
             let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             match &state.made {
-                Some((when, picture)) if when.elapsed() < PAUSE => return Some(picture.clone()),
+                Some((when, preview)) if when.elapsed() < MIN_INTERVAL => return Some(preview.clone()),
                 _ => state.frame.clone()?,
             }
         };
-        let picture = Arc::new(at_low_priority(|| guarded(|| small(&frame)).flatten())?);
+        let preview = Arc::new(at_low_priority(|| catch_panic(|| make_preview(&frame)).flatten())?);
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.made = Some((Instant::now(), picture.clone()));
-        Some(picture)
+        state.made = Some((Instant::now(), preview.clone()));
+        Some(preview)
     }
 }
 
-/// On a thread of its own that gives way to all others.
+/// Runs `work` on a thread of its own with low priority.
 fn at_low_priority<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().name("preview".to_owned());
         let made = thread.spawn_scoped(scope, || {
-            give_way(DISPLAY_NICE);
+            lower_priority(DISPLAY_NICE);
             work()
         });
         made.ok()?.join().ok().flatten()
     })
 }
 
-fn small(frame: &LiveFrame) -> Option<Picture> {
-    let raster = decode(&frame.taken.frame.bytes, Some(&frame.taken.frame.format)).ok()?;
-    let jpeg = small_jpeg(&raster, LONGER, QUALITY)?;
-    Some(Picture { number: frame.number, size: (raster.width(), raster.height()), jpeg })
+fn make_preview(frame: &LiveFrame) -> Option<PreviewImage> {
+    let raster = decode_image(&frame.taken.frame.bytes, Some(&frame.taken.frame.format)).ok()?;
+    let jpeg = small_jpeg(&raster, LONGER_SIDE_PX, JPEG_QUALITY)?;
+    Some(PreviewImage { number: frame.number, size: (raster.width(), raster.height()), jpeg })
 }

@@ -1,109 +1,100 @@
-//! A live frame's result is given out as a line of JSON and as a datagram (docs/live.md).
+//! Result of a live frame, as a line of JSON and as a datagram (docs/live.md).
 
 use std::fmt::Write as _;
 
 use serde::Serialize;
 
 use crate::clock::exposure::Exposure;
-use crate::daemon::capture::Taken;
+use crate::daemon::capture::CapturedFrame;
 use crate::daemon::status::Health;
-use crate::pipeline::guided::Search;
-use crate::pipeline::live::{Curvature, Outline, Tracked};
-use crate::record::{GlobalTest, ImageRecord, Status, word};
+use crate::pipeline::guided::SearchMode;
+use crate::pipeline::live::{CurvatureEstimate, Outline, TrackedFrame};
+use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus, variant_name};
 
 /// A frame on its way to be solved.
 pub(crate) struct LiveFrame {
-    /// Counted since the start, from 1; the gaps are frames that were skipped.
+    /// Number since the start, from 1; gaps are skipped frames.
     pub number: u64,
-    /// The frame.
-    pub taken: Taken,
+    /// Captured frame.
+    pub taken: CapturedFrame,
 }
 
 impl LiveFrame {
-    /// As its result names it.
+    /// Returns the frame's name in its result.
     pub fn name(&self) -> String {
         let source = self.taken.frame.settings.get("source").and_then(|name| name.as_str());
         source.map_or_else(|| format!("live {}", self.number), str::to_owned)
     }
 
-    /// When it was exposed, since boot, s.
-    pub fn at_s(&self) -> f64 {
+    /// Returns the time of exposure since boot, s.
+    pub fn exposed_at_s(&self) -> f64 {
         self.taken.exposure.exposure_since_boot_s
     }
 }
 
-/// A frame's result.
+/// Result of a live frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LiveResult {
-    /// Of the frame, since the start, from 1.
+    /// Number of the frame since the start, from 1.
     pub number: u64,
-    /// When it was exposed.
+    /// Time of exposure.
     #[serde(flatten)]
     pub exposure: Exposure,
-    /// From the middle of the exposure to this result, ms.
+    /// Time from the middle of the exposure to this result, ms.
     pub latency_ms: f64,
     /// Frames skipped since the start.
     pub skipped: u64,
-    /// The whole frame, or guided by the one before.
-    pub search: Search,
-    /// Which mounting of the camera, from 1; 0 before the first solution.
+    /// Search of the full frame, or guided by the preceding frame.
+    pub search: SearchMode,
+    /// Number of the camera mounting, from 1; 0 before the first solution.
     pub mounting: usize,
-    /// This frame showed a mount disturbance.
+    /// True if this frame showed a mount disturbance.
     pub mount_disturbed: bool,
-    /// What was detected.
+    /// Outlines of the detected markers.
     pub outlines: Vec<Outline>,
-    /// In the store, for moments; not in the line, whose record has the coefficients.
+    /// Curvature with covariance, stored for bending moments; the line of JSON omits it, because its record has the
+    /// coefficients.
     #[serde(skip)]
-    pub curvature: Option<Curvature>,
-    /// The result as everywhere, without provenance and correlations.
+    pub curvature: Option<CurvatureEstimate>,
+    /// Result record without provenance and correlations.
     #[serde(flatten)]
     pub record: ImageRecord,
 }
 
-/// Points of the curve that a datagram has.
+/// Number of points of the curve in a datagram.
 pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
-    pub(crate) fn new(frame: &LiveFrame, tracked: Tracked, latency_ms: f64, skipped: u64) -> Self {
-        let Tracked { record, search, mounting, mount_disturbed, outlines, curvature } = tracked;
+    pub(crate) fn new(frame: &LiveFrame, tracked: TrackedFrame, latency_ms: f64, skipped: u64) -> Self {
+        let TrackedFrame { record, search, mounting, mount_disturbed, outlines, curvature } = tracked;
         let (number, exposure) = (frame.number, frame.taken.exposure.clone());
-        Self {
-            number,
-            exposure,
-            latency_ms,
-            skipped,
-            search,
-            mounting,
-            mount_disturbed,
-            outlines,
-            curvature,
-            record,
-        }
+        Self { number, exposure, latency_ms, skipped, search, mounting, mount_disturbed, outlines, curvature, record }
     }
 
-    /// Whether it has numbers.
-    pub fn solved(&self) -> bool {
-        self.record.status == Status::Ok
+    /// Returns whether the result has numbers.
+    pub fn is_solved(&self) -> bool {
+        self.record.status == RecordStatus::Ok
     }
 
-    /// Whether its global test rejects: its standard deviations are in doubt.
-    pub fn rejected(&self) -> bool {
-        self.record.global_test == Some(GlobalTest::Rejected)
+    /// Returns whether the global test rejects, so that the standard deviations are doubtful.
+    pub fn is_rejected(&self) -> bool {
+        self.record.global_test == Some(GlobalTestVerdict::Rejected)
     }
 
-    /// Deflection of the outermost marker, m.
+    /// Returns the deflection of the outermost marker, m.
     pub fn tip_deflection_m(&self) -> Option<f64> {
-        self.record.tip.as_ref().filter(|_| self.solved()).map(|tip| tip.deflection_m)
+        self.record.tip.as_ref().filter(|_| self.is_solved()).map(|tip| tip.deflection_m)
     }
 
-    /// One object, without a line's end.
-    pub fn line(&self) -> String {
+    /// Returns the result as one JSON object without a line end.
+    pub fn json_line(&self) -> String {
         serde_json::to_string(self).unwrap_or_else(|error| {
             serde_json::json!({ "number": self.number, "error": error.to_string() }).to_string()
         })
     }
 
-    /// ASCII, fields between commas, empty where there is no number; at most 1400 bytes. docs/live.md has the list.
+    /// Returns the datagram: ASCII, fields separated by commas, empty if a number is missing; at most 1400 bytes.
+    /// docs/live.md lists the fields.
     pub fn datagram(&self, health: Health) -> String {
         let mut text = format!("WINGD1,{}", self.exposure.exposure_time.strftime("%Y-%m-%dT%H:%M:%S%.3f"));
         let mut field = |value: Option<f64>, digits: usize| {
@@ -117,7 +108,7 @@ impl LiveResult {
         let flag = |yes: bool| Some(f64::from(u8::from(yes)));
         field(self.exposure.utc_sigma_s(), 4);
         field(Some(self.number as f64), 0);
-        field(flag(self.solved()), 0);
+        field(flag(self.is_solved()), 0);
         field(flag(self.mount_disturbed), 0);
         field(Some(self.mounting as f64), 0);
         field(Some(self.skipped as f64), 0);
@@ -137,18 +128,18 @@ impl LiveResult {
             field(point.map(|p| p.deflection_m), 4);
             field(point.and_then(|p| p.sigma_deflection_m), 4);
         }
-        field(record.global_test.and_then(|_| flag(self.rejected())), 0);
-        let _ = write!(text, ",{}\r\n", word(health));
+        field(record.global_test.and_then(|_| flag(self.is_rejected())), 0);
+        let _ = write!(text, ",{}\r\n", variant_name(health));
         text
     }
 }
 
-/// A result, or the recorder's state, as the listeners get it.
-pub(crate) struct Given {
-    /// The state, which only those get that ask for it, and the datagrams.
-    pub state: bool,
-    /// JSON, without a line's end.
+/// A result, or the recorder's state, as sent to listeners.
+pub(crate) struct LiveMessage {
+    /// True if it is the state, which is sent only to listeners that requested it, and as a datagram.
+    pub is_state: bool,
+    /// JSON object without a line end.
     pub line: String,
-    /// ASCII.
+    /// ASCII datagram.
     pub datagram: String,
 }

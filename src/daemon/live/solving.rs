@@ -1,137 +1,146 @@
-//! Frames are solved as they come, the newest first and behind a deadline. What goes wrong with a frame costs its result.
+//! Solves live frames, the newest first, with a deadline. An error in a frame loses only the result of that frame.
 
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 
-use super::events::Watch;
-use super::frames::Raw;
-use super::mailbox::{Look, Mailbox};
+use super::context::LiveContext;
+use super::events::EventDetector;
+use super::frames::RawFrameBuffer;
+use super::mailbox::{Delivery, Mailbox};
 use super::meter::Meter;
-use super::out::Tap;
-use super::result::{Given, LiveFrame, LiveResult};
-use super::shared::Shared;
+use super::publisher::ResultPublisher;
+use super::result::{LiveFrame, LiveMessage, LiveResult};
 use crate::camera::CameraFrame;
-use crate::daemon::solver::{Track, Tracking};
-use crate::daemon::worker::{Unanswered, Worker};
-use crate::pipeline::guided::Search;
-use crate::pipeline::live::Tracked;
+use crate::daemon::solver::{FrameTracker, FrameTrackerFactory};
+use crate::daemon::worker::{CallError, Worker};
+use crate::pipeline::guided::SearchMode;
+use crate::pipeline::live::TrackedFrame;
 use crate::record::{ImageRecord, Method};
 
-/// A frame that takes longer is given up, with its thread. Machine time.
+/// Time after which a frame is abandoned with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
-/// Solvers given up that may run on at a time; each holds a thread, at worst a core.
+/// Maximum number of abandoned solvers that still run; each holds a thread, at worst a core.
 pub(super) const MAX_HANGING: usize = 2;
-/// Without a frame for so long the rate is looked at.
-const QUIET: Duration = Duration::from_millis(100);
-/// Results between two looks at the latencies.
-const LATENCIES_EVERY: u64 = 8;
+/// Time without a frame after which the rate is updated.
+const RATE_UPDATE_INTERVAL: Duration = Duration::from_millis(100);
+/// Number of results between two updates of the latencies.
+const LATENCY_UPDATE_RESULTS: u64 = 8;
 
-/// What the live thread works with.
-pub(super) struct Solving {
-    pub shared: Shared,
+/// State of the live thread: has frames solved and publishes the results.
+pub(super) struct LiveSolver {
+    pub shared: LiveContext,
     pub mailbox: Arc<Mailbox<Arc<LiveFrame>>>,
-    pub track: Option<Track>,
-    pub raw: Arc<Raw>,
-    pub tap: Tap,
+    pub track: Option<FrameTrackerFactory>,
+    pub raw: Arc<RawFrameBuffer>,
+    pub publisher: ResultPublisher,
     pub rows: SyncSender<Arc<LiveResult>>,
-    /// The thread that has the state of the adjustment.
-    pub worker: Worker<Tracking>,
+    /// Thread that holds the state of the adjustment.
+    pub worker: Worker<FrameTracker>,
 }
 
-impl Solving {
-    /// Until the recorder ends.
+impl LiveSolver {
+    /// Solves frames until the recorder ends.
     pub fn run(mut self) {
-        let mut watch = Watch::new(self.shared.config.keep.clone());
+        let mut watch = EventDetector::new(self.shared.config.keep.clone());
         let mut meter = Meter::default();
         loop {
-            match self.mailbox.take(QUIET) {
-                Look::Thing(frame) => {
-                    if let Some(tracked) = self.solve(&frame) {
-                        self.give(&frame, tracked, (&mut watch, &mut meter));
+            match self.mailbox.take(RATE_UPDATE_INTERVAL) {
+                Delivery::Item(frame) => {
+                    if let Some(tracked) = self.solve_frame(&frame) {
+                        self.publish_result(&frame, tracked, (&mut watch, &mut meter));
                     }
                 }
-                Look::Nothing => self.quiet(&meter),
-                Look::Closed => break,
+                Delivery::Empty => self.update_rate(&meter),
+                Delivery::Closed => break,
             }
         }
     }
 
-    /// `None` where frames are not solved: nothing is known to solve them with, or too many solvers hang.
-    fn solve(&mut self, frame: &Arc<LiveFrame>) -> Option<Tracked> {
+    /// Solves a frame. Returns `None` if there is no tracker, or if too many solvers hang.
+    fn solve_frame(&mut self, frame: &Arc<LiveFrame>) -> Option<TrackedFrame> {
         let track = self.track.clone()?;
         let work = {
             let frame = frame.clone();
-            // The frame is let go of before the answer: its memory is not the solver's any more.
-            move |tracking: &mut Tracking| {
+            // The frame is dropped before the answer, so that the solver no longer holds its memory.
+            move |tracking: &mut FrameTracker| {
                 let CameraFrame { bytes, format, .. } = &frame.taken.frame;
-                tracking(&frame.name(), bytes, format, frame.at_s())
+                tracking(&frame.name(), bytes, format, frame.exposed_at_s())
             }
         };
         let why = match self.worker.call(DEADLINE, &|| {}, move || track().ok(), work) {
             Ok(tracked) => return Some(tracked),
-            Err(Unanswered::TooManyHang) => {
-                let why = "solvers hang; live frames are not solved before a restart of wingd";
-                self.shared.fault("solver", why);
+            Err(CallError::TooManyHang) => {
+                let why = "solvers hang; live frames are not solved until you restart wingd";
+                self.shared.set_fault("solver", why);
                 return None;
             }
-            Err(Unanswered::NoThread(error)) => {
-                self.shared.fault("solver", &format!("no thread to solve live frames on: {error}"));
+            Err(CallError::NoThread(error)) => {
+                self.shared.set_fault(
+                    "solver",
+                    &format!("no thread can be started to solve live frames: {error}; restart wingd"),
+                );
                 return None;
             }
-            Err(Unanswered::Broken) => {
-                "the solver broke off on this frame, and begins anew; send the frame to the developers"
-                    .to_owned()
+            Err(CallError::Broken) => {
+                "the solver crashed on this frame and starts again; send the frame to the developers".to_owned()
             }
-            Err(Unanswered::Late) => {
-                format!("the solver had no result after {DEADLINE:?} and was given up, and begins anew")
+            Err(CallError::TimedOut) => {
+                format!("the solver had no result after {DEADLINE:?}, was abandoned and starts again")
             }
-            Err(Unanswered::Halted(_)) => {
-                "the solver was given up because wingd stops or the power fails".to_owned()
-            }
+            Err(CallError::Halted(_)) => "the solver was abandoned because wingd stops or the power fails".to_owned(),
         };
-        self.shared.fault("solver", &why);
+        self.shared.set_fault("solver", &why);
         let hangs = self.worker.given_up();
         self.shared.update(|live| live.solver_hangs = hangs);
-        Some(Tracked::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
+        Some(TrackedFrame::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
     }
 
-    fn give(&self, frame: &Arc<LiveFrame>, tracked: Tracked, (watch, meter): (&mut Watch, &mut Meter)) {
+    fn publish_result(
+        &self,
+        frame: &Arc<LiveFrame>,
+        tracked: TrackedFrame,
+        (watch, meter): (&mut EventDetector, &mut Meter),
+    ) {
         let now_s = self.shared.core.clock.since_boot().as_secs_f64();
-        let latency_ms = 1e3 * (now_s - frame.at_s());
+        let latency_ms = 1e3 * (now_s - frame.exposed_at_s());
         let skipped = self.shared.skipped();
         let result = Arc::new(LiveResult::new(frame, tracked, latency_ms, skipped));
-        if let Some(reason) = watch.look(&result) {
-            self.raw.event(&self.shared, reason, frame.at_s(), false);
+        if let Some(reason) = watch.detect(&result) {
+            self.raw.add_event(&self.shared, reason, frame.exposed_at_s(), false);
         }
-        self.tap.preview.show(frame);
-        if result.solved() {
-            self.shared.clear("solver");
+        self.publisher.preview.set_frame(frame);
+        if result.is_solved() {
+            self.shared.clear_fault("solver");
         }
-        let judged = (result.solved(), result.rejected());
-        self.shared.core.board.live_result(frame.at_s(), judged, skipped);
-        // Nobody listening is no error.
-        if self.tap.given.receiver_count() > 0 {
+        let outcome = (result.is_solved(), result.is_rejected());
+        self.shared.core.board.add_live_result(frame.exposed_at_s(), outcome, skipped);
+        // Without a listener this fails, which is no error.
+        if self.publisher.messages.receiver_count() > 0 {
             let datagram = result.datagram(self.shared.core.board.health());
-            let _ = self.tap.given.send(Arc::new(Given { state: false, line: result.line(), datagram }));
+            let _ = self.publisher.messages.send(Arc::new(LiveMessage {
+                is_state: false,
+                line: result.json_line(),
+                datagram,
+            }));
         }
         let lost = matches!(self.rows.try_send(result.clone()), Err(TrySendError::Full(_)));
-        meter.note(now_s, latency_ms);
+        meter.add_result(now_s, latency_ms);
         self.shared.update(|live| {
             live.results += 1;
-            live.unsolvable += u64::from(!result.solved());
-            live.full_searches += u64::from(result.search == Search::Full);
+            live.unsolvable += u64::from(!result.is_solved());
+            live.full_searches += u64::from(result.search == SearchMode::Full);
             live.mount_disturbances += u64::from(result.mount_disturbed);
             live.dropped += u64::from(lost);
             live.rate_hz = meter.rate_hz(now_s);
-            if live.results % LATENCIES_EVERY == 1 {
+            if live.results % LATENCY_UPDATE_RESULTS == 1 {
                 live.latency_median_ms = meter.latency_ms(0.5);
                 live.latency_p95_ms = meter.latency_ms(0.95);
             }
         });
     }
 
-    fn quiet(&self, meter: &Meter) {
+    fn update_rate(&self, meter: &Meter) {
         let rate_hz = meter.rate_hz(self.shared.core.clock.since_boot().as_secs_f64());
         self.shared.update(|live| live.rate_hz = rate_hz);
     }

@@ -1,5 +1,5 @@
-//! The recorder's state is given out beside the results, every second and at once where health changes: who listens hears that
-//! nothing comes, and why.
+//! Publishes the recorder's state next to the results, every second and immediately when health changes, so that listeners
+//! learn that no results come, and why.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,54 +7,53 @@ use std::time::Duration;
 use serde_json::json;
 use tokio::sync::broadcast::Sender;
 
-use super::result::Given;
-use super::shared::Shared;
-use crate::daemon::status::{Health, Status};
-use crate::record::word;
+use super::context::LiveContext;
+use super::result::LiveMessage;
+use crate::daemon::status::{DaemonStatus, Health};
+use crate::record::variant_name;
 
-/// Between two looks at the health.
-const LOOK: Duration = Duration::from_millis(200);
-/// Looks between two states, where health stays the same.
-const LOOKS: u32 = 5;
-/// Reasons in a datagram at most, bytes.
-const REASONS: usize = 900;
+/// Time between two checks of the health.
+const CHECK_INTERVAL: Duration = Duration::from_millis(200);
+/// Number of checks between two states while health does not change.
+const MAX_CHECKS: u32 = 5;
+/// Maximum length of the reasons in a datagram, bytes.
+const MAX_REASON_BYTES: usize = 900;
 
-/// One object, `state`, without a line's end.
-pub(super) fn line(status: &Status) -> String {
+/// Returns the state as one JSON object with the key `state`, without a line end.
+pub(super) fn state_line(status: &DaemonStatus) -> String {
     let live = status.live.clone().unwrap_or_default();
-    let said = json!({ "health": status.health, "reasons": status.reasons, "age_s": status.age_s,
+    let state = json!({ "health": status.health, "reasons": status.reasons, "age_s": status.age_s,
         "interval_s": live.interval_s, "rate_hz": live.rate_hz, "recent": live.recent });
-    json!({ "state": said }).to_string()
+    json!({ "state": state }).to_string()
 }
 
-/// ASCII, fields between commas; docs/live.md has the list.
-fn datagram(status: &Status) -> String {
+/// Returns the datagram of the state: ASCII, fields separated by commas; docs/live.md lists the fields.
+fn state_datagram(status: &DaemonStatus) -> String {
     let live = status.live.clone().unwrap_or_default();
     let utc = status.now.as_ref().map(|now| now.utc.strftime("%Y-%m-%dT%H:%M:%S%.3f").to_string());
-    let mut text = format!("WINGDH,{},{}", utc.unwrap_or_default(), word(status.health));
-    let numbers =
-        [status.age_s, live.interval_s, live.recent.solved, live.recent.rejected, live.recent.skipped];
+    let mut text = format!("WINGDH,{},{}", utc.unwrap_or_default(), variant_name(status.health));
+    let numbers = [status.age_s, live.interval_s, live.recent.solved, live.recent.rejected, live.recent.skipped];
     for value in numbers {
         text.push_str(&value.map_or(",".to_owned(), |value| format!(",{value:.3}")));
     }
     let plain = |c: char| if c == ',' || !(' '..='~').contains(&c) { ' ' } else { c };
-    let reasons: String = status.reasons.join("; ").chars().map(plain).take(REASONS).collect();
+    let reasons: String = status.reasons.join("; ").chars().map(plain).take(MAX_REASON_BYTES).collect();
     text + "," + &reasons + "\r\n"
 }
 
-/// Gives the state out, for ever.
-pub(super) async fn tell(shared: Shared, to: Sender<Arc<Given>>) {
-    let (mut last, mut looks) = (Health::Ok, LOOKS);
+/// Publishes the state, forever.
+pub(super) async fn publish_state(shared: LiveContext, to: Sender<Arc<LiveMessage>>) {
+    let (mut last, mut checks) = (Health::Ok, MAX_CHECKS);
     loop {
         let status = shared.core.board.snapshot();
-        looks += 1;
-        if status.health != last || looks >= LOOKS {
-            (last, looks) = (status.health, 0);
-            let given = Given { state: true, line: line(&status), datagram: datagram(&status) };
-            // Nobody listening is no error.
-            let _ = to.send(Arc::new(given));
+        checks += 1;
+        if status.health != last || checks >= MAX_CHECKS {
+            (last, checks) = (status.health, 0);
+            let message = LiveMessage { is_state: true, line: state_line(&status), datagram: state_datagram(&status) };
+            // Without a listener this fails, which is no error.
+            let _ = to.send(Arc::new(message));
         }
-        tokio::time::sleep(LOOK).await;
+        tokio::time::sleep(CHECK_INTERVAL).await;
     }
 }
 
@@ -64,14 +63,15 @@ mod tests {
 
     #[test]
     fn a_state_is_one_line_and_one_datagram_of_nine_fields() {
-        let mut status = Status { health: Health::Failed, age_s: Some(31.0), ..Status::default() };
+        let mut status = DaemonStatus { health: Health::Failed, age_s: Some(31.0), ..DaemonStatus::default() };
         status.reasons = vec!["the last live result is 31 s old, one every 0.1 s is expected".to_owned()];
         let live = status.live.get_or_insert_default();
         (live.interval_s, live.recent.solved) = (Some(0.1), Some(0.5));
-        assert!(line(&status).starts_with("{\"state\":{\"health\":\"bad\""), "{}", line(&status));
-        let expected = "WINGDH,,bad,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
-        assert_eq!(datagram(&status), expected);
+        assert!(state_line(&status).starts_with("{\"state\":{\"health\":\"failed\""), "{}", state_line(&status));
+        let expected =
+            "WINGDH,,failed,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
+        assert_eq!(state_datagram(&status), expected);
         status.reasons = vec!["x".repeat(2000)];
-        assert!(datagram(&status).len() < 1400);
+        assert!(state_datagram(&status).len() < 1400);
     }
 }

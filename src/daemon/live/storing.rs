@@ -1,4 +1,4 @@
-//! Results become durable within seconds, on a thread of its own: a slow disk does not stop solving.
+//! Makes live results durable within seconds, on its own thread, so that a slow disk does not stop solving.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -6,67 +6,69 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
 
+use super::context::LiveContext;
 use super::result::LiveResult;
-use super::shared::Shared;
-use super::table::{Table, Words};
+use super::table::{RowLayout, WordCodes};
 
-/// A result is durable at most this long after it came, but for the disk's own time.
-const FLUSH: Duration = Duration::from_secs(2);
-/// Results that may wait for the disk: half a minute at 20 a second.
-pub(super) const WAITING: usize = 600;
+/// Maximum time from a result until it is durable, apart from the disk's own time.
+const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
+/// Maximum number of results that wait for the disk: 30 s at 20 per second.
+pub(super) const MAX_WAITING: usize = 600;
 
-pub(super) struct Storing {
-    pub shared: Shared,
-    /// What all results come from.
+pub(super) struct LiveResultWriter {
+    pub shared: LiveContext,
+    /// Provenance of all results.
     pub source: Map<String, Value>,
 }
 
-impl Storing {
-    /// Until nobody gives results any more.
+impl LiveResultWriter {
+    /// Stores results until the sender ends.
     pub fn run(self, inbox: &Receiver<Arc<LiveResult>>) {
-        let (mut table, mut words) = (None, Words::default());
+        let (mut table, mut words) = (None, WordCodes::default());
         let mut waiting = Vec::new();
         let mut open = true;
         while open {
-            open = gather(inbox, &mut waiting);
+            open = gather_results(inbox, &mut waiting);
             self.flush(&mut table, &mut words, &mut waiting);
         }
         if let Err(error) = self.shared.core.store.close_live_file() {
-            tracing::warn!(%error, "the live results' file is closed at the next start");
+            tracing::warn!(%error, "the file of live results cannot be closed; this will be done at the next start");
         }
     }
 
-    /// What cannot be written now is kept for the next time, as many as may wait.
-    fn flush(&self, table: &mut Option<Table>, words: &mut Words, waiting: &mut Vec<Arc<LiveResult>>) {
-        let mut news = false;
-        waiting.iter().for_each(|result| news |= words.learn(result));
+    /// Stores the waiting results; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
+    fn flush(&self, table: &mut Option<RowLayout>, words: &mut WordCodes, waiting: &mut Vec<Arc<LiveResult>>) {
+        let mut changed = false;
+        waiting.iter().for_each(|result| changed |= words.register(result));
         match table.as_mut() {
-            Some(table) if news => table.say(words),
+            Some(table) if changed => table.set_words(words),
             Some(_) => {}
             None => {
-                let first = waiting.iter().find(|result| result.solved());
-                *table = first.map(|result| Table::of(result, &self.source, words));
+                let first = waiting.iter().find(|result| result.is_solved());
+                *table = first.map(|result| RowLayout::from_result(result, &self.source, words));
             }
         }
-        let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else { return self.bound(waiting) };
+        let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else {
+            return self.drop_excess(waiting);
+        };
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
         match self.shared.core.store.append_live_rows(&table.table, &rows, &self.shared.core.clock.stamp()) {
             Ok(()) => {
                 let core = &self.shared.core;
                 core.board.update(|status| status.flight = core.store.current_flight());
                 self.shared.update(|live| live.stored += rows.len() as u64);
-                self.shared.clear("results");
+                self.shared.clear_fault("results");
                 waiting.clear();
             }
             Err(error) => {
-                self.shared.fault("results", &format!("live results cannot be stored: {error}"));
-                self.bound(waiting);
+                self.shared.set_fault("results", &format!("live results cannot be stored: {error}"));
+                self.drop_excess(waiting);
             }
         }
     }
 
-    fn bound(&self, waiting: &mut Vec<Arc<LiveResult>>) {
-        let beyond = waiting.len().saturating_sub(WAITING);
+    fn drop_excess(&self, waiting: &mut Vec<Arc<LiveResult>>) {
+        let beyond = waiting.len().saturating_sub(MAX_WAITING);
         if beyond > 0 {
             waiting.drain(..beyond);
             self.shared.update(|live| live.dropped += beyond as u64);
@@ -74,9 +76,9 @@ impl Storing {
     }
 }
 
-/// What comes within [`FLUSH`]; false where nothing will come any more.
-fn gather(inbox: &Receiver<Arc<LiveResult>>, into: &mut Vec<Arc<LiveResult>>) -> bool {
-    let end = Instant::now() + FLUSH;
+/// Gathers the results that come within [`FLUSH_INTERVAL`]; returns false if no more will come.
+fn gather_results(inbox: &Receiver<Arc<LiveResult>>, into: &mut Vec<Arc<LiveResult>>) -> bool {
+    let end = Instant::now() + FLUSH_INTERVAL;
     loop {
         match inbox.recv_timeout(end.saturating_duration_since(Instant::now())) {
             Ok(result) => into.push(result),

@@ -1,61 +1,61 @@
-//! All threads of the daemon write their state here.
+//! The status as written by all threads of the daemon.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::health::{self, Frames, Live};
-use super::recent::Results;
-use super::{Health, LiveStatus, Noted, Recent, Status};
+use super::health::{self, FrameMonitor, LiveMonitor};
+use super::recent::RecentResults;
+use super::{DaemonStatus, FaultNote, Health, LiveStatus, RecentShares};
 use crate::clock::{Clock, Stamp};
 use crate::daemon::watchdog::Beats;
 
-/// The status as the threads write it. Cheap to clone; all clones write the same status.
+/// The status, written by the threads. Cheap to clone; all clones share one status.
 #[derive(Clone)]
 pub struct StatusBoard {
     clock: Arc<dyn Clock>,
-    state: Arc<Mutex<State>>,
+    state: Arc<Mutex<BoardState>>,
 }
 
-struct State {
-    status: Status,
-    frames: Frames,
-    live: Option<Live>,
-    series: Results,
-    /// Since boot, s.
+struct BoardState {
+    status: DaemonStatus,
+    frames: FrameMonitor,
+    live: Option<LiveMonitor>,
+    series: RecentResults,
+    /// Time of the next series since boot, s.
     next_series_at_s: Option<f64>,
     beats: Beats,
 }
 
-impl State {
-    fn judge(&self, now_s: f64) -> (Health, Vec<String>) {
-        health::judge(&self.status, (&self.frames, &self.series, self.live.as_ref()), now_s)
+impl BoardState {
+    fn evaluate_health(&self, now_s: f64) -> (Health, Vec<String>) {
+        health::evaluate_health(&self.status, (&self.frames, &self.series, self.live.as_ref()), now_s)
     }
 }
 
 impl StatusBoard {
-    /// A status that nobody has written to.
+    /// Creates an empty status.
     pub fn new(clock: Arc<dyn Clock>) -> Self {
-        let status = Status {
+        let status = DaemonStatus {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             started: Some(clock.stamp()),
-            ..Status::default()
+            ..DaemonStatus::default()
         };
-        let (frames, series, beats) = (Frames::default(), Results::of_series(), Beats::default());
-        let state = State { status, frames, live: None, series, next_series_at_s: None, beats };
+        let (frames, series, beats) = (FrameMonitor::default(), RecentResults::for_series(), Beats::default());
+        let state = BoardState { status, frames, live: None, series, next_series_at_s: None, beats };
         Self { clock, state: Arc::new(Mutex::new(state)) }
     }
 
-    /// The status now.
-    pub fn snapshot(&self) -> Status {
+    /// Returns the current status.
+    pub fn snapshot(&self) -> DaemonStatus {
         let now = self.clock.stamp();
         let now_s = now.since_boot_s;
-        self.with(|state| {
+        self.with_state(|state| {
             let mut status = state.status.clone();
-            (status.health, status.reasons) = state.judge(now_s);
+            (status.health, status.reasons) = state.evaluate_health(now_s);
             status.age_s = state.live.as_ref().map_or(&state.series, |live| &live.results).age_s(now_s);
-            status.recent = Recent { skipped: None, ..state.series.recent() };
-            if let (Some(said), Some(live)) = (&mut status.live, &state.live) {
-                (said.interval_s, said.recent) = (live.interval_s, live.results.recent());
+            status.recent = RecentShares { skipped: None, ..state.series.shares() };
+            if let (Some(live_status), Some(live)) = (&mut status.live, &state.live) {
+                (live_status.interval_s, live_status.recent) = (live.interval_s, live.results.shares());
             }
             status.last_frame_age_s = state.frames.age_s(now_s);
             status.next_series_s = state.next_series_at_s.map(|at| (at - now_s).max(0.0));
@@ -64,95 +64,95 @@ impl StatusBoard {
         })
     }
 
-    /// Health alone.
+    /// Returns the current health without its reasons.
     pub(crate) fn health(&self) -> Health {
         let now_s = self.now_s();
-        self.with(|state| state.judge(now_s).0)
+        self.with_state(|state| state.evaluate_health(now_s).0)
     }
 
     fn now_s(&self) -> f64 {
         self.clock.since_boot().as_secs_f64()
     }
 
-    /// A live result is expected every interval, for as long as nothing else is said; none where live frames pause.
+    /// Sets the interval at which live results are expected from now on; `None` while live frames pause.
     pub(crate) fn expect_results(&self, interval: Option<Duration>) {
         let (now_s, interval_s) = (self.now_s(), interval.map(|interval| interval.as_secs_f64()));
-        self.with(|state| match &mut state.live {
+        self.with_state(|state| match &mut state.live {
             Some(live) => live.interval_s = interval_s,
-            none => *none = Some(Live::begin(interval_s, now_s)),
+            none => *none = Some(LiveMonitor::new(interval_s, now_s)),
         });
     }
 
-    /// A live result came, of a frame exposed at this time since boot, s; `skipped`: frames skipped since the start.
-    pub(crate) fn live_result(&self, at_s: f64, (solved, rejected): (bool, bool), skipped: u64) {
-        self.with(|state| {
+    /// Adds a live result of a frame exposed at `at_s` since boot; `skipped`: frames skipped since the start.
+    pub(crate) fn add_live_result(&self, at_s: f64, (solved, rejected): (bool, bool), skipped: u64) {
+        self.with_state(|state| {
             if let Some(live) = &mut state.live {
-                live.results.note(at_s, solved, rejected, skipped);
+                live.results.add_result(at_s, solved, rejected, skipped);
             }
         });
     }
 
-    /// A frame of a series has its result.
-    pub(crate) fn series_result(&self, solved: bool, rejected: bool) {
+    /// Adds the result of a frame of a series.
+    pub(crate) fn add_series_result(&self, solved: bool, rejected: bool) {
         let now_s = self.now_s();
-        self.with(|state| state.series.note(now_s, solved, rejected, 0));
+        self.with_state(|state| state.series.add_result(now_s, solved, rejected, 0));
     }
 
-    /// Changes the status.
-    pub(crate) fn update(&self, f: impl FnOnce(&mut Status)) {
-        self.with(|state| f(&mut state.status));
+    /// Updates the status with `f`.
+    pub(crate) fn update(&self, f: impl FnOnce(&mut DaemonStatus)) {
+        self.with_state(|state| f(&mut state.status));
     }
 
-    /// Changes what is said of live mode.
+    /// Updates the status of live mode with `f`.
     pub(crate) fn update_live(&self, f: impl FnOnce(&mut LiveStatus)) {
         self.update(|status| f(status.live.get_or_insert_default()));
     }
 
-    /// A good frame is expected every interval.
+    /// Sets the interval at which good frames are expected.
     pub(crate) fn expect_frames(&self, interval: Duration) {
         let now_s = self.now_s();
-        self.with(|state| state.frames.expect(interval.as_secs_f64(), now_s));
+        self.with_state(|state| state.frames.expect_every(interval.as_secs_f64(), now_s));
     }
 
-    /// A good frame that is not stored: the camera is well.
-    pub(crate) fn frame_seen(&self, stamp: &Stamp) {
-        self.with(|state| state.frames.came(stamp.since_boot_s));
+    /// Notes a good frame, stored or not: the camera works.
+    pub(crate) fn note_frame(&self, stamp: &Stamp) {
+        self.with_state(|state| state.frames.note_frame(stamp.since_boot_s));
     }
 
-    pub(crate) fn frame_stored(&self, stamp: &Stamp) {
-        self.frame_seen(stamp);
+    pub(crate) fn note_stored_frame(&self, stamp: &Stamp) {
+        self.note_frame(stamp);
         self.update(|status| status.counts.frames += 1);
     }
 
-    pub(crate) fn next_series_in(&self, wait: Option<Duration>) {
+    pub(crate) fn set_next_series(&self, wait: Option<Duration>) {
         let now_s = self.now_s();
-        self.with(|state| state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64()));
+        self.with_state(|state| state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64()));
     }
 
-    pub(crate) fn fault(&self, what: &str) {
-        let noted = Noted { stamp: self.clock.stamp(), what: what.to_owned() };
-        self.update(|status| status.last_fault = Some(noted));
+    pub(crate) fn note_fault(&self, fault: &str) {
+        let note = FaultNote { stamp: self.clock.stamp(), what: fault.to_owned() };
+        self.update(|status| status.last_fault = Some(note));
     }
 
-    /// The recorder makes progress.
+    /// Counts a step of the recorder.
     pub(crate) fn beat(&self) {
-        self.with(|state| state.beats.recorder += 1);
+        self.with_state(|state| state.beats.recorder += 1);
     }
 
-    /// The processing makes progress; `busy` until it says that it has no work.
+    /// Counts a step of the processing; `busy`: it has work.
     pub(crate) fn beat_processing(&self, busy: bool) {
-        self.with(|state| {
+        self.with_state(|state| {
             state.beats.processing += 1;
             state.beats.processing_busy = busy;
         });
     }
 
-    /// Steps so far.
+    /// Returns the counts of steps.
     pub(crate) fn beats(&self) -> Beats {
-        self.with(|state| state.beats)
+        self.with_state(|state| state.beats)
     }
 
-    fn with<T>(&self, f: impl FnOnce(&mut State) -> T) -> T {
+    fn with_state<T>(&self, f: impl FnOnce(&mut BoardState) -> T) -> T {
         f(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -170,7 +170,7 @@ mod tests {
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Ok, None));
-        board.frame_stored(&clock.stamp());
+        board.note_stored_frame(&clock.stamp());
         clock.sleep(Duration::from_secs(5000));
         assert_eq!(board.snapshot().health, Health::Ok);
         assert_eq!(board.snapshot().last_frame_age_s, Some(5000.0));
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn without_any_frame_health_turns_bad_too() {
+    fn without_any_frame_health_turns_failed_too() {
         let clock = Arc::new(SimulatedClock::new("b", "1970-01-01T00:00:30Z".parse().unwrap(), None));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));

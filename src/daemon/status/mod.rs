@@ -1,5 +1,5 @@
-//! What the daemon says of itself. The daemon's threads write one [`Status`] by way of a [`StatusBoard`], and whoever asks
-//! at the socket or the page gets a copy, as JSON or as Prometheus metrics.
+//! Status of the daemon. Its threads write one [`DaemonStatus`] through a [`StatusBoard`]; clients of the socket and of the
+//! page get a copy, as JSON or as Prometheus metrics.
 
 mod board;
 mod health;
@@ -11,219 +11,207 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Stamp;
 
 pub use board::StatusBoard;
-pub use health::{Health, span};
-pub(crate) use metrics::exposition;
-pub use recent::Recent;
+pub use health::{Health, format_span};
+pub(crate) use metrics::prometheus_text;
+pub use recent::RecentShares;
 
-/// What the daemon is doing.
+/// Current activity of the daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Activity {
-    /// Not yet at work.
+    /// The daemon is starting.
     #[default]
     Starting,
-    /// For the next series.
+    /// Waiting for the next series.
     Waiting,
-    /// For the next series, taking live frames meanwhile.
+    /// Taking live frames until the next series.
     Live,
     /// Taking a series.
     Capturing,
-    /// Taking no more series; solving what is left.
+    /// Solving the remaining frames; no more series are taken.
     Finishing,
-    /// Asked to stop.
+    /// Stopping on request.
     Stopping,
-    /// The supply fails: everything is durable, and nothing is begun until it is back.
+    /// Power failure: everything is durable, and nothing begins until the power is back.
     #[serde(rename = "power_failing")]
     PowerFailing,
 }
 
-/// The daemon's state.
+/// Status of the daemon.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
-pub struct Status {
-    /// Of wingd.
+pub struct DaemonStatus {
+    /// Version of wingd.
     pub version: String,
-    /// Now.
     pub activity: Activity,
-    /// In one word.
     pub health: Health,
-    /// Why it is not good, the worst first.
+    /// Reasons why health is not ok, the most severe first.
     #[serde(default)]
     pub reasons: Vec<String>,
-    /// Of the last result, s: of live mode, where it is on, since its exposure; else since a series' result came. `null` before
-    /// the first.
+    /// Age of the last result, s: in live mode since the exposure of the last live result, otherwise since the last result
+    /// of a series. `null` before the first.
     #[serde(default)]
     pub age_s: Option<f64>,
-    /// When the daemon began.
+    /// Start of the daemon.
     pub started: Option<Stamp>,
-    /// The moment of this status.
+    /// Time of this status.
     pub now: Option<Stamp>,
     /// The newest flight.
     pub flight: Option<String>,
     /// The last series begun.
     pub series: Option<String>,
-    /// Shots tried in it.
+    /// Shots attempted in that series.
     pub shot: u32,
-    /// Shots that each series has.
     pub shots_per_series: u32,
-    /// Until the next scheduled series, s.
+    /// Time until the next scheduled series, s.
     pub next_series_s: Option<f64>,
-    /// Since the last good frame, s; `null` where there was none since the start.
+    /// Time since the last good frame, s; `null` if there was none since the start.
     pub last_frame_age_s: Option<f64>,
-    /// Since the start.
+    /// Counts since the start.
     pub counts: Counts,
-    /// Frames that wait to be solved, of the series under work.
+    /// Frames that wait to be solved.
     pub to_solve: usize,
-    /// The last results of series.
+    /// Shares of the last results of series.
     #[serde(default)]
-    pub recent: Recent,
-    /// The camera.
+    pub recent: RecentShares,
     pub camera: CameraStatus,
-    /// The store.
     pub store: StoreStatus,
-    /// The aircraft's data; `null` where none are configured.
+    /// Aircraft data feed; `null` if none is configured.
     #[serde(default)]
     pub aircraft: Option<AircraftStatus>,
-    /// Live mode; `null` where it is off.
+    /// Live mode; `null` if it is off.
     #[serde(default)]
     pub live: Option<LiveStatus>,
-    /// The last thing that went wrong, in words.
-    pub last_fault: Option<Noted>,
+    pub last_fault: Option<FaultNote>,
 }
 
-/// Numbers since the daemon's start.
+/// Counts since the daemon's start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Counts {
     /// Frames made durable.
     pub frames: u64,
     /// Shots without a frame.
     pub failed_shots: u64,
-    /// Attempts that failed, made good by another attempt or not.
+    /// Failed attempts, whether or not another attempt succeeded.
     pub failed_attempts: u64,
-    /// Of those, old frames in place of new ones.
+    /// Failed attempts in which an old frame was delivered.
     pub stale_frames: u64,
-    /// Camera calls that did not return and were given up.
+    /// Camera calls that did not return and were abandoned.
     pub hangs: u64,
-    /// Series.
     pub series_complete: u64,
-    /// Series.
     pub series_interrupted: u64,
-    /// Series that the store did not take.
+    /// Series refused by the store.
     pub series_refused: u64,
     /// Frames solved.
     pub solved: u64,
     /// Frames that could not be solved; the reasons are in the results.
     pub unsolvable: u64,
-    /// Of those, frames given up because the solver did not return in time.
+    /// Unsolvable frames whose solver was abandoned at its deadline.
     #[serde(default)]
     pub solver_hangs: u64,
 }
 
-/// The camera, as far as the daemon sees it.
+/// Status of the camera.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraStatus {
-    /// As it names itself.
+    /// Name that the camera reports.
     pub name: Option<String>,
-    /// Open now.
+    /// True if the camera is open now.
     pub open: bool,
-    /// Settings that are not as configured.
+    /// Settings that differ from the configuration.
     pub warnings: Vec<String>,
-    /// Calls that hang still.
+    /// Camera calls that still hang.
     pub hanging_calls: usize,
 }
 
-/// The store's place and space.
+/// Directory and free space of the store.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct StoreStatus {
-    /// The directory.
+    /// Directory of the store.
     pub path: String,
-    /// MB.
     pub free_mb: Option<u64>,
-    /// MB.
     pub reserve_mb: u64,
-    /// Why it took the last series not; `null` where it took it.
+    /// Reason why the store refused the last series; `null` if it accepted it.
     #[serde(default)]
     pub refuses: Option<String>,
 }
 
-/// Something with its time.
+/// A fault with its time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noted {
-    /// When.
+pub struct FaultNote {
     pub stamp: Stamp,
-    /// What.
+    /// Fault in words.
     pub what: String,
 }
 
-/// The feed as the status shows it.
+/// Status of the aircraft data feed.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct AircraftStatus {
     /// Lines recorded.
     pub recorded: u64,
-    /// Of those, lines that could be read.
+    /// Recorded lines that could be parsed.
     pub read: u64,
-    /// Of those, lines whose time tag cannot be true: ahead of its receipt, or far behind it. They are joined with no frame.
+    /// Parsed lines whose time tag is impossible: ahead of its receipt, or far behind it. No frame uses them.
     #[serde(default)]
     pub impossible: u64,
-    /// Lines that came and were not recorded: too many at once, or a full disk.
+    /// Received lines that were not recorded: too many at once, or a full disk.
     pub lost: u64,
-    /// When the last one came.
+    /// Time of the last line.
     pub last: Option<Stamp>,
-    /// What is wrong with the feed now; `null` where nothing is.
+    /// Current fault of the feed; `null` if there is none.
     pub fault: Option<String>,
 }
 
-/// Live mode since the start.
+/// Status of live mode since the start.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LiveStatus {
-    /// Frames a second that are asked for.
+    /// Configured frames per second.
     pub wanted_hz: f64,
-    /// Frames a second that the temperature allows; 0 while they pause.
+    /// Frames per second that the temperature allows; 0 while frames pause.
     pub allowed_hz: f64,
-    /// Results a second over the last ten seconds.
+    /// Results per second over the last ten seconds.
     pub rate_hz: f64,
-    /// From one result to the next, as it should be, s; longer during a series, `null` while frames pause.
+    /// Expected time from one result to the next, s; longer during a series, `null` while frames pause.
     pub interval_s: Option<f64>,
-    /// The last results, over ten seconds.
-    pub recent: Recent,
+    /// Shares of the last results, over ten seconds.
+    pub recent: RecentShares,
     /// Frames taken.
     pub frames: u64,
     /// Frames that the camera did not deliver.
     pub failed_shots: u64,
     /// Results, with numbers or without.
     pub results: u64,
-    /// Of those, without.
+    /// Results without numbers.
     pub unsolvable: u64,
-    /// Of the results, those whose whole frame was searched.
+    /// Results from a full search of the frame.
     pub full_searches: u64,
-    /// Frames that were not solved because the next had come.
+    /// Frames that were not solved because the next one had come.
     pub skipped: u64,
-    /// Frames given up because the solver did not return in time.
+    /// Frames abandoned because the solver did not return in time.
     pub solver_hangs: u64,
-    /// Times that the camera mount was disturbed.
+    /// Number of mount disturbances of the camera.
     pub mount_disturbances: u64,
-    /// From exposure to result over the last minute, ms.
+    /// Median of the latency from exposure to result over the last minute, ms.
     pub latency_median_ms: Option<f64>,
-    /// Of 20 results 19 were quicker, ms.
+    /// 95th percentile of the latency from exposure to result over the last minute, ms.
     pub latency_p95_ms: Option<f64>,
     /// Results made durable.
     pub stored: u64,
-    /// Results that the disk was too slow or too full for.
+    /// Results that were not stored because the disk was too slow or too full.
     pub dropped: u64,
-    /// Lines that listeners at the socket were too slow for.
+    /// Lines lost because listeners at the socket were too slow.
     pub lines_lost: u64,
     /// Datagrams sent.
     pub datagrams: u64,
-    /// Datagrams that the machine did not take.
+    /// Datagrams that the network refused.
     pub datagrams_lost: u64,
     /// Raw frames kept.
     pub kept_frames: u64,
-    /// Raw frames of an event that memory did not hold.
+    /// Raw frames of an event for which memory had no space.
     pub lost_frames: u64,
-    /// Events.
     pub events: u64,
-    /// The hottest place, degrees Celsius; `null` where no limit is set or the kernel says nothing.
+    /// Highest temperature, degrees Celsius; `null` if no limit is configured or the kernel reports none.
     pub temperature_c: Option<f64>,
-    /// What is wrong now; `null` where nothing is.
+    /// Current fault of live mode; `null` if there is none.
     pub fault: Option<String>,
 }

@@ -1,18 +1,18 @@
-//! The server in whose page a person marks what the detector did not find (`wingd mark`).
+//! Server for marking undetected markers manually (`wingd mark`).
 //!
-//! | path | answers |
+//! | path | response |
 //! |---|---|
 //! | `/`, `/mark.js` | the page |
-//! | `/pictures.json` | the pictures and their marks |
-//! | `/picture/{n}.png` | a picture as the detector sees it |
-//! | `/picture/{n}.json` | its markers, where lost ones should be, what is solved with the marks and without |
-//! | `POST /picture/{n}` | what a person says of a marker ([`Asked`]); durable when the answer comes, which is the same as above |
+//! | `/pictures.json` | the images and their number of marks |
+//! | `/picture/{n}.png` | an image as the detector sees it |
+//! | `/picture/{n}.json` | markers, predicted positions of lost ones, solutions with and without marks |
+//! | `POST /picture/{n}` | adds a mark ([`MarkRequest`]); durable when the response comes, which is the new `/picture/{n}.json` |
 //!
-//! What is posted is JSON of the page's own origin, which no page of another site can send through its visitor's browser.
+//! Posts must be JSON from the page's own origin, which no page of another site can send through its visitor's browser.
 
-mod answer;
-mod asked;
-mod kept;
+mod image_state;
+mod request;
+mod storage;
 
 use std::future::Future;
 use std::io;
@@ -28,7 +28,7 @@ use serde_json::{Value, json};
 use tokio::net::TcpListener;
 
 use super::access::Access;
-use super::{Refusal, dressed, pages, server};
+use super::{Refusal, add_common_layers, pages, server};
 use crate::camera::Format;
 use crate::clock::SystemClock;
 use crate::installation::Installation;
@@ -37,244 +37,238 @@ use crate::pipeline::marking::{MarkingResult, MarkingSession};
 use crate::record::Reason;
 use crate::store::{FrameRef, RealDisk, read_frame, sha256_hex};
 
-pub use asked::MarkRequest;
-pub use kept::Kept;
+pub use request::MarkRequest;
+pub use storage::MarkStorage;
 
-/// What a person says is not longer, bytes.
+/// Maximum size of a request, bytes.
 const MAX_REQUEST_BYTES: usize = 16 * 1024;
 const SCRIPT: &str = include_str!("../pages/mark.js");
-/// Its own script, and pictures that it has fetched.
+/// Content security policy of the page: its own script, and images that the script has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
      img-src 'self' data: blob:; frame-ancestors 'none'";
 
-/// What is marked, and in whose name.
+/// Images to be marked, with installation, storage and default name.
 pub struct Workplace {
-    /// The wing and its camera.
+    /// Wing and camera.
     pub installation: Installation,
-    /// Of pictures in flight; `None`: they are of the wing on ground, and an orientation is sought in each.
+    /// Orientation for images in flight. `None` for images of the wing on the ground, which are oriented one by one.
     pub orientation: Option<Orientation>,
-    /// In order.
-    pub pictures: Vec<Picture>,
-    /// The marks.
-    pub kept: Kept,
-    /// Who marks, unless the page says otherwise.
+    /// Images in the order of the page.
+    pub images: Vec<MarkableImage>,
+    pub storage: MarkStorage,
+    /// Name of the person who marks, unless the page gives another.
     pub who: String,
-    /// How well a hand points, standard deviation of each coordinate, px.
-    pub hand_sigma_px: f64,
+    /// Standard deviation of a manual position, each coordinate, px.
+    pub manual_sigma_px: f64,
 }
 
-/// A picture that can be marked.
-pub struct Picture {
-    /// As results name it.
+/// Image that can be marked.
+pub struct MarkableImage {
+    /// Name as in results.
     pub name: String,
-    /// Where it is.
-    pub source: Source,
+    pub source: ImageSource,
 }
 
-/// Where a picture is.
-pub enum Source {
-    /// A file.
+/// Location of an image.
+pub enum ImageSource {
     File(PathBuf),
-    /// A frame of a store, whose bytes are checked.
+    /// Frame of a store, whose checksum is verified.
     Stored(Box<FrameRef>),
 }
 
-impl Picture {
-    /// Its bytes, their SHA-256 and how they are read.
+impl MarkableImage {
+    /// Reads the bytes; returns them with their SHA-256 and, for a stored frame, the format.
     fn read(&self) -> Result<(Vec<u8>, String, Option<Format>), Reason> {
         match &self.source {
-            Source::File(path) => {
+            ImageSource::File(path) => {
                 let text = |e: io::Error| Reason::new(format!("{} cannot be read ({e})", path.display()), e);
                 let bytes = std::fs::read(path).map_err(text)?;
                 let digest = sha256_hex(&bytes);
                 Ok((bytes, digest, None))
             }
-            Source::Stored(frame) => {
-                let bytes = read_frame(&RealDisk, frame).map_err(Reason::of)?;
-                let format = Format::from_manifest(&frame.entry.format).map_err(Reason::of)?;
+            ImageSource::Stored(frame) => {
+                let bytes = read_frame(&RealDisk, frame).map_err(Reason::from_error)?;
+                let format = Format::from_manifest(&frame.entry.format).map_err(Reason::from_error)?;
                 Ok((bytes, frame.entry.sha256.clone(), Some(format)))
             }
         }
     }
 }
 
-/// The picture that was asked for last.
-struct Open {
+/// Most recently requested image, decoded and detected.
+struct OpenImage {
     number: usize,
     digest: String,
-    desk: MarkingSession,
-    /// Without marks.
-    bare: MarkingResult,
+    session: MarkingSession,
+    /// Result without manual marks.
+    unmarked: MarkingResult,
 }
 
-struct Table {
+struct MarkingState {
     workplace: Workplace,
-    open: Option<Open>,
+    open: Option<OpenImage>,
 }
 
-struct Shared {
-    table: Mutex<Table>,
+struct MarkServerState {
+    marking: Mutex<MarkingState>,
     clock: SystemClock,
 }
 
-type Context = State<Arc<Shared>>;
+type MarkContext = State<Arc<MarkServerState>>;
 
-/// Serves until `shutdown` is done, then closes what was marked.
+/// Serves the marking page until `shutdown` completes, then closes the marks.
 ///
 /// # Errors
-/// Where the address gives no connections, or the marks cannot be closed (the next start closes them).
-pub async fn serve(
+/// Returns an error if the address accepts no connections, or the marks cannot be closed (the next start closes them).
+pub async fn serve_marking(
     workplace: Workplace,
     access: Access,
     listener: TcpListener,
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
     let access = Arc::new(access);
-    let table = Mutex::new(Table { workplace, open: None });
-    let shared = Arc::new(Shared { table, clock: SystemClock::new() });
+    let marking = Mutex::new(MarkingState { workplace, open: None });
+    let shared = Arc::new(MarkServerState { marking, clock: SystemClock::new() });
     let router = Router::new()
-        .route("/", get(page))
-        .route("/mark.js", get(script))
-        .route("/pictures.json", get(pictures))
-        .route("/picture/{name}", get(picture).post(say))
+        .route("/", get(mark_page))
+        .route("/mark.js", get(mark_script))
+        .route("/pictures.json", get(list_images))
+        .route("/picture/{name}", get(send_image).post(post_mark))
         .layer(DefaultBodyLimit::max(MAX_REQUEST_BYTES))
         .fallback(async || Refusal::NotFound);
-    let router = dressed(router, access.clone()).with_state(shared.clone());
-    server::run(router, access, listener, shutdown).await?;
-    let table = shared.table.lock().unwrap_or_else(PoisonError::into_inner);
-    table.workplace.kept.close().map_err(io::Error::other)
+    let router = add_common_layers(router, access.clone()).with_state(shared.clone());
+    server::accept_connections(router, access, listener, shutdown).await?;
+    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+    marking.workplace.storage.close().map_err(io::Error::other)
 }
 
-async fn page(State(shared): Context) -> Response {
+async fn mark_page(State(shared): MarkContext) -> Response {
     let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
-    let table = shared.table.lock().unwrap_or_else(PoisonError::into_inner);
-    let page = pages::mark(&table.workplace.kept.words(), &table.workplace.who);
+    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+    let page = pages::mark_page(&marking.workplace.storage.description(), &marking.workplace.who);
     (policy, Html(page.into_string())).into_response()
 }
 
-async fn script() -> Response {
+async fn mark_script() -> Response {
     ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
 }
 
-async fn pictures(State(shared): Context) -> Json<Value> {
-    let table = shared.table.lock().unwrap_or_else(PoisonError::into_inner);
-    let Workplace { pictures, kept, .. } = &table.workplace;
-    let line = |p: &Picture| json!({"name": p.name, "marks": kept.of(&p.name).len()});
-    Json(json!({"pictures": pictures.iter().map(line).collect::<Vec<_>>()}))
+async fn list_images(State(shared): MarkContext) -> Json<Value> {
+    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+    let Workplace { images, storage, .. } = &marking.workplace;
+    let line = |p: &MarkableImage| json!({"name": p.name, "marks": storage.image_marks(&p.name).len()});
+    Json(json!({"pictures": images.iter().map(line).collect::<Vec<_>>()}))
 }
 
-/// Work on the table, on a thread of its own: one at a time.
-async fn blocking<T: Send + 'static>(
-    shared: Arc<Shared>,
-    work: impl FnOnce(&mut Table, &SystemClock) -> Result<T, Refused> + Send + 'static,
-) -> Result<T, Refused> {
+/// Runs work on the marking state on a thread of its own, one request at a time.
+async fn run_blocking<T: Send + 'static>(
+    shared: Arc<MarkServerState>,
+    work: impl FnOnce(&mut MarkingState, &SystemClock) -> Result<T, MarkRefusal> + Send + 'static,
+) -> Result<T, MarkRefusal> {
     let task = tokio::task::spawn_blocking(move || {
-        let mut table = shared.table.lock().unwrap_or_else(PoisonError::into_inner);
-        work(&mut table, &shared.clock)
+        let mut marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+        work(&mut marking, &shared.clock)
     });
-    task.await.map_err(|e| Refused::Failed(e.to_string()))?
+    task.await.map_err(|e| MarkRefusal::Failed(e.to_string()))?
 }
 
-/// Why there is no answer: a sentence for the person.
-enum Refused {
-    /// There is no such picture.
+/// Error response: a sentence for the user.
+enum MarkRefusal {
+    /// The image does not exist.
     NotFound,
-    /// What was said cannot be meant.
-    Wrong(String),
-    /// It would stand for what is there, and nobody said that it may.
-    Asks(String),
-    /// It could not be done.
+    /// The request is invalid.
+    Invalid(String),
+    /// The mark would replace an observation and needs confirmation.
+    NeedsConfirmation(String),
+    /// The operation failed.
     Failed(String),
 }
 
-impl IntoResponse for Refused {
+impl IntoResponse for MarkRefusal {
     fn into_response(self) -> Response {
         let (status, reason) = match self {
-            Self::NotFound => (StatusCode::NOT_FOUND, "there is no such picture".to_owned()),
-            Self::Wrong(reason) => (StatusCode::UNPROCESSABLE_ENTITY, reason),
-            Self::Asks(reason) => (StatusCode::CONFLICT, reason),
+            Self::NotFound => (StatusCode::NOT_FOUND, "this image does not exist".to_owned()),
+            Self::Invalid(reason) => (StatusCode::UNPROCESSABLE_ENTITY, reason),
+            Self::NeedsConfirmation(reason) => (StatusCode::CONFLICT, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
         };
         (status, Json(json!({ "reason": reason }))).into_response()
     }
 }
 
-async fn picture(State(shared): Context, Path(name): Path<String>) -> Result<Response, Refused> {
-    let (number, ending) = name.split_once('.').ok_or(Refused::NotFound)?;
-    let number: usize = number.parse().map_err(|_| Refused::NotFound)?;
+async fn send_image(State(shared): MarkContext, Path(name): Path<String>) -> Result<Response, MarkRefusal> {
+    let (number, ending) = name.split_once('.').ok_or(MarkRefusal::NotFound)?;
+    let number: usize = number.parse().map_err(|_| MarkRefusal::NotFound)?;
     match ending {
         "json" => {
-            let state = blocking(shared, move |table, _| table.state(number)).await?;
+            let state = run_blocking(shared, move |marking, _| marking.image_state(number)).await?;
             Ok(Json(state).into_response())
         }
         "png" => {
-            let bytes = blocking(shared, move |table, _| table.png(number)).await?;
+            let bytes = run_blocking(shared, move |marking, _| marking.image_png(number)).await?;
             Ok(([(header::CONTENT_TYPE, "image/png")], bytes).into_response())
         }
-        _ => Err(Refused::NotFound),
+        _ => Err(MarkRefusal::NotFound),
     }
 }
 
-async fn say(
-    State(shared): Context,
+async fn post_mark(
+    State(shared): MarkContext,
     Path(number): Path<usize>,
     headers: HeaderMap,
     body: axum::body::Bytes,
-) -> Result<Response, Refused> {
-    if !is_of_this_page(&headers) {
-        return Err(Refused::Wrong("this can be said from the page of wingd mark alone".into()));
+) -> Result<Response, MarkRefusal> {
+    if !is_same_origin(&headers) {
+        return Err(MarkRefusal::Invalid("marks can be added from the page of wingd mark only".into()));
     }
-    let asked: MarkRequest = serde_json::from_slice(&body).map_err(|e| Refused::Wrong(e.to_string()))?;
-    let state = blocking(shared, move |table, clock| table.say(number, &asked, clock)).await?;
+    let request: MarkRequest = serde_json::from_slice(&body).map_err(|e| MarkRefusal::Invalid(e.to_string()))?;
+    let state = run_blocking(shared, move |marking, clock| marking.add_marks(number, &request, clock)).await?;
     Ok(Json(state).into_response())
 }
 
-/// JSON is sent across origins only after a question that nothing here answers; and browsers say whence a request comes.
-fn is_of_this_page(headers: &HeaderMap) -> bool {
+/// Returns whether a request is JSON from this page. Browsers send JSON to another origin only after a preflight request,
+/// which this server does not answer, and they send the origin of a request.
+fn is_same_origin(headers: &HeaderMap) -> bool {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let is_json = text(header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
     let host = text(header::HOST).unwrap_or_default();
-    let own = |origin: &str| origin.split_once("://").is_some_and(|(_, of)| of == host);
+    let own = |origin: &str| origin.split_once("://").is_some_and(|(_, authority)| authority == host);
     is_json && text(header::ORIGIN).is_none_or(own)
 }
 
-impl Table {
-    /// The picture, read and detected where it is not the one that lies there.
-    fn open(&mut self, number: usize) -> Result<(&Workplace, &Open), Refused> {
+impl MarkingState {
+    /// Opens an image: reads and detects it unless it is already open.
+    fn open_image(&mut self, number: usize) -> Result<(&Workplace, &OpenImage), MarkRefusal> {
         if self.open.as_ref().is_none_or(|open| open.number != number) {
-            let Workplace { installation, orientation, pictures, .. } = &self.workplace;
-            let picture = pictures.get(number).ok_or(Refused::NotFound)?;
-            let failed = |reason: Reason| Refused::Failed(format!("{}: {reason}", picture.name));
-            let (bytes, digest, format) = picture.read().map_err(failed)?;
-            let desk = MarkingSession::open(
-                &picture.name,
-                &bytes,
-                format.as_ref(),
-                installation,
-                orientation.as_ref(),
-            );
-            let desk = desk.map_err(failed)?;
-            let bare = desk.solve(&[], installation);
-            self.open = Some(Open { number, digest, desk, bare });
+            let Workplace { installation, orientation, images, .. } = &self.workplace;
+            let image = images.get(number).ok_or(MarkRefusal::NotFound)?;
+            let failed = |reason: Reason| MarkRefusal::Failed(format!("{}: {reason}", image.name));
+            let (bytes, digest, format) = image.read().map_err(failed)?;
+            let session =
+                MarkingSession::open(&image.name, &bytes, format.as_ref(), installation, orientation.as_ref());
+            let session = session.map_err(failed)?;
+            let unmarked = session.solve(&[], installation);
+            self.open = Some(OpenImage { number, digest, session, unmarked });
         }
-        let open = self.open.as_ref().ok_or(Refused::NotFound)?;
+        let open = self.open.as_ref().ok_or(MarkRefusal::NotFound)?;
         Ok((&self.workplace, open))
     }
 
-    fn state(&mut self, number: usize) -> Result<Value, Refused> {
-        let (workplace, open) = self.open(number)?;
-        Ok(answer::state(workplace, open))
+    fn image_state(&mut self, number: usize) -> Result<Value, MarkRefusal> {
+        let (workplace, open) = self.open_image(number)?;
+        Ok(image_state::image_state(workplace, open))
     }
 
-    fn png(&mut self, number: usize) -> Result<Vec<u8>, Refused> {
-        let (_, open) = self.open(number)?;
-        answer::png(open.desk.raster()).ok_or_else(|| Refused::Failed("the picture cannot be written".into()))
+    fn image_png(&mut self, number: usize) -> Result<Vec<u8>, MarkRefusal> {
+        let (_, open) = self.open_image(number)?;
+        image_state::encode_png(open.session.raster())
+            .ok_or_else(|| MarkRefusal::Failed("the image could not be encoded".into()))
     }
 
-    fn say(&mut self, number: usize, asked: &MarkRequest, clock: &SystemClock) -> Result<Value, Refused> {
-        let (workplace, open) = self.open(number)?;
-        let marks = asked.marks(workplace, open, clock)?;
-        self.workplace.kept.add(marks).map_err(|e| Refused::Failed(format!("not kept: {e}")))?;
-        self.state(number)
+    fn add_marks(&mut self, number: usize, request: &MarkRequest, clock: &SystemClock) -> Result<Value, MarkRefusal> {
+        let (workplace, open) = self.open_image(number)?;
+        let marks = request.to_marks(workplace, open, clock)?;
+        self.workplace.storage.add(marks).map_err(|e| MarkRefusal::Failed(format!("could not be stored: {e}")))?;
+        self.image_state(number)
     }
 }

@@ -1,80 +1,77 @@
-//! A flight's page shows its deflection, its series, what is missing, and how to take it away.
+//! Page of a flight: deflection, series, missing parts, and commands to download it.
 
 use maud::{Markup, html};
 
-use super::{curve, greatest, minute, page};
-use crate::report::number::rounded;
-use crate::report::overview::{Line, Overview};
+use super::{curve, format_minute, greatest_deflection, read_only_page};
+use crate::report::number::format_rounded;
+use crate::report::overview::{FlightOverview, SeriesOverview};
 use crate::report::table;
 
-/// `address` is how the client calls this server, for the recipes.
-pub fn flight(overview: &Overview, address: &str) -> Markup {
+/// Renders a flight's page. `address` is the URL by which the client addresses this server, for the download commands.
+pub fn flight_page(overview: &FlightOverview, address: &str) -> Markup {
     let id = &overview.flight;
-    let missing: Vec<&Line> = overview.series.iter().filter(|line| !line.missing().is_empty()).collect();
+    let missing: Vec<&SeriesOverview> = overview.series.iter().filter(|line| !line.problems().is_empty()).collect();
     let content = html! {
         @if let Some(warning) = &overview.warning { p.warning { (warning) } }
         @for note in &overview.notes { p.warning { (note) } }
         p {
             a href={ "/report/" (id) } { "Report" } ", "
-            a href={ "/tar/" (id) ".tar" } { "whole flight (tar)" } ", "
+            a href={ "/tar/" (id) ".tar" } { "full flight (tar)" } ", "
             a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
-        div.figure { (curve::deflection(overview, 460.0, 190.0)) }
-        p.caption { "Deflection of the outermost marker " (overview.reference.words()) ": mean of each series, with 1 sigma of one frame." }
-        @if let Some((line, deflection)) = overview.greatest() { p { (greatest(line, deflection, overview.reference)) } }
-        h2 { "What is missing" }
-        @if missing.is_empty() { p { "Nothing: every shot has its frame, every frame its result." } } @else {
+        div.figure { (curve::deflection_curve(overview, 460.0, 190.0)) }
+        p.caption { "Deflection of the outermost marker " (overview.reference.description()) ": mean of each series, with 1 sigma of one frame." }
+        @if let Some((line, deflection)) = overview.greatest() { p { (greatest_deflection(line, deflection, overview.reference)) } }
+        h2 { "Missing frames and results" }
+        @if missing.is_empty() { p { "Nothing: every shot has a frame, every frame a result." } } @else {
             details open[missing.len() <= 12] {
                 summary { (missing.len()) " of " (overview.series.len()) " series" }
                 ul { @for line in &missing { li {
-                    a href={ "/flights/" (id) "/" (line.name) } { (line.name) } ": " (line.missing().join(", "))
+                    a href={ "/flights/" (id) "/" (line.name) } { (line.name) } ": " (line.problems().join(", "))
                 } } }
             }
         }
         h2 { "Series" }
         table.stack {
             thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip deflection / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
-            tbody { @for line in overview.series.iter().rev() { (row(id, line)) } }
+            tbody { @for line in overview.series.iter().rev() { (series_row(id, line)) } }
         }
-        (recipes(id, address))
+        (download_recipes(id, address))
     };
-    page(&format!("Flight {id}"), &html! {}, &content)
+    read_only_page(&format!("Flight {id}"), &html! {}, &content)
 }
 
-fn row(flight: &str, line: &Line) -> Markup {
+fn series_row(flight: &str, line: &SeriesOverview) -> Markup {
     let (deflection, sigma) =
-        rounded(line.tip_deflection_m.map(|m| m.value), line.tip_deflection_m.and_then(|m| m.sigma), 3);
+        format_rounded(line.tip_deflection_m.map(|m| m.value), line.tip_deflection_m.and_then(|m| m.sigma), 3);
     html! { tr {
         td data-name="series" { a href={ "/flights/" (flight) "/" (line.name) } { (line.name) } }
-        td data-name="begun" { @if let Some(begun) = &line.begun { (minute(begun.utc)) } }
+        td data-name="begun" { @if let Some(begun) = &line.begun { (format_minute(begun.utc)) } }
         td.n data-name="frames" { (line.frames) " of " (line.planned) }
         td.n data-name="solved" { (line.solved) }
         td.n data-name="mean tip deflection / m" { (deflection) }
         td.n data-name="sigma / m" { (sigma) }
-        td.n data-name="scatter / m" { (table::scatter(line.tip_deflection_m)) }
+        td.n data-name="scatter / m" { (table::scatter_text(line.tip_deflection_m)) }
     } }
 }
 
-/// Commands that take the flight away; each goes on where it was broken off.
-fn recipes(id: &str, address: &str) -> Markup {
+/// Renders the commands that download the flight.
+fn download_recipes(id: &str, address: &str) -> Markup {
     let plain = [
-        (
-            "wingd: resumes, checks every file, brings later additions",
-            format!("wingd fetch {address} COPY --flight {id}"),
-        ),
+        ("wingd: resumes, verifies every file, adds later files", format!("wingd fetch {address} COPY --flight {id}")),
         ("curl: resumes", format!("curl -C - -o {id}.tar {address}/tar/{id}.tar")),
         ("wget: resumes", format!("wget -c {address}/tar/{id}.tar")),
-        ("one file of it", format!("curl -O {address}/files/{id}/SERIES/0001.jpg")),
+        ("a single file", format!("curl -O {address}/files/{id}/SERIES/0001.jpg")),
         ("over ssh", format!("rsync -a --partial HOST:STORE/flights/{id} .")),
     ];
     html! {
-        h2 { "Taking it away" }
-        p { "The archive holds a store: unpacked, wingd verify, report and solve work on it." }
-        @for (what, command) in plain {
-            p.caption { (what) }
+        h2 { "Download" }
+        p { "The archive contains a store: after unpacking, wingd verify, report and solve work on it." }
+        @for (label, command) in plain {
+            p.caption { (label) }
             pre tabindex="0" { (command) }
         }
-        p.caption { "Where a token is asked for: --token-file FILE; curl -H \"Authorization: Bearer $(cat FILE)\"; wget --header the same." }
+        p.caption { "If a token is required: wingd --token-file FILE; curl -H \"Authorization: Bearer $(cat FILE)\"; wget --header with the same value." }
     }
 }

@@ -1,5 +1,5 @@
 "use strict";
-// Curves with their bands, drawn into the page's own SVG elements.
+// Plots curves with error bands into the page's SVG elements.
 const plots = (() => {
   const SVG = "http://www.w3.org/2000/svg";
 
@@ -11,13 +11,13 @@ const plots = (() => {
     return node;
   };
 
-  // 1, 2 or 5 times a power of ten, not below the raw step.
+  // Returns 1, 2 or 5 times a power of ten, not below the raw step.
   const roundStep = (raw) => {
     const power = 10 ** Math.floor(Math.log10(raw));
     return power * [1, 2, 5, 10].find((factor) => factor * power >= raw * 0.999);
   };
 
-  // A range that does not jump with each gust: it grows at once, and shrinks where less than half of it is used.
+  // Range that does not jump with each gust: it grows at once, and shrinks only if less than half of it is used.
   const ranges = new Map();
   const steady = (id, low, high) => {
     const [from, to] = ranges.get(id) ?? [low, high];
@@ -26,10 +26,10 @@ const plots = (() => {
     return kept;
   };
 
-  // A band is enlarged so far that it takes an eighth of the height at most; the range leaves room for it.
-  const SHARE = 0.12;
+  // The band is magnified to at most this fraction of the height; the range leaves room for it.
+  const MAX_BAND_FRACTION = 0.12;
   const enlargement = (widest, height) =>
-    [50, 20, 10, 5, 2].find((factor) => widest * factor < SHARE * height) ?? 1;
+    [50, 20, 10, 5, 2].find((factor) => widest * factor < MAX_BAND_FRACTION * height) ?? 1;
 
   const range = (id, seen, yFrom0) => {
     const sigma = (p) => p.sigma ?? 0;
@@ -40,7 +40,7 @@ const plots = (() => {
     const widest = Math.max(...seen.map(sigma));
     const least = Math.max(high - low, 4 * widest, 1e-3);
     const enlarged = enlargement(widest, least);
-    // The band of what begins at 0 may be cut there.
+    // If the range begins at 0, the band may be cut there.
     if (!yFrom0 || low < 0) low = Math.min(low, ...seen.map((p) => p.y - enlarged * sigma(p)));
     high = Math.max(high, ...seen.map((p) => p.y + enlarged * sigma(p)));
     const step = roundStep(Math.max(high - low, least) / 4);
@@ -48,7 +48,7 @@ const plots = (() => {
     return { low, high: high > low ? high : low + step, step, enlarged };
   };
 
-  // Stretches of points that belong together; null breaks the line, and so does another judgement of the results.
+  // Groups points into continuous lines; null and a change of `doubt` end a line.
   const runs = (points) => {
     const all = [];
     let last = null;
@@ -76,10 +76,10 @@ const plots = (() => {
     element(svg, "text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, xLabel);
   };
 
-  // Points: x, y, sigma or null, doubt. `note` is written across; `hole` [from, to] has no results. Returns how many times the
-  // band is enlarged.
+  // Plots points { x, y, sigma, doubt } or null. `note` is written across; `hole` [from, to] has no results. Returns the
+  // magnification of the band.
   const plot = (svg, points, { xRange, xLabel, yFrom0, note, noteClass, hole }) => {
-    // In the page's own pixels: letters keep their size on a phone.
+    // The view box is in the page's pixels, so that letters keep their size on a phone.
     const width = Math.max(240, svg.clientWidth);
     const height = Math.max(200, Math.min(320, 0.56 * width));
     const box = { left: 46, right: width - 14, top: 10, bottom: height - 40 };
@@ -107,7 +107,7 @@ const plots = (() => {
       const around = [...run.map((p) => at(p, 1)), ...[...run].reverse().map((p) => at(p, -1))];
       element(group, "polygon", { class: "band", points: around.join(" ") });
       element(group, "polyline", { class: "curve", points: run.map((p) => at(p, 0)).join(" ") });
-      // A result by itself is no line.
+      // A single point makes no line.
       if (run.length === 1) element(group, "circle", { class: "dot", cx: x(run[0].x), cy: y(run[0].y), r: 3 });
     }
     if (note) write(note);

@@ -1,17 +1,17 @@
 "use strict";
-// The wing as it is measured: results and the recorder's state come as server-sent events, a picture of the frame is asked for
-// once a second. What is old by this browser's own clock is marked, whether anything comes or not.
+// Live page: results and the recorder's state arrive as server-sent events, an image of the frame is requested once per second.
+// Outdated values are marked by this browser's own clock, even if no event arrives.
 (() => {
   const SPAN_S = 180;
   const TICK_MS = 100;
   const DRAW_MS = 200;
   const FRAME_MS = 1000;
   const RATE_S = 10;
-  // Intervals after which a result is old, and after which it is lost: as in the recorder's health.
+  // Number of intervals after which a result is old, and after which it is lost, as in the recorder's health.
   const [OLD, LOST] = [3, 5];
-  // The server says something every four seconds at least; after this silence the line is dead.
+  // The server sends an event at least every 4 s; after this silence the connection counts as lost.
   const SILENCE_MS = 6000;
-  const AGAIN_MS = 2000;
+  const RECONNECT_MS = 2000;
   const FULL_MS = 5000;
   const byId = (id) => document.getElementById(id);
   const text = (id, value) => { if (byId(id).textContent !== value) byId(id).textContent = value; };
@@ -33,26 +33,26 @@
     const last = history.slice(-11);
     return last.length > 1 ? (last[last.length - 1].came - last[0].came) / 1000 / (last.length - 1) : 1;
   };
-  // "" while a result that came then counts, "old" after three intervals or without a connection, "lost" after five.
+  // Returns "" for a current result, "old" after 3 intervals or without a connection, "lost" after 5.
   const freshness = (came, every = interval()) => {
     const age = since(came);
     if (age > LOST * every) return "lost";
     return age > OLD * every || !link.open ? "old" : "";
   };
 
-  const tile = (id, value, beside, style) => {
+  const tile = (id, value, note, style) => {
     text(id, value ?? "–");
-    text(`${id}-beside`, beside ?? "");
+    text(`${id}-beside`, note ?? "");
     mark(byId(id).parentElement, style);
   };
 
-  // The deflection that the frame tells best, and against what it is counted.
+  // The reported deflection, its standard deviation and its reference in words.
   const DEFLECTIONS = {
     survey: ["deflection_m", "sigma_deflection_m", "against the survey"],
     ground: ["deflection_ground_m", "sigma_deflection_ground_m", "against the ground frame"],
     root: ["deflection_root_m", "sigma_deflection_root_m", "from the root's tangent"],
   };
-  const shownDeflection = (tip) => {
+  const reportedDeflection = (tip) => {
     const [deflection, sigma, words] = DEFLECTIONS[tip?.reference] ?? DEFLECTIONS.survey;
     return { deflection: tip?.[deflection], sigma: tip?.[sigma], words };
   };
@@ -65,30 +65,30 @@
     const { result, came } = newest;
     const style = freshness(came);
     const age = `${seconds(since(came))} old`;
-    const doubt = style === "" && (!solved() || rejected(result)) ? "degraded" : style;
+    const warned = style === "" && (!solved() || rejected(result)) ? "degraded" : style;
     const measured = (id, value, sigma, digits, unit) => {
       const [shown, spread] = [solved() ? number(value, digits) : null, number(sigma, digits)];
-      const said = [shown && spread && `± ${spread} ${unit}`, !solved() && "no numbers", rejected(result) && "test rejected", style && age];
-      tile(id, shown && `${shown} ${unit}`, said.filter(Boolean).join(", "), doubt);
+      const notes = [shown && spread && `± ${spread} ${unit}`, !solved() && "no numbers", rejected(result) && "test rejected", style && age];
+      tile(id, shown && `${shown} ${unit}`, notes.filter(Boolean).join(", "), warned);
     };
     const pair = (result.torsion ?? [])[0] ?? {};
-    tile("age", `${seconds(since(came))} ago`, `one every ${number(interval(), 2)} s expected`, style);
-    const tip = shownDeflection(result.tip);
+    tile("age", `${seconds(since(came))} ago`, `expected every ${number(interval(), 2)} s`, style);
+    const tip = reportedDeflection(result.tip);
     measured("deflection", tip.deflection, tip.sigma, 3, "m");
     if (solved()) text("deflection-name", `Tip deflection ${tip.words}`);
     measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => since(one.came) < RATE_S);
     const over = Math.min(RATE_S, since(history[0].came));
-    tile("rate", `${(recent.length / Math.max(over, 1)).toFixed(1)} Hz`, "over ten seconds", style);
+    tile("rate", `${(recent.length / Math.max(over, 1)).toFixed(1)} Hz`, "over 10 s", style);
     const late = recent.map((one) => one.latency).sort((a, b) => a - b);
     const p95 = late[Math.max(0, Math.ceil(0.95 * late.length) - 1)];
     tile("latency", `${Math.round(result.latency_ms)} ms`, style || p95 === undefined ? age : `95 %: ${Math.round(p95)} ms`, style);
     tile("skipped", String(result.skipped), style ? age : `of ${result.number} frames`, style);
     const variance = `variance ${number(result.variance_factor, 2) ?? "–"}`;
-    tile("test", solved() ? result.global_test : null, [solved() ? variance : "no numbers", style && age].filter(Boolean).join(", "), doubt);
+    tile("test", solved() ? result.global_test : null, [solved() ? variance : "no numbers", style && age].filter(Boolean).join(", "), warned);
   };
 
-  // One word: the worst of what the recorder says and of what this page sees.
+  // Shows one health word: the worse of the recorder's health and this page's own findings.
   const health = () => {
     let [word, reasons] = ["ok", []];
     const worse = (other, why) => {
@@ -106,16 +106,16 @@
       if (style === "lost") worse("failed", gone);
       else if (style === "old" && link.open) worse("degraded", gone);
       if (!solved()) worse("degraded", `no numbers: ${newest.result.reason ?? "the frame is not solved"}`);
-      else if (rejected(newest.result)) worse("degraded", "the global test rejects the last result: its standard deviations are in doubt");
+      else if (rejected(newest.result)) worse("degraded", "the global test rejected the last result: its standard deviations are unreliable");
     } else if (link.open && reasons.length === 0) worse("degraded", "no result yet");
-    // The recorder says the same of the silence in its own words.
+    // If the recorder itself reports missing results, its sentence is enough.
     if (reasons.some((why) => why.startsWith("the last live result"))) reasons = reasons.filter((why) => !why.startsWith("no result for"));
     text("word", word);
     text("reasons", reasons.join("\n"));
     mark(byId("health"), word);
   };
 
-  const band = (enlarged) => `Band: 1 sigma${enlarged > 1 ? `, enlarged ${enlarged} times` : ""}.`;
+  const band = (enlarged) => `Band: 1 sigma${enlarged > 1 ? `, magnified ${enlarged} times` : ""}.`;
   const style = (id, name) => mark(byId(id), name);
 
   const curve = () => {
@@ -131,18 +131,18 @@
     const enlarged = plots.plot(byId("curve"), points, {
       xRange: range, xLabel: "Deflection, m, over the span, m", yFrom0: true, note, noteClass,
     });
-    text("curve-caption", points.length > 0 ? `Of the bending axis, against the survey. ${band(enlarged)}` : "");
+    text("curve-caption", points.length > 0 ? `Deflection of the bending axis, against the survey. ${band(enlarged)}` : "");
   };
 
-  const overTime = (id, unit, of) => {
+  const overTime = (id, unit, valueOf) => {
     const now = newest.time + since(newest.came);
     const apart = Math.max(1, OLD * interval());
     const points = [];
     let last = null;
     for (const one of history) {
-      const value = of(one);
+      const value = valueOf(one);
       const there = typeof value.y === "number";
-      // Where results are missing, or have no numbers, the line ends.
+      // The line ends if results are missing or have no numbers.
       if (last !== null && (one.time - last > apart || !there)) points.push(null);
       if (there) points.push({ x: one.time - now, doubt: one.rejected, ...value });
       last = one.time;
@@ -152,7 +152,7 @@
     const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil((now - history[0].time) / 20))), 0];
     const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? undefined : "No numbers";
     const enlarged = plots.plot(byId(id), points, {
-      xRange: range, xLabel: `${unit}, over seconds`, note, noteClass: fresh ? "" : "degraded",
+      xRange: range, xLabel: `${unit}, over time, s`, note, noteClass: fresh ? "" : "degraded",
       hole: fresh ? [newest.time - now, 0] : undefined,
     });
     text(`${id}-caption`, band(enlarged));
@@ -160,9 +160,9 @@
 
   const draw = () => {
     curve();
-    // Where the frames' choice changes, only those of the newest one's are drawn: two deflections make no curve.
+    // If the reference changes, only deflections with the newest reference are drawn in the curve.
     const deflected = history.filter((one) => typeof one.deflection === "number");
-    const { words } = deflected[deflected.length - 1] ?? shownDeflection(null);
+    const { words } = deflected[deflected.length - 1] ?? reportedDeflection(null);
     overTime("deflections", `m, ${words}`, (one) => (one.words === words ? { y: one.deflection, sigma: one.deflectionSigma } : {}));
     overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
     const { result } = newest;
@@ -171,7 +171,7 @@
     style("state", `soft ${freshness(newest.came)}`);
   };
 
-  // A picture comes once a second, and is as old as its frame.
+  // The image arrives once per second and is as old as its frame.
   let picture = null;
   const caption = () => {
     if (picture === null) return;
@@ -182,7 +182,7 @@
   };
 
   const tick = () => {
-    if (performance.now() - heard > SILENCE_MS) lose("Connection lost: the page's server says nothing; it is called again");
+    if (performance.now() - lastEvent > SILENCE_MS) lose("Connection lost: the page's server sends nothing; reconnecting");
     if (document.visibilityState !== "visible") return;
     tiles();
     health();
@@ -190,8 +190,8 @@
     if (newest === null) return;
     const as = `${newest.result.number} ${freshness(newest.came)}`;
     const pause = freshness(newest.came) ? FRAME_MS : as === drawn.as ? Infinity : DRAW_MS;
-    const turned = as.split(" ")[1] !== drawn.as.split(" ")[1];
-    if (turned || performance.now() - drawn.at > pause) {
+    const changed = as.split(" ")[1] !== drawn.as.split(" ")[1];
+    if (changed || performance.now() - drawn.at > pause) {
       drawn = { at: performance.now(), as };
       draw();
     }
@@ -199,10 +199,10 @@
 
   const take = (result) => {
     const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
-    const tip = shownDeflection(result.status === "ok" ? result.tip : null);
-    // A result is as old as its exposure, by this browser's clock and the time that solving took.
+    const tip = reportedDeflection(result.status === "ok" ? result.tip : null);
+    // The age of a result counts from its exposure: arrival by this browser's clock minus the latency.
     const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
-    // A clock that was set, or a recorder that began anew, begins a new history.
+    // If the clock was set back or the recorder restarted, a new history begins.
     if (history.length > 0 && (time < history[history.length - 1].time || result.number <= newest.result.number)) history.length = 0;
     newest = { result, came, time };
     history.push({
@@ -228,8 +228,8 @@
       });
     }
     const named = seen.filter((one) => one.id !== null).length;
-    const words = known ? `${named} markers, ${seen.length - named} without a name` : "its outlines did not come";
-    // Of the same frame as the picture before: its age goes on.
+    const words = known ? `${named} markers, ${seen.length - named} unidentified` : "no outlines received";
+    // If it is the same frame as before, its age continues.
     const came = known?.came ?? (picture?.frame === frame ? picture.came : performance.now());
     picture = { frame, came, words };
   };
@@ -254,32 +254,32 @@
     try {
       await fetchFrame();
     } catch (error) {
-      // The next second brings another.
+      // The next request follows after FRAME_MS.
     }
     setTimeout(pictures, FRAME_MS);
   };
 
   let source = null;
-  let heard = performance.now();
+  let lastEvent = performance.now();
   let calling = null;
-  const lose = (why, pause = AGAIN_MS) => {
+  const lose = (why, pause = RECONNECT_MS) => {
     source?.close();
     link = { open: false, why };
-    heard = performance.now();
+    lastEvent = performance.now();
     calling ??= setTimeout(() => { calling = null; listen(); }, pause);
     tick();
   };
   const listen = () => {
     source = new EventSource("/live/events");
     const on = (name, then) => source.addEventListener(name, (event) => {
-      heard = performance.now();
+      lastEvent = performance.now();
       then(event.data && JSON.parse(event.data));
     });
     on("message", (result) => { link = { open: true }; take(result); });
     on("state", (state) => { link = { open: true }; daemon = state; });
     on("down", ({ reason }) => { link = { open: false, why: reason }; tick(); });
-    on("full", ({ reason }) => lose(`${reason}; tried again every ${FULL_MS / 1000} s`, FULL_MS));
-    source.addEventListener("error", () => lose("Connection lost: the page's server does not answer; it is called again"));
+    on("full", ({ reason }) => lose(`${reason}; retrying every ${FULL_MS / 1000} s`, FULL_MS));
+    source.addEventListener("error", () => lose("Connection lost: the page's server does not respond; reconnecting"));
   };
   document.addEventListener("visibilitychange", tick);
   listen();

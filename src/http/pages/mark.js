@@ -1,5 +1,5 @@
-// Marking markers in a picture: the picture with zoom and pan, its markers, and what a person says of them.
-// Pixels are those of results: (0, 0) is the centre of the first one.
+// Marking page: an image with zoom and pan, its markers, and the requests that add manual marks.
+// Pixel coordinates are those of results: (0, 0) is the centre of the first pixel.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -7,19 +7,19 @@ const photo = $("photo");
 const pen = photo.getContext("2d");
 const lens = $("loupe").getContext("2d", { willReadFrequently: true });
 
-const COLOURS = { detected: "#3dea6d", hand: "#57c8ff", lost: "#ffb000", rejected: "#ff5f6d" };
-const STATES = { detected: "detected", hand: "by hand", lost: "lost", rejected: "rejected" };
-// Farther from a marker than this a click does not mean it, px of the screen.
-const NEAR = 16;
-// A lost marker is meant from so far, px of the screen.
-const REACH = 60;
-// A press that moves less is a click, px of the screen.
-const STILL = 4;
+const COLOURS = { detected: "#3dea6d", manual: "#57c8ff", lost: "#ffb000", rejected: "#ff5f6d" };
+const STATES = { detected: "detected", manual: "manual", lost: "lost", rejected: "rejected" };
+// Maximum distance of a click from a marker that it selects, screen px.
+const MAX_CLICK_PX = 16;
+// Maximum distance of a click from the outline of a lost marker that it marks, screen px.
+const MAX_LOST_PX = 60;
+// A press that moves less is a click, screen px.
+const DRAG_PX = 4;
 const FACTORS = [1, 10, 50, 200];
-// The loupe's pixels of the screen for one of the picture.
-const LOUPE = 10;
+// Magnification of the loupe, screen px per image px.
+const LOUPE_SCALE = 10;
 
-// u, v: the picture's place at the upper left corner; scale: px of the screen for one of the picture.
+// u, v: image position at the upper left corner; scale: screen px per image px.
 const view = { u: -0.5, v: -0.5, scale: 1 };
 let pictures = [];
 let number = 0;
@@ -35,7 +35,7 @@ const fingers = new Map();
 
 const marker = (id) => state?.markers.find((m) => m.id === id);
 const known = (m) => m.u_px !== null;
-const place = (m) => (known(m) ? [m.u_px, m.v_px] : m.foretold ? [m.foretold.u_px, m.foretold.v_px] : null);
+const place = (m) => (known(m) ? [m.u_px, m.v_px] : m.predicted ? [m.predicted.u_px, m.predicted.v_px] : null);
 const toScreen = ([u, v]) => [(u - view.u) * view.scale, (v - view.v) * view.scale];
 const toPicture = ([x, y]) => [view.u + x / view.scale, view.v + y / view.scale];
 const at = (event) => {
@@ -90,8 +90,8 @@ function drawMarker(m) {
     cross(x, y, m.id === chosen ? 9 : 5);
     sigma(m, [x, y]);
     residual(m, [x, y]);
-  } else if (m.foretold) {
-    const o = m.foretold.outline;
+  } else if (m.predicted) {
+    const o = m.predicted.outline;
     pen.setLineDash([5, 4]);
     ellipse(toScreen([o.u_px, o.v_px]), o.semi_major_px * view.scale + 4, o.semi_minor_px * view.scale + 4, o.angle_rad);
     pen.setLineDash([]);
@@ -120,7 +120,7 @@ function cross(x, y, size) {
   pen.stroke();
 }
 
-// The ellipse of one standard deviation, enlarged.
+// Draws the ellipse of one standard deviation, magnified.
 function sigma(m, centre) {
   const [[a, b], [, c]] = m.covariance_px2;
   const mean = (a + c) / 2;
@@ -129,7 +129,7 @@ function sigma(m, centre) {
   ellipse(centre, enlarged(mean + off), enlarged(mean - off), Math.atan2(2 * b, a - c) / 2);
 }
 
-// From what was observed to what was adjusted, enlarged.
+// Draws the residual from the observed to the adjusted position, magnified.
 function residual(m, [x, y]) {
   if (m.residual_u_px === null) return;
   const long = FACTORS[factor] * view.scale;
@@ -139,14 +139,14 @@ function residual(m, [x, y]) {
   pen.stroke();
 }
 
-// What is under the pointer, with its greys spread from black to white.
+// Draws the image around the pointer, its grey levels stretched from black to white.
 function drawLoupe() {
   const canvas = $("loupe");
   canvas.hidden = !pointer || !image;
   if (canvas.hidden) return;
   canvas.classList.toggle("left", pointer[0] > photo.clientWidth / 2 && pointer[1] < 230);
   const side = canvas.width;
-  const wide = side / LOUPE;
+  const wide = side / LOUPE_SCALE;
   const [u, v] = toPicture(pointer);
   lens.imageSmoothingEnabled = false;
   lens.fillStyle = "#11151a";
@@ -175,7 +175,7 @@ function drawLoupe() {
 
 // ---- the view ----
 
-function whole() {
+function showAll() {
   if (!state) return;
   view.scale = Math.min(photo.clientWidth / state.width, photo.clientHeight / state.height);
   view.u = state.width / 2 - 0.5 - photo.clientWidth / view.scale / 2;
@@ -183,19 +183,19 @@ function whole() {
   draw();
 }
 
-function zoom(by, about = [photo.clientWidth / 2, photo.clientHeight / 2]) {
+function zoom(ratio, about = [photo.clientWidth / 2, photo.clientHeight / 2]) {
   const [u, v] = toPicture(about);
-  view.scale = Math.min(Math.max(view.scale * by, 0.02), 64);
+  view.scale = Math.min(Math.max(view.scale * ratio, 0.02), 64);
   view.u = u - about[0] / view.scale;
   view.v = v - about[1] / view.scale;
   draw();
 }
 
-function look(id) {
+function centreOn(id) {
   const m = marker(id);
   const centre = m && place(m);
   if (!centre) return;
-  const half = m.foretold?.outline.semi_major_px ?? 20;
+  const half = m.predicted?.outline.semi_major_px ?? 20;
   view.scale = Math.min(Math.max(70 / half, 0.5), 16);
   view.u = centre[0] - photo.clientWidth / view.scale / 2;
   view.v = centre[1] - photo.clientHeight / view.scale / 2;
@@ -204,7 +204,7 @@ function look(id) {
 function choose(id, centred = false) {
   chosen = id;
   if (id && centred) {
-    look(id);
+    centreOn(id);
     photo.scrollIntoView({ block: "nearest" });
   }
   const m = id && marker(id);
@@ -215,15 +215,15 @@ function choose(id, centred = false) {
 
 function words(m) {
   const who = m.mark ? `, ${m.mark.who}${m.mark.why ? `: ${m.mark.why}` : ""}` : "";
-  if (m.state === "lost") return `${m.id} is lost: ${m.reason ?? "not measured"}. Click its centre.`;
-  if (m.state === "manual") return `${m.id} ${m.mark.source === "manual" ? "marked manually" : "where the hand pointed, measured by the detector"}${who}`;
+  if (m.state === "lost") return `${m.id} is lost: ${m.reason ?? "not measured"}. Click its centre to mark it.`;
+  if (m.state === "manual") return `${m.id} ${m.mark.source === "manual" ? "is marked manually" : "is marked manually and measured by the detector"}${who}`;
   if (m.state === "rejected") return `${m.id} is rejected${who}`;
-  return `${m.id} is detected${m.used ? "" : `, not used: ${m.reason}`}. Drag it to mark it yourself.`;
+  return `${m.id} is detected${m.used ? "" : `, not used: ${m.reason}`}. Drag it to mark it manually.`;
 }
 
 function nextLost(step) {
   const lost = state.markers.filter((m) => !known(m) && m.state !== "rejected" && place(m));
-  if (lost.length === 0) return say("No marker that should be in the picture is lost.");
+  if (lost.length === 0) return say("No marker expected in the image is lost.");
   const here = lost.findIndex((m) => m.id === chosen);
   const next = here < 0 ? (step > 0 ? 0 : lost.length - 1) : (here + step + lost.length) % lost.length;
   choose(lost[next].id, true);
@@ -233,19 +233,19 @@ function nextLost(step) {
 
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 
-function deflection(result, big, beside) {
+function showDeflection(result, value, note) {
   const there = result.deflection_m !== null && result.deflection_m !== undefined;
-  $(big).textContent = there ? `${fixed(result.deflection_m, 4)} m` : result.status === "ok" ? "–" : "no result";
+  $(value).textContent = there ? `${fixed(result.deflection_m, 4)} m` : result.status === "ok" ? "–" : "no result";
   const sigma = result.sigma_deflection_m;
-  const change = big === "deflection" && state.change_m !== null ? ` (${signed(1e3 * state.change_m)} mm by the marks)` : "";
-  $(beside).textContent = there ? `± ${fixed(1e3 * sigma, 1)} mm, ${result.used} markers${change}` : (result.reason ?? result.remarks[0] ?? "");
+  const change = value === "deflection" && state.change_m !== null ? ` (${signed(1e3 * state.change_m)} mm due to the marks)` : "";
+  $(note).textContent = there ? `± ${fixed(1e3 * sigma, 1)} mm, ${result.used} markers${change}` : (result.reason ?? result.remarks[0] ?? "");
 }
 
 const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(1)}`;
 
 function table() {
-  deflection(state.now, "deflection", "deflection-beside");
-  deflection(state.bare, "bare", "bare-beside");
+  showDeflection(state.now, "deflection", "deflection-beside");
+  showDeflection(state.bare, "bare", "bare-beside");
   $("bare-name").textContent = state.bare.tip ? `Without marks, ${state.bare.tip}` : "Without marks";
   $("deflection-name").textContent = state.now.tip ? `Deflection of ${state.now.tip}, ${state.now.reference}` : "Result";
   const factor = state.now.variance_factor;
@@ -276,9 +276,9 @@ function table() {
   $("rename").disabled = !m || !known(m);
 }
 
-// ---- what is said ----
+// ---- requests ----
 
-async function fetched(path, options) {
+async function fetchJson(path, options) {
   const answer = await fetch(path, options);
   const body = await answer.json();
   if (answer.status === 409) return { asks: body.reason };
@@ -286,16 +286,16 @@ async function fetched(path, options) {
   return body;
 }
 
-async function post(asked) {
+async function post(request) {
   if (busy) return;
   busy = true;
   const who = $("who").value.trim();
   const before = state.now;
   try {
-    const body = JSON.stringify({ who, why: $("why").value.trim(), ...asked });
-    const got = await fetched(`/picture/${number}`, { method: "POST", headers: { "content-type": "application/json" }, body });
+    const body = JSON.stringify({ who, why: $("why").value.trim(), ...request });
+    const got = await fetchJson(`/picture/${number}`, { method: "POST", headers: { "content-type": "application/json" }, body });
     if (got.asks) {
-      question = { ...asked, over: true };
+      question = { ...request, over: true };
       $("question").textContent = got.asks;
       $("ask").hidden = false;
       $("yes").focus();
@@ -303,7 +303,7 @@ async function post(asked) {
     }
     state = got;
     pictures[number].marks = state.marks;
-    chosen = asked.to ?? asked.id;
+    chosen = request.to ?? request.id;
     const m = marker(chosen);
     const same = before.tip && before.tip === state.now.tip && before.reference === state.now.reference;
     const change = same ? ` Deflection of ${before.tip} ${signed(1e3 * (state.now.deflection_m - before.deflection_m))} mm.` : "";
@@ -313,16 +313,16 @@ async function post(asked) {
     list();
     table();
   } catch (error) {
-    say(`Not kept: ${error.message}`, true);
-    if (/say why/.test(error.message)) $("why").focus();
-    if (/who you are/.test(error.message)) $("who").focus();
+    say(`Not stored: ${error.message}`, true);
+    if (/^give a reason/.test(error.message)) $("why").focus();
+    if (/^give your name/.test(error.message)) $("who").focus();
   } finally {
     busy = false;
     draw();
   }
 }
 
-// A reason is of one mark; those that were given are offered again.
+// Clears the reason, which belongs to one mark, and offers it for later marks.
 function remember() {
   const why = $("why").value.trim();
   $("why").value = "";
@@ -336,20 +336,20 @@ function mark(id, [u, v], exact) {
 
 function nudge(du, dv) {
   const m = chosen && marker(chosen);
-  if (m?m?.state === "manual") mark(m.id, [m.u_px + du, m.v_px + dv], true);
-  else say("Arrows move a mark by hand: choose one.");
+  if (m?.state === "manual") mark(m.id, [m.u_px + du, m.v_px + dv], true);
+  else say("Arrows move a manual mark: select one first.");
 }
 
 function rename() {
   const select = $("to");
   if (!chosen || !known(marker(chosen))) return;
-  const empty = new Option("is really …", "");
+  const empty = new Option("new id …", "");
   select.replaceChildren(empty, ...state.markers.filter((m) => m.id !== chosen).map((m) => new Option(m.id, m.id)));
   select.hidden = false;
   select.focus();
 }
 
-function ask(yes) {
+function answer(yes) {
   const meant = question;
   question = null;
   $("ask").hidden = true;
@@ -375,38 +375,38 @@ async function open(next) {
   draw();
   try {
     const mine = number;
-    const got = await fetched(`/picture/${mine}.json`);
+    const got = await fetchJson(`/picture/${mine}.json`);
     const png = await fetch(`/picture/${mine}.png`);
     const bitmap = await createImageBitmap(await png.blob());
     if (mine !== number) return;
     [state, image] = [got, bitmap];
     photo.dataset.marks = state.marks;
     table();
-    whole();
+    showAll();
     const lost = state.markers.filter((m) => m.state === "lost" && place(m)).length;
-    say(state.now.status === "ok" ? `${lost} markers are lost that should be seen.` : state.now.reason ?? "");
+    say(state.now.status === "ok" ? `${lost} markers expected in the image are lost.` : state.now.reason ?? "");
     photo.dataset.ready = mine;
   } catch (error) {
     say(error.message, true);
   }
 }
 
-// ---- hands ----
+// ---- mouse, touch and keyboard ----
 
-function nearest(point, wanted, most) {
-  const near = (state?.markers ?? []).filter((m) => place(m) && wanted(m)).map((m) => [apart(toScreen(place(m)), point), m]);
+function nearest(point, matches, limit) {
+  const near = (state?.markers ?? []).filter((m) => place(m) && matches(m)).map((m) => [apart(toScreen(place(m)), point), m]);
   near.sort((a, b) => a[0] - b[0]);
-  return near.length && near[0][0] <= most ? near[0][1] : null;
+  return near.length && near[0][0] <= limit ? near[0][1] : null;
 }
 
 function click(point, shift) {
   if (!state || question) return;
   const own = chosen && marker(chosen);
   if (own && !known(own)) return mark(chosen, toPicture(point), shift);
-  const there = nearest(point, known, NEAR);
+  const there = nearest(point, known, MAX_CLICK_PX);
   if (there) return choose(there.id);
-  const half = (m) => (m.foretold?.outline.semi_major_px ?? 0) * view.scale;
-  const lost = nearest(point, (m) => !known(m) && m.state === "lost" && apart(toScreen(place(m)), point) < REACH + half(m), Infinity);
+  const half = (m) => (m.predicted?.outline.semi_major_px ?? 0) * view.scale;
+  const lost = nearest(point, (m) => !known(m) && m.state === "lost" && apart(toScreen(place(m)), point) < MAX_LOST_PX + half(m), Infinity);
   if (lost) return mark(lost.id, toPicture(point), shift);
   choose(null);
 }
@@ -416,7 +416,7 @@ photo.addEventListener("pointerdown", (event) => {
   const point = at(event);
   fingers.set(event.pointerId, point);
   const own = chosen && marker(chosen);
-  const held = own && known(own) && apart(toScreen(place(own)), point) < NEAR ? own.id : null;
+  const held = own && known(own) && apart(toScreen(place(own)), point) < MAX_CLICK_PX ? own.id : null;
   press = { from: point, last: point, held, moved: false, many: fingers.size > 1 };
 });
 
@@ -426,7 +426,7 @@ photo.addEventListener("pointermove", (event) => {
   if (fingers.has(event.pointerId)) drag(event.pointerId, point);
   draw();
   if (press?.held && press.moved) {
-    pen.strokeStyle = COLOURS.hand;
+    pen.strokeStyle = COLOURS.manual;
     pen.lineWidth = 2;
     cross(point[0], point[1], 12);
   }
@@ -442,7 +442,7 @@ function drag(id, point) {
     return;
   }
   if (!press) return;
-  press.moved ||= apart(point, press.from) > STILL;
+  press.moved ||= apart(point, press.from) > DRAG_PX;
   if (press.moved && !press.held && !press.many) {
     view.u -= (point[0] - press.last[0]) / view.scale;
     view.v -= (point[1] - press.last[1]) / view.scale;
@@ -481,10 +481,10 @@ function enlarge() {
 
 const reject = () => chosen && post({ act: "reject", id: chosen });
 const withdraw = () => chosen && marker(chosen)?.mark && post({ act: "withdraw", id: chosen });
-const escape = () => (question ? ask(false) : choose(null));
+const escape = () => (question ? answer(false) : choose(null));
 const KEYS = {
   n: () => nextLost(1), p: () => nextLost(-1), r: reject, u: withdraw, e: rename, x: enlarge,
-  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: whole,
+  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: showAll,
   "[": () => open(number - 1), "]": () => open(number + 1), escape,
 };
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -524,13 +524,13 @@ $("to").addEventListener("change", (event) => {
 });
 $("out").addEventListener("click", () => zoom(1 / 1.5));
 $("in").addEventListener("click", () => zoom(1.5));
-$("whole").addEventListener("click", whole);
+$("whole").addEventListener("click", showAll);
 $("factor").addEventListener("click", enlarge);
-$("yes").addEventListener("click", () => ask(true));
-$("no").addEventListener("click", () => ask(false));
+$("yes").addEventListener("click", () => answer(true));
+$("no").addEventListener("click", () => answer(false));
 new ResizeObserver(resize).observe(photo);
 
-fetched("/pictures.json").then((got) => {
+fetchJson("/pictures.json").then((got) => {
   pictures = got.pictures;
   return open(0);
 }).catch((error) => say(error.message, true));

@@ -1,71 +1,71 @@
-//! The page on which markers are marked is empty but for its controls; its script draws.
+//! Marking page: controls and empty elements that its script fills.
 
 use maud::{Markup, PreEscaped, html};
 
-use super::sheet;
+use super::html_page;
 
 const STYLE: &str = include_str!("mark.css");
 
-/// What is marked with the keyboard, and what each does.
+/// Keys and mouse actions with their effects.
 const KEYS: [(&str, &str); 12] = [
-    ("N, P", "next, previous marker that is lost"),
-    ("click", "the centre of the marker that is chosen, or of the lost one nearby"),
-    ("Shift and click", "exactly there: the detector does not measure"),
-    ("drag", "a marker that is chosen; else the picture"),
-    ("arrows", "move a mark by half a pixel, with Shift by five"),
-    ("R", "reject what is detected, or the mark"),
-    ("U", "take what you said of this marker back"),
-    ("E", "give it another marker's name"),
-    ("+, -, 0", "nearer, farther, the whole picture"),
-    ("[, ]", "the picture before, the next one"),
-    ("X", "enlarge residuals and standard deviations more, or less"),
-    ("Escape", "choose none"),
+    ("N, P", "next, previous lost marker"),
+    ("click", "mark the centre of the selected marker, or of the lost one nearby"),
+    ("Shift and click", "mark exactly there, without measurement by the detector"),
+    ("drag", "move the selected marker, otherwise the image"),
+    ("arrows", "move a mark by 0.5 px, with Shift by 5 px"),
+    ("R", "reject the detection or the mark"),
+    ("U", "withdraw your mark of this marker"),
+    ("E", "assign it to another marker"),
+    ("+, -, 0", "zoom in, zoom out, full image"),
+    ("[, ]", "previous, next image"),
+    ("X", "change the magnification of residuals and standard deviations"),
+    ("Escape", "clear the selection"),
 ];
 
-/// `place`: where marks are kept; `who`: in whose name.
-pub fn mark(place: &str, who: &str) -> Markup {
+/// Renders the marking page. `place`: description of the storage; `who`: default name of the person who marks.
+pub fn mark_page(place: &str, who: &str) -> Markup {
     let content = html! {
         style { (PreEscaped(STYLE)) }
         noscript { p.warning { "This page needs its script, which comes from this server." } }
         div.desk {
             div.view {
-                canvas #photo tabindex="0" aria-label="The picture with its markers; keys are listed below" {}
+                canvas #photo tabindex="0" aria-label="The image with its markers; keys are listed below" {}
                 canvas #loupe width="180" height="180" aria-hidden="true" {}
-                p #said role="status" { "Reading the picture …" }
+                p #said role="status" { "Reading the image …" }
                 div #ask hidden { span #question {} button #yes { "Yes" } button #no { "No" } }
             }
             div.side {
-                p.row { button #before title="[" aria-label="the picture before" { "‹" }
-                    select #picture aria-label="Picture" {}
-                    button #after title="]" aria-label="the next picture" { "›" } }
+                p.row { button #before title="[" aria-label="previous image" { "‹" }
+                    select #picture aria-label="Image" {}
+                    button #after title="]" aria-label="next image" { "›" } }
                 ul.tiles {
                     li { span #deflection-name { "Tip deflection" } b #deflection { "–" } span.soft #deflection-beside {} }
                     li { span #bare-name { "Without marks" } b #bare { "–" } span.soft #bare-beside {} }
                 }
                 p.soft #test {}
                 p.row { label for="who" { "Who" } input #who maxlength="100" value=(who); }
-                p.row { label for="why" { "Why" } input #why maxlength="500" list="reasons" placeholder="glare over its edge, seen by eye";
+                p.row { label for="why" { "Why" } input #why maxlength="500" list="reasons" placeholder="glare over its edge, visible by eye";
                     datalist #reasons {} }
                 p.row {
                     button #next title="N" { "Next lost" }
                     button #reject title="R" { "Reject" }
-                    button #withdraw title="U" { "Take back" }
+                    button #withdraw title="U" { "Withdraw" }
                     button #rename title="E" { "Rename" }
-                    select #to hidden aria-label="The name it is to have" {}
+                    select #to hidden aria-label="New id of the marker" {}
                 }
-                p.row { button #out title="-" aria-label="farther" { "−" } button #in title="+" aria-label="nearer" { "+" }
-                    button #whole title="0" { "Whole" } button #factor title="X" { "× 50" } }
-                div.scroll { table #markers { thead { tr { th { "Marker" } th { "Seen" } th.n { "σ, px" } th.n { "residual, px" } } }
+                p.row { button #out title="-" aria-label="zoom out" { "−" } button #in title="+" aria-label="zoom in" { "+" }
+                    button #whole title="0" { "Full image" } button #factor title="X" { "× 50" } }
+                div.scroll { table #markers { thead { tr { th { "Marker" } th { "State" } th.n { "σ, px" } th.n { "residual, px" } } }
                     tbody {} } }
             }
         }
         details { summary { "Keys" } table { tbody {
             @for (key, does) in KEYS { tr { td { kbd { (key) } } td { (does) } } }
         } } }
-        p.caption { "Green: detected. Blue: by hand. Orange, dashed: where a lost marker should be. Red: rejected. Ellipses are standard \
-            deviations and lines residuals, enlarged as the button says. Marks are kept with " code { (place) } "; frames and detections \
+        p.caption { "Green: detected. Blue: marked manually. Orange, dashed: predicted outline of a lost marker. Red: rejected. Ellipses are standard \
+            deviations and lines are residuals, magnified by the factor on the button. Marks are stored in " code { (place) } "; frames and detections \
             are never changed." }
         script src="/mark.js" defer {}
     };
-    sheet("Mark", &html! {}, &content, "marks are kept with who, when and why")
+    html_page("Mark", &html! {}, &content, "marks are stored with name, time and reason")
 }

@@ -1,22 +1,22 @@
-//! The formats of camera files, and which one a file has.
+//! Formats of camera files, and their detection.
 
 use std::fmt;
 use std::path::Path;
 
 use crate::installation::keyed::{Node, Syntax};
 
-/// A file format for cameras.
+/// File format of cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CameraFormat {
     /// `camera.toml`.
     Wingd,
-    /// OpenCV's FileStorage in YAML, XML or JSON.
+    /// FileStorage of OpenCV in YAML, XML or JSON.
     Opencv,
-    /// camera_info, as camera_calibration_parsers writes it.
+    /// ROS camera_info, as camera_calibration_parsers writes it.
     Ros,
-    /// Kalibr's camchain.
+    /// Kalibr camchain.
     Kalibr,
-    /// mrcal's cameramodel.
+    /// mrcal cameramodel.
     Mrcal,
 }
 
@@ -32,8 +32,8 @@ impl fmt::Display for CameraFormat {
     }
 }
 
-/// What a file's name says: the format, where there is but one of that name, and how the text is written.
-pub(super) fn by_name(file: &Path) -> (Option<CameraFormat>, Option<Syntax>) {
+/// Returns format and syntax that a file's name implies; the format only if it is unambiguous.
+pub(super) fn format_from_name(file: &Path) -> (Option<CameraFormat>, Option<Syntax>) {
     let name = file.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
     let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
     match ending {
@@ -49,16 +49,16 @@ pub(super) fn by_name(file: &Path) -> (Option<CameraFormat>, Option<Syntax>) {
     }
 }
 
-/// Format of a file that is to be written, by its name; YAML of no other name is OpenCV's.
-pub fn format_of_name(file: &Path) -> Option<CameraFormat> {
-    match by_name(file) {
+/// Returns the format of a file to be written, by its name; other YAML is OpenCV's.
+pub fn output_format(file: &Path) -> Option<CameraFormat> {
+    match format_from_name(file) {
         (Some(format), _) => Some(format),
         (None, syntax) => syntax.map(|_| CameraFormat::Opencv),
     }
 }
 
-/// Format by the keys that stand in a file.
-pub(super) fn by_keys(tree: &Node) -> Option<CameraFormat> {
+/// Returns the format that a file's keys imply.
+pub(super) fn format_from_keys(tree: &Node) -> Option<CameraFormat> {
     let mut cameras = vec![tree];
     cameras.extend(tree.entries().iter().map(|e| &e.node));
     let has = |key: &str| cameras.iter().any(|c| c.entries().iter().any(|e| e.key.eq_ignore_ascii_case(key)));

@@ -1,50 +1,50 @@
-//! What a camera's file says, and the lens that it makes where it is one of ours.
+//! Interior orientation of a camera file, and its conversion into a supported lens.
 
 use nalgebra::Vector2;
 
-use crate::installation::keyed::{Node, Trouble};
+use crate::installation::keyed::{LineFault, Node};
 use crate::measure::geometry::Lens;
 
-/// An interior orientation as a file states it.
+/// Interior orientation in a file.
 pub(super) struct Interior {
     /// Width and height, px.
     pub size: [f64; 2],
-    /// fx, fy, cx, cy, px.
+    /// Parameters fx, fy, cx, cy, px.
     pub core: [f64; 4],
     /// Distortion in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6, then thin prism (4) and tilt (2).
     pub terms: Vec<f64>,
-    /// The model as the file declares it.
+    /// Model as the file declares it.
     pub model: String,
-    /// The keys of size, core and terms, for faults.
+    /// Keys of size, core and terms, for messages.
     pub keys: [&'static str; 3],
-    /// What somebody should know.
+    /// Remarks for the user.
     pub remarks: Vec<String>,
-    /// Keys that are no part of an interior orientation.
+    /// Keys that are not part of an interior orientation.
     pub left: Vec<String>,
 }
 
-/// A camera constant of this many sides of the image, at least and at most: a field of view of 136 degrees, beyond which
-/// no polynomial of ours goes, and of half a degree.
+/// Smallest and largest camera constant in lengths of the image's longer side: a field of view of 136 degrees, the limit of
+/// the supported polynomials, and of 0.5 degrees.
 const CONSTANT_SIDES: [f64; 2] = [0.2, 100.0];
-/// Outside of these, 103 and 11 degrees, a unit may have been mistaken.
-const USUAL_SIDES: [f64; 2] = [0.4, 5.0];
-/// Pixels that are not square to this share are rare: fx and fy of one lens differ by some thousandths.
-const SQUARE: f64 = 0.02;
-/// Principal points lie some per cent of the side from the image's centre, but in images that were cut out.
-const CENTRAL: f64 = 0.15;
-/// Tangential terms of lenses are at most some thousandths; larger ones tell of terms in another order.
-const TANGENTIAL: f64 = 0.005;
+/// Typical range of the camera constant, 103 and 11 degrees; outside it a unit may be wrong.
+const TYPICAL_SIDES: [f64; 2] = [0.4, 5.0];
+/// Largest typical relative difference of fx and fy: those of one lens differ by some thousandths.
+const MAX_ASPECT_DEFECT: f64 = 0.02;
+/// Largest typical offset of the principal point, as a fraction of the side: it is within a few per cent of the image's
+/// centre, except in cropped images.
+const MAX_CENTRE_OFFSET: f64 = 0.15;
+/// Largest typical tangential term: those of lenses are some thousandths; larger ones indicate another order of terms.
+const TYPICAL_TANGENTIAL: f64 = 0.005;
 /// Largest side of an image, px.
 const MAX_SIDE: f64 = 100_000.0;
 /// Names of the terms in OpenCV's order.
-const TERMS: [&str; 14] =
-    ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"];
-/// Terms that a lens of ours has.
-const OURS: usize = 8;
+const TERMS: [&str; 14] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"];
+/// Number of terms of a supported lens.
+const OWN_TERMS: usize = 8;
 
 impl Interior {
-    /// The lens, with what is unusual about it as remarks.
-    pub fn lens(&mut self, map: &Node) -> Result<Lens, Trouble> {
+    /// Checks the values and returns the lens; unusual values are added to the remarks.
+    pub fn check_lens(&mut self, map: &Node) -> Result<Lens, LineFault> {
         self.check_size(map)?;
         self.check_core(map)?;
         self.check_terms(map)?;
@@ -54,97 +54,89 @@ impl Interior {
         let denominator = [d(5), d(6), d(7)];
         let lens = Lens { fy, k1: d(0), k2: d(1), p1: d(2), p2: d(3), k3: d(4), denominator, ..pinhole };
         self.check_inverse(map, &lens)?;
-        self.unusual(&lens);
+        self.remark_unusual_values(&lens);
         Ok(lens)
     }
 
-    fn trouble<T>(&self, map: &Node, key: usize, problem: String, mend: &str) -> Result<T, Trouble> {
+    fn fault_at<T>(&self, map: &Node, key: usize, problem: String, remedy: &str) -> Result<T, LineFault> {
         let key = self.keys[key];
         let line = map.get(key)?.map_or(map.line, |node| node.line);
-        Err(Trouble::new(line, key, problem, mend))
+        Err(LineFault::new(line, key, problem, remedy))
     }
 
-    fn check_size(&self, map: &Node) -> Result<(), Trouble> {
+    fn check_size(&self, map: &Node) -> Result<(), LineFault> {
         let [width, height] = self.size;
         let whole = |side: f64| side.fract() == 0.0 && (1.0..=MAX_SIDE).contains(&side);
         if whole(width) && whole(height) {
             return Ok(());
         }
         let problem = format!("is {width} x {height} px");
-        self.trouble(map, 0, problem, "give the size of the pictures in whole pixels")
+        self.fault_at(map, 0, problem, "give the size of the images in whole pixels")
     }
 
-    fn check_core(&self, map: &Node) -> Result<(), Trouble> {
+    fn check_core(&self, map: &Node) -> Result<(), LineFault> {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         if fx == 0.0 && fy == 0.0 {
-            let problem = "holds zeros: this camera was never calibrated".to_owned();
-            return self.trouble(
-                map,
-                1,
-                problem,
-                "calibrate it, or take the file that its calibration wrote",
-            );
+            let problem = "is zero: this camera was never calibrated".to_owned();
+            return self.fault_at(map, 1, problem, "calibrate it, or use the file that its calibration wrote");
         }
         let sides = [fx, fy].map(|f| f / width.max(height));
         if sides.iter().any(|s| !(CONSTANT_SIDES[0]..=CONSTANT_SIDES[1]).contains(s)) {
-            let problem = format!("gives camera constants of {fx} and {fy} px in pictures {width} px wide");
-            return self.trouble(map, 1, problem, "give fx and fy in pixels, in their places");
+            let problem = format!("gives camera constants of {fx} and {fy} px in images {width} px wide");
+            return self.fault_at(map, 1, problem, "give fx and fy in pixels, in the right order");
         }
         if !(0.0..=width).contains(&cx) || !(0.0..=height).contains(&cy) {
-            let problem =
-                format!("puts the principal point at ({cx}, {cy}) px, outside {width} x {height} px");
-            return self.trouble(map, 1, problem, "give cx and cy in pixels, in their places");
+            let problem = format!("puts the principal point at ({cx}, {cy}) px, outside {width} x {height} px");
+            return self.fault_at(map, 1, problem, "give cx and cy in pixels, in the right order");
         }
         Ok(())
     }
 
-    /// Thin prism and tilt are models that are not ours, but where they are 0.
-    fn check_terms(&self, map: &Node) -> Result<(), Trouble> {
-        let other = self.terms.iter().enumerate().skip(OURS).find(|(_, value)| **value != 0.0);
+    /// Rejects thin prism and tilt terms other than 0, whose models are not supported.
+    fn check_terms(&self, map: &Node) -> Result<(), LineFault> {
+        let other = self.terms.iter().enumerate().skip(OWN_TERMS).find(|(_, value)| **value != 0.0);
         let Some((k, value)) = other else { return Ok(()) };
         let model = if k < 12 { "thin prism" } else { "tilt" };
         let problem = format!("has {} = {value}, a term of the {model} model", TERMS[k]);
-        self.trouble(map, 2, problem, CALIBRATE)
+        self.fault_at(map, 2, problem, MODEL_REMEDY)
     }
 
-    /// The distortion must be invertible over the whole image.
-    fn check_inverse(&self, map: &Node, lens: &Lens) -> Result<(), Trouble> {
+    /// Checks that the distortion is invertible over the full image.
+    fn check_inverse(&self, map: &Node, lens: &Lens) -> Result<(), LineFault> {
         let [w, h] = self.size;
         let steps = (0..=20).map(|k| f64::from(k) / 20.0);
         let edge = steps.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
         for (u, v) in edge {
             if lens.ray(&Vector2::new(u - 0.5, v - 0.5)).is_err() {
-                let problem = format!("folds: no ray belongs to the pixel ({u:.0}, {v:.0})");
-                return self.trouble(map, 2, problem, "calibrate again with boards up to the corners");
+                let problem = format!("is not invertible: no ray belongs to the pixel ({u:.0}, {v:.0})");
+                return self.fault_at(map, 2, problem, "calibrate again with the board up to the corners");
             }
         }
         Ok(())
     }
 
-    /// What is possible and rare: a unit, an order or a size may have been mistaken.
-    fn unusual(&mut self, lens: &Lens) {
+    /// Adds remarks on possible but rare values: a unit, an order or a size may be wrong.
+    fn remark_unusual_values(&mut self, lens: &Lens) {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         let sides = fx / width.max(height);
-        if !(USUAL_SIDES[0]..=USUAL_SIDES[1]).contains(&sides) {
-            self.remarks
-                .push(format!("the camera constant is {sides:.2} widths of the image; are all lengths px?"));
+        if !(TYPICAL_SIDES[0]..=TYPICAL_SIDES[1]).contains(&sides) {
+            self.remarks.push(format!(
+                "the camera constant is {sides:.2} times the image's longer side; are all lengths in px?"
+            ));
         }
-        if (fx / fy - 1.0).abs() > SQUARE {
+        if (fx / fy - 1.0).abs() > MAX_ASPECT_DEFECT {
             self.remarks.push(format!("fx and fy differ by {:.0} %", 100.0 * (fx / fy - 1.0).abs()));
         }
-        if (cx / width - 0.5).abs() > CENTRAL || (cy / height - 0.5).abs() > CENTRAL {
+        if (cx / width - 0.5).abs() > MAX_CENTRE_OFFSET || (cy / height - 0.5).abs() > MAX_CENTRE_OFFSET {
             self.remarks.push(format!(
-                "the principal point ({cx}, {cy}) is far from the centre of {width} x {height} px; is it of this size?"
+                "the principal point ({cx}, {cy}) is far from the centre of {width} x {height} px; does it belong to this size?"
             ));
         }
-        if lens.p1.abs().max(lens.p2.abs()) > TANGENTIAL {
-            self.remarks.push(format!(
-                "p1 = {} and p2 = {} are large: is the order k1 k2 p1 p2 k3?",
-                lens.p1, lens.p2
-            ));
+        if lens.p1.abs().max(lens.p2.abs()) > TYPICAL_TANGENTIAL {
+            self.remarks.push(format!("p1 = {} and p2 = {} are large; is the order k1 k2 p1 p2 k3?", lens.p1, lens.p2));
         }
     }
 }
 
-/// Mend of every model that is not ours.
-pub(super) const CALIBRATE: &str = "calibrate with Brown's model or the rational one: OPENCV4, OPENCV5, OPENCV8, radtan, plumb_bob, rational_polynomial";
+/// Remedy for every unsupported model.
+pub(super) const MODEL_REMEDY: &str = "calibrate with Brown's model or the rational model: OPENCV4, OPENCV5, OPENCV8, radtan, plumb_bob, rational_polynomial";

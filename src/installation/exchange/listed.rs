@@ -1,35 +1,35 @@
 //! Cameras with a list of intrinsics: Kalibr's camchain and mrcal's cameramodel.
 
-use super::declared::{self, foreign};
+use super::declared::{self, foreign_model_fault};
 use super::interior::Interior;
-use crate::installation::keyed::{Node, Trouble};
+use crate::installation::keyed::{LineFault, Node};
 
-pub(super) const INTRINSICS: &str = "intrinsics";
-const COEFFICIENTS: &str = "distortion_coeffs";
-const MEND: &str = "export the calibration again, or name its format with --from";
+pub(super) const INTRINSICS_KEY: &str = "intrinsics";
+const COEFFICIENTS_KEY: &str = "distortion_coeffs";
+const EXPORT_REMEDY: &str = "export the calibration again, or name its format with --from";
 
-/// `count` numbers of a key.
-fn list(map: &Node, key: &str, count: usize) -> Result<Vec<f64>, Trouble> {
-    let node = map.need(key, MEND)?;
+/// Reads `count` numbers of a key.
+fn read_numbers(map: &Node, key: &str, count: usize) -> Result<Vec<f64>, LineFault> {
+    let node = map.require(key, EXPORT_REMEDY)?;
     let values = node.numbers(key)?;
     if values.len() != count {
-        let problem = format!("holds {} numbers, not {count}", values.len());
-        return Err(Trouble::new(node.line, key, problem, MEND));
+        let problem = format!("has {} numbers, not {count}", values.len());
+        return Err(LineFault::new(node.line, key, problem, EXPORT_REMEDY));
     }
     Ok(values)
 }
 
-/// A key's text.
-fn name<'a>(map: &'a Node, key: &str) -> Result<(&'a Node, &'a str), Trouble> {
-    let node = map.need(key, MEND)?;
-    let text = node.text().ok_or_else(|| Trouble::new(node.line, key, "is no name", MEND))?;
+/// Reads the text of a key.
+fn read_name<'a>(map: &'a Node, key: &str) -> Result<(&'a Node, &'a str), LineFault> {
+    let node = map.require(key, EXPORT_REMEDY)?;
+    let text = node.text().ok_or_else(|| LineFault::new(node.line, key, "is not a name", EXPORT_REMEDY))?;
     Ok((node, text))
 }
 
-/// Kalibr: projection and distortion are declared apart.
-pub(super) fn kalibr(map: &Node) -> Result<Interior, Trouble> {
-    let known = ["camera_model", "distortion_model", INTRINSICS, COEFFICIENTS, "resolution"];
-    let beside = [
+/// Reads a camera of Kalibr, which declares projection and distortion separately.
+pub(super) fn read_kalibr(map: &Node) -> Result<Interior, LineFault> {
+    let known = ["camera_model", "distortion_model", INTRINSICS_KEY, COEFFICIENTS_KEY, "resolution"];
+    let ignored = [
         "rostopic",
         "cam_overlaps",
         "T_cn_cnm1",
@@ -40,33 +40,33 @@ pub(super) fn kalibr(map: &Node) -> Result<Interior, Trouble> {
         "image_width",
         "image_height",
     ];
-    let (left, remarks) = declared::check(map, &known, &beside)?;
-    let (node, projection) = name(map, "camera_model")?;
+    let (left, remarks) = declared::check_declared_models(map, &known, &ignored)?;
+    let (node, projection) = read_name(map, "camera_model")?;
     if projection != "pinhole" {
-        return Err(foreign(node, "camera_model", projection));
+        return Err(foreign_model_fault(node, "camera_model", projection));
     }
-    let (node, distortion) = name(map, "distortion_model")?;
+    let (node, distortion) = read_name(map, "distortion_model")?;
     let terms = match distortion {
-        "radtan" => list(map, COEFFICIENTS, 4)?,
-        "none" => list(map, COEFFICIENTS, 0)?,
-        other => return Err(foreign(node, "distortion_model", other)),
+        "radtan" => read_numbers(map, COEFFICIENTS_KEY, 4)?,
+        "none" => read_numbers(map, COEFFICIENTS_KEY, 0)?,
+        other => return Err(foreign_model_fault(node, "distortion_model", other)),
     };
-    let (size, core) = (list(map, "resolution", 2)?, list(map, INTRINSICS, 4)?);
+    let (size, core) = (read_numbers(map, "resolution", 2)?, read_numbers(map, INTRINSICS_KEY, 4)?);
     Ok(Interior {
         size: [size[0], size[1]],
         core: [core[0], core[1], core[2], core[3]],
         terms,
         model: format!("{projection}, {distortion}"),
-        keys: ["resolution", INTRINSICS, COEFFICIENTS],
+        keys: ["resolution", INTRINSICS_KEY, COEFFICIENTS_KEY],
         remarks,
         left,
     })
 }
 
-/// mrcal: the lens model says how many terms follow fx fy cx cy.
-pub(super) fn mrcal(map: &Node) -> Result<Interior, Trouble> {
-    let known = ["lensmodel", INTRINSICS, "imagersize"];
-    let beside = [
+/// Reads a camera of mrcal, whose lens model implies the number of terms after fx fy cx cy.
+pub(super) fn read_mrcal(map: &Node) -> Result<Interior, LineFault> {
+    let known = ["lensmodel", INTRINSICS_KEY, "imagersize"];
+    let ignored = [
         "extrinsics",
         "rt_cam_ref",
         "valid_intrinsics_region",
@@ -74,23 +74,23 @@ pub(super) fn mrcal(map: &Node) -> Result<Interior, Trouble> {
         "optimization_inputs",
         "icam_intrinsics_optimization_inputs",
     ];
-    let (left, remarks) = declared::check(map, &known, &beside)?;
-    let (node, model) = name(map, "lensmodel")?;
+    let (left, remarks) = declared::check_declared_models(map, &known, &ignored)?;
+    let (node, model) = read_name(map, "lensmodel")?;
     let terms = match model {
         "LENSMODEL_PINHOLE" => 0,
         "LENSMODEL_OPENCV4" => 4,
         "LENSMODEL_OPENCV5" => 5,
         "LENSMODEL_OPENCV8" => 8,
         "LENSMODEL_OPENCV12" => 12,
-        other => return Err(foreign(node, "lensmodel", other)),
+        other => return Err(foreign_model_fault(node, "lensmodel", other)),
     };
-    let (size, values) = (list(map, "imagersize", 2)?, list(map, INTRINSICS, 4 + terms)?);
+    let (size, values) = (read_numbers(map, "imagersize", 2)?, read_numbers(map, INTRINSICS_KEY, 4 + terms)?);
     Ok(Interior {
         size: [size[0], size[1]],
         core: [values[0], values[1], values[2], values[3]],
         terms: values[4..].to_vec(),
         model: model.to_owned(),
-        keys: ["imagersize", INTRINSICS, INTRINSICS],
+        keys: ["imagersize", INTRINSICS_KEY, INTRINSICS_KEY],
         remarks,
         left,
     })

@@ -1,15 +1,15 @@
 //! Cameras with a matrix and a list of coefficients: OpenCV's FileStorage and ROS's camera_info.
 
-use super::declared::{self, foreign, is_browns, plain};
+use super::declared::{self, foreign_model_fault, is_brown_model, normalize_model_name};
 use super::interior::Interior;
-use crate::installation::keyed::{Node, Trouble, Value};
+use crate::installation::keyed::{KeyedValue, LineFault, Node};
 
-pub(super) const SIZE: [&str; 2] = ["image_width", "image_height"];
-pub(super) const MATRIX: &str = "camera_matrix";
-pub(super) const TERMS: &str = "distortion_coefficients";
-const MODEL: &str = "distortion_model";
-/// What else camera_calibration_parsers and OpenCV's calibration write.
-const BESIDE: [&str; 25] = [
+pub(super) const SIZE_KEYS: [&str; 2] = ["image_width", "image_height"];
+pub(super) const MATRIX_KEY: &str = "camera_matrix";
+pub(super) const TERMS_KEY: &str = "distortion_coefficients";
+const MODEL_KEY: &str = "distortion_model";
+/// Further keys that camera_calibration_parsers and OpenCV's calibration write.
+const IGNORED_KEYS: [&str; 25] = [
     "camera_name",
     "camera_id",
     "rectification_matrix",
@@ -38,102 +38,99 @@ const BESIDE: [&str; 25] = [
 ];
 const PLUMB_BOB: &str = "plumb_bob";
 const NO_MODEL: &str = "none";
-const MEND: &str = "export the calibration again, or name its format with --from";
+const EXPORT_REMEDY: &str = "export the calibration again, or name its format with --from";
 
 /// Reads a camera's map. ROS declares its model; OpenCV's calibration writes none and has its own order of terms.
-pub(super) fn read(map: &Node, of_ros: bool) -> Result<Interior, Trouble> {
-    let known = [SIZE[0], SIZE[1], MATRIX, TERMS, MODEL];
-    let (left, mut remarks) = declared::check(map, &known, &BESIDE)?;
-    let model = model(map, of_ros, &mut remarks)?;
-    let side =
-        |key: &str| map.need(key, "add the size of the pictures, px: image_width, image_height")?.number(key);
-    let size = [side(SIZE[0])?, side(SIZE[1])?];
-    let core = core(map.need(MATRIX, MEND)?)?;
-    let terms = terms(map.need(TERMS, MEND)?)?;
+pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, LineFault> {
+    let known = [SIZE_KEYS[0], SIZE_KEYS[1], MATRIX_KEY, TERMS_KEY, MODEL_KEY];
+    let (left, mut remarks) = declared::check_declared_models(map, &known, &IGNORED_KEYS)?;
+    let model = read_model(map, of_ros, &mut remarks)?;
+    let side = |key: &str| map.require(key, "add the size of the images, px: image_width, image_height")?.number(key);
+    let size = [side(SIZE_KEYS[0])?, side(SIZE_KEYS[1])?];
+    let core = parse_camera_matrix(map.require(MATRIX_KEY, EXPORT_REMEDY)?)?;
+    let terms = parse_distortion(map.require(TERMS_KEY, EXPORT_REMEDY)?)?;
     let problem = match model.as_str() {
         PLUMB_BOB if terms.len() > 5 => {
-            Some(format!("are {} numbers, but {MODEL} is {PLUMB_BOB}, which has 5", terms.len()))
+            Some(format!("are {} numbers, but {MODEL_KEY} is {PLUMB_BOB}, which has 5", terms.len()))
         }
         NO_MODEL if terms.iter().any(|term| *term != 0.0) => {
-            Some(format!("are not all 0, but {MODEL} is {NO_MODEL}"))
+            Some(format!("are not all 0, but {MODEL_KEY} is {NO_MODEL}"))
         }
         _ => None,
     };
     if let Some(problem) = problem {
-        let line = map.need(TERMS, MEND)?.line;
-        return Err(Trouble::new(line, TERMS, problem, "name the model that was calibrated"));
+        let line = map.require(TERMS_KEY, EXPORT_REMEDY)?.line;
+        return Err(LineFault::new(line, TERMS_KEY, problem, "name the model that was calibrated"));
     }
-    let keys = [SIZE[0], MATRIX, TERMS];
+    let keys = [SIZE_KEYS[0], MATRIX_KEY, TERMS_KEY];
     Ok(Interior { size, core, terms, model, keys, remarks, left })
 }
 
-fn model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, Trouble> {
-    let Some(node) = map.get(MODEL)? else {
+fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, LineFault> {
+    let Some(node) = map.get(MODEL_KEY)? else {
         if of_ros {
-            let mend = "name the model that was calibrated: plumb_bob or rational_polynomial";
-            return Err(Trouble::new(map.line, MODEL, "is missing", mend));
+            let remedy = "name the model that was calibrated: plumb_bob or rational_polynomial";
+            return Err(LineFault::new(map.line, MODEL_KEY, "is missing", remedy));
         }
-        remarks.push("no lens model is declared: taken for OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
+        remarks.push("no lens model is declared: assumed to be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
         return Ok("no model declared".into());
     };
     let name = node.text().unwrap_or("a list").trim();
-    match plain(name).as_str() {
-        _ if is_browns(name) => Ok(PLUMB_BOB.into()),
+    match normalize_model_name(name).as_str() {
+        _ if is_brown_model(name) => Ok(PLUMB_BOB.into()),
         "rationalpolynomial" => Ok("rational_polynomial".into()),
         "none" => Ok(NO_MODEL.into()),
         "" | "null" => {
-            Err(Trouble::new(node.line, MODEL, "is empty: this camera was never calibrated", MEND))
+            Err(LineFault::new(node.line, MODEL_KEY, "is empty: this camera was never calibrated", EXPORT_REMEDY))
         }
-        _ => Err(foreign(node, MODEL, name)),
+        _ => Err(foreign_model_fault(node, MODEL_KEY, name)),
     }
 }
 
-/// The numbers of a matrix, as many as its rows and columns say.
-fn data(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>), Trouble> {
-    if !matches!(node.value, Value::Map(_)) {
-        return Ok((flat(node, key)?, None));
+/// Returns the numbers of a matrix and its shape; their number must agree with rows and columns.
+fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>), LineFault> {
+    if !matches!(node.value, KeyedValue::Map(_)) {
+        return Ok((flatten_rows(node, key)?, None));
     }
-    let values = flat(node.need("data", MEND)?, key)?;
+    let values = flatten_rows(node.require("data", EXPORT_REMEDY)?, key)?;
     let side = |name: &str| node.get(name)?.map(|n| n.number(&format!("{key}.{name}"))).transpose();
     let sides: [Option<f64>; 2] = [side("rows")?, side("cols")?];
     let shape = sides[0].zip(sides[1]).map(|(rows, cols)| [rows, cols]);
     if let Some([rows, cols]) = shape.filter(|[rows, cols]| rows * cols != values.len() as f64) {
-        let problem = format!("holds {} numbers for {rows} rows of {cols}", values.len());
-        return Err(Trouble::new(node.line, key, problem, MEND));
+        let problem = format!("has {} numbers for {rows} rows of {cols}", values.len());
+        return Err(LineFault::new(node.line, key, problem, EXPORT_REMEDY));
     }
     Ok((values, shape))
 }
 
-/// A list, or rows as lists of their own.
-fn flat(node: &Node, key: &str) -> Result<Vec<f64>, Trouble> {
-    let Value::List(items) = &node.value else { return node.numbers(key) };
-    if !items.iter().all(|item| matches!(item.value, Value::List(_))) {
+/// Returns the numbers of a list, or of rows that are lists.
+fn flatten_rows(node: &Node, key: &str) -> Result<Vec<f64>, LineFault> {
+    let KeyedValue::List(items) = &node.value else { return node.numbers(key) };
+    if !items.iter().all(|item| matches!(item.value, KeyedValue::List(_))) {
         return node.numbers(key);
     }
-    let rows: Result<Vec<Vec<f64>>, Trouble> = items.iter().map(|item| item.numbers(key)).collect();
+    let rows: Result<Vec<Vec<f64>>, LineFault> = items.iter().map(|item| item.numbers(key)).collect();
     Ok(rows?.concat())
 }
 
-/// fx, fy, cx, cy of a matrix of three rows; its other elements must be those of a camera without skew.
-fn core(node: &Node) -> Result<[f64; 4], Trouble> {
-    let (m, shape) = data(node, MATRIX)?;
-    let fault = |problem: String, mend: &str| Err(Trouble::new(node.line, MATRIX, problem, mend));
+/// Returns fx, fy, cx, cy of a 3 x 3 matrix; its other elements must be those of a camera without skew.
+fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], LineFault> {
+    let (m, shape) = matrix_values(node, MATRIX_KEY)?;
+    let fault = |problem: String, remedy: &str| Err(LineFault::new(node.line, MATRIX_KEY, problem, remedy));
     if m.len() != 9 || shape.is_some_and(|s| s != [3.0, 3.0]) {
-        return fault(format!("holds {} numbers", m.len()), "give 3 rows of 3 numbers");
+        return fault(format!("has {} numbers", m.len()), "give 3 rows of 3 numbers");
     }
     if m.iter().all(|v| *v == 0.0) {
-        let mend = "calibrate it, or take the file that its calibration wrote";
-        return fault("holds zeros: this camera was never calibrated".into(), mend);
+        let remedy = "calibrate it, or use the file that its calibration wrote";
+        return fault("is zero: this camera was never calibrated".into(), remedy);
     }
     if m[2] == 0.0 && m[5] == 0.0 && (m[6] != 0.0 || m[7] != 0.0) {
-        let problem = format!(
-            "is transposed: row 3 begins with {} and {}, where cx and cy stand in column 3",
-            m[6], m[7]
-        );
+        let problem =
+            format!("is transposed: row 3 begins with {} and {}, but cx and cy belong in column 3", m[6], m[7]);
         return fault(problem, "give its rows: fx 0 cx, 0 fy cy, 0 0 1");
     }
     if m[1] != 0.0 {
-        let problem = format!("has a skew of {} px (row 1, column 2), which no lens of ours has", m[1]);
+        let problem = format!("has a skew of {} px (row 1, column 2), which is not supported", m[1]);
         return fault(problem, "calibrate without skew");
     }
     for (k, want) in [(3, 0.0), (6, 0.0), (7, 0.0), (8, 1.0)] {
@@ -145,13 +142,13 @@ fn core(node: &Node) -> Result<[f64; 4], Trouble> {
     Ok([m[0], m[4], m[2], m[5]])
 }
 
-/// The coefficients in OpenCV's order.
-fn terms(node: &Node) -> Result<Vec<f64>, Trouble> {
-    let (values, shape) = data(node, TERMS)?;
+/// Returns the distortion coefficients in OpenCV's order.
+fn parse_distortion(node: &Node) -> Result<Vec<f64>, LineFault> {
+    let (values, shape) = matrix_values(node, TERMS_KEY)?;
     let line = shape.is_none_or(|s| s.contains(&1.0));
     if [4, 5, 8, 12, 14].contains(&values.len()) && line {
         return Ok(values);
     }
-    let problem = format!("holds {} numbers", values.len());
-    Err(Trouble::new(node.line, TERMS, problem, "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6"))
+    let problem = format!("has {} numbers", values.len());
+    Err(LineFault::new(node.line, TERMS_KEY, problem, "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6"))
 }

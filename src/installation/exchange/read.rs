@@ -1,112 +1,104 @@
-//! A camera of a file of any format.
+//! Reading of a camera from a file of any format.
 
 use std::path::Path;
 
 use super::format::{self, CameraFormat};
 use super::interior::Interior;
 use super::{listed, matrix};
-use crate::installation::keyed::{self, Node, Syntax, Trouble};
+use crate::installation::keyed::{self, LineFault, Node, Syntax};
 use crate::installation::{Fault, Reader, camera};
 use crate::measure::geometry::Lens;
 
-/// A camera as it was read, with what somebody should see of it.
+/// Camera read from a file, with remarks for the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadCamera {
-    /// The camera.
     pub lens: Lens,
-    /// The format of its file.
+    /// Format of the file.
     pub format: CameraFormat,
-    /// Its name where the file holds cameras by name.
+    /// Name of the camera, if the file has named cameras.
     pub name: Option<String>,
-    /// The lens model as the file declares it.
+    /// Lens model as the file declares it.
     pub model: String,
-    /// What is unusual or was not read.
+    /// Remarks on unusual values and unknown keys.
     pub remarks: Vec<String>,
-    /// Keys that are no part of an interior orientation.
+    /// Keys that are not part of an interior orientation.
     pub left: Vec<String>,
 }
 
-/// Reads a camera; `format` where the user names one, `camera` where he names one of several.
+/// Reads a camera in `format`, or in the detected format; `camera` selects one of several.
 ///
 /// # Errors
-/// What is wrong with its place and the mend: a model that is not ours by its name, an element that cannot be, several
-/// cameras, a format that neither name nor content tell.
+/// Returns an error with its place and remedy if the model is not supported, a value is impossible, the file has several
+/// cameras, or neither name nor content determine the format.
 pub fn read_exchange(
     file: &Path,
     format: Option<CameraFormat>,
     camera: Option<&str>,
 ) -> Result<ReadCamera, Vec<Fault>> {
-    let (mut reader, name) = Reader::of_file(file);
+    let (mut reader, name) = Reader::for_file(file);
     let ours = Some(CameraFormat::Wingd);
-    let read = if format == ours || (format.is_none() && format::by_name(file).0 == ours) {
-        own(&mut reader, &name, camera)
+    let read = if format == ours || (format.is_none() && format::format_from_name(file).0 == ours) {
+        read_own_format(&mut reader, &name, camera)
     } else {
-        foreign(&mut reader, &name, format, camera)
+        read_foreign_format(&mut reader, &name, format, camera)
     };
     read.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn own(reader: &mut Reader, name: &Path, chosen: Option<&str>) -> Option<ReadCamera> {
-    let camera::CameraFile { lens, covariance, .. } = camera::read(reader, name)?;
+fn read_own_format(reader: &mut Reader, name: &Path, chosen: Option<&str>) -> Option<ReadCamera> {
+    let camera::CameraFile { lens, covariance, .. } = camera::read_camera(reader, name)?;
     if let Some(chosen) = chosen {
         let file = reader.directory.join(name);
-        reader.fault(&file, "file", format!("holds one camera, none named {chosen}"), "leave --camera out");
+        reader.fault(&file, "file", format!("has one camera, not named {chosen}"), "omit --camera");
     }
     let model = if lens.denominator == [0.0; 3] { "Brown's" } else { "rational" };
     let left = covariance.map(|_| "covariance".to_owned()).into_iter().collect();
-    Some(ReadCamera {
-        lens,
-        format: CameraFormat::Wingd,
-        name: None,
-        model: model.into(),
-        remarks: vec![],
-        left,
-    })
+    Some(ReadCamera { lens, format: CameraFormat::Wingd, name: None, model: model.into(), remarks: vec![], left })
 }
 
-fn foreign(
+fn read_foreign_format(
     reader: &mut Reader,
     name: &Path,
     format: Option<CameraFormat>,
     camera: Option<&str>,
 ) -> Option<ReadCamera> {
-    let (file, text) = reader.text(name, "name a camera's file")?;
-    match read(&file, &text, format, camera) {
+    let (file, text) = reader.read_text(name, "name a camera file")?;
+    match parse_exchange(&file, &text, format, camera) {
         Ok(read) => Some(read),
-        Err(trouble) => {
-            reader.trouble(&file, trouble);
+        Err(fault) => {
+            reader.add_line_fault(&file, fault);
             None
         }
     }
 }
 
-fn read(
+fn parse_exchange(
     file: &Path,
     text: &str,
     format: Option<CameraFormat>,
     camera: Option<&str>,
-) -> Result<ReadCamera, Trouble> {
-    let (named, syntax) = format::by_name(file);
-    let tree = keyed::parse(text, syntax.unwrap_or_else(|| syntax_of(text, format))).map_err(|trouble| {
-        // Of a file whose name says nothing the syntax is a guess.
+) -> Result<ReadCamera, LineFault> {
+    let (named, syntax) = format::format_from_name(file);
+    let tree = keyed::parse_keyed(text, syntax.unwrap_or_else(|| guess_syntax(text, format))).map_err(|fault| {
+        // If the file's name does not imply a syntax, the syntax is a guess.
         let guessed = syntax.is_none() && format.is_none();
-        if guessed { Trouble::new(0, "", format!("{NO_CAMERA} ({trouble})"), GIVE) } else { trouble }
+        if guessed { LineFault::new(0, "", format!("{NO_CAMERA} ({fault})"), FORMAT_REMEDY) } else { fault }
     })?;
     let by_syntax = named.filter(|_| syntax == Some(Syntax::Literal));
-    let format = format.or(by_syntax).or_else(|| format::by_keys(&tree)).or(named);
-    let format = format.ok_or_else(|| Trouble::new(0, "", NO_CAMERA, GIVE))?;
-    let (name, map) = choose(&tree, format, camera)?;
-    let mut interior = interior(map, format)?;
-    let lens = interior.lens(map)?;
+    let format = format.or(by_syntax).or_else(|| format::format_from_keys(&tree)).or(named);
+    let format = format.ok_or_else(|| LineFault::new(0, "", NO_CAMERA, FORMAT_REMEDY))?;
+    let (name, map) = choose_camera(&tree, format, camera)?;
+    let mut interior = read_interior(map, format)?;
+    let lens = interior.check_lens(map)?;
     let Interior { model, remarks, left, .. } = interior;
     Ok(ReadCamera { lens, format, name, model, remarks, left })
 }
 
-const NO_CAMERA: &str = "holds no camera that is known";
-const GIVE: &str = "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from";
+const NO_CAMERA: &str = "has no known camera";
+const FORMAT_REMEDY: &str = "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from";
 
-/// Of a file whose name says nothing.
-fn syntax_of(text: &str, format: Option<CameraFormat>) -> Syntax {
+/// Returns the likely syntax of a file whose name does not imply it.
+fn guess_syntax(text: &str, format: Option<CameraFormat>) -> Syntax {
     match format {
         Some(CameraFormat::Mrcal) => Syntax::Literal,
         _ if text.trim_start().starts_with('<') => Syntax::Xml,
@@ -114,56 +106,55 @@ fn syntax_of(text: &str, format: Option<CameraFormat>) -> Syntax {
     }
 }
 
-fn interior(map: &Node, format: CameraFormat) -> Result<Interior, Trouble> {
+fn read_interior(map: &Node, format: CameraFormat) -> Result<Interior, LineFault> {
     match format {
-        CameraFormat::Ros => matrix::read(map, true),
-        CameraFormat::Opencv | CameraFormat::Wingd => matrix::read(map, false),
-        CameraFormat::Kalibr => listed::kalibr(map),
-        CameraFormat::Mrcal => listed::mrcal(map),
+        CameraFormat::Ros => matrix::read_matrix_camera(map, true),
+        CameraFormat::Opencv | CameraFormat::Wingd => matrix::read_matrix_camera(map, false),
+        CameraFormat::Kalibr => listed::read_kalibr(map),
+        CameraFormat::Mrcal => listed::read_mrcal(map),
     }
 }
 
-/// The camera's map: the file itself, or the one of its parts that is named.
-fn choose<'a>(
+/// Returns the camera's map: the file itself, or the selected part.
+fn choose_camera<'a>(
     tree: &'a Node,
     format: CameraFormat,
     camera: Option<&str>,
-) -> Result<(Option<String>, &'a Node), Trouble> {
+) -> Result<(Option<String>, &'a Node), LineFault> {
     let keys: &[&str] = match format {
-        CameraFormat::Kalibr | CameraFormat::Mrcal => &[listed::INTRINSICS],
-        _ => &[matrix::MATRIX, matrix::TERMS, matrix::SIZE[0]],
+        CameraFormat::Kalibr | CameraFormat::Mrcal => &[listed::INTRINSICS_KEY],
+        _ => &[matrix::MATRIX_KEY, matrix::TERMS_KEY, matrix::SIZE_KEYS[0]],
     };
-    let is_camera =
-        |map: &Node| map.entries().iter().any(|e| keys.iter().any(|k| e.key.eq_ignore_ascii_case(k)));
+    let is_camera = |map: &Node| map.entries().iter().any(|e| keys.iter().any(|k| e.key.eq_ignore_ascii_case(k)));
     let itself = is_camera(tree);
     let parts: Vec<_> = tree.entries().iter().filter(|e| is_camera(&e.node)).collect();
     let names: Vec<&str> = parts.iter().map(|e| e.key.as_str()).collect();
     match (itself, camera, &parts[..]) {
         (true, None, _) => Ok((None, tree)),
         (true, Some(camera), _) => {
-            let problem = format!("holds one camera, none named {camera}");
-            Err(Trouble::new(0, "", problem, "leave --camera out"))
+            let problem = format!("has one camera, not named {camera}");
+            Err(LineFault::new(0, "", problem, "omit --camera"))
         }
         (false, None, [one]) => Ok((Some(one.key.clone()), &one.node)),
         (false, _, []) => {
-            let there: Vec<&str> = tree.entries().iter().map(|e| e.key.as_str()).take(SHOWN).collect();
+            let there: Vec<&str> = tree.entries().iter().map(|e| e.key.as_str()).take(MAX_KEYS_NAMED).collect();
             let problem = format!("is missing; the file has {}", there.join(", "));
-            Err(Trouble::new(0, keys[0], problem, GIVE))
+            Err(LineFault::new(0, keys[0], problem, FORMAT_REMEDY))
         }
         (false, None, _) => {
-            let problem = format!("holds {} cameras: {}", parts.len(), names.join(", "));
-            Err(Trouble::new(0, "", problem, format!("say which: --camera {}", names[0])))
+            let problem = format!("has {} cameras: {}", parts.len(), names.join(", "));
+            Err(LineFault::new(0, "", problem, format!("select one: --camera {}", names[0])))
         }
         (false, Some(camera), _) => {
             let found = parts.iter().find(|e| e.key == camera);
             let found = found.map(|e| (Some(e.key.clone()), &e.node));
             found.ok_or_else(|| {
-                let problem = format!("holds no camera {camera}");
-                Trouble::new(0, "", problem, format!("its cameras are {}", names.join(", ")))
+                let problem = format!("has no camera {camera}");
+                LineFault::new(0, "", problem, format!("its cameras are {}", names.join(", ")))
             })
         }
     }
 }
 
-/// Keys of a file without a camera that are said.
-const SHOWN: usize = 8;
+/// Largest number of keys named in the error for a file without a camera.
+const MAX_KEYS_NAMED: usize = 8;

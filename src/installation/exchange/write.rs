@@ -1,40 +1,40 @@
-//! A camera written for other programs.
+//! Writing of cameras for other programs.
 
 use std::path::{Path, PathBuf};
 
 use super::format::CameraFormat;
-use crate::installation::{camera, write_whole};
+use crate::installation::{camera, write_atomically};
 use crate::measure::geometry::Lens;
 
-/// Why a camera is not written.
+/// Reason why a camera is not written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// Kalibr's radtan has four terms.
+    /// Rational lens, for which Kalibr's radtan has no terms.
     #[error("Kalibr's radtan has no k4, k5, k6; convert to another format")]
     Rational,
-    /// The same.
+    /// Lens with k3, which Kalibr's radtan does not have.
     #[error(
-        "Kalibr's radtan has no k3; calibrate with --select, which drops it where it is not significant, or convert to \
+        "Kalibr's radtan has no k3; calibrate with --select, which drops it if it is not significant, or convert to \
          another format"
     )]
     ThirdRadial,
-    /// XML and JSON are read, not written.
-    #[error("{} would be XML or JSON, which are only read; name a .yaml file", .0.display())]
+    /// XML or JSON file: these are read, not written.
+    #[error("{} would be XML or JSON, which are not written; name a .yaml file", .0.display())]
     ReadOnly(PathBuf),
-    /// The disk.
-    #[error("{} cannot be written ({error}); check rights and space", .file.display())]
+    /// File that cannot be written.
+    #[error("{} cannot be written ({error}); check permissions and disk space", .file.display())]
     Unwritable {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         error: std::io::Error,
     },
 }
 
-/// Writes a camera; its covariance has no place in formats but our own.
+/// Writes a camera in `format`; its covariance is not written.
 ///
 /// # Errors
-/// The format cannot hold the lens, or the file cannot be written.
+/// Returns an error if the format cannot represent the lens, or the file cannot be written.
 pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<(), WriteError> {
     let unwritable = |error| WriteError::Unwritable { file: file.into(), error };
     let text = match format {
@@ -42,19 +42,19 @@ pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<
         CameraFormat::Opencv if file.extension().is_some_and(|e| e == "xml" || e == "json") => {
             return Err(WriteError::ReadOnly(file.into()));
         }
-        CameraFormat::Opencv => opencv(lens),
-        CameraFormat::Ros => ros(lens),
-        CameraFormat::Kalibr if rational(lens) => return Err(WriteError::Rational),
+        CameraFormat::Opencv => opencv_text(lens),
+        CameraFormat::Ros => ros_text(lens),
+        CameraFormat::Kalibr if is_rational(lens) => return Err(WriteError::Rational),
         CameraFormat::Kalibr if lens.k3 != 0.0 => return Err(WriteError::ThirdRadial),
-        CameraFormat::Kalibr => kalibr(lens),
-        CameraFormat::Mrcal => mrcal(lens),
+        CameraFormat::Kalibr => kalibr_text(lens),
+        CameraFormat::Mrcal => mrcal_text(lens),
     };
-    write_whole(file, &text).map_err(unwritable)
+    write_atomically(file, &text).map_err(unwritable)
 }
 
-/// Numbers with a point and without exponent: YAML 1.1, by which PyYAML reads for ROS and Kalibr, takes `1e-5` for a text
-/// and `955` for no float.
-fn list(values: &[f64]) -> String {
+/// Formats numbers with a decimal point and without exponent: YAML 1.1, which PyYAML reads for ROS and Kalibr, takes `1e-5`
+/// for a text and `955` for an integer.
+fn format_numbers(values: &[f64]) -> String {
     let number = |value: &f64| {
         let text = value.to_string();
         if text.contains('.') { text } else { text + ".0" }
@@ -62,23 +62,23 @@ fn list(values: &[f64]) -> String {
     values.iter().map(number).collect::<Vec<_>>().join(", ")
 }
 
-fn matrix(l: &Lens) -> String {
-    format!("[{}]", list(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]))
+fn format_matrix(l: &Lens) -> String {
+    format!("[{}]", format_numbers(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]))
 }
 
-fn rational(l: &Lens) -> bool {
+fn is_rational(l: &Lens) -> bool {
     l.denominator != [0.0; 3]
 }
 
-/// The distortion's terms in OpenCV's order, and their number.
-fn terms(l: &Lens) -> (String, usize) {
-    let count = if rational(l) { 8 } else { 5 };
+/// Formats the distortion terms in OpenCV's order; returns them and their number.
+fn format_terms(l: &Lens) -> (String, usize) {
+    let count = if is_rational(l) { 8 } else { 5 };
     let [k4, k5, k6] = l.denominator;
-    (list(&[l.k1, l.k2, l.p1, l.p2, l.k3, k4, k5, k6][..count]), count)
+    (format_numbers(&[l.k1, l.k2, l.p1, l.p2, l.k3, k4, k5, k6][..count]), count)
 }
 
-fn opencv(l: &Lens) -> String {
-    let (width, height, matrix, (terms, count)) = (l.width, l.height, matrix(l), terms(l));
+fn opencv_text(l: &Lens) -> String {
+    let (width, height, matrix, (terms, count)) = (l.width, l.height, format_matrix(l), format_terms(l));
     format!(
         "%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n\
          camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {matrix}\n\
@@ -86,11 +86,11 @@ fn opencv(l: &Lens) -> String {
     )
 }
 
-fn ros(l: &Lens) -> String {
-    let (width, height, matrix, (terms, count)) = (l.width, l.height, matrix(l), terms(l));
-    let model = if rational(l) { "rational_polynomial" } else { "plumb_bob" };
-    let turn = list(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-    let projection = list(&[l.fx, 0.0, l.cx, 0.0, 0.0, l.fy, l.cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+fn ros_text(l: &Lens) -> String {
+    let (width, height, matrix, (terms, count)) = (l.width, l.height, format_matrix(l), format_terms(l));
+    let model = if is_rational(l) { "rational_polynomial" } else { "plumb_bob" };
+    let turn = format_numbers(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    let projection = format_numbers(&[l.fx, 0.0, l.cx, 0.0, 0.0, l.fy, l.cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
     format!(
         "image_width: {width}\nimage_height: {height}\ncamera_name: wingd\n\
          camera_matrix:\n  rows: 3\n  cols: 3\n  data: {matrix}\n\
@@ -101,8 +101,8 @@ fn ros(l: &Lens) -> String {
     )
 }
 
-fn kalibr(l: &Lens) -> String {
-    let (terms, core) = (list(&[l.k1, l.k2, l.p1, l.p2]), list(&[l.fx, l.fy, l.cx, l.cy]));
+fn kalibr_text(l: &Lens) -> String {
+    let (terms, core) = (format_numbers(&[l.k1, l.k2, l.p1, l.p2]), format_numbers(&[l.fx, l.fy, l.cx, l.cy]));
     format!(
         "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [{terms}]\n  distortion_model: radtan\n  \
          intrinsics: [{core}]\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",
@@ -110,8 +110,8 @@ fn kalibr(l: &Lens) -> String {
     )
 }
 
-fn mrcal(l: &Lens) -> String {
-    let ((terms, count), core) = (terms(l), list(&[l.fx, l.fy, l.cx, l.cy]));
+fn mrcal_text(l: &Lens) -> String {
+    let ((terms, count), core) = (format_terms(l), format_numbers(&[l.fx, l.fy, l.cx, l.cy]));
     format!(
         "{{\n    'lensmodel':  'LENSMODEL_OPENCV{count}',\n\n    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n    \
          'intrinsics': [ {core}, {terms},],\n\n    'imagersize': [ {}, {},]\n}}\n",

@@ -1,15 +1,16 @@
-//! A Python literal, as mrcal's `.cameramodel` is one: dictionaries, lists, tuples, strings, bytes, numbers, and comments
-//! from `#` to the line's end (docs.python.org, "Lexical analysis", and `ast.literal_eval`, with which mrcal reads it).
+//! Parser of Python literals such as mrcal's `.cameramodel`: dictionaries, lists, tuples, strings, bytes, numbers, and
+//! comments from `#` to the line's end (docs.python.org, "Lexical analysis", and `ast.literal_eval`, with which mrcal reads
+//! it).
 
-use super::tree::{DEEPEST, Entry, MAX_NODES, Node, Trouble, Value, too_deep, too_many};
+use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
 
-pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
+pub(super) fn parse_literal(text: &str) -> Result<Node, LineFault> {
     let mut scanner = Scanner { rest: text, line: 1, nodes: 0 };
     let node = scanner.value(0)?;
-    scanner.blanks();
+    scanner.skip_blanks();
     match scanner.rest.chars().next() {
         None => Ok(node),
-        Some(c) => Err(scanner.trouble(format!("has \"{c}\" behind its end"))),
+        Some(c) => Err(scanner.fault_here(format!("has \"{c}\" after its end"))),
     }
 }
 
@@ -20,11 +21,11 @@ struct Scanner<'a> {
 }
 
 impl<'a> Scanner<'a> {
-    fn trouble(&self, problem: String) -> Trouble {
-        Trouble::new(self.line, "", problem, "write it as mrcal does: {'key': [ 1.0, 2.0, ], }")
+    fn fault_here(&self, problem: String) -> LineFault {
+        LineFault::new(self.line, "", problem, "write it as mrcal does: {'key': [ 1.0, 2.0, ], }")
     }
 
-    /// The next `length` bytes, taken.
+    /// Consumes the next `length` bytes.
     fn take(&mut self, length: usize) -> &'a str {
         let (taken, rest) = self.rest.split_at_checked(length).unwrap_or((self.rest, ""));
         self.line += taken.matches('\n').count() as u64;
@@ -32,8 +33,8 @@ impl<'a> Scanner<'a> {
         taken
     }
 
-    /// Passes blanks and comments.
-    fn blanks(&mut self) {
+    /// Skips blanks and comments.
+    fn skip_blanks(&mut self) {
         loop {
             let blank = self.rest.len() - self.rest.trim_start().len();
             self.take(blank);
@@ -44,9 +45,9 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Whether the next sign is this one; it is taken then.
-    fn sign(&mut self, sign: char) -> bool {
-        self.blanks();
+    /// Consumes the next character if it is `sign`; returns whether it was.
+    fn take_sign(&mut self, sign: char) -> bool {
+        self.skip_blanks();
         let there = self.rest.starts_with(sign);
         if there {
             self.take(sign.len_utf8());
@@ -54,11 +55,11 @@ impl<'a> Scanner<'a> {
         there
     }
 
-    fn value(&mut self, depth: usize) -> Result<Node, Trouble> {
-        self.blanks();
+    fn value(&mut self, depth: usize) -> Result<Node, LineFault> {
+        self.skip_blanks();
         let line = self.line;
         self.nodes += 1;
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(too_deep(line));
         }
         if self.nodes > MAX_NODES {
@@ -68,54 +69,54 @@ impl<'a> Scanner<'a> {
             Some('{') => self.map(depth)?,
             Some('[') => self.list('[', ']', depth)?,
             Some('(') => self.list('(', ')', depth)?,
-            Some('\'' | '"') => Value::Text(self.string()?),
+            Some('\'' | '"') => KeyedValue::Text(self.string()?),
             Some('b') if self.rest[1..].starts_with(['\'', '"']) => {
                 self.take(1);
-                Value::Text(self.string()?)
+                KeyedValue::Text(self.string()?)
             }
-            Some(_) => Value::Text(self.word()?),
-            None => return Err(self.trouble("ends in the middle".into())),
+            Some(_) => KeyedValue::Text(self.word()?),
+            None => return Err(self.fault_here("ends prematurely".into())),
         };
         Ok(Node { line, tag: None, value })
     }
 
-    fn map(&mut self, depth: usize) -> Result<Value, Trouble> {
-        self.sign('{');
+    fn map(&mut self, depth: usize) -> Result<KeyedValue, LineFault> {
+        self.take_sign('{');
         let mut entries = vec![];
-        while !self.sign('}') {
+        while !self.take_sign('}') {
             let key = self.value(depth + 1)?;
             let Some(key) = key.text().map(str::to_owned) else {
-                return Err(self.trouble("has a key that is no text".into()));
+                return Err(self.fault_here("has a key that is not a text".into()));
             };
-            if !self.sign(':') {
-                return Err(self.trouble(format!("has no colon behind the key \"{key}\"")));
+            if !self.take_sign(':') {
+                return Err(self.fault_here(format!("has no colon after the key \"{key}\"")));
             }
-            entries.push(Entry { key, node: self.value(depth + 1)? });
-            self.comma_or('}')?;
+            entries.push(KeyedEntry { key, node: self.value(depth + 1)? });
+            self.expect_comma_or('}')?;
         }
-        Ok(Value::Map(entries))
+        Ok(KeyedValue::Map(entries))
     }
 
-    fn list(&mut self, open: char, close: char, depth: usize) -> Result<Value, Trouble> {
-        self.sign(open);
+    fn list(&mut self, open: char, close: char, depth: usize) -> Result<KeyedValue, LineFault> {
+        self.take_sign(open);
         let mut items = vec![];
-        while !self.sign(close) {
+        while !self.take_sign(close) {
             items.push(self.value(depth + 1)?);
-            self.comma_or(close)?;
+            self.expect_comma_or(close)?;
         }
-        Ok(Value::List(items))
+        Ok(KeyedValue::List(items))
     }
 
-    /// After an element stands a comma or the end.
-    fn comma_or(&mut self, close: char) -> Result<(), Trouble> {
-        if self.sign(',') || self.rest.starts_with(close) {
+    /// Expects a comma or the closing character after an element.
+    fn expect_comma_or(&mut self, close: char) -> Result<(), LineFault> {
+        if self.take_sign(',') || self.rest.starts_with(close) {
             return Ok(());
         }
-        Err(self.trouble(format!("has neither a comma nor \"{close}\" after a value")))
+        Err(self.fault_here(format!("has neither a comma nor \"{close}\" after a value")))
     }
 
-    /// A string in its quotes, its escapes as they stand: no key and no number of a camera has any.
-    fn string(&mut self) -> Result<String, Trouble> {
+    /// Parses a quoted string without resolving escapes: keys and numbers of a camera have none.
+    fn string(&mut self) -> Result<String, LineFault> {
         let quote = self.take(1);
         let mut length = 0;
         let mut escaped = false;
@@ -132,17 +133,17 @@ impl<'a> Scanner<'a> {
             }
             length += c.len_utf8();
         }
-        Err(self.trouble("has a string without its end".into()))
+        Err(self.fault_here("has a string without a closing quote".into()))
     }
 
-    /// A number, or one of Python's words.
-    fn word(&mut self) -> Result<String, Trouble> {
+    /// Parses a number, or a word of Python.
+    fn word(&mut self) -> Result<String, LineFault> {
         let end = self.rest.find(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c)));
         let word = self.take(end.unwrap_or(self.rest.len()));
         if word.parse::<f64>().is_ok() || ["None", "True", "False"].contains(&word) {
             return Ok(word.to_owned());
         }
         let shown: String = if word.is_empty() { self.rest.chars().take(1).collect() } else { word.into() };
-        Err(self.trouble(format!("has \"{shown}\" where a value must be")))
+        Err(self.fault_here(format!("has \"{shown}\" where a value is expected")))
     }
 }

@@ -1,37 +1,37 @@
-//! Keyed files of other programs, read by their own grammars into one tree: YAML (OpenCV, ROS, Kalibr), OpenCV's XML, and
-//! the Python literal of mrcal. Comments, quotes, layout and order are the parser's business and not the reader's.
+//! Keyed files of other programs, parsed by their own grammars into one tree: YAML (OpenCV, ROS, Kalibr), OpenCV's XML, and
+//! mrcal's Python literal. Comments, quotes, layout and order are handled by the parser.
 
 mod literal;
 mod tree;
 mod xml;
 mod yaml;
 
-pub use tree::{Entry, Node, Trouble, Value};
+pub use tree::{KeyedEntry, KeyedValue, LineFault, Node};
 
-/// How the text of a keyed file is written.
+/// Syntax of a keyed file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Syntax {
     /// YAML 1.2 with OpenCV's `%YAML:1.0`.
     Yaml,
-    /// JSON, a part of YAML, with the comments that OpenCV writes: `// ...`.
+    /// JSON, a subset of YAML, with the comments that OpenCV writes: `// ...`.
     Json,
-    /// The XML of OpenCV's FileStorage.
+    /// XML of OpenCV's FileStorage.
     Xml,
-    /// A Python dictionary, as mrcal writes it.
+    /// Python dictionary, as mrcal writes it.
     Literal,
 }
 
-/// The tree of a file.
+/// Parses a file into a tree.
 ///
 /// # Errors
-/// The first place that is not of the syntax, with the mend.
-pub fn parse(text: &str, syntax: Syntax) -> Result<Node, Trouble> {
+/// Returns an error at the first violation of the syntax, with the remedy.
+pub fn parse_keyed(text: &str, syntax: Syntax) -> Result<Node, LineFault> {
     let tree = match syntax {
-        Syntax::Yaml => yaml::parse(text)?,
-        Syntax::Json => yaml::parse(&yaml::without_comments(text))?,
-        Syntax::Xml => xml::parse(text)?,
-        Syntax::Literal => literal::parse(text)?,
+        Syntax::Yaml => yaml::parse_yaml(text)?,
+        Syntax::Json => yaml::parse_yaml(&yaml::strip_comments(text))?,
+        Syntax::Xml => xml::parse_xml(text)?,
+        Syntax::Literal => literal::parse_literal(text)?,
     };
-    tree.no_key_twice()?;
+    tree.check_duplicate_keys()?;
     Ok(tree)
 }

@@ -1,175 +1,173 @@
-//! The tree of a keyed file, each value with the line that it stands on.
+//! Tree of a keyed file; each value has its line number.
 
 use std::path::Path;
 
 use crate::installation::fault::Fault;
 
-/// What is wrong at a place of a file.
+/// Error at a line and key of a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, {key}: {problem}; {mend}")]
-pub struct Trouble {
-    /// From 1; 0 where it is the whole file.
+#[error("line {line}, {key}: {problem}; {remedy}")]
+pub struct LineFault {
+    /// Line, from 1; 0 for the whole file.
     pub line: u64,
-    /// The key, empty where there is none.
+    /// Key; empty if there is none.
     pub key: String,
-    /// What is wrong, with the value.
+    /// Problem, with the value.
     pub problem: String,
-    /// What to do.
-    pub mend: String,
+    /// Remedy: the action to take.
+    pub remedy: String,
 }
 
-impl Trouble {
-    /// A trouble at a line and a key.
-    pub fn new(line: u64, key: &str, problem: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { line, key: key.into(), problem: problem.into(), mend: mend.into() }
+impl LineFault {
+    /// Creates an error at a line and key.
+    pub fn new(line: u64, key: &str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { line, key: key.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
-    /// The fault of the file in which the place is.
-    pub fn of(self, file: &Path) -> Fault {
+    /// Converts it into an error of `file`.
+    pub fn into_fault(self, file: &Path) -> Fault {
         let place = match (self.line, self.key.is_empty()) {
             (0, true) => "file".to_owned(),
             (0, false) => self.key,
             (line, true) => format!("line {line}"),
             (line, false) => format!("line {line}, {}", self.key),
         };
-        Fault::new(file, place, self.problem, self.mend)
+        Fault::new(file, place, self.problem, self.remedy)
     }
 }
 
-/// A value and where it stands.
+/// Value and its position in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// The line on which it begins, from 1.
+    /// Line on which it begins, from 1.
     pub line: u64,
-    /// The type that is written before it, such as `opencv-matrix`.
+    /// Type written before it, such as `opencv-matrix`.
     pub tag: Option<String>,
-    /// The value.
-    pub value: Value,
+    pub value: KeyedValue,
 }
 
-/// What a value is.
+/// Kinds of values.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Value {
+pub enum KeyedValue {
     /// Keys with their values, in the file's order.
-    Map(Vec<Entry>),
+    Map(Vec<KeyedEntry>),
     /// Values in order.
     List(Vec<Node>),
-    /// A number or a text, without its quotes.
+    /// Number or text, without its quotes.
     Text(String),
 }
 
-/// A key with its value.
+/// Key with its value.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Entry {
-    /// As it stands in the file.
+pub struct KeyedEntry {
+    /// Key as written in the file.
     pub key: String,
-    /// Its value.
     pub node: Node,
 }
 
 impl Node {
-    /// The entries of a map; none of other values.
-    pub fn entries(&self) -> &[Entry] {
-        if let Value::Map(entries) = &self.value { entries } else { &[] }
+    /// Returns the entries of a map; none of other values.
+    pub fn entries(&self) -> &[KeyedEntry] {
+        if let KeyedValue::Map(entries) = &self.value { entries } else { &[] }
     }
 
-    /// The value of a key, capitals or small letters: programs have changed them between versions.
+    /// Returns the value of a key, in upper or lower case: programs have changed it between versions.
     ///
     /// # Errors
-    /// Where two keys differ in their capitals alone.
-    pub fn get(&self, key: &str) -> Result<Option<&Self>, Trouble> {
+    /// Returns an error if two keys differ only in case.
+    pub fn get(&self, key: &str) -> Result<Option<&Self>, LineFault> {
         let mut found = self.entries().iter().filter(|e| e.key.eq_ignore_ascii_case(key));
         let first = found.next();
         match found.next() {
-            Some(again) => Err(twice(again)),
+            Some(again) => Err(duplicate_key(again)),
             None => Ok(first.map(|e| &e.node)),
         }
     }
 
-    /// The value of a key that must be there.
+    /// Returns the value of a required key.
     ///
     /// # Errors
-    /// Where it is not.
-    pub fn need(&self, key: &str, mend: &str) -> Result<&Self, Trouble> {
-        self.get(key)?.ok_or_else(|| Trouble::new(self.line, key, "is missing", mend))
+    /// Returns an error if the key is missing.
+    pub fn require(&self, key: &str, remedy: &str) -> Result<&Self, LineFault> {
+        self.get(key)?.ok_or_else(|| LineFault::new(self.line, key, "is missing", remedy))
     }
 
-    /// A number or a text.
+    /// Returns a number or text as text.
     pub fn text(&self) -> Option<&str> {
-        if let Value::Text(text) = &self.value { Some(text.as_str()) } else { None }
+        if let KeyedValue::Text(text) = &self.value { Some(text.as_str()) } else { None }
     }
 
-    /// The finite numbers of a list, or of a single value.
+    /// Returns the finite numbers of a list, or of a single value.
     ///
     /// # Errors
-    /// Names the first element that is none.
-    pub fn numbers(&self, key: &str) -> Result<Vec<f64>, Trouble> {
+    /// Returns an error if an element is not a finite number.
+    pub fn numbers(&self, key: &str) -> Result<Vec<f64>, LineFault> {
         match &self.value {
-            Value::List(items) => items.iter().map(|item| item.number(key)).collect(),
-            Value::Text(_) => Ok(vec![self.number(key)?]),
-            Value::Map(_) => {
-                Err(Trouble::new(self.line, key, "holds keys, not numbers", "give a list of numbers"))
+            KeyedValue::List(items) => items.iter().map(|item| item.number(key)).collect(),
+            KeyedValue::Text(_) => Ok(vec![self.number(key)?]),
+            KeyedValue::Map(_) => {
+                Err(LineFault::new(self.line, key, "has keys, not numbers", "give a list of numbers"))
             }
         }
     }
 
-    /// A finite number.
+    /// Returns a finite number.
     ///
     /// # Errors
-    /// Where it is none, with the likely cause.
-    pub fn number(&self, key: &str) -> Result<f64, Trouble> {
-        let fault = |problem: String, mend: &str| Err(Trouble::new(self.line, key, problem, mend));
+    /// Returns an error, with the likely cause, if the value is not a finite number.
+    pub fn number(&self, key: &str) -> Result<f64, LineFault> {
+        let fault = |problem: String, remedy: &str| Err(LineFault::new(self.line, key, problem, remedy));
         let Some(text) = self.text() else {
-            return fault("holds a list or keys where a number must be".into(), "give a number");
+            return fault("has a list or keys where a number is expected".into(), "give a number");
         };
         if let Some(number) = text.parse::<f64>().ok().filter(|n| n.is_finite()) {
             return Ok(number);
         }
         let words: Vec<&str> = text.split_whitespace().collect();
         if words.len() > 1 && words.iter().all(|w| w.parse::<f64>().is_ok()) {
-            let problem = format!("holds {} numbers without commas between them", words.len());
+            let problem = format!("has {} numbers without commas between them", words.len());
             return fault(problem, "write commas between the numbers");
         }
         fault(format!("\"{text}\" is not a finite number"), "give a decimal number with a point")
     }
 
-    /// No map of the tree has a key twice: which of the two counts would be a guess.
-    pub(super) fn no_key_twice(&self) -> Result<(), Trouble> {
+    /// Rejects maps that have a key twice, since it is unknown which of the two is valid.
+    pub(super) fn check_duplicate_keys(&self) -> Result<(), LineFault> {
         for (k, entry) in self.entries().iter().enumerate() {
             if self.entries()[..k].iter().any(|other| other.key == entry.key) {
-                return Err(twice(entry));
+                return Err(duplicate_key(entry));
             }
-            entry.node.no_key_twice()?;
+            entry.node.check_duplicate_keys()?;
         }
-        if let Value::List(items) = &self.value {
-            items.iter().try_for_each(Self::no_key_twice)?;
+        if let KeyedValue::List(items) = &self.value {
+            items.iter().try_for_each(Self::check_duplicate_keys)?;
         }
         Ok(())
     }
 
-    /// Values in it, itself counted.
+    /// Returns the number of values in the tree, including itself.
     pub(super) fn size(&self) -> usize {
         1 + match &self.value {
-            Value::Map(entries) => entries.iter().map(|e| e.node.size()).sum(),
-            Value::List(items) => items.iter().map(Self::size).sum(),
-            Value::Text(_) => 0,
+            KeyedValue::Map(entries) => entries.iter().map(|e| e.node.size()).sum(),
+            KeyedValue::List(items) => items.iter().map(Self::size).sum(),
+            KeyedValue::Text(_) => 0,
         }
     }
 }
 
-fn twice(entry: &Entry) -> Trouble {
-    Trouble::new(entry.node.line, &entry.key, "stands twice", "keep the one that holds")
+fn duplicate_key(entry: &KeyedEntry) -> LineFault {
+    LineFault::new(entry.node.line, &entry.key, "occurs twice", "keep the valid one")
 }
 
-/// Values that a file may hold, and how deep they may lie: a calibration has some hundred, in five levels. A few lines of
-/// YAML can stand for millions.
+/// Largest number of values in a file, and largest depth: a calibration has some hundreds, in five levels. A few lines of
+/// YAML can expand to millions.
 pub(super) const MAX_NODES: usize = 200_000;
-pub(super) const DEEPEST: usize = 64;
+pub(super) const MAX_DEPTH: usize = 64;
 
-pub(super) fn too_deep(line: u64) -> Trouble {
-    Trouble::new(line, "", format!("is more than {DEEPEST} levels deep"), "name a camera's file")
+pub(super) fn too_deep(line: u64) -> LineFault {
+    LineFault::new(line, "", format!("is more than {MAX_DEPTH} levels deep"), "name a camera file")
 }
 
-pub(super) fn too_many(line: u64) -> Trouble {
-    Trouble::new(line, "", format!("holds more than {MAX_NODES} values"), "name a camera's file")
+pub(super) fn too_many(line: u64) -> LineFault {
+    LineFault::new(line, "", format!("has more than {MAX_NODES} values"), "name a camera file")
 }

@@ -1,45 +1,43 @@
-//! YAML: events of `saphyr-parser` into the tree.
+//! Parser of YAML: converts the events of `saphyr-parser` into the tree.
 
 use std::collections::HashMap;
 
 use saphyr_parser::{Event, Parser};
 
-use super::tree::{DEEPEST, Entry, MAX_NODES, Node, Trouble, Value, too_deep, too_many};
+use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
 
-/// The first line of OpenCV's files, which YAML does not know.
-const OPENCV: &str = "%YAML:";
+/// First line of OpenCV's files, which is not valid YAML.
+const OPENCV_DIRECTIVE: &str = "%YAML:";
 
-/// The key by which YAML 1.1 takes the keys of another map in.
-const MERGE: &str = "<<";
+/// Key by which YAML 1.1 merges another map.
+const MERGE_KEY: &str = "<<";
 
-pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
-    // As a comment the line keeps its place and those after it their numbers.
-    let text = text.strip_prefix(OPENCV).map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
-    let mut builder = Builder::default();
+pub(super) fn parse_yaml(text: &str) -> Result<Node, LineFault> {
+    // As a comment, the line stays, and line numbers do not change.
+    let text = text.strip_prefix(OPENCV_DIRECTIVE).map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
+    let mut builder = TreeBuilder::default();
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
-            let mend =
-                "write it as YAML: keys in line, blanks instead of tabs, lists in brackets or with dashes";
-            Trouble::new(error.marker().line() as u64, "", format!("is no YAML ({})", error.info()), mend)
+            let remedy = "write it as YAML: keys aligned, blanks instead of tabs, lists in brackets or with dashes";
+            LineFault::new(error.marker().line() as u64, "", format!("is not YAML ({})", error.info()), remedy)
         })?;
-        builder.take(event, span.start.line() as u64)?;
+        builder.handle_event(event, span.start.line() as u64)?;
     }
-    // `rostopic echo` ends what it prints with `---`: a document of nothing.
-    let nothing =
-        |node: &Node| node.tag.is_none() && node.text().is_some_and(|text| ["", "~"].contains(&text));
+    // `rostopic echo` ends its output with `---`, which begins an empty document.
+    let nothing = |node: &Node| node.tag.is_none() && node.text().is_some_and(|text| ["", "~"].contains(&text));
     let mut documents = builder.documents.into_iter().filter(|document| !nothing(document));
     match (documents.next(), documents.next()) {
         (Some(document), None) => Ok(document),
-        (None, _) => Err(Trouble::new(0, "", "holds nothing", "export it again")),
+        (None, _) => Err(LineFault::new(0, "", "is empty", "export it again")),
         (Some(_), Some(second)) => {
-            let problem = "holds several documents (---)";
-            Err(Trouble::new(second.line, "", problem, "keep the one of the camera in a file of its own"))
+            let problem = "has several documents (---)";
+            Err(LineFault::new(second.line, "", problem, "keep only the document of the camera"))
         }
     }
 }
 
-/// JSON without comments from `//` to a line's end; no string of JSON goes over a line's end.
-pub(super) fn without_comments(text: &str) -> String {
+/// Removes comments from `//` to the line's end from JSON, whose strings never contain a line end.
+pub(super) fn strip_comments(text: &str) -> String {
     let end = |line: &str| {
         let (mut quoted, mut escaped) = (false, false);
         let outside = |(_, sign): &(usize, char)| {
@@ -59,46 +57,42 @@ pub(super) fn without_comments(text: &str) -> String {
     text.lines().map(kept).collect()
 }
 
-/// A map or list that has not ended.
-struct Open {
+/// Map or list that has not ended.
+struct OpenCollection {
     line: u64,
     tag: Option<String>,
     anchor: usize,
-    /// `None`: a list.
-    entries: Option<Vec<Entry>>,
+    /// Entries of a map; `None` for a list.
+    entries: Option<Vec<KeyedEntry>>,
     items: Vec<Node>,
-    /// The key whose value comes next.
+    /// Key whose value comes next.
     key: Option<String>,
 }
 
 #[derive(Default)]
-struct Builder {
-    open: Vec<Open>,
+struct TreeBuilder {
+    open: Vec<OpenCollection>,
     anchors: HashMap<usize, Node>,
     nodes: usize,
     documents: Vec<Node>,
 }
 
-impl Builder {
-    fn take(&mut self, event: Event<'_>, line: u64) -> Result<(), Trouble> {
+impl TreeBuilder {
+    fn handle_event(&mut self, event: Event<'_>, line: u64) -> Result<(), LineFault> {
         match event {
             Event::Scalar(text, _, anchor, tag) => {
                 let tag = tag.map(|t| t.suffix.clone());
-                self.put(Node { line, tag, value: Value::Text(text.into_owned()) }, anchor)
+                self.add_node(Node { line, tag, value: KeyedValue::Text(text.into_owned()) }, anchor)
             }
             Event::Alias(anchor) => {
                 let again = self.anchors.get(&anchor).cloned();
-                let mend = "write the value out";
-                let node = again.ok_or_else(|| Trouble::new(line, "", "repeats what is not whole", mend))?;
+                let remedy = "write the value out";
+                let node = again.ok_or_else(|| LineFault::new(line, "", "refers to an incomplete value", remedy))?;
                 self.nodes += node.size();
-                self.put(node, 0)
+                self.add_node(node, 0)
             }
-            Event::MappingStart(anchor, tag) => {
-                self.begin(line, anchor, tag.map(|t| t.suffix.clone()), Some(vec![]))
-            }
-            Event::SequenceStart(anchor, tag) => {
-                self.begin(line, anchor, tag.map(|t| t.suffix.clone()), None)
-            }
+            Event::MappingStart(anchor, tag) => self.begin(line, anchor, tag.map(|t| t.suffix.clone()), Some(vec![])),
+            Event::SequenceStart(anchor, tag) => self.begin(line, anchor, tag.map(|t| t.suffix.clone()), None),
             Event::MappingEnd | Event::SequenceEnd => self.end(),
             _ => Ok(()),
         }
@@ -109,23 +103,25 @@ impl Builder {
         line: u64,
         anchor: usize,
         tag: Option<String>,
-        entries: Option<Vec<Entry>>,
-    ) -> Result<(), Trouble> {
-        if self.open.len() >= DEEPEST {
+        entries: Option<Vec<KeyedEntry>>,
+    ) -> Result<(), LineFault> {
+        if self.open.len() >= MAX_DEPTH {
             return Err(too_deep(line));
         }
-        self.open.push(Open { line, tag, anchor, entries, items: vec![], key: None });
+        self.open.push(OpenCollection { line, tag, anchor, entries, items: vec![], key: None });
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), Trouble> {
-        let Some(Open { line, tag, anchor, entries, items, .. }) = self.open.pop() else { return Ok(()) };
-        let value = entries.map_or(Value::List(items), Value::Map);
-        self.put(Node { line, tag, value }, anchor)
+    fn end(&mut self) -> Result<(), LineFault> {
+        let Some(OpenCollection { line, tag, anchor, entries, items, .. }) = self.open.pop() else {
+            return Ok(());
+        };
+        let value = entries.map_or(KeyedValue::List(items), KeyedValue::Map);
+        self.add_node(Node { line, tag, value }, anchor)
     }
 
-    /// A whole value goes to where it belongs.
-    fn put(&mut self, node: Node, anchor: usize) -> Result<(), Trouble> {
+    /// Adds a complete value to the collection that contains it.
+    fn add_node(&mut self, node: Node, anchor: usize) -> Result<(), LineFault> {
         self.nodes += 1;
         if self.nodes > MAX_NODES {
             return Err(too_many(node.line));
@@ -143,14 +139,14 @@ impl Builder {
             return Ok(());
         };
         match (open.key.take(), &node.value) {
-            (Some(key), _) => entries.push(Entry { key, node }),
-            (None, Value::Text(key)) if key == MERGE => {
-                let problem = "takes keys of another place in, which is not read";
-                return Err(Trouble::new(node.line, MERGE, problem, "write the keys out where they count"));
+            (Some(key), _) => entries.push(KeyedEntry { key, node }),
+            (None, KeyedValue::Text(key)) if key == MERGE_KEY => {
+                let problem = "merges keys from elsewhere, which is not supported";
+                return Err(LineFault::new(node.line, MERGE_KEY, problem, "write the merged keys out"));
             }
-            (None, Value::Text(key)) => open.key = Some(key.clone()),
+            (None, KeyedValue::Text(key)) => open.key = Some(key.clone()),
             (None, _) => {
-                return Err(Trouble::new(node.line, "", "has a list for a key", "give every value a name"));
+                return Err(LineFault::new(node.line, "", "has a list as a key", "give every value a name as its key"));
             }
         }
         Ok(())

@@ -1,17 +1,17 @@
-//! Observations as the engine takes them; what the model cannot promise, however sharp an image is.
+//! Observation blocks for the estimation engine, and the lower bound on image standard deviations.
 
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use super::Observation;
-use super::input::Input;
+use super::input::AdjustmentInput;
 use crate::estimation::Block;
 
-/// Smallest standard deviation that an image coordinate is credited with, px: some micrometres on a
-/// near quadrant, where neither a decal nor a lens calibration promises more.
+/// Smallest standard deviation assumed for an image coordinate, px. It corresponds to some micrometres on a nearby quadrant
+/// target; neither a decal nor a lens calibration is more precise than that.
 const MIN_SIGMA_PX: f64 = 0.005;
 
-/// The covariance with which an image enters the spatial methods, px^2: standard deviations below
-/// the smallest are raised to it, along the ellipse's axes.
+/// Computes the covariance with which an image coordinate enters the spatial methods, px^2: standard deviations below
+/// [`MIN_SIGMA_PX`] are raised to it, along the axes of the error ellipse.
 fn image_covariance(stated_px2: &Matrix2<f64>) -> Matrix2<f64> {
     let least = MIN_SIGMA_PX * MIN_SIGMA_PX;
     let axes = stated_px2.symmetric_eigen();
@@ -22,7 +22,7 @@ fn image_covariance(stated_px2: &Matrix2<f64>) -> Matrix2<f64> {
     axes.eigenvectors * raised * axes.eigenvectors.transpose()
 }
 
-/// One image.
+/// Builds the block of one image observation.
 pub fn image_block(seen: &Observation) -> Block {
     Block {
         observed: DVector::from_column_slice(seen.pixel.as_slice()),
@@ -30,9 +30,9 @@ pub fn image_block(seen: &Observation) -> Block {
     }
 }
 
-/// A marker's survey, wing frame, and behind it its images.
+/// Builds a marker's block: its surveyed position in the wing frame, followed by its image coordinates.
 pub fn survey_block<'a>(
-    input: &Input,
+    input: &AdjustmentInput,
     marker: usize,
     images: impl Iterator<Item = &'a Observation> + Clone,
 ) -> Block {
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_too_sharp_is_raised() {
+    fn only_small_sigmas_are_raised() {
         let wide = Matrix2::new(0.01, 0.002, 0.002, 0.0025);
         assert_eq!(image_covariance(&wide), wide);
         let sharp = Matrix2::new(0.01, 1e-6, 1e-6, 1e-6);

@@ -1,24 +1,24 @@
-//! What the variance of the tip's deflection comes from, in the field's words.
+//! Variance budget of the tip deflection, by named error sources.
 
-use super::layout::Member;
-use super::outcome::Outcome;
-use super::{Budget, BudgetShare, MarkerSolution, Reference};
-use crate::estimation::{AttributedInformation, Fit, Naming, Observed, Problem, Sources};
+use super::layout::BlockMember;
+use super::outcome::FrameOutcome;
+use super::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
+use crate::estimation::{AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources};
 
-/// Sigma of a deflection below this share of another's tells better. A difference of less than a hundredth shows in no
-/// figure of two digits.
-const BETTER: f64 = 0.99;
-/// What a frame's images are called.
+/// Ratio of standard deviations below which another reference replaces the survey. A difference below 1 % is invisible in
+/// two significant digits.
+const PREFERENCE_RATIO: f64 = 0.99;
+/// Source name of a frame's image coordinates.
 pub const IMAGE: &str = "image";
-/// What the survey is called.
+/// Source name of the survey.
 pub const SURVEY: &str = "survey";
-/// The ground frames' images.
+/// Source name of the ground frames' image coordinates.
 const GROUND_FRAME: &str = "ground frame";
-/// What ties a frame's bending to the flight's.
+/// Source name of the condition that ties a frame's bending to the shape shared by the flight.
 const SHAPE: &str = "shape of bending";
 
-/// Priors by the name of what is stated or measured for them; a name that is not here stands for itself.
-const WORDS: [(&str, &str); 30] = [
+/// Source name in the budget for each prior name. A prior that is not listed keeps its own name.
+const SOURCE_NAMES: [(&str, &str); 30] = [
     ("height of the bending axis", "axis"),
     ("chord offset of the bending axis", "chord offset"),
     ("root offset", "root"),
@@ -37,7 +37,7 @@ const WORDS: [(&str, &str); 30] = [
     ("vertical of the survey", "vertical"),
     ("motion of the skin", "skin"),
     ("bulges of the skin", "skin"),
-    ("motion of the fixed marks", "fixed marks"),
+    ("motion of the fixed marks", "fixed targets"),
     ("rotation of the root", "root motion"),
     ("shift of the root", "root motion"),
     ("bending in the wing's plane", "in-plane"),
@@ -51,94 +51,100 @@ const WORDS: [(&str, &str); 30] = [
     ("twist", "twist"),
 ];
 
-fn word(name: &'static str) -> &'static str {
-    WORDS.iter().find(|(prior, _)| *prior == name).map_or(name, |(_, word)| word)
+fn source_name(name: &'static str) -> &'static str {
+    SOURCE_NAMES.iter().find(|(prior, _)| *prior == name).map_or(name, |(_, word)| word)
 }
 
-/// Whose images the blocks of each group are; groups beyond these hold survey and ground frame.
+/// Markers to which the blocks of each group belong. Groups beyond these hold survey and ground frame.
 #[derive(Clone, Copy)]
-pub struct Blocks<'a> {
-    /// Per group.
-    pub members: &'a [Vec<Member>],
-    /// Of the last group.
-    pub ground: &'a [Member],
+pub struct BlockMembers<'a> {
+    /// Members of the blocks, per group.
+    pub members: &'a [Vec<BlockMember>],
+    /// Members of the last group's blocks.
+    pub ground: &'a [BlockMember],
 }
 
-impl Blocks<'_> {
-    /// A block without a member ties a frame's bending to the shape that a flight has in common.
-    fn observations(&self, problem: &Problem, group: usize, block: usize) -> Vec<Observed> {
+impl BlockMembers<'_> {
+    /// Names the observations of a block. A block without a member ties a frame's bending to the shape shared by the
+    /// flight.
+    fn named_observations(&self, problem: &Problem, group: usize, block: usize) -> Vec<NamedObservations> {
         let count = problem.groups[group].blocks[block].observed.len();
         let members = self.members.get(group).map_or(self.ground, Vec::as_slice);
-        members.get(block).map_or_else(|| vec![(SHAPE, 0..count)], |member| named(member, count))
+        members.get(block).map_or_else(|| vec![(SHAPE, 0..count)], |member| member_observations(member, count))
     }
 }
 
-fn named(member: &Member, count: usize) -> Vec<Observed> {
+fn member_observations(member: &BlockMember, count: usize) -> Vec<NamedObservations> {
     let images = [(IMAGE, member.flight), (GROUND_FRAME, member.ground)];
-    let images: Vec<Observed> =
+    let images: Vec<NamedObservations> =
         images.into_iter().filter_map(|(name, first)| first.map(|first| (name, first..first + 2))).collect();
     let surveyed = count > 2 * images.len();
     surveyed.then_some((SURVEY, 0..3)).into_iter().chain(images).collect()
 }
 
-/// Calls `with` with all that a solution rests on; `told`: what of the frames before keeps its name.
-pub fn with_sources<T>(
-    blocks: Blocks,
+/// Calls `with` with the error sources of a solution. `attributed`: information from earlier frames that keeps its source
+/// names.
+pub fn with_variance_sources<T>(
+    blocks: BlockMembers,
     problem: &Problem,
     fit: &Fit,
-    told: Option<&AttributedInformation>,
-    with: impl FnOnce(&Sources) -> T,
+    attributed: Option<&AttributedInformation>,
+    with: impl FnOnce(&VarianceSources) -> T,
 ) -> T {
-    let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
-    let known = if told.is_some() { "frames before" } else { "flights before" };
-    let naming = Naming { observations: &observations, prior: word, known, rest: IMAGE };
-    with(&Sources::new(problem, fit, naming, told))
+    let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
+    let known = if attributed.is_some() { "earlier frames" } else { "earlier flights" };
+    let naming = SourceNames { observations: &observations, prior: source_name, known, rest: IMAGE };
+    with(&VarianceSources::new(problem, fit, naming, attributed))
 }
 
-/// What keeps its name when a solution becomes knowledge: its priors on columns that do not change from frame to frame,
-/// survey and ground frame.
-pub fn told(
-    blocks: Blocks,
+/// Extracts the information that keeps its source names if a solution becomes a prior: priors on columns that do not change
+/// from frame to frame, survey and ground frame.
+pub fn attribute_information(
+    blocks: BlockMembers,
     problem: &Problem,
     fit: &Fit,
-    lasting: impl Fn(usize) -> bool,
+    invariant: impl Fn(usize) -> bool,
 ) -> AttributedInformation {
-    let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
-    let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
-    AttributedInformation::from_solution(problem, fit, lasting, blocks.members.len(), &naming)
+    let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
+    let naming = SourceNames { observations: &observations, prior: source_name, known: "earlier frames", rest: IMAGE };
+    AttributedInformation::from_solution(problem, fit, invariant, blocks.members.len(), &naming)
 }
 
 impl MarkerSolution {
-    /// Against what the deflection is told best: the survey, or the ground frame or the root's tangent where their standard
-    /// deviation is smaller by more than a hundredth. `None` without a deflection.
-    fn better(&self) -> Option<Reference> {
+    /// Returns the reference for which the deflection is most precise. The survey is preferred unless another reference has
+    /// a standard deviation that is smaller by more than 1 %. `None` without a deflection.
+    fn most_precise_reference(&self) -> Option<DeflectionReference> {
         let sigma = |reference| self.deflection_against(reference).and_then(|deflection| deflection.sigma);
         self.deflection_m?;
-        let better = |best: Reference, other: Reference| {
-            let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < BETTER * best);
+        let better = |best: DeflectionReference, other: DeflectionReference| {
+            let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < PREFERENCE_RATIO * best);
             if smaller { other } else { best }
         };
-        Some([Reference::Ground, Reference::Root].into_iter().fold(Reference::Survey, better))
+        Some(
+            [DeflectionReference::Ground, DeflectionReference::Root]
+                .into_iter()
+                .fold(DeflectionReference::Survey, better),
+        )
     }
 }
 
-impl Outcome<'_> {
-    /// Of the outermost used marker; `None` without one.
-    pub fn budget(&self, markers: &[MarkerSolution], sources: &Sources) -> Option<Budget> {
+impl FrameOutcome<'_> {
+    /// Computes the budget for the outermost used marker; `None` if there is no such marker.
+    pub fn variance_budget(&self, markers: &[MarkerSolution], sources: &VarianceSources) -> Option<VarianceBudget> {
         let stations = &self.input.scene.ground.stations;
         let span = |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
         let deflected = markers.iter().filter(|m| m.used && m.deflection_m.is_some());
         let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
-        let reference = tip.better()?;
+        let reference = tip.most_precise_reference()?;
         let parts = sources.contributions(self.group, &self.deflection_gradient(tip.marker, reference)?);
         let total: f64 = parts.iter().map(|part| part.variance).sum();
-        let share = |part: &crate::estimation::Part| BudgetShare {
+        let share = |part: &crate::estimation::VarianceContribution| VarianceShare {
             source: part.source,
             share: part.variance / total,
             sigma_if_known_m: part.if_known.map(|variance| self.scale() * variance.sqrt()),
         };
         let mut shares: Vec<_> = parts.iter().filter(|_| total > 0.0).map(share).collect();
         shares.sort_by(|a, b| b.share.total_cmp(&a.share));
-        Some(Budget { marker: tip.marker, reference, shares })
+        Some(VarianceBudget { marker: tip.marker, reference, shares })
     }
 }

@@ -1,80 +1,85 @@
-//! Causes that many markers have in common: where several lie off together, one of these is likelier than as many blunders.
+//! Common displacements of several markers. If several markers disagree with the others, one common cause is more probable
+//! than several independent outliers.
 
 use nalgebra::Vector3;
 
-use crate::adjust::input::{Input, Sights};
-use crate::adjust::term::Term;
+use crate::adjust::input::{AdjustmentInput, FrameObservations};
+use crate::adjust::term::ParameterTerm;
 use crate::adjust::terms;
-use crate::setup::Side;
+use crate::setup::WingSide;
 
-/// Fewest markers on either side of a cause: fewer are blunders.
+/// Minimum number of markers on either side of a displacement; fewer are treated as outliers.
 const MIN_MARKERS: usize = 3;
-/// Places along the span, shares of the length, that a cause may begin at.
-const PLACES: [f64; 3] = [0.4, 0.6, 0.8];
+/// Fractions of the length at which a common displacement may begin.
+const SPAN_FRACTIONS: [f64; 3] = [0.4, 0.6, 0.8];
 
-/// A cause: markers that are displaced together along the skin's normal.
+/// Candidate displacement: a set of markers that move together along the skin normal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CommonDisplacement {
-    /// Which markers, for a person.
-    what: String,
+    /// The set of markers, in words.
+    description: String,
     markers: Vec<usize>,
 }
 
 impl CommonDisplacement {
-    /// Its unknown, m.
-    pub fn term(&self, input: &Input) -> Term {
+    /// Builds the unknown of this displacement, m.
+    pub fn term(&self, input: &AdjustmentInput) -> ParameterTerm {
         let mut field = vec![Vector3::zeros(); input.setup.markers.len()];
         self.markers.iter().for_each(|marker| field[*marker] = Vector3::y());
-        terms::common_cause(field)
+        terms::common_displacement(field)
     }
 
-    /// What is said of it.
-    pub fn sentence(&self, displaced_m: f64) -> String {
+    /// Remark for a result that was estimated with this displacement.
+    pub fn remark(&self, displaced_m: f64) -> String {
         format!(
-            "the markers {} lie together {:.1} mm {} than the others put them, and an unknown takes that up: look for one \
-             cause (a moving part that survey.csv does not name, a survey from two set-ups, a panel)",
-            self.what,
+            "the markers {} are jointly {:.1} mm {} than the other markers predict; a common offset was estimated for them. \
+             Check for one cause (a moving part missing from survey.csv, a survey from two set-ups, a loose panel)",
+            self.description,
             1e3 * displaced_m.abs(),
             if displaced_m > 0.0 { "higher" } else { "lower" }
         )
     }
 }
 
-/// All that are looked at: aft of the axis, outboard of a place, both, and each quarter of the picture.
-pub fn causes(input: &Input, sights: &Sights) -> Vec<CommonDisplacement> {
+/// Lists all candidates: markers aft of the axis, outboard of a position, both, and in each quarter of the image.
+pub fn candidate_displacements(
+    input: &AdjustmentInput,
+    frame_observations: &FrameObservations,
+) -> Vec<CommonDisplacement> {
     let ground = &input.scene.ground;
-    let nose = if input.setup.side() == Some(Side::Left) { -1.0 } else { 1.0 };
+    let nose = if input.setup.side() == Some(WingSide::Left) { -1.0 } else { 1.0 };
     let aft = |k: usize| nose * (ground.stations[k].surveyed_m.z - ground.axis.root_m.z) > 0.0;
-    let beyond = |k: usize, place: f64| ground.stations[k].arc_m > place * ground.axis.length_m;
-    let wing: Vec<usize> =
-        (0..sights.len()).filter(|k| sights[*k].is_some() && !input.scene.is_fixed(*k)).collect();
+    let beyond = |k: usize, fraction: f64| ground.stations[k].arc_m > fraction * ground.axis.length_m;
+    let wing: Vec<usize> = (0..frame_observations.len())
+        .filter(|k| frame_observations[*k].is_some() && !input.scene.is_fixed(*k))
+        .collect();
     let mut list = vec![];
-    let mut add = |what: String, of: &dyn Fn(usize) -> bool| {
-        let markers: Vec<usize> = wing.iter().copied().filter(|k| of(*k)).collect();
+    let mut add = |description: String, selects: &dyn Fn(usize) -> bool| {
+        let markers: Vec<usize> = wing.iter().copied().filter(|k| selects(*k)).collect();
         if markers.len() >= MIN_MARKERS && wing.len() - markers.len() >= MIN_MARKERS {
-            list.push(CommonDisplacement { what, markers });
+            list.push(CommonDisplacement { description, markers });
         }
     };
     add("aft of the bending axis".into(), &aft);
-    for place in PLACES {
-        let percent = 100.0 * place;
-        add(format!("outboard of {percent:.0} % of the length"), &|k| beyond(k, place));
-        add(format!("aft and outboard of {percent:.0} % of the length"), &|k| aft(k) && beyond(k, place));
+    for fraction in SPAN_FRACTIONS {
+        let percent = 100.0 * fraction;
+        add(format!("outboard of {percent:.0} % of the length"), &|k| beyond(k, fraction));
+        add(format!("aft and outboard of {percent:.0} % of the length"), &|k| aft(k) && beyond(k, fraction));
     }
     let lens = &input.setup.lens;
-    for (what, right, below) in [
+    for (description, right, below) in [
         ("upper left", false, false),
         ("upper right", true, false),
         ("lower left", false, true),
         ("lower right", true, true),
     ] {
         let inside = |k: usize| {
-            sights[k].is_some_and(|seen| {
+            frame_observations[k].is_some_and(|seen| {
                 (seen.pixel.x > 0.5 * f64::from(lens.width)) == right
                     && (seen.pixel.y > 0.5 * f64::from(lens.height)) == below
             })
         };
-        add(format!("in the picture's {what} quarter"), &inside);
+        add(format!("in the {description} quarter of the image"), &inside);
     }
     list
 }

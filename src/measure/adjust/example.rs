@@ -5,11 +5,11 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::geometry::Lens;
 use crate::setup::{
-    Air, GroundObservation, Orientation, Pane, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal,
-    Uncertainty, Window,
+    Air, GroundObservation, Orientation, Pane, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal,
+    Window, WingSide,
 };
 
-/// Nine markers on 30 m.
+/// Installation with nine markers on 30 m.
 pub fn setup() -> Setup {
     let marker = |k: usize| SurveyMarker {
         id: format!("M{k}"),
@@ -32,11 +32,11 @@ pub fn setup() -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: Vector2::new(1.0, 0.0),
-        stated_side: Some(Side::Right),
+        configured_side: Some(WingSide::Right),
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),
         skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
-        uncertainty: Uncertainty::of_drawings(),
+        uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,
             expansion_sigma_per_k: Some(1e-6),
@@ -52,19 +52,16 @@ pub fn setup() -> Setup {
     }
 }
 
-/// Looks along the wing.
+/// Orientation of a camera that looks along the wing.
 pub fn orientation() -> Orientation {
     let camera_from_survey =
         Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
-    let sight = |marker| GroundObservation {
-        marker,
-        pixel: Vector2::new(1900.0, 1500.0),
-        covariance_px2: Matrix2::identity(),
-    };
-    Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(sight).collect() }
+    let observation =
+        |marker| GroundObservation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
+    Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(observation).collect() }
 }
 
-/// A bowed pane in flight.
+/// Window with a bowed pane in flight.
 pub fn window() -> Window {
     let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
     let pane = Pane {

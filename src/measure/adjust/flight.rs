@@ -1,24 +1,22 @@
-//! The frames of a flight adjusted together (docs/model.md).
+//! Joint adjustment of the frames of a flight (docs/model.md).
 //!
-//! Shared: the markers on ground, camera and ground rotation, one rotation per mounting, the ratios
-//! of the curvature's coefficients. Per frame, local to its group: coefficients of curvature and
-//! twist. Until mountings are found, each frame may leave the rotation that all have in common. A
-//! frame's curvature may leave the shared shape by a share of its amplitude; that share is found from
-//! the data. Frames leave the normal equations by their Schur complement, so the cost is linear in
-//! their number.
+//! The frames share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
+//! the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.
+//! Until the mountings are determined, each frame may deviate from the common rotation. A frame's curvature may deviate
+//! from the shared shape by a fraction of its amplitude; that fraction is estimated from the data. Frames are eliminated
+//! from the normal equations by their Schur complement, so the cost is linear in the number of frames.
 //!
 //! | step | file |
 //! |---|---|
-//! | what is taken for granted until a solution shows it | `assumed.rs`, `mountings.rs` |
-//! | what takes part | `usage.rs` |
-//! | observations, unknowns, conditions, solutions | `frames.rs`, `setting.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
-//! | blunders | `blunders.rs` |
-//! | departure, drift, remounts and unstated widths from the data | `tuning.rs`, `widths.rs` |
-//! | a frame's result | `dressing.rs` |
-//! | frame by frame | `live.rs` |
-//! | what it tells later flights | `learning.rs` |
+//! | hyperparameters, assumed first and then estimated | `hyperparameters.rs`, `mountings.rs` |
+//! | observations in use | `usage.rs` |
+//! | observations, unknowns, conditions, solutions | `frames.rs`, `flight_problem.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
+//! | outliers | `outliers.rs` |
+//! | departure, drift, remounts and default priors, estimated from the data | `tuning.rs`, `prior_scaling.rs` |
+//! | result of a frame | `frame_solution.rs` |
+//! | live mode, frame by frame | `live.rs` |
+//! | information for later flights | `flight_information.rs` |
 
-mod blunders;
 mod flight_information;
 mod flight_problem;
 mod frame_solution;
@@ -27,28 +25,32 @@ mod hyperparameters;
 mod joint;
 mod live;
 mod mountings;
+mod outliers;
 mod prior_scaling;
 mod shape;
 mod solving;
 mod tuning;
 mod usage;
 
-pub use flight_information::learn;
-pub use live::Live;
+pub use flight_information::learn_from_flight;
+pub use live::LiveAdjustment;
 
 use self::frames::Flight;
 use self::hyperparameters::FlightHyperparameters;
-use self::joint::Joint;
-use self::mountings::Mountings;
-use super::input::Input;
+use self::joint::JointSolution;
+use self::mountings::FrameMountings;
+use super::input::AdjustmentInput;
 use super::outcome::with_prior_if_consistent;
-use super::scene::Scene;
+use super::scene::WingScene;
 use super::terms::MIN_DRIFT_RAD;
-use super::{AdjustError, Method, Observation, Options, Solution};
+use super::{AdjustError, AdjustmentMethod, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
-/// The rigid-section beam, all frames together; one solution per frame.
-pub fn solve(
+/// Adjusts all frames of a flight jointly with the rigid-section beam; returns one solution per frame.
+///
+/// # Errors
+/// Returns an error if the input is invalid or the frames do not determine a solution.
+pub fn solve_flight(
     setup: &Setup,
     orientation: &Orientation,
     frames: &[Vec<Observation>],
@@ -57,25 +59,26 @@ pub fn solve(
     if frames.is_empty() {
         return Ok(vec![]);
     }
-    let scene = Scene::new(setup, orientation)?;
+    let scene = WingScene::new(setup, orientation)?;
     let solve = |options: &Options| {
-        let joint = Joint::new(Input { setup, orientation, scene: &scene, options }, frames)?;
-        Ok(joint.solutions())
+        let joint = JointSolution::new(AdjustmentInput { setup, orientation, scene: &scene, options }, frames)?;
+        Ok(joint.frame_solutions())
     };
     with_prior_if_consistent(options, solve, |solutions| solutions)
 }
 
-/// One frame beside what earlier flights told: a flight of one.
-pub fn one(input: &Input, frame: &[Observation]) -> Result<Solution, AdjustError> {
+/// Adjusts one frame with the prior from earlier flights, as a flight of one frame.
+pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) -> Result<Solution, AdjustError> {
     let frames = [frame.to_vec()];
     let solve = |options: &Options| {
-        let input = Input { options, ..*input };
-        let mountings = Mountings::of_one(options.mountings.as_deref());
-        // Its rotation is its mounting's, which has drifted since the ground frames where the camera stayed.
-        let mut assumed = FlightHyperparameters::at_first(&input, 1, mountings);
-        assumed.drift_rad = MIN_DRIFT_RAD;
-        let joint = Joint::alone(Flight::new(input, &frames, assumed)?)?;
-        Ok(joint.solution(Method::Spatial))
+        let input = AdjustmentInput { options, ..*input };
+        let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
+        // The frame's rotation is that of its mounting, which has drifted since the ground frames if the camera was not
+        // remounted.
+        let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
+        hyperparameters.drift_rad = MIN_DRIFT_RAD;
+        let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
+        Ok(joint.single_solution(AdjustmentMethod::Spatial))
     };
     with_prior_if_consistent(input.options, solve, std::slice::from_mut)
 }

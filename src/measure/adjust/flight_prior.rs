@@ -1,10 +1,10 @@
-//! What earlier flights told of all that stays the same from flight to flight (docs/adjustment/learning.md).
+//! Prior for the flight-invariant parameters, from earlier flights (docs/adjustment/learning.md).
 //!
-//! Each flight leaves its normal equations, reduced by all that is its own (Helmert's blocking): what its images alone say of
-//! the unknowns that flights have in common, without what the installation states and the ground frames show, which every
-//! later adjustment has by itself. So nothing is counted twice, and the equations of several flights add up. An unknown of
-//! which a flight has a part of its own enters with that part's variance, once for each flight that taught and once for
-//! the one that is solved.
+//! Each flight contributes its normal equations, reduced by all unknowns that are specific to it (Helmert blocking). They
+//! hold the information of its images only: priors of the installation and ground frames are excluded because every later
+//! adjustment includes them. No information is therefore counted twice, and the equations of several flights can be added.
+//! If part of a parameter is specific to a flight, the variance of that part is added once per contributing flight and once
+//! for the flight that is solved.
 
 use std::borrow::Cow;
 
@@ -15,17 +15,18 @@ use super::{AdjustError, Estimate};
 use crate::estimation::InformationPrior;
 use crate::setup::Setup;
 
-/// The ratios of the curvature's coefficients.
+/// Term name of the ratios of the curvature coefficients.
 pub const SHAPE: &str = "shape of bending";
-/// Places of the markers on ground.
+/// Term name of the marker positions on the ground.
 pub const SURVEY: &str = "survey";
-/// Motions of markers on the wing in flight.
-pub const SKIN: &str = "motion of the skin";
-/// Of fixed marks.
-pub const MARKS: &str = "motion of the fixed marks";
-/// Terms that all flights of an installation have in common: of survey, ground frame, camera, panes and drawings. Not
-/// here is what each flight has anew: mounting, temperature, the camera in flight, the root's motion, the panes' bow, loads.
-pub const LASTING: [&str; 10] = [
+/// Term name of the in-flight motion of markers on the wing.
+pub const SKIN_MOTION: &str = "motion of the skin";
+/// Term name of the in-flight motion of fixed targets.
+pub const FIXED_TARGET_MOTION: &str = "motion of the fixed marks";
+/// Names of the flight-invariant terms: survey, ground frame, camera, panes and dimensions from drawings. Excluded are
+/// quantities that change with each flight: mounting, temperature, camera changes in flight, root motion, bow of the panes,
+/// loads.
+pub const INVARIANT_TERMS: [&str; 10] = [
     "rotation on ground",
     "projection centre",
     "panes' shift",
@@ -38,110 +39,111 @@ pub const LASTING: [&str; 10] = [
     "vertical of the survey",
 ];
 
-/// Share of the variance of what skin and marks move by in flight that repeats from flight to flight. Pressure, cold
-/// and the cruise's suction come again, fuel and manoeuvres do not: half, an assumption.
-const REPEATED: f64 = 0.5;
-/// How far the shape of bending at the middle of one flight is from that of another, a share of the variance of what
-/// burning all the fuel changes. The rms of any share of the fuel about its mean is half of that change's, a quarter
-/// of its variance; payload, speed and the amplitude that the shape is counted at are taken to do as much again.
-const SHAPE_BETWEEN_FLIGHTS: f64 = 0.5;
-/// Combinations of unknowns of which images tell less than this share of what is known beforehand are not told: rounding
-/// would have a say in them.
+/// Fraction of the variance of skin and fixed-target motion that repeats from flight to flight. Pressure, cold and cruise
+/// suction recur; fuel load and manoeuvres do not. The value 0.5 is an assumption.
+const REPEATED_FRACTION: f64 = 0.5;
+/// Variance of the shape of bending between flights, as a fraction of the variance that burning all fuel causes. A random
+/// amount of fuel has 50 % of that change as rms about its mean, 25 % of its variance; payload, speed and the reference
+/// amplitude are assumed to add another 25 %.
+const SHAPE_BETWEEN_FLIGHTS_FRACTION: f64 = 0.5;
+/// Minimum ratio of information from images to prior information, per combination of parameters. Combinations below it are
+/// dropped because rounding would dominate them.
 const MIN_INFORMATION_FRACTION: f64 = 1e-3;
 
-/// An unknown that flights have in common.
+/// A parameter that all flights of an installation share.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InvariantParameter {
-    /// The term's name.
+    /// Name of the parameter's term.
     pub term: Cow<'static, str>,
-    /// Which of the term's unknowns.
+    /// Index within the term.
     pub index: usize,
-    /// Index in the survey, where it is a marker's.
+    /// Index in the survey, if the parameter belongs to a marker.
     pub marker: Option<usize>,
 }
 
-/// A flight's normal equations for these, reduced by all else: `normal * (value - stated) = right`.
+/// Normal equations of a flight for the invariant parameters, reduced by all other unknowns: `normal * (value - nominal) =
+/// right`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReducedNormals {
-    /// The unknowns, in order.
+    /// The parameters, in the order of rows and columns.
     pub unknowns: Vec<InvariantParameter>,
-    /// Positive semidefinite, in the unknowns' units.
+    /// Normal matrix, positive semidefinite, in the parameters' units.
     pub normal: DMatrix<f64>,
-    /// The right side.
+    /// Right-hand side.
     pub right: DVector<f64>,
-    /// Standard deviations of the unknowns without these images.
+    /// Standard deviations of the parameters without the images of the flight.
     pub sigmas: DVector<f64>,
 }
 
-/// What a flight tells, and what is known with it.
+/// Information that one flight contributes, and the posterior estimates of the parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightContribution {
-    /// Told by its images.
+    /// Normal equations from the flight's images.
     pub normals: ReducedNormals,
-    /// The same unknowns, less what is stated, as they are known with all that the installation states, the ground frames
-    /// show, earlier flights taught.
-    pub known: Vec<Estimate>,
+    /// Posterior estimates of the parameters minus their nominal values, given the installation's priors, the ground frames
+    /// and earlier flights.
+    pub posterior: Vec<Estimate>,
 }
 
-/// What several flights told, as a later one takes it.
+/// Prior for a later flight, from several flights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightPrior {
     unknowns: Vec<InvariantParameter>,
-    /// Less what is stated, at least squares.
+    /// Least-squares estimates minus nominal values.
     mean: DVector<f64>,
     information: DMatrix<f64>,
     conditions: usize,
     flights: usize,
 }
 
-/// Unknowns of which each flight has a part of its own.
-struct Repeating {
+/// Parameters that consist of a repeating part and a part specific to each flight.
+struct RepeatingParameters {
     columns: Vec<usize>,
-    /// Inverse covariance of the part that repeats.
+    /// Inverse covariance of the repeating part.
     repeated: DMatrix<f64>,
-    /// Covariance of a flight's own.
+    /// Covariance of the part specific to a flight.
     own: DMatrix<f64>,
 }
 
-impl Repeating {
+impl RepeatingParameters {
     fn new(unknowns: &[InvariantParameter], setup: &Setup) -> Result<Self, AdjustError> {
-        let of = |name: &str| -> Vec<usize> {
-            (0..unknowns.len()).filter(|k| unknowns[*k].term == name).collect()
-        };
-        let (shape, skin, marks) = (of(SHAPE), of(SKIN), of(MARKS));
+        let columns_of =
+            |name: &str| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].term == name).collect() };
+        let (shape, skin, targets) = (columns_of(SHAPE), columns_of(SKIN_MOTION), columns_of(FIXED_TARGET_MOTION));
         let ratios = shape.len();
-        let moving = [&skin[..], &marks].concat();
+        let moving = [&skin[..], &targets].concat();
         let columns = [&shape[..], &moving].concat();
         let mut repeated = DMatrix::zeros(columns.len(), columns.len());
         let mut own = repeated.clone();
-        repeated.view_mut((0, 0), (ratios, ratios)).copy_from(&inverse(shape_covariance(ratios + 1))?);
+        repeated.view_mut((0, 0), (ratios, ratios)).copy_from(&invert_matrix(shape_covariance(ratios + 1))?);
         own.view_mut((0, 0), (ratios, ratios))
-            .copy_from(&(burning_covariance(ratios + 1) * SHAPE_BETWEEN_FLIGHTS));
+            .copy_from(&(burning_covariance(ratios + 1) * SHAPE_BETWEEN_FLIGHTS_FRACTION));
         for (k, column) in moving.iter().enumerate() {
             let marker = unknowns[*column].marker.and_then(|marker| setup.markers.get(marker));
             let fixed = marker.filter(|_| k >= skin.len()).map(|marker| marker.flight_motion_m);
             let variance = fixed.unwrap_or(setup.uncertainty.in_flight.skin_motion_m).powi(2);
             let at = (ratios + k, ratios + k);
-            repeated[at] = 1.0 / (REPEATED * variance);
-            own[at] = (1.0 - REPEATED) * variance;
+            repeated[at] = 1.0 / (REPEATED_FRACTION * variance);
+            own[at] = (1.0 - REPEATED_FRACTION) * variance;
         }
         Ok(Self { columns, repeated, own })
     }
 
-    /// Takes a flight's own part out of what is known of the sum, or puts another flight's in: to what is known a noise is added.
-    fn part(&self, normal: &mut DMatrix<f64>, right: &mut DVector<f64>) -> Result<(), AdjustError> {
+    /// Marginalizes the part specific to a flight: adds its variance to the prior of the sum. Used once per contributing
+    /// flight and once for the flight that is solved.
+    fn remove_flight_part(&self, normal: &mut DMatrix<f64>, right: &mut DVector<f64>) -> Result<(), AdjustError> {
         if self.columns.is_empty() {
             return Ok(());
         }
-        let of = normal.select_columns(&self.columns);
-        let inner = inverse(inverse(self.own.clone())? + of.select_rows(&self.columns))?;
-        let gain = &of * inner;
+        let coupling = normal.select_columns(&self.columns);
+        let inner = invert_matrix(invert_matrix(self.own.clone())? + coupling.select_rows(&self.columns))?;
+        let gain = &coupling * inner;
         *right -= &gain * right.select_rows(&self.columns);
-        *normal -= gain * of.transpose();
+        *normal -= gain * coupling.transpose();
         Ok(())
     }
 
-    fn add(&self, normal: &mut DMatrix<f64>, added: &DMatrix<f64>, sign: f64) {
+    fn add_information(&self, normal: &mut DMatrix<f64>, added: &DMatrix<f64>, sign: f64) {
         for (i, row) in self.columns.iter().enumerate() {
             for (j, column) in self.columns.iter().enumerate() {
                 normal[(*row, *column)] += sign * added[(i, j)];
@@ -150,47 +152,51 @@ impl Repeating {
     }
 }
 
-fn inverse(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
-    let lost =
-        || AdjustError::Input("what flights taught has lost its numerical meaning; learn again".into());
-    matrix.cholesky().map(|c| c.inverse()).ok_or_else(lost)
+fn invert_matrix(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
+    let singular = || {
+        AdjustError::Input(
+            "the information matrix in flight_prior.json is not positive definite; run `wingd learn` again".into(),
+        )
+    };
+    matrix.cholesky().map(|c| c.inverse()).ok_or_else(singular)
 }
 
 impl FlightPrior {
-    /// What these flights told together; `None` of none.
+    /// Combines the contributions of several flights; `None` without flights.
     ///
     /// # Errors
-    /// Where they have not the same unknowns, or a width of 0.
-    pub fn of(flights: &[&ReducedNormals], setup: &Setup) -> Result<Option<Self>, AdjustError> {
+    /// Returns an error if the flights have different parameters, or a prior standard deviation is 0.
+    pub fn from_flights(flights: &[&ReducedNormals], setup: &Setup) -> Result<Option<Self>, AdjustError> {
         let Some(first) = flights.first() else { return Ok(None) };
         let unknowns = first.unknowns.clone();
-        let repeating = Repeating::new(&unknowns, setup)?;
+        let repeating = RepeatingParameters::new(&unknowns, setup)?;
         let mut normal = DMatrix::zeros(unknowns.len(), unknowns.len());
         let mut right = DVector::zeros(unknowns.len());
         for flight in flights {
             if flight.unknowns != unknowns {
                 return Err(AdjustError::Input(
-                    "flights were learnt with different unknowns; learn again".into(),
+                    "the flights in flight_prior.json have different parameters; run `wingd learn` again".into(),
                 ));
             }
             let (mut own, mut own_right) = (flight.normal.clone(), flight.right.clone());
-            repeating.part(&mut own, &mut own_right)?;
+            repeating.remove_flight_part(&mut own, &mut own_right)?;
             normal += own;
             right += own_right;
         }
-        // What is known of the part that repeats is known of a next flight but for its own part; what an installation
-        // states of the sum is there already.
-        repeating.add(&mut normal, &repeating.repeated, 1.0);
-        repeating.part(&mut normal, &mut right)?;
+        // The repeating part also holds for the next flight, apart from that flight's own part. The installation's prior
+        // of the sum is already part of every adjustment, so it is subtracted.
+        repeating.add_information(&mut normal, &repeating.repeated, 1.0);
+        repeating.remove_flight_part(&mut normal, &mut right)?;
         if !repeating.columns.is_empty() {
-            let stated = inverse(inverse(repeating.repeated.clone())? + &repeating.own)?;
-            repeating.add(&mut normal, &stated, -1.0);
+            let nominal = invert_matrix(invert_matrix(repeating.repeated.clone())? + &repeating.own)?;
+            repeating.add_information(&mut normal, &nominal, -1.0);
         }
-        Ok(Some(Self::regular((unknowns, &first.sigmas), &normal, &right, flights.len())))
+        Ok(Some(Self::from_normals((unknowns, &first.sigmas), &normal, &right, flights.len())))
     }
 
-    /// Without combinations of which nothing is told; in units of the unknowns' standard deviations.
-    fn regular(
+    /// Creates a prior without parameter combinations that the images do not determine, in units of the parameters'
+    /// standard deviations.
+    fn from_normals(
         (unknowns, unit): (Vec<InvariantParameter>, &DVector<f64>),
         normal: &DMatrix<f64>,
         right: &DVector<f64>,
@@ -198,51 +204,49 @@ impl FlightPrior {
     ) -> Self {
         let scaled = DMatrix::from_fn(unit.len(), unit.len(), |i, j| unit[i] * normal[(i, j)] * unit[j]);
         let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(scaled);
-        let told: Vec<usize> =
-            (0..unit.len()).filter(|k| eigenvalues[*k] > MIN_INFORMATION_FRACTION).collect();
-        let axes = eigenvectors.select_columns(&told);
-        let weights = DVector::from_iterator(told.len(), told.iter().map(|k| eigenvalues[*k]));
+        let determined: Vec<usize> = (0..unit.len()).filter(|k| eigenvalues[*k] > MIN_INFORMATION_FRACTION).collect();
+        let axes = eigenvectors.select_columns(&determined);
+        let weights = DVector::from_iterator(determined.len(), determined.iter().map(|k| eigenvalues[*k]));
         let along = axes.tr_mul(&right.component_mul(unit)).component_div(&weights);
         let mean = (&axes * along).component_mul(unit);
-        let rows =
-            DMatrix::from_fn(told.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] / unit[j]);
-        Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: told.len(), flights }
+        let rows = DMatrix::from_fn(determined.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] / unit[j]);
+        Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: determined.len(), flights }
     }
 
-    /// The same of an installation that is as stated: what it is worth before a flight is seen.
-    pub fn as_stated(&self) -> Self {
+    /// Returns the prior with its mean at the nominal values, for predicting the precision of a flight.
+    pub fn at_nominal(&self) -> Self {
         Self { mean: DVector::zeros(self.mean.len()), ..self.clone() }
     }
 
-    /// Whether it is of a curvature of so many terms.
-    pub fn holds_for(&self, terms: usize) -> bool {
+    /// Returns whether the prior belongs to a curvature of `terms` terms.
+    pub fn matches_curvature_terms(&self, terms: usize) -> bool {
         self.unknowns.iter().filter(|unknown| unknown.term == SHAPE).count() + 1 == terms
     }
 
-    /// What is said beside a result.
+    /// Remark about the prior for a result.
     pub fn remark(&self, used: bool) -> String {
-        let flights = if self.flights == 1 { "a flight".into() } else { format!("{} flights", self.flights) };
+        let flights = if self.flights == 1 { "one flight".into() } else { format!("{} flights", self.flights) };
         match used {
-            true => format!("adjusted with what {flights} taught"),
+            true => format!("adjusted with the prior from {flights}"),
             false => format!(
-                "what {flights} taught is not used: it holds for another number of terms of the curvature"
+                "the prior from {flights} was not used: its number of curvature terms differs; run `wingd learn` again"
             ),
         }
     }
 
-    /// As knowledge of these columns among others, each with what is stated of it; `None` where one of them is not there.
-    pub fn known(
+    /// Converts to an information prior on the given columns, whose nominal values are `nominal`; `None` if a column is
+    /// missing.
+    pub fn information_prior(
         &self,
         placed: &[(InvariantParameter, usize)],
-        stated: &DVector<f64>,
+        nominal: &DVector<f64>,
     ) -> Option<InformationPrior> {
-        let of = |unknown: &InvariantParameter| {
-            placed.iter().find(|(other, _)| other == unknown).map(|(_, column)| *column)
-        };
-        let columns: Vec<usize> = self.unknowns.iter().map(of).collect::<Option<_>>()?;
+        let column_of =
+            |unknown: &InvariantParameter| placed.iter().find(|(other, _)| other == unknown).map(|(_, column)| *column);
+        let columns: Vec<usize> = self.unknowns.iter().map(column_of).collect::<Option<_>>()?;
         let mut known = InformationPrior {
-            mean: stated.clone(),
-            information: DMatrix::zeros(stated.len(), stated.len()),
+            mean: nominal.clone(),
+            information: DMatrix::zeros(nominal.len(), nominal.len()),
             conditions: self.conditions,
         };
         for (i, row) in columns.iter().enumerate() {

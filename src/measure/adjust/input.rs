@@ -1,27 +1,31 @@
-//! What the spatial methods start from.
+//! Input of the spatial methods.
 
-use super::scene::Scene;
+use super::scene::WingScene;
 use super::{AdjustError, Observation, Options};
 use crate::setup::{Orientation, Setup};
 
-/// What a frame is set up from.
+/// Installation, orientation and options of an adjustment.
 #[derive(Clone, Copy)]
-pub struct Input<'a> {
-    /// The installation.
+pub struct AdjustmentInput<'a> {
     pub setup: &'a Setup,
-    /// The ground frames' rotation and sights.
+    /// Rotation and image observations of the ground frames.
     pub orientation: &'a Orientation,
-    /// The installation, prepared.
-    pub scene: &'a Scene,
-    /// Choices.
+    /// Model of the installation, prepared for evaluation.
+    pub scene: &'a WingScene,
     pub options: &'a Options,
 }
 
-/// A frame's observations, per marker of the survey.
-pub type Sights<'a> = Vec<Option<&'a Observation>>;
+/// Observations of one frame, one entry per marker of the survey.
+pub type FrameObservations<'a> = Vec<Option<&'a Observation>>;
 
-/// Reads observations into the survey's order.
-pub fn by_marker<'a>(setup: &Setup, observations: &'a [Observation]) -> Result<Sights<'a>, AdjustError> {
+/// Sorts observations into the survey's order.
+///
+/// # Errors
+/// Returns an error if an observation is not finite and positive definite, or its marker is not in the survey.
+pub fn order_by_marker<'a>(
+    setup: &Setup,
+    observations: &'a [Observation],
+) -> Result<FrameObservations<'a>, AdjustError> {
     let mut list = vec![None; setup.markers.len()];
     for o in observations {
         let finite = o.pixel.iter().chain(o.covariance_px2.iter()).all(|v| v.is_finite());
@@ -30,15 +34,15 @@ pub fn by_marker<'a>(setup: &Setup, observations: &'a [Observation]) -> Result<S
                 "an image coordinate or its standard deviation is not a finite, positive number".into(),
             ));
         }
-        let slot = list.get_mut(o.marker).ok_or_else(|| {
-            AdjustError::Input("an observation names a marker that the survey does not list".into())
-        })?;
+        let slot = list
+            .get_mut(o.marker)
+            .ok_or_else(|| AdjustError::Input("an observation names a marker that the survey does not list".into()))?;
         *slot = Some(o);
     }
     Ok(list)
 }
 
-/// How many of a frame's observations are of markers on the wing.
-pub fn on_the_wing(setup: &Setup, frame: &[Option<&Observation>]) -> usize {
+/// Counts a frame's observations of markers on the wing.
+pub fn count_wing_markers(setup: &Setup, frame: &[Option<&Observation>]) -> usize {
     setup.markers.iter().zip(frame).filter(|(m, seen)| !m.fixed && seen.is_some()).count()
 }

@@ -1,14 +1,14 @@
-//! Observations -> deflection: profile, spatial, flight; quality, variance components.
+//! Adjustment: estimates the deflection from image observations with the profile, spatial and flight methods; includes
+//! quality measures and variance components.
 
 pub mod beam;
 mod blocks;
 mod budget;
 mod common_displacement;
 mod curve;
-mod estimated;
+mod estimated_dimensions;
 #[cfg(test)]
 mod example;
-mod factors;
 mod flight;
 pub mod flight_prior;
 pub mod ground;
@@ -16,6 +16,7 @@ mod input;
 mod layout;
 mod marker_state;
 mod outcome;
+mod prior_scales;
 pub mod profile;
 mod scene;
 mod shapes;
@@ -27,9 +28,9 @@ mod values;
 
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
-pub use flight::{Live, learn, solve as flight};
-pub use profile::solve as profile;
-pub use spatial::solve as spatial;
+pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
+pub use profile::solve_profile;
+pub use spatial::solve_spatial;
 
 use std::sync::Arc;
 
@@ -40,24 +41,24 @@ use self::flight_prior::FlightPrior;
 
 use super::estimation::EstimationError;
 
-/// A mounting of the camera: what is between two remounts.
+/// Mounting of the camera: the period between two remounts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Mounting {
-    /// That of the ground frames: the camera stayed, so its projection centre is where it was, and its rotation has
-    /// drifted at most.
-    OfTheGround,
-    /// Another one; frames of one number are of one mounting.
+    /// Mounting of the ground frames: the camera was not remounted, so the projection centre is unchanged and the rotation
+    /// has only drifted.
+    Ground,
+    /// Another mounting; frames with the same number share it.
     Numbered(usize),
 }
 
-/// Choices of an adjustment.
+/// Options of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Which standard deviations are reported.
+    /// Kind of standard deviations to report.
     pub sigma: SigmaKind,
-    /// Terms of the curvature, 1 to 10; `None`: chosen by test.
+    /// Number of curvature terms, 1 to 10; `None`: chosen by test.
     pub curvature_terms: Option<usize>,
-    /// Terms of the twist.
+    /// Number of twist terms.
     pub twist_terms: usize,
     /// Estimate variance components of image and survey (Koch 1986).
     pub variance_components: bool,
@@ -65,20 +66,20 @@ pub struct Options {
     pub global_alpha: f64,
     /// Level of significance of the w-test; 0 switches data snooping off.
     pub snooping_alpha: f64,
-    /// The mounting's rotation against the ground frame's (camera frame, rad) with its covariance,
-    /// where earlier frames of the same mounting tell it; `None`: the mount's repeatability.
+    /// Rotation of the mounting relative to the ground frame's (camera frame, rad) with its covariance, if earlier frames
+    /// of the mounting determine it; `None`: the mount's repeatability applies.
     pub mount_prior: Option<(Vector3<f64>, Matrix3<f64>)>,
-    /// The mounting of each frame, where the user or the recorder knows it; `None`: a flight looks for remounts in
-    /// the frames themselves.
+    /// Mounting of each frame, if the user or the recorder knows it; `None`: the flight method detects remounts from the
+    /// frames.
     pub mountings: Option<Vec<Mounting>>,
-    /// What earlier flights of the installation told of all that lasts; the spatial methods take it.
+    /// Prior for the flight-invariant parameters from earlier flights of the installation, used by the spatial methods.
     pub flight_prior: Option<Arc<FlightPrior>>,
 }
 
 impl Options {
-    /// Whether the frame of a single adjustment was taken without a remount since the ground frames.
-    fn is_of_the_ground(&self) -> bool {
-        self.mountings.as_deref() == Some(&[Mounting::OfTheGround])
+    /// Returns whether the single frame was taken without a remount since the ground frames.
+    fn keeps_ground_mounting(&self) -> bool {
+        self.mountings.as_deref() == Some(&[Mounting::Ground])
     }
 }
 
@@ -98,62 +99,62 @@ impl Default for Options {
     }
 }
 
-/// The method that gave a solution.
+/// Method of a solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// The paper's (docs/model.md).
+pub enum AdjustmentMethod {
+    /// Method of the paper (docs/model.md).
     Profile,
-    /// The rigid-section beam .
+    /// Rigid-section beam, single frame.
     Spatial,
-    /// Spatial, the frames of a flight together.
+    /// Rigid-section beam, frames of a flight adjusted jointly.
     Flight,
 }
 
-/// A named parameter of the model, with the unit in the name.
+/// Named parameter of the model; the name includes the unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
-    /// As in the results, e.g. `a_per_m`, `curvature_per_m`.
+    /// Name as in the results, e.g. `a_per_m`, `curvature_per_m`.
     pub name: &'static str,
-    /// One entry, or one per term.
+    /// Values: one, or one per term.
     pub values: Vec<Estimate>,
 }
 
-/// What the adjustment says of one marker of the survey.
+/// Result of one marker of the survey.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerSolution {
     /// Index in [`Setup::markers`].
     pub marker: usize,
-    /// Whether its observation took part; if not, `reason`.
+    /// True if the marker's observation was used; if not, see `reason`.
     pub used: bool,
-    /// Why not, one sentence.
+    /// Reason for not using the observation, one sentence.
     pub reason: Option<String>,
-    /// Residual (adjusted - observed), px; `None` without an observation.
+    /// Residual (adjusted minus observed), px; `None` without an observation.
     pub residual_px: Option<Vector2<f64>>,
     /// Redundancy numbers of u and v, 0 to 1.
     pub redundancy: Option<Vector2<f64>>,
-    /// w-test statistic of the marker's observation.
+    /// Statistic of the w-test of the marker's observation.
     pub w_test: Option<f64>,
-    /// Minimal detectable bias, px, (u, v).
+    /// Minimal detectable bias of the image coordinates (u, v), px.
     pub minimal_detectable_bias_px: Option<Vector2<f64>>,
-    /// Minimal detectable bias of the surveyed position, m, wing frame's axes (X outboard, Y up);
-    /// infinite where a bias cannot be seen at all.
+    /// Minimal detectable bias of the surveyed position, m, along the wing frame's axes (X outboard, Y up); infinite if a
+    /// bias is not detectable.
     pub minimal_detectable_bias_m: Option<Vector3<f64>>,
-    /// Distance from the projection centre, m (profile: d in the vertical plane).
+    /// Distance from the projection centre, m (profile method: d in the vertical plane).
     pub distance_m: Option<Estimate>,
-    /// Survey frame, in flight, m.
+    /// Position in flight, survey frame, m.
     pub position_m: Option<Vector3<f64>>,
-    /// Its covariance, m^2.
+    /// Covariance of the position, survey frame, m^2.
     pub covariance_m2: Option<Matrix3<f64>>,
-    /// Vertical displacement against the survey, positive up, m; `None` for a fixed mark, too.
+    /// Vertical displacement relative to the survey, positive up, m; `None` for a fixed target.
     pub deflection_m: Option<Estimate>,
-    /// The same against the ground frame, m; `None` with the profile method, too.
+    /// Vertical displacement relative to the ground frame, m; `None` for a fixed target and with the profile method.
     pub deflection_ground_m: Option<Estimate>,
-    /// The same from the tangent of the root, which may have turned and moved since the ground frame, m.
+    /// Vertical displacement relative to the root tangent, which may have rotated and moved since the ground frame, m.
     pub deflection_root_m: Option<Estimate>,
 }
 
 impl MarkerSolution {
-    /// A marker without numbers.
+    /// Creates the result of a marker that was not used.
     pub fn unused(marker: usize, reason: String) -> Self {
         Self {
             marker,
@@ -174,60 +175,59 @@ impl MarkerSolution {
     }
 }
 
-/// Against what a deflection is counted.
+/// Reference of a deflection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Reference {
-    /// The survey.
+pub enum DeflectionReference {
+    /// Surveyed shape.
     Survey,
-    /// The wing in the ground frame, which may have been bent since the survey.
+    /// Shape in the ground frame, which may be bent relative to the survey.
     Ground,
-    /// The root's tangent, which may have turned and moved since the ground frame.
+    /// Tangent of the root, which may have rotated and moved since the ground frame.
     Root,
 }
 
 impl MarkerSolution {
-    /// Its deflection against one of them, m.
-    pub fn deflection_against(&self, reference: Reference) -> Option<Estimate> {
+    /// Deflection of the marker relative to `reference`, m.
+    pub fn deflection_against(&self, reference: DeflectionReference) -> Option<Estimate> {
         match reference {
-            Reference::Survey => self.deflection_m,
-            Reference::Ground => self.deflection_ground_m,
-            Reference::Root => self.deflection_root_m,
+            DeflectionReference::Survey => self.deflection_m,
+            DeflectionReference::Ground => self.deflection_ground_m,
+            DeflectionReference::Root => self.deflection_root_m,
         }
     }
 }
 
-/// A source's part of the variance of the tip's deflection.
+/// Contribution of one source to the variance of the tip deflection.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct BudgetShare {
-    /// In the field's words (docs/adjustment/standard-deviations.md).
+pub struct VarianceShare {
+    /// Name of the source (docs/adjustment/standard-deviations.md).
     pub source: &'static str,
-    /// 0 to 1; those of a budget add up to 1.
+    /// Fraction of the variance, 0 to 1; the shares of a budget add up to 1.
     pub share: f64,
-    /// Standard deviation of the deflection if the source were known without error, m; `None` for observations.
+    /// Standard deviation of the deflection if the source had no error, m; `None` for observations.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_if_known_m: Option<f64>,
 }
 
-/// What the variance of the tip's deflection comes from.
+/// Sources of the variance of the tip deflection.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Budget {
-    /// Whose deflection: index in [`Setup::markers`] of the outermost used marker.
+pub struct VarianceBudget {
+    /// Index in [`Setup::markers`] of the outermost used marker, whose deflection this is.
     pub marker: usize,
-    /// Which deflection: the one that is told best.
-    pub reference: Reference,
-    /// The largest share first.
-    pub shares: Vec<BudgetShare>,
+    /// Reference of the deflection: the one with the smallest standard deviation.
+    pub reference: DeflectionReference,
+    /// Shares, the largest first.
+    pub shares: Vec<VarianceShare>,
 }
 
-/// Torsion of one pair.
+/// Torsion measured by one marker pair.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Torsion {
-    /// The pair's name.
+pub struct PairTorsion {
     pub name: String,
-    /// Change of the angle of attack as the paper computes it, nose up positive, rad.
+    /// Change of the angle of attack as defined in the paper, nose up positive, rad.
     pub angle_rad: Option<Estimate>,
-    /// Free of bending, rad; `None` with profile.
+    /// Twist without the effect of bending, rad; `None` with the profile method.
     pub twist_rad: Option<Estimate>,
 }
 
@@ -236,64 +236,56 @@ pub struct Torsion {
 pub struct CurvePoint {
     /// Arc length from the bending root, m.
     pub arc_length_m: f64,
-    /// Wing-frame X, in flight, m.
+    /// Wing-frame X in flight, m.
     pub span_m: f64,
     /// Deflection of the bending axis, m.
     pub deflection_m: Estimate,
-    /// Twist of the section, nose up positive, rad; `None` with profile.
+    /// Twist of the section, nose up positive, rad; `None` with the profile method.
     pub twist_rad: Option<Estimate>,
 }
 
-/// The outcome of an adjustment.
+/// Result of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
-    /// Which model.
-    pub method: Method,
+    pub method: AdjustmentMethod,
     /// A-posteriori variance factor; `None` at redundancy 0.
     pub variance_factor: Option<f64>,
-    /// Conditions less parameters.
+    /// Number of conditions minus number of parameters.
     pub redundancy: usize,
-    /// Verdict on the variance factor.
+    /// Result of the global test of the variance factor.
     pub global_test: GlobalTest,
-    /// True: the standard deviations here are a posteriori.
+    /// True if the standard deviations are a posteriori.
     pub posterior: bool,
-    /// The model's parameters.
     pub parameters: Vec<Parameter>,
-    /// Correlation of the parameters, in their order.
+    /// Correlation matrix of the parameters, in their order.
     pub correlation: DMatrix<f64>,
-    /// Correlation of the mount's pitch with the amplitude of bending (spatial).
+    /// Correlation of the mount's pitch with the bending amplitude (spatial methods).
     pub pitch_bending_correlation: Option<f64>,
-    /// One per marker of the survey, in its order.
+    /// Results of the markers, one per marker of the survey, in its order.
     pub markers: Vec<MarkerSolution>,
-    /// One per pair, in the installation's order.
-    pub torsion: Vec<Torsion>,
-    /// Curves along the span, root to tip.
+    /// Torsion, one per pair, in the installation's order.
+    pub torsion: Vec<PairTorsion>,
+    /// Curves along the span, from root to tip.
     pub curve: Vec<CurvePoint>,
-    /// What the variance of the tip's deflection comes from; `None` where no used marker has a deflection.
-    pub budget: Option<Budget>,
-    /// Where asked for.
+    /// Variance budget of the tip deflection; `None` if no used marker has a deflection.
+    pub budget: Option<VarianceBudget>,
+    /// Variance components, if requested.
     pub variance_components: Vec<VarianceComponent>,
-    /// Remarks a person should read (rejected markers, order chosen, weak separation).
+    /// Remarks for the reader (rejected markers, chosen order, poor separability).
     pub remarks: Vec<String>,
-    /// Iterations until convergence.
     pub iterations: usize,
 }
 
-/// Why no solution was found.
+/// Reason for a failed adjustment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdjustError {
     /// Fewer observations than unknowns.
     #[error("{found} markers identified, at least {needed} are needed for this method")]
-    TooFewMarkers {
-        /// At hand.
-        found: usize,
-        /// Needed.
-        needed: usize,
-    },
-    /// The observations determine no solution.
+    TooFewMarkers { found: usize, needed: usize },
+    /// The observations do not determine a solution.
     #[error(transparent)]
     Estimation(#[from] EstimationError),
-    /// A pixel has no ray, or a number is not finite.
+    /// A pixel without a ray, or a number that is not finite.
     #[error("{0}")]
     Input(String),
 }

@@ -1,66 +1,65 @@
-//! A fit of the spatial methods as a [`Solution`]: positions, deflections, torsion, curves, each with its
+//! Converts a fit of the spatial methods to a [`Solution`]: positions, deflections, torsion and curves, each with its
 //! standard deviation.
 
 mod deflections;
 mod global_test;
 mod prior_conflict;
+mod torsion;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 pub use prior_conflict::with_prior_if_consistent;
 
-use super::beam::{Grid, RAISE_TERMS};
-use super::curve::Curve;
-use super::input::Input;
-use super::layout::{Layout, Member, Survey};
+use super::beam::RAISE_TERMS;
+use super::curve::AxisCurve;
+use super::input::AdjustmentInput;
+use super::layout::{BlockMember, GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
-use super::scene::Bent;
-use super::snooping::{ResidualSum, Suspect, Target};
-use super::values::Values;
-use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
+use super::scene::BentWing;
+use super::snooping::{ResidualSum, Suspect, SuspectTarget};
+use super::values::UnknownValues;
+use super::{AdjustmentMethod, CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
 use crate::estimation::quality::{self, Reliability};
-use crate::estimation::{Fit, Gradient, Problem, Sources};
-use crate::setup::TorsionPair;
+use crate::estimation::{Fit, Gradient, Problem, VarianceSources};
 
-/// One frame's part of a fit.
-pub struct Outcome<'a> {
-    /// What it was set up from.
-    pub input: &'a Input<'a>,
-    /// Where the unknowns stand.
-    pub layout: &'a Layout,
-    /// What was solved.
+/// Part of a fit that belongs to one frame.
+pub struct FrameOutcome<'a> {
+    pub input: &'a AdjustmentInput<'a>,
+    /// Columns of the unknowns.
+    pub layout: &'a ParameterLayout,
+    /// Problem that was solved.
     pub problem: &'a Problem,
-    /// Its solution.
+    /// Solution of the problem.
     pub fit: &'a Fit,
-    /// The frame's group.
+    /// Index of the frame's group.
     pub group: usize,
-    /// Its blocks.
-    pub members: &'a [Member],
-    values: Values,
-    bent: Bent,
+    /// Members of the frame's blocks.
+    pub members: &'a [BlockMember],
+    values: UnknownValues,
+    bent: BentWing,
     global_test: GlobalTest,
     posterior: bool,
-    /// Factor of the standard deviations: 1 a priori.
+    /// Factor of the standard deviations: 1 if they are a priori.
     scale: f64,
-    /// What the global test judges.
-    judged: ResidualSum,
-    /// Whether that is what there was before much was removed.
+    /// Sum of squares for the global test.
+    tested_sum: ResidualSum,
+    /// True if `tested_sum` includes observations that were removed.
     before_removal: bool,
 }
 
-impl<'a> Outcome<'a> {
+impl<'a> FrameOutcome<'a> {
     /// Evaluates the model at the solution.
     pub fn new(
-        input: &'a Input<'a>,
-        layout: &'a Layout,
+        input: &'a AdjustmentInput<'a>,
+        layout: &'a ParameterLayout,
         problem: &'a Problem,
         fit: &'a Fit,
         group: usize,
-        members: &'a [Member],
+        members: &'a [BlockMember],
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
-        let bent = input.scene.bent(&values);
+        let bent = input.scene.bend_frame(&values);
         let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
-        let (judged, before_removal) = (ResidualSum::of(fit), false);
+        let (tested_sum, before_removal) = (ResidualSum::from_fit(fit), false);
         let new = Self {
             input,
             layout,
@@ -73,43 +72,44 @@ impl<'a> Outcome<'a> {
             global_test,
             posterior,
             scale,
-            judged,
+            tested_sum,
             before_removal,
         };
-        new.tested()
+        new.with_global_test()
     }
 
-    /// All that the fit says of the frame; `removed`: what data snooping left out of it, with a remark and a reason each.
+    /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
+    /// given as the reason of its marker.
     pub fn solution<'s>(
         &self,
-        method: Method,
+        method: AdjustmentMethod,
         removed: impl Iterator<Item = &'s Suspect>,
-        sources: &Sources,
+        sources: &VarianceSources,
     ) -> Solution {
-        let (curve, parabola, a) = self.curve();
+        let (curve, parabola, a) = self.deflection_curve();
         let (mut parameters, correlation, pitch_bending_correlation) = self.parameters(&parabola, a);
         parameters.push(self.axis_raise());
-        let (mut markers, mut remarks) = (self.markers(), vec![]);
+        let (mut markers, mut remarks) = (self.marker_solutions(), vec![]);
         for suspect in removed {
-            let sentence = suspect.sentence(self.input.setup, self.input.options);
-            if suspect.target != Target::Ground {
-                markers[suspect.marker].reason = Some(sentence.clone());
+            let remark = suspect.remark(self.input.setup, self.input.options);
+            if suspect.target != SuspectTarget::Ground {
+                markers[suspect.marker].reason = Some(remark.clone());
             }
-            remarks.push(sentence);
+            remarks.push(remark);
         }
         remarks.extend(self.removal_remark());
-        let budget = self.budget(&markers, sources);
+        let budget = self.variance_budget(&markers, sources);
         Solution {
             method,
             variance_factor: self.variance_factor(),
-            redundancy: self.judged.redundancy,
+            redundancy: self.tested_sum.redundancy,
             global_test: self.global_test,
             posterior: self.posterior,
             parameters,
             correlation,
             pitch_bending_correlation,
             markers,
-            torsion: self.torsion(),
+            torsion: self.torsions(),
             curve,
             budget,
             variance_components: vec![],
@@ -118,12 +118,12 @@ impl<'a> Outcome<'a> {
         }
     }
 
-    /// Of functions of the frame's unknowns and of the places of some markers on ground.
-    fn gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
-        Gradient::empty(self.layout.columns(markers), self.layout.local, functions)
+    /// Creates an empty gradient for functions of the frame's unknowns and of some markers' positions on the ground.
+    fn empty_gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
+        Gradient::empty(self.layout.block_columns(markers), self.layout.local, functions)
     }
 
-    /// Factor of the standard deviations.
+    /// Factor of the standard deviations: 1 if they are a priori.
     pub fn scale(&self) -> f64 {
         self.scale
     }
@@ -137,26 +137,26 @@ impl<'a> Outcome<'a> {
         self.fit.function_variances(self.group, gradient).into_iter().map(sigma).collect()
     }
 
-    fn block_of(&self, marker: usize) -> Option<usize> {
+    fn image_block(&self, marker: usize) -> Option<usize> {
         self.members.iter().position(|m| m.marker == marker && m.flight.is_some())
     }
 
-    fn on_ground(&self, block: usize) -> Vector3<f64> {
+    fn ground_position(&self, block: usize) -> Vector3<f64> {
         let observed = &self.problem.groups[self.group].blocks[block].observed
             + &self.fit.groups[self.group].blocks[block].residuals;
-        self.layout.on_ground(self.members[block].marker, &self.fit.global, &observed)
+        self.layout.ground_position(self.members[block].marker, &self.fit.global, &observed)
     }
 
-    fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
+    fn marker_state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
-        let ground = self.on_ground(block);
-        let moved = self.layout.with_motion(marker, &ground, &self.fit.global);
-        (ground, self.input.scene.in_flight(marker, &self.bent, &moved, &self.values))
+        let ground = self.ground_position(block);
+        let moved = self.layout.moved_position(marker, &ground, &self.fit.global);
+        (ground, self.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
     }
 
-    /// Adds `directions * d(position in flight) + ground * d(position on ground)` to a gradient, a function
-    /// for each direction. The marker is one of those that the gradient was set up for.
-    fn add(
+    /// Adds `directions * d(position in flight) + ground * d(position on the ground)` to a gradient, one function per
+    /// direction. The gradient must have been created for the marker.
+    fn add_position(
         &self,
         gradient: &mut Gradient,
         block: usize,
@@ -164,17 +164,16 @@ impl<'a> Outcome<'a> {
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
     ) {
-        self.layout.put_position(gradient, state, directions);
+        self.layout.add_position_derivative(gradient, state, directions);
         let motions = &self.layout.motions;
-        for (direction, column) in motions.directions(state.marker).iter().zip(motions.columns(state.marker))
-        {
+        for (direction, column) in motions.directions(state.marker).iter().zip(motions.columns(state.marker)) {
             let by = state.carried.by_ground * direction;
             let Some(at) = gradient.columns.iter().position(|c| *c == column) else { continue };
             directions.iter().enumerate().for_each(|(f, d)| gradient.global[(at, f)] += d.dot(&by));
         }
         let by_ground = directions.iter().zip(ground).map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
-        match self.layout.survey {
-            Survey::Observed => {
+        match self.layout.ground_positions {
+            GroundPositions::Observed => {
                 let n = self.problem.groups[self.group].blocks[block].observed.len();
                 let mut derivative = DMatrix::zeros(n, directions.len());
                 for (f, by) in by_ground.enumerate() {
@@ -182,7 +181,7 @@ impl<'a> Outcome<'a> {
                 }
                 gradient.observed.push((block, derivative));
             }
-            Survey::Global(surveyed) => {
+            GroundPositions::Global(surveyed) => {
                 let column = surveyed + 3 * state.marker;
                 let Some(first) = gradient.columns.iter().position(|c| *c == column) else { return };
                 for (f, by) in by_ground.enumerate() {
@@ -192,32 +191,32 @@ impl<'a> Outcome<'a> {
         }
     }
 
-    /// Every marker of the survey; those without an observation stay without numbers.
-    fn markers(&self) -> Vec<MarkerSolution> {
+    /// Results of all markers of the survey; those without an observation have no numbers.
+    fn marker_solutions(&self) -> Vec<MarkerSolution> {
         let unseen = |marker| MarkerSolution::unused(marker, "not measured in this frame".into());
         let mut markers: Vec<_> = (0..self.input.setup.markers.len()).map(unseen).collect();
         for (block, member) in self.members.iter().enumerate() {
             if member.flight.is_some() {
-                markers[member.marker] = self.marker(block);
+                markers[member.marker] = self.marker_solution(block);
             }
         }
         markers
     }
 
-    fn marker(&self, block: usize) -> MarkerSolution {
+    fn marker_solution(&self, block: usize) -> MarkerSolution {
         let member = self.members[block];
-        let (ground, state) = self.state(block);
+        let (ground, state) = self.marker_state(block);
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
-        // Position, distance, deflections.
+        // Functions: position, distance, deflections.
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         let none = Vector3::zeros();
-        let mut gradient = self.gradient(7, &[member.marker]);
+        let mut gradient = self.empty_gradient(7, &[member.marker]);
         let directions = [x, y, z, towards, y, y, y];
-        self.add(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
-        self.add_references(&mut gradient, &state, &(position - ground), [4, 5, 6]);
-        let deflections = self.deflections(&state, &ground);
+        self.add_position(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
+        self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
+        let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -229,10 +228,8 @@ impl<'a> Outcome<'a> {
             position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
             deflection_m: deflections.map(|deflections| Estimate { value: deflections[0], sigma: sigma(4) }),
-            deflection_ground_m: deflections
-                .map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
-            deflection_root_m: deflections
-                .map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
+            deflection_ground_m: deflections.map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
+            deflection_root_m: deflections.map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
         self.with_quality(solution, block)
@@ -255,61 +252,20 @@ impl<'a> Outcome<'a> {
         solution.redundancy = Some(Vector2::new(u.redundancy, v.redundancy));
         solution.w_test = all.iter().filter_map(|r| r.w).reduce(|a, b| if b.abs() > a.abs() { b } else { a });
         solution.minimal_detectable_bias_px = Some(Vector2::new(bias(&u), bias(&v)));
-        solution.minimal_detectable_bias_m = (self.layout.survey == Survey::Observed).then(|| {
-            // Along the survey's axes: a bias there is one in two or three wing coordinates.
+        solution.minimal_detectable_bias_m = (self.layout.ground_positions == GroundPositions::Observed).then(|| {
+            // A bias along the survey's axes affects two or three wing coordinates.
             Vector3::new(bias(&all[0]), bias(&all[1]), bias(&all[2]))
         });
         solution
     }
 
-    /// Torsion of every pair.
-    fn torsion(&self) -> Vec<Torsion> {
-        let one = |pair: &TorsionPair| Torsion {
-            name: pair.name.clone(),
-            angle_rad: self.angle(pair),
-            twist_rad: self.section_twist(pair),
-        };
-        self.input.setup.torsion.iter().map(one).collect()
-    }
-
-    /// From the deflections of the two markers (paper, section 4.3).
-    fn angle(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let blocks = [self.block_of(pair.leading)?, self.block_of(pair.trailing)?];
-        let markers = &self.input.setup.markers;
-        let apart = markers[pair.leading].position_m - markers[pair.trailing].position_m;
-        let base = apart.xy().norm();
-        let mut gradient = self.gradient(1, &[pair.leading, pair.trailing]);
-        let mut difference = 0.0;
-        for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
-            let (ground, state) = self.state(block);
-            difference += sign * (state.carried.position_m.y - ground.y);
-            let up = Vector3::y() * sign;
-            self.add(&mut gradient, block, &state, &[up], &[-up]);
-        }
-        let by_difference = base / (base * base + difference * difference);
-        let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
-        Some(Estimate { value: difference.atan2(base), sigma })
-    }
-
-    /// Rotation of the section half-way between the two stations.
-    fn section_twist(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let station = |m: usize| self.input.scene.ground.stations.get(m).map(|s| s.arc_m);
-        let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
-        let grid = Grid::new(&self.input.scene.ground, &[arc]);
-        let section = grid.bend(&self.values.bending()).pop()?;
-        let mut gradient = self.gradient(1, &[]);
-        for (placed, k) in self.layout.unknowns() {
-            self.layout.put(&mut gradient, placed.place, k, 0, placed.term.twist(k, &section));
-        }
-        Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
-    }
-
-    /// Deflection of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
-    fn curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
-        let curve = Curve::new(self.input.scene, &self.values);
+    /// Computes deflection and twist of the axis from the root to the outermost marker, and fits `a_per_m` to the
+    /// deflection.
+    fn deflection_curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
+        let curve = AxisCurve::new(self.input.scene, &self.values);
         let deflections_m = curve.deflections_m();
         let count = deflections_m.len();
-        let gradient = self.along(&curve);
+        let gradient = self.curve_gradient(&curve);
         let mut by_deflection = DVector::zeros(2 * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
         for (k, (section, deflection_m)) in curve.bent.iter().zip(&deflections_m).enumerate() {
@@ -321,7 +277,7 @@ impl<'a> Outcome<'a> {
         by_deflection /= fourth;
         let sigmas = self.sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
-        // Which way is nose up hangs on it.
+        // The sign of a nose-up twist depends on the side.
         let side = self.input.setup.side();
         let point = |k: usize| CurvePoint {
             arc_length_m: curve.arcs_m[k],
@@ -337,24 +293,25 @@ impl<'a> Outcome<'a> {
         ((0..count).map(point).collect(), parabola, moment / fourth)
     }
 
-    /// Deflections, then twists, of the curve's points.
-    fn along(&self, curve: &Curve) -> Gradient {
+    /// Gradient of the deflections, followed by the twists, of the curve's points.
+    fn curve_gradient(&self, curve: &AxisCurve) -> Gradient {
         let count = curve.bent.len();
-        let mut gradient = self.gradient(2 * count, &[]);
+        let mut gradient = self.empty_gradient(2 * count, &[]);
         for (placed, k) in self.layout.unknowns() {
-            let mut put = |function, by| self.layout.put(&mut gradient, placed.place, k, function, by);
-            placed.term.deflections(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
-            let twists = curve.bent.iter().map(|section| placed.term.twist(k, section));
+            let mut put = |function, by| self.layout.add_derivative(&mut gradient, placed.scope, k, function, by);
+            placed.term.deflection_derivatives(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
+            let twists = curve.bent.iter().map(|section| placed.term.twist_derivative(k, section));
             twists.enumerate().for_each(|(at, by)| put(count + at, by));
         }
         gradient
     }
 
-    /// How much higher the bending axis lies than stated, mean along the span, m.
+    /// Mean height of the bending axis above its nominal position, m.
     fn axis_raise(&self) -> Parameter {
-        let mut gradient = self.gradient(1, &[]);
+        let mut gradient = self.empty_gradient(1, &[]);
         let mean = |j: usize| 1.0 / (j + 1) as f64;
-        (0..RAISE_TERMS).for_each(|j| self.layout.put(&mut gradient, self.layout.axis_height, j, 0, mean(j)));
+        (0..RAISE_TERMS)
+            .for_each(|j| self.layout.add_derivative(&mut gradient, self.layout.axis_height, j, 0, mean(j)));
         let value = self.values.raise_m.iter().enumerate().map(|(j, raise)| mean(j) * raise).sum();
         let sigma = self.sigmas(&gradient).first().copied();
         Parameter { name: "axis_raise_m", values: vec![Estimate { value, sigma }] }
@@ -364,32 +321,30 @@ impl<'a> Outcome<'a> {
     fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
         let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);
         let count = n + t + 4;
-        // One row more for pitch, which is not among the results' parameters.
-        let mut gradient = self.gradient(count + 1, &[]);
+        // An additional row for pitch, which is not a parameter of the results.
+        let mut gradient = self.empty_gradient(count + 1, &[]);
         for k in 0..n {
-            self.layout.put(&mut gradient, self.layout.curvature, k, k, 1.0);
+            self.layout.add_derivative(&mut gradient, self.layout.curvature, k, k, 1.0);
         }
         for k in 0..t {
-            self.layout.put(&mut gradient, self.layout.twist, k, n + k, 1.0);
+            self.layout.add_derivative(&mut gradient, self.layout.twist, k, n + k, 1.0);
         }
         let pitch_axis = self.input.scene.camera_from_wing * Vector3::z();
-        for (place, k) in self.layout.rotation.iter().flat_map(|place| (0..3).map(move |k| (*place, k))) {
-            self.layout.put(&mut gradient, place, k, n + t + k, 1.0);
-            self.layout.put(&mut gradient, place, k, count, pitch_axis[k]);
+        for (scope, k) in self.layout.rotation.iter().flat_map(|scope| (0..3).map(move |k| (*scope, k))) {
+            self.layout.add_derivative(&mut gradient, scope, k, n + t + k, 1.0);
+            self.layout.add_derivative(&mut gradient, scope, k, count, pitch_axis[k]);
         }
         gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
         gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));
         let covariance = self.covariance(&gradient);
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
-        let correlation =
-            DMatrix::from_fn(count + 1, count + 1, |i, j| covariance[(i, j)] / (sigma(i) * sigma(j)));
+        let correlation = DMatrix::from_fn(count + 1, count + 1, |i, j| covariance[(i, j)] / (sigma(i) * sigma(j)));
         let list = |values: &[f64], first: usize| {
             let one = |(k, &value): (usize, &f64)| Estimate { value, sigma: Some(sigma(first + k)) };
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist =
-            self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
+        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

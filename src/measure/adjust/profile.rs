@@ -1,13 +1,14 @@
-//! The paper's method (docs/model.md): a parabola in the vertical plane through the projection
-//! centre, one distance per marker, arc length preserved.
+//! The paper's method (docs/model.md): a parabola in the vertical plane through the projection centre, one distance per
+//! marker, arc length preserved.
 //!
-//! Like the paper it takes the camera's orientation and the projection centre as free of error and
-//! the ground as a level line along which arc length is counted; neither shows in its residuals.
+//! As in the paper, the camera's orientation and projection centre are assumed free of error, and arc length on the ground
+//! is counted along a level line. Errors of these assumptions do not appear in the residuals.
 
 mod budget;
 mod conditions;
 mod parabola;
 mod response;
+mod torsion;
 
 pub use parabola::{ArcLength, arc_length};
 
@@ -15,40 +16,40 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
 use super::snooping;
 use super::{
-    AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
-    Torsion, VarianceComponent,
+    AdjustError, AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution,
+    VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{Block, Fit, Group, Problem, VarianceGroup, solve_groups, variance_components};
-use crate::setup::{Orientation, Setup, SurveyMarker, TorsionPair};
-use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
-use response::{Function, Response};
+use crate::setup::{Orientation, Setup, SurveyMarker};
+use conditions::{ARC_LENGTH, HEIGHT, PER_MARKER, PIXEL, ProfileGeometry};
+use response::{LinearResponse, MarkerFunction};
 
-/// Standard deviation of l and y where the survey states none (paper, section 2.2.1), m.
+/// Default standard deviation of l and y, m, if the survey gives none (paper, section 2.2.1).
 const DEFAULT_SURVEY_SIGMA_M: f64 = 0.005;
-/// Intervals of the deflection curve.
+/// Number of intervals of the deflection curve.
 const CURVE_INTERVALS: u32 = 40;
 
-const MISSING: &str = "the bending (a) cannot be determined because no marker lies outboard of the bending root; \
-    check root_offset_m and span_direction, or mark more of the wing";
+const MISSING_BENDING: &str = "the bending (a) cannot be determined because no marker is outboard of the bending root; \
+    check root_offset_m and span_direction, or add markers on the wing";
 
-/// Observations that data snooping leaves at least.
+/// Minimum number of observations that remain after data snooping.
 const MIN_REMAINING: usize = 4;
 
-/// One adjustment, before it is dressed for the results.
-struct Adjusted<'a> {
-    geometry: Geometry<'a>,
+/// Adjustment of one frame before conversion to results.
+struct ProfileAdjustment<'a> {
+    geometry: ProfileGeometry<'a>,
     observations: Vec<Observation>,
     problem: Problem,
     fit: Fit,
-    response: Response,
-    /// Per marker, per observation.
+    response: LinearResponse,
+    /// Reliability, per marker and observation.
     reliability: Vec<Vec<Reliability>>,
     components: Vec<VarianceComponent>,
     component_remarks: Vec<String>,
 }
 
-impl<'a> Adjusted<'a> {
+impl<'a> ProfileAdjustment<'a> {
     fn new(
         setup: &'a Setup,
         orientation: &Orientation,
@@ -58,11 +59,11 @@ impl<'a> Adjusted<'a> {
         if observations.len() < 2 {
             return Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 });
         }
-        let geometry = Geometry::new(setup, orientation);
-        let problem = problem(&geometry, &observations)?;
+        let geometry = ProfileGeometry::new(setup, orientation);
+        let problem = build_problem(&geometry, &observations)?;
         let fit = solve_groups(&problem, |at, blocks| geometry.linearise(at, blocks))?;
-        let response = Response::new(&problem, &fit);
-        let reliability = reliability(&problem, &fit, alpha);
+        let response = LinearResponse::new(&problem, &fit);
+        let reliability = marker_reliabilities(&problem, &fit, alpha);
         Ok(Self {
             geometry,
             observations,
@@ -79,16 +80,13 @@ impl<'a> Adjusted<'a> {
     fn with_components(mut self, alpha: f64) -> Result<Self, AdjustError> {
         let image = |_: usize, _: usize| vec![PIXEL, PIXEL + 1];
         let survey = |_: usize, _: usize| vec![ARC_LENGTH, HEIGHT];
-        let groups = [
-            VarianceGroup { name: "image", members: &image },
-            VarianceGroup { name: "survey", members: &survey },
-        ];
+        let groups =
+            [VarianceGroup { name: "image", members: &image }, VarianceGroup { name: "survey", members: &survey }];
         let geometry = &self.geometry;
-        let found =
-            variance_components(&mut self.problem, &groups, |at, blocks| geometry.linearise(at, blocks))?;
+        let found = variance_components(&mut self.problem, &groups, |at, blocks| geometry.linearise(at, blocks))?;
         (self.fit, self.components, self.component_remarks) = (found.fit, found.components, found.remarks);
-        self.response = Response::new(&self.problem, &self.fit);
-        self.reliability = reliability(&self.problem, &self.fit, alpha);
+        self.response = LinearResponse::new(&self.problem, &self.fit);
+        self.reliability = marker_reliabilities(&self.problem, &self.fit, alpha);
         Ok(self)
     }
 
@@ -101,74 +99,78 @@ impl<'a> Adjusted<'a> {
     }
 }
 
-/// Correlation of a with each observation's distance (the paper quotes the largest).
+/// Correlations of a with each observation's distance (the paper gives the largest).
+///
+/// # Errors
+/// Returns an error if there are fewer than 2 observations or they do not determine a solution.
 pub fn correlations_with_distances(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
 ) -> Result<Vec<f64>, AdjustError> {
-    Ok(Adjusted::new(setup, orientation, observations.to_vec(), 0.0)?.distance_correlations())
+    Ok(ProfileAdjustment::new(setup, orientation, observations.to_vec(), 0.0)?.distance_correlations())
 }
 
-/// The paper's method, one frame.
-pub fn solve(
+/// Adjusts one frame with the paper's method.
+///
+/// # Errors
+/// Returns an error if the input is invalid or the observations do not determine a solution.
+pub fn solve_profile(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
-    // What does not move with the wing is no point of its profile.
+    // Fixed targets do not move with the wing and are not points of its profile.
     let fixed = |o: &&Observation| setup.markers.get(o.marker).is_some_and(|m| m.fixed);
     let observations: Vec<Observation> = observations.iter().filter(|o| !fixed(o)).cloned().collect();
-    let mut adjusted = Adjusted::new(setup, orientation, observations.clone(), options.snooping_alpha)?;
-    let mut blunders = Vec::new();
+    let mut adjusted = ProfileAdjustment::new(setup, orientation, observations.clone(), options.snooping_alpha)?;
+    let mut outliers = Vec::new();
     let least = MIN_REMAINING.max(observations.len() * 2 / 3);
     while adjusted.observations.len() > least {
-        let Some((index, sentence)) = adjusted.blunder(options) else { break };
+        let Some((index, remark)) = adjusted.find_outlier(options) else { break };
         let mut left = adjusted.observations.clone();
-        blunders.push((left.remove(index).marker, sentence));
-        adjusted = Adjusted::new(setup, orientation, left, options.snooping_alpha)?;
+        outliers.push((left.remove(index).marker, remark));
+        adjusted = ProfileAdjustment::new(setup, orientation, left, options.snooping_alpha)?;
     }
     if options.variance_components {
         adjusted = adjusted.with_components(options.snooping_alpha)?;
     }
-    adjusted.solution(options, &blunders)
+    adjusted.solution(options, &outliers)
 }
 
-fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem, AdjustError> {
+fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> Result<Problem, AdjustError> {
     let mut starts = Vec::with_capacity(observations.len());
     let mut groups = Vec::with_capacity(observations.len());
     for observation in observations {
-        let unknown =
-            || AdjustError::Input("an observation names a marker that the survey does not list".into());
-        let (l, y) = geometry.ground(observation.marker).ok_or_else(unknown)?;
-        let ray = geometry.ray(&observation.pixel)?;
-        let x = geometry.in_flight(l);
+        let unknown = || AdjustError::Input("an observation names a marker that the survey does not list".into());
+        let (l, y) = geometry.ground_coordinates(observation.marker).ok_or_else(unknown)?;
+        let ray = geometry.plane_ray(&observation.pixel)?;
+        let x = geometry.flight_length_m(l);
         let d = (x + geometry.setup.root_offset_m - ray.from_m.x) / ray.direction.x;
         starts.push((x, ray.from_m.y + d * ray.direction.y - y));
         groups.push(Group {
             local: DVector::from_element(1, d),
             priors: Vec::new(),
-            blocks: vec![block(geometry, observation, l, y)],
+            blocks: vec![observation_block(geometry, observation, l, y)],
         });
     }
-    // Start of a: the parabola nearest to the deflections that the ground's distances give.
-    let (up, down) =
-        starts.iter().fold((0.0, 0.0), |(u, d), (x, deflection)| (u + deflection * x * x, d + x.powi(4)));
+    // Start value of a: least-squares parabola through the deflections at the distances on the ground.
+    let (up, down) = starts.iter().fold((0.0, 0.0), |(u, d), (x, deflection)| (u + deflection * x * x, d + x.powi(4)));
     let a = if down > 0.0 { up / down } else { 0.0 };
     Ok(Problem {
         start: DVector::from_element(1, a),
-        missing: vec![MISSING],
+        missing: vec![MISSING_BENDING],
         priors: Vec::new(),
         known: None,
         groups,
     })
 }
 
-/// Arc length and height with the survey's standard deviation, the pixel with its covariance.
-fn block(geometry: &Geometry, observation: &Observation, l: f64, y: f64) -> Block {
-    let stated = geometry.setup.markers[observation.marker].sigma_m;
-    let sigma = if stated > 0.0 { stated } else { DEFAULT_SURVEY_SIGMA_M };
+/// Builds a marker's block: arc length and height with the survey's standard deviation, and the pixel with its covariance.
+fn observation_block(geometry: &ProfileGeometry, observation: &Observation, l: f64, y: f64) -> Block {
+    let survey_sigma = geometry.setup.markers[observation.marker].sigma_m;
+    let sigma = if survey_sigma > 0.0 { survey_sigma } else { DEFAULT_SURVEY_SIGMA_M };
     let mut covariance = DMatrix::zeros(PER_MARKER, PER_MARKER);
     covariance[(ARC_LENGTH, ARC_LENGTH)] = sigma * sigma;
     covariance[(HEIGHT, HEIGHT)] = sigma * sigma;
@@ -177,63 +179,63 @@ fn block(geometry: &Geometry, observation: &Observation, l: f64, y: f64) -> Bloc
 }
 
 /// Position, deflection and distance of one marker as linear functions of the observations.
-struct Placed {
+struct ProfileMarker {
     position_m: Vector3<f64>,
     deflection_m: f64,
-    distance: Function,
-    deflection: Function,
-    axes: [Function; 3],
+    distance: MarkerFunction,
+    deflection: MarkerFunction,
+    axes: [MarkerFunction; 3],
 }
 
-impl Adjusted<'_> {
+impl ProfileAdjustment<'_> {
     fn distance_correlations(&self) -> Vec<f64> {
         let sigma_a = self.fit.covariance[(0, 0)].sqrt();
         let one = |k| {
-            let d = self.response.function(k, 1.0, RowVector4::zeros());
+            let d = self.response.marker_function(k, 1.0, RowVector4::zeros());
             self.response.covariance_with_a(&d) / (sigma_a * self.response.covariance(&d, &d).sqrt())
         };
         (0..self.observations.len()).map(one).collect()
     }
 
-    /// Polar point determination (equations 8 and 10) with the observed direction.
-    fn place(&self, index: usize) -> Result<Placed, AdjustError> {
+    /// Computes the marker by polar point determination (equations 8 and 10) with the observed direction.
+    fn place_marker(&self, index: usize) -> Result<ProfileMarker, AdjustError> {
         let observation = &self.observations[index];
-        let ray = self.geometry.ray(&observation.pixel)?;
+        let ray = self.geometry.plane_ray(&observation.pixel)?;
         let d = self.distance_m(index);
         let position_m = self.geometry.frame.survey_point(&(ray.from_m + ray.direction * d));
         let gradient = |axis: usize, height: f64| {
             let (u, v) = (d * ray.by_pixel[(axis, 0)], d * ray.by_pixel[(axis, 1)]);
-            self.response.function(index, ray.direction[axis], RowVector4::new(0.0, height, u, v))
+            self.response.marker_function(index, ray.direction[axis], RowVector4::new(0.0, height, u, v))
         };
-        Ok(Placed {
+        Ok(ProfileMarker {
             position_m,
             deflection_m: position_m.z - self.geometry.setup.markers[observation.marker].position_m.z,
-            distance: self.response.function(index, 1.0, RowVector4::zeros()),
+            distance: self.response.marker_function(index, 1.0, RowVector4::zeros()),
             deflection: gradient(1, -1.0),
             axes: [gradient(0, 0.0), gradient(1, 0.0), gradient(2, 0.0)],
         })
     }
 
-    fn sigma(&self, f: &Function, scale: f64) -> Option<f64> {
+    fn sigma(&self, f: &MarkerFunction, scale: f64) -> Option<f64> {
         Some(scale * self.response.covariance(f, f).max(0.0).sqrt())
     }
 
-    /// Survey frame, a priori.
-    fn position_covariance(&self, placed: &Placed) -> Matrix3<f64> {
+    /// Covariance of the position, survey frame, a priori.
+    fn position_covariance(&self, placed: &ProfileMarker) -> Matrix3<f64> {
         let wing = Matrix3::from_fn(|i, j| self.response.covariance(&placed.axes[i], &placed.axes[j]));
         let survey_from_wing = self.geometry.frame.wing_from_survey.inverse();
         survey_from_wing * wing * survey_from_wing.inverse()
     }
 
-    fn solution(&self, options: &Options, blunders: &[(usize, String)]) -> Result<Solution, AdjustError> {
-        let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place(k)).collect::<Result<_, _>>()?;
+    fn solution(&self, options: &Options, outliers: &[(usize, String)]) -> Result<Solution, AdjustError> {
+        let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place_marker(k)).collect::<Result<_, _>>()?;
         let global_test = quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
         let posterior = quality::is_posterior(options.sigma, global_test);
         let scale = if posterior { self.fit.variance_factor().unwrap_or(1.0).sqrt() } else { 1.0 };
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
         let a = Estimate { value: self.a_per_m(), sigma: Some(sigma_a) };
         Ok(Solution {
-            method: Method::Profile,
+            method: AdjustmentMethod::Profile,
             variance_factor: self.fit.variance_factor(),
             redundancy: self.fit.redundancy,
             global_test,
@@ -241,36 +243,41 @@ impl Adjusted<'_> {
             parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
-            markers: self.markers(&placed, scale, blunders),
-            torsion: self.torsion(&placed, scale),
-            curve: self.curve(sigma_a),
-            budget: self.budget(&placed),
+            markers: self.marker_solutions(&placed, scale, outliers),
+            torsion: self.torsions(&placed, scale),
+            curve: self.deflection_curve(sigma_a),
+            budget: self.variance_budget(&placed),
             variance_components: self.components.clone(),
-            remarks: self.remarks(blunders),
+            remarks: self.remarks(outliers),
             iterations: self.fit.iterations,
         })
     }
 
-    fn remarks(&self, blunders: &[(usize, String)]) -> Vec<String> {
+    fn remarks(&self, outliers: &[(usize, String)]) -> Vec<String> {
         let stronger = |m: f64, c: f64| if c.abs() > m.abs() { c } else { m };
         let strongest = self.distance_correlations().into_iter().fold(0.0, stronger);
-        let correlation = format!("strongest correlation of a with a distance: {strongest:.2}");
-        let blunders = blunders.iter().map(|(_, sentence)| sentence.clone());
-        blunders.chain(self.component_remarks.iter().cloned()).chain([correlation]).collect()
+        let correlation = format!("largest correlation of the bending (a) with a distance: {strongest:.2}");
+        let outliers = outliers.iter().map(|(_, remark)| remark.clone());
+        outliers.chain(self.component_remarks.iter().cloned()).chain([correlation]).collect()
     }
 
-    fn markers(&self, placed: &[Placed], scale: f64, blunders: &[(usize, String)]) -> Vec<MarkerSolution> {
+    fn marker_solutions(
+        &self,
+        placed: &[ProfileMarker],
+        scale: f64,
+        outliers: &[(usize, String)],
+    ) -> Vec<MarkerSolution> {
         let unseen = |(marker, surveyed): (usize, &SurveyMarker)| {
             let reason = if surveyed.fixed {
-                "fixed to the cabin, not used by profile"
+                "fixed to the cabin; not used by the profile method"
             } else {
                 "not found in the image"
             };
             MarkerSolution::unused(marker, reason.into())
         };
         let mut markers: Vec<_> = self.geometry.setup.markers.iter().enumerate().map(unseen).collect();
-        for (marker, sentence) in blunders {
-            markers[*marker] = MarkerSolution::unused(*marker, sentence.clone());
+        for (marker, remark) in outliers {
+            markers[*marker] = MarkerSolution::unused(*marker, remark.clone());
         }
         for (index, (observation, placed)) in self.observations.iter().zip(placed).enumerate() {
             let value = self.distance_m(index);
@@ -282,45 +289,25 @@ impl Adjusted<'_> {
                     value: placed.deflection_m,
                     sigma: self.sigma(&placed.deflection, scale),
                 }),
-                ..self.controlled(index, observation.marker)
+                ..self.with_quality(index, observation.marker)
             };
         }
         markers
     }
 
-    /// Change of the angle of attack from the deflections of two markers (paper, section 4.3).
-    fn torsion(&self, placed: &[Placed], scale: f64) -> Vec<Torsion> {
-        let find = |marker| Some(&placed[self.observations.iter().position(|o| o.marker == marker)?]);
-        let pair = |pair: &TorsionPair| {
-            let (leading, trailing) = (find(pair.leading)?, find(pair.trailing)?);
-            let markers = &self.geometry.setup.markers;
-            let ground = markers[pair.leading].position_m - markers[pair.trailing].position_m;
-            let base = ground.xy().norm();
-            let difference = leading.deflection_m - trailing.deflection_m;
-            let c = |f: &Function, g: &Function| self.response.covariance(f, g);
-            let variance = c(&leading.deflection, &leading.deflection)
-                + c(&trailing.deflection, &trailing.deflection)
-                - 2.0 * c(&leading.deflection, &trailing.deflection);
-            let by_difference = base / (base * base + difference * difference);
-            let sigma = Some(scale * variance.max(0.0).sqrt() * by_difference);
-            Some(Estimate { value: difference.atan2(base), sigma })
-        };
-        let pairs = self.geometry.setup.torsion.iter();
-        pairs.map(|p| Torsion { name: p.name.clone(), angle_rad: pair(p), twist_rad: None }).collect()
-    }
-
-    /// The parabola from the bending root to the outermost marker of the survey.
-    fn curve(&self, sigma_a: f64) -> Vec<CurvePoint> {
-        let wing = self.geometry.setup.on_the_wing();
+    /// Parabola from the bending root to the outermost marker of the survey.
+    fn deflection_curve(&self, sigma_a: f64) -> Vec<CurvePoint> {
+        let wing = self.geometry.setup.wing_markers();
         let tip = wing
             .iter()
-            .filter_map(|(m, _)| self.geometry.ground(*m))
+            .filter_map(|(m, _)| self.geometry.ground_coordinates(*m))
             .fold(0.0, |tip: f64, (l, _)| tip.max(l));
         let point = |k: u32| {
             let ground = tip * f64::from(k) / f64::from(CURVE_INTERVALS);
-            let (a, x) = (self.a_per_m(), parabola::span_of(self.geometry.in_flight(ground), self.a_per_m()));
+            let (a, x) =
+                (self.a_per_m(), parabola::span_from_length(self.geometry.flight_length_m(ground), self.a_per_m()));
             let arc = arc_length(x, a);
-            // At a fixed arc length x falls while a grows.
+            // At a fixed arc length x decreases while a increases.
             let by_a = x * x - 2.0 * a * x * arc.by_a / arc.by_x;
             CurvePoint {
                 arc_length_m: ground,
@@ -333,9 +320,9 @@ impl Adjusted<'_> {
     }
 }
 
-impl Adjusted<'_> {
-    /// A used marker with residual, redundancy numbers, w-test and minimal detectable biases.
-    fn controlled(&self, index: usize, marker: usize) -> MarkerSolution {
+impl ProfileAdjustment<'_> {
+    /// Result of a used marker with residual, redundancy numbers, w-test and minimal detectable biases.
+    fn with_quality(&self, index: usize, marker: usize) -> MarkerSolution {
         let residuals = &self.fit.groups[index].blocks[0].residuals;
         let all = &self.reliability[index];
         let bias = |k: usize| all[k].minimal_detectable_bias.unwrap_or(f64::INFINITY);
@@ -344,44 +331,44 @@ impl Adjusted<'_> {
             reason: None,
             residual_px: Some(Vector2::new(residuals[PIXEL], residuals[PIXEL + 1])),
             redundancy: Some(Vector2::new(all[PIXEL].redundancy, all[PIXEL + 1].redundancy)),
-            w_test: larger(&all[PIXEL..]).and_then(|r| r.w),
+            w_test: largest_statistic(&all[PIXEL..]).and_then(|r| r.w),
             minimal_detectable_bias_px: Some(Vector2::new(bias(PIXEL), bias(PIXEL + 1))),
-            // The method does not look along the chord.
+            // The method has no chordwise coordinate.
             minimal_detectable_bias_m: Some(Vector3::new(bias(ARC_LENGTH), bias(HEIGHT), f64::INFINITY)),
             ..MarkerSolution::unused(marker, String::new())
         }
     }
 
-    /// The observation that most probably holds a blunder, with a sentence. One redundant condition
-    /// per marker cannot tell its image from its survey.
-    fn blunder(&self, options: &Options) -> Option<(usize, String)> {
+    /// Finds the observation that is most probably an outlier, with its remark. With one redundant condition per marker,
+    /// errors of image and survey are not separable.
+    fn find_outlier(&self, options: &Options) -> Option<(usize, String)> {
         let limit = quality::critical_w(options.snooping_alpha);
         let shift = quality::detectable_shift(options.snooping_alpha);
         let suspects = (0..self.observations.len()).filter_map(|index| {
             let all = &self.reliability[index];
-            let image = larger(&all[PIXEL..])?;
-            Some((index, larger(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
+            let image = largest_statistic(&all[PIXEL..])?;
+            Some((index, largest_statistic(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
         });
         let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
         let w = w / snooping::root_variance_factor(&self.fit, w, options);
         let id = &self.geometry.setup.markers[self.observations[index].marker].id;
         (w > limit).then(|| {
-            let sentence = format!(
-                "marker {id} was left out: its image or its surveyed position does not fit the parabola of the \
-                 others, about {:.1} px in the image (w = {w:.1}, limit {limit:.1})",
+            let remark = format!(
+                "marker {id} was removed: its image or its surveyed position is about {:.1} px off the parabola of the other \
+                 markers (w = {w:.1}, limit {limit:.1}); check both",
                 size.abs()
             );
-            (index, sentence)
+            (index, remark)
         })
     }
 }
 
-fn reliability(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
+fn marker_reliabilities(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
     (0..problem.groups.len()).map(|index| quality::observation_reliability(problem, fit, index, 0, alpha)).collect()
 }
 
-/// The one with the larger test statistic.
-fn larger(all: &[Reliability]) -> Option<&Reliability> {
+/// Element with the largest absolute test statistic.
+fn largest_statistic(all: &[Reliability]) -> Option<&Reliability> {
     let w = |r: &Reliability| r.w.map_or(-1.0, f64::abs);
     all.iter().reduce(|a, b| if w(b) > w(a) { b } else { a })
 }

@@ -1,80 +1,79 @@
-//! From unknowns to pixels: the observation equation of the spatial methods with all derivatives.
+//! Observation equation of the spatial methods: projects markers to pixels, with all derivatives.
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 
-use super::beam::{Bending, Grid, Mount, Section};
-use super::estimated::Neighbour;
+use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
+use super::estimated_dimensions::NeighbourWing;
 use super::ground::GroundShape;
-use super::marker_state::{Answers, ESTIMATED, MarkerState};
-use super::values::{Pose, Values};
+use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS, MarkerState};
+use super::values::{CameraPose, UnknownValues};
 use super::{AdjustError, Observation};
 use crate::environment::Plate;
-use crate::geometry::{BROWN, Lens, left_jacobian, cross_matrix};
+use crate::geometry::{BROWN, Lens, cross_matrix, left_jacobian};
 use crate::setup::{Orientation, Setup};
 
-/// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
+/// Step of the numerical derivative with respect to the bow; the image is linear in it to 1e-3 of its effect.
 const BOW_STEP: f64 = 1e-3;
 
-/// Everything about an installation that no adjustment changes.
+/// Model of an installation: all quantities that no adjustment changes.
 #[derive(Clone, Debug)]
-pub struct Scene {
-    /// The wing as surveyed.
+pub struct WingScene {
     pub ground: GroundShape,
-    /// The beam at the markers' stations.
-    pub grid: Grid,
-    /// How each marker sits on its section.
-    pub mounts: Vec<Mount>,
-    /// Which markers are rigid to the cabin.
+    /// Beam grid at the markers' stations.
+    pub grid: BeamGrid,
+    /// Position of each marker relative to its section.
+    pub arms: Vec<MarkerArm>,
+    /// True if each marker is fixed to the cabin.
     fixed: Vec<bool>,
-    /// Wings that differ in what the user can only estimate; `None` for what is held.
-    pub neighbours: [Option<Neighbour>; ESTIMATED],
-    /// Sights of the ground frames, per marker of the survey.
-    pub ground_sights: Vec<Option<Observation>>,
+    /// Neighbouring wings, one per estimated dimension; `None` for a dimension without uncertainty.
+    pub neighbours: [Option<NeighbourWing>; ESTIMATED_DIMENSIONS],
+    /// Image observations of the ground frames, per marker of the survey.
+    pub ground_observations: Vec<Option<Observation>>,
     lens: Lens,
-    /// On ground, before corrections.
+    /// Rotation on the ground, before corrections.
     pub camera_from_wing: Matrix3<f64>,
-    /// The window's panes in flight and on ground, wing frame.
+    /// Panes of the window in flight and on the ground, wing frame.
     panes: [Option<Plate>; 2],
 }
 
-/// A pose, prepared for many points.
+/// Camera at a given pose, prepared for projecting many points.
 #[derive(Clone, Copy, Debug)]
-pub struct Camera {
+pub struct PosedCamera {
     lens: Lens,
     centre_m: Vector3<f64>,
     mount: Matrix3<f64>,
     camera_from_wing: Matrix3<f64>,
     mount_jacobian: Matrix3<f64>,
     ground_jacobian: Matrix3<f64>,
-    /// What it looks through, camera frame.
+    /// Panes between camera and wing, camera frame.
     pane: Option<Plate>,
-    /// What its bow is more than stated, a share of the curvature.
+    /// Change of the bow's curvature from its nominal value, as a fraction.
     bow: f64,
-    /// Whether pressure bows it.
+    /// True if the bow is uncertain.
     bows: bool,
-    /// Camera constants over those on ground.
+    /// Ratio of the camera constants to those on the ground.
     scale: f64,
 }
 
-impl Camera {
-    /// Where a point of the camera frame is seen, m, with the derivatives by its place and by the bow.
-    fn seen(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Vector3<f64>) {
-        let Some(stated) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
-        let (seen, by_place) = stated.with_bow_change(self.bow).apparent_with_jacobian(point_m);
-        let more = || stated.with_bow_change(self.bow + BOW_STEP).apparent_point(point_m);
+impl PosedCamera {
+    /// Computes the apparent position of a point through the panes, camera frame, m, with its derivatives with respect to
+    /// the position and the bow.
+    fn apparent_point(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Vector3<f64>) {
+        let Some(plate) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
+        let (seen, by_place) = plate.with_bow_change(self.bow).apparent_with_jacobian(point_m);
+        let more = || plate.with_bow_change(self.bow + BOW_STEP).apparent_point(point_m);
         let by_bow = if self.bows { (more() - seen) / BOW_STEP } else { Vector3::zeros() };
         (seen, by_place, by_bow)
     }
 }
 
-/// A predicted pixel with its derivatives.
+/// Predicted pixel with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Predicted {
-    /// px.
+pub struct PredictedPixel {
     pub pixel: Vector2<f64>,
     /// d pixel / d point, wing frame, px/m.
     pub by_point: Matrix2x3<f64>,
-    /// d pixel / d share of the bow's curvature, px; 0 where that is known.
+    /// d pixel / d relative change of the bow's curvature, px; 0 if the bow is known.
     pub by_bow: Vector2<f64>,
     /// d pixel / d mounting rotation, px/rad.
     pub by_mount: Matrix2x3<f64>,
@@ -82,34 +81,36 @@ pub struct Predicted {
     pub by_ground_rotation: Matrix2x3<f64>,
     /// d pixel / d interior orientation, in the order of [`Lens::PARAMETERS`].
     pub by_lens: SMatrix<f64, 2, BROWN>,
-    /// d pixel / d share by which both camera constants are larger, px.
+    /// d pixel / d relative change of both camera constants, px.
     pub by_scale: Vector2<f64>,
 }
 
-/// The wing bent, and its neighbours bent alike: sections at the markers' stations.
+/// The bent wing and its neighbours with the same bending: sections at the markers' stations.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bent {
-    sections: Vec<Section>,
-    neighbours: [Vec<Section>; ESTIMATED],
+pub struct BentWing {
+    sections: Vec<BeamSection>,
+    neighbours: [Vec<BeamSection>; ESTIMATED_DIMENSIONS],
 }
 
-impl Scene {
+impl WingScene {
     /// Prepares an installation.
+    ///
+    /// # Errors
+    /// Returns an error if the surveyed markers do not define a bending axis.
     pub fn new(setup: &Setup, orientation: &Orientation) -> Result<Self, AdjustError> {
-        let trusted = trusted(setup, orientation);
+        let trusted = trusted_markers(setup, orientation);
         let ground = GroundShape::new(setup, &trusted)?;
-        let neighbours = Neighbour::all(setup, &trusted)?;
+        let neighbours = NeighbourWing::all_from_setup(setup, &trusted)?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
-        let grid = Grid::new(&ground, &arcs);
-        let mounts = grid.mounts(&ground.stations);
+        let grid = BeamGrid::new(&ground, &arcs);
+        let mounts = grid.marker_arms(&ground.stations);
         let mut ground_sights = vec![None; setup.markers.len()];
         for s in &orientation.ground {
             if let Some(slot) = ground_sights.get_mut(s.marker) {
-                *slot =
-                    Some(Observation { marker: s.marker, pixel: s.pixel, covariance_px2: s.covariance_px2 });
+                *slot = Some(Observation { marker: s.marker, pixel: s.pixel, covariance_px2: s.covariance_px2 });
             }
         }
-        // Two or three sights fix the rotation without a check; the stated rotation is better then.
+        // Two or three observations determine the rotation without redundancy; the orientation is better then.
         if ground_sights.iter().flatten().count() < 4 {
             ground_sights.fill(None);
         }
@@ -120,52 +121,52 @@ impl Scene {
         Ok(Self {
             ground,
             grid,
-            mounts,
+            arms: mounts,
             fixed: setup.markers.iter().map(|m| m.fixed).collect(),
             neighbours,
-            ground_sights,
+            ground_observations: ground_sights,
             lens: setup.lens,
             camera_from_wing,
             panes,
         })
     }
 
-    /// Whether the ground frame's sights take part.
-    pub fn has_ground_sights(&self) -> bool {
-        self.ground_sights.iter().any(Option::is_some)
+    /// Returns whether ground-frame observations are used.
+    pub fn has_ground_observations(&self) -> bool {
+        self.ground_observations.iter().any(Option::is_some)
     }
 
-    /// What the description of the panes leaves unknown of the projection centre in flight against that on
-    /// ground, wing frame, m^2; `None` where ground and flight are seen alike.
+    /// Uncertainty of the projection centre in flight relative to that on the ground due to the panes' parameters, wing
+    /// frame, m^2; `None` if ground frame and flight frames are taken through the same panes.
     pub fn window_covariance_m2(&self) -> Option<Matrix3<f64>> {
         let axis = self.camera_from_wing.transpose() * Vector3::z();
         let [flight, ground] = &self.panes;
         flight.filter(|_| ground.is_none()).map(|pane| pane.shift_covariance_m2(&axis))
     }
 
-    /// Standard deviation of the bow's curvature as a share of it or of the usual one; `None` without panes.
+    /// Standard deviation of the bow's curvature, as a fraction of it or of the default; `None` without panes.
     pub fn bow_sigma(&self) -> Option<f64> {
         self.panes[0].map(|plate| plate.pane.bow_sigma)
     }
 
-    /// The camera at a pose in flight.
-    pub fn camera(&self, pose: &Pose) -> Camera {
-        Camera {
+    /// Camera at a pose in flight.
+    pub fn flight_camera(&self, pose: &CameraPose) -> PosedCamera {
+        PosedCamera {
             bows: self.bow_sigma().is_some_and(|sigma| sigma > 0.0),
-            ..self.behind(pose, self.panes[0].as_ref())
+            ..self.camera_behind_pane(pose, self.panes[0].as_ref())
         }
     }
 
-    /// The camera on ground, before it was remounted.
-    pub fn ground_camera(&self, pose: &Pose) -> Camera {
-        self.behind(&pose.on_ground(), self.panes[1].as_ref())
+    /// Camera on the ground, before a remount.
+    pub fn ground_camera(&self, pose: &CameraPose) -> PosedCamera {
+        self.camera_behind_pane(&pose.on_ground(), self.panes[1].as_ref())
     }
 
-    fn behind(&self, pose: &Pose, pane: Option<&Plate>) -> Camera {
+    fn camera_behind_pane(&self, pose: &CameraPose, pane: Option<&Plate>) -> PosedCamera {
         let ground_from_wing = Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
         let mount = *Rotation3::new(pose.mount_rad).matrix();
         let camera_from_wing = mount * ground_from_wing;
-        Camera {
+        PosedCamera {
             lens: self.lens.with_changes(&pose.lens).with_flight_change(pose.flight_scale, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
@@ -179,18 +180,18 @@ impl Scene {
         }
     }
 
-    /// The pixel of a point (wing frame, m); `None` behind the camera.
-    pub fn project(&self, point_m: &Vector3<f64>, camera: &Camera) -> Option<Predicted> {
+    /// Projects a point (wing frame, m) to a pixel; `None` if it is behind the camera.
+    pub fn project(&self, point_m: &Vector3<f64>, camera: &PosedCamera) -> Option<PredictedPixel> {
         let in_camera = camera.camera_from_wing * (point_m - camera.centre_m);
-        let (seen, by_place, by_bow) = camera.seen(&in_camera);
+        let (seen, by_place, by_bow) = camera.apparent_point(&in_camera);
         let (pixel, by_seen) = camera.lens.project_with_jacobian(&seen)?;
-        // Panes and point turn together, so what is seen turns with them.
+        // Panes and point rotate together, and so does the apparent point.
         let before_mount = camera.mount.transpose() * seen;
         let turned = by_seen * camera.mount;
         let Lens { cx, cy, .. } = camera.lens;
         let mut by_lens = camera.lens.parameter_jacobian(&seen);
         (0..2).for_each(|k| by_lens[(k, k)] *= camera.scale);
-        Some(Predicted {
+        Some(PredictedPixel {
             pixel,
             by_point: by_seen * by_place * camera.camera_from_wing,
             by_bow: by_seen * by_bow,
@@ -201,97 +202,103 @@ impl Scene {
         })
     }
 
-    /// The wing and its neighbours, bent.
-    pub fn bend(&self, bending: &Bending) -> Bent {
+    /// Bends the wing and its neighbours.
+    pub fn bend(&self, bending: &Bending) -> BentWing {
         let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.bend(bending)));
-        Bent { sections: self.grid.bend(bending), neighbours }
+        BentWing { sections: self.grid.bend(bending), neighbours }
     }
 
-    /// Whether a marker is rigid to the cabin.
+    /// Returns whether a marker is fixed to the cabin.
     pub fn is_fixed(&self, marker: usize) -> bool {
         self.fixed.get(marker).copied().unwrap_or(false)
     }
 
-    /// A marker in flight with all that moves it there. `ground_m`: its place on ground, moved by its own motion in
-    /// flight, wing frame, m.
-    pub fn in_flight(
+    /// Computes a marker's state in flight with all its displacements. `ground_m`: its position on the ground including its
+    /// own in-flight motion, wing frame, m.
+    pub fn marker_in_flight(
         &self,
         marker: usize,
-        bent: &Bent,
+        bent: &BentWing,
         ground_m: &Vector3<f64>,
-        values: &Values,
+        values: &UnknownValues,
     ) -> MarkerState {
         let bending = values.bending();
-        let nominal = self.on_beam(marker, &bent.sections[marker], ground_m, &bending);
+        let nominal = self.marker_on_beam(marker, &bent.sections[marker], ground_m, &bending);
         let mut state = nominal;
-        match &values.answers {
-            Some(answers) => state.answer(&answers[marker], &values.estimated),
-            None => state = self.estimated(nominal, bent, ground_m, &bending, &values.estimated),
+        match &values.dimension_derivatives {
+            Some(answers) => state.apply_dimensions(&answers[marker], &values.estimated),
+            None => state = self.apply_dimensions(nominal, bent, ground_m, &bending, &values.estimated),
         }
         if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
             let root_m = nominal.carried.position_m - from_root_m;
             let there_m = ground_m + Vector3::x().cross(&(ground_m - root_m));
-            state.lean(turn_rad, &nominal, &self.on_beam(marker, &bent.sections[marker], &there_m, &bending));
+            state.tilt_bending_plane(
+                turn_rad,
+                &nominal,
+                &self.marker_on_beam(marker, &bent.sections[marker], &there_m, &bending),
+            );
         }
         state.carry_with_root(&values.root_rotation_rad, &values.root_translation_m);
-        state.carried.position_m += moved(&values.moved_m, marker);
+        state.carried.position_m += marker_displacement(&values.moved_m, marker);
         state
     }
 
-    /// A frame's wing: with its neighbours, unless it is taken for granted how markers answer to these.
-    pub fn bent(&self, values: &Values) -> Bent {
-        match values.answers {
-            Some(_) => Bent { sections: self.grid.bend(&values.bending()), neighbours: Default::default() },
+    /// Bends a frame's wing, and its neighbours unless the derivatives with respect to the estimated dimensions are given.
+    pub fn bend_frame(&self, values: &UnknownValues) -> BentWing {
+        match values.dimension_derivatives {
+            Some(_) => BentWing { sections: self.grid.bend(&values.bending()), neighbours: Default::default() },
             None => self.bend(&values.bending()),
         }
     }
 
-    /// How markers answer in a wing that bends so to what the user can only estimate.
-    pub fn answers(&self, bending: &Bending) -> Answers {
+    /// Derivatives of all markers' positions with respect to the estimated dimensions, for a wing with this bending.
+    pub fn dimension_derivatives(&self, bending: &Bending) -> DimensionDerivatives {
         let bent = self.bend(bending);
         let stations = self.ground.stations.iter().enumerate();
         stations
-            .map(|(k, s)| self.marker(k, &bent, &s.surveyed_m, bending, &[0.0; ESTIMATED]).by_estimated)
+            .map(|(k, s)| {
+                self.marker_with_dimensions(k, &bent, &s.surveyed_m, bending, &[0.0; ESTIMATED_DIMENSIONS]).by_estimated
+            })
             .collect()
     }
 
-    /// A marker on the wing as it is stated.
-    fn on_beam(
+    /// Computes a marker's state on the nominal wing.
+    fn marker_on_beam(
         &self,
         index: usize,
-        section: &Section,
+        section: &BeamSection,
         ground_m: &Vector3<f64>,
         bending: &Bending,
     ) -> MarkerState {
         let state = match self.fixed[index] {
             true => MarkerState::fixed(ground_m),
-            false => MarkerState::of(&self.grid, &self.mounts[index], section, ground_m, bending),
+            false => MarkerState::on_wing(&self.grid, &self.arms[index], section, ground_m, bending),
         };
         MarkerState { marker: index, ..state }
     }
 
-    /// Carries a marker from its place on ground (wing frame, m) into flight. `estimated`: by how much what
-    /// the user can only estimate differs from what is stated.
-    pub fn marker(
+    /// Carries a marker from its position on the ground (wing frame, m) into flight. `estimated`: corrections of the
+    /// estimated dimensions.
+    pub fn marker_with_dimensions(
         &self,
         index: usize,
-        bent: &Bent,
+        bent: &BentWing,
         ground_m: &Vector3<f64>,
         bending: &Bending,
-        estimated: &[f64; ESTIMATED],
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
     ) -> MarkerState {
-        let nominal = self.on_beam(index, &bent.sections[index], ground_m, bending);
-        self.estimated(nominal, bent, ground_m, bending, estimated)
+        let nominal = self.marker_on_beam(index, &bent.sections[index], ground_m, bending);
+        self.apply_dimensions(nominal, bent, ground_m, bending, estimated)
     }
 
-    /// Moves a marker on the wing as it is stated to the wing that differs from it by so much.
-    fn estimated(
+    /// Applies corrections of the estimated dimensions to a marker on the nominal wing.
+    fn apply_dimensions(
         &self,
         nominal: MarkerState,
-        bent: &Bent,
+        bent: &BentWing,
         ground_m: &Vector3<f64>,
         bending: &Bending,
-        estimated: &[f64; ESTIMATED],
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
     ) -> MarkerState {
         let index = nominal.marker;
         let mut state = nominal;
@@ -300,9 +307,9 @@ impl Scene {
         }
         for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
             let Some(neighbour) = neighbour else { continue };
-            let other = neighbour.marker(index, &bent.neighbours[k][index], ground_m, bending);
+            let other = neighbour.marker_state(index, &bent.neighbours[k][index], ground_m, bending);
             state.by_estimated[k] = (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
-            state.towards(&nominal, &other, off / neighbour.step);
+            state.interpolate_towards(&nominal, &other, off / neighbour.step);
         }
         let estimated_m = state.carried.position_m - nominal.carried.position_m;
         state.from_root_m = nominal.from_root_m.map(|from| from + estimated_m);
@@ -310,29 +317,30 @@ impl Scene {
     }
 }
 
-/// A marker's own among displacements, of which those that are not there are 0, m.
-pub fn moved(displacements_m: &[Vector3<f64>], marker: usize) -> Vector3<f64> {
+/// Displacement of one marker, m; 0 if the list does not hold it.
+pub fn marker_displacement(displacements_m: &[Vector3<f64>], marker: usize) -> Vector3<f64> {
     displacements_m.get(marker).copied().unwrap_or_else(Vector3::zeros)
 }
 
-/// A sight on ground that lies farther from where the survey puts its marker, in standard deviations,
-/// speaks against the survey: one in a million by chance.
-const TRUSTED: f64 = 5.0;
+/// Limit of the difference between a ground-frame image and its prediction from the survey, in standard deviations;
+/// exceeded once in a million by valid points.
+const TRUST_SIGMAS: f64 = 5.0;
 
-/// Whether each surveyed point has a sight on ground and agrees with it. Where most do not agree,
-/// the orientation is at fault and tells nothing of single points.
-fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
-    let may_shape = orientation.may_shape(setup.markers.len());
+/// Returns whether each surveyed point has an image in the ground frame and agrees with it. If most points disagree, the
+/// orientation is wrong and single points cannot be judged.
+fn trusted_markers(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
+    let may_shape = orientation.shaping_markers(setup.markers.len());
     let mut trusted = vec![true; setup.markers.len()];
-    for sight in &orientation.ground {
-        let Some(marker) = setup.markers.get(sight.marker) else { continue };
+    for observation in &orientation.ground {
+        let Some(marker) = setup.markers.get(observation.marker) else { continue };
         let seen = orientation.camera_from_survey * (marker.position_m - setup.projection_centre_m);
         let Some(pixel) = setup.lens.project(&seen) else { continue };
         let survey = marker.sigma_m.hypot(setup.projection_centre_sigma_m);
         let survey_px = setup.lens.focal_px() * survey / seen.norm().max(1e-3);
-        let off = pixel - sight.pixel;
-        trusted[sight.marker] = (0..2)
-            .all(|k| off[k].abs() <= TRUSTED * sight.covariance_px2[(k, k)].max(0.0).sqrt().hypot(survey_px));
+        let off = pixel - observation.pixel;
+        trusted[observation.marker] = (0..2).all(|k| {
+            off[k].abs() <= TRUST_SIGMAS * observation.covariance_px2[(k, k)].max(0.0).sqrt().hypot(survey_px)
+        });
     }
     if 2 * trusted.iter().filter(|t| !**t).count() > orientation.ground.len() {
         trusted.fill(true);

@@ -1,83 +1,83 @@
-//! What bent wings look like: the reference curvature `m`, the curvatures that grow from it, and how
-//! far the wings of a fleet spread around it.
+//! Shape of bent wings: the reference curvature `m`, the curvature functions derived from it, and the spread of the shapes
+//! of a fleet of wings.
 //!
-//! A cantilever's curvature is its bending moment over its stiffness. The reference carries the free
-//! end (no moment, hence no curvature) and the taper, so that few polynomials times it follow a real
-//! wing to a millimetre where a plain polynomial of four terms leaves ten.
+//! A cantilever's curvature is its bending moment divided by its stiffness. The reference includes the free end (no moment,
+//! hence no curvature) and the taper. A few polynomials times the reference therefore follow a real wing to 1 mm, compared
+//! with 10 mm for a plain polynomial of four terms.
 
 use std::sync::LazyLock;
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-/// Largest number of terms of the curvature.
+/// Largest number of curvature terms.
 pub const MAX_CURVATURE_TERMS: usize = 10;
-/// Ratios of the terms to the first.
-pub const RATIOS: usize = MAX_CURVATURE_TERMS - 1;
+/// Number of ratios of the terms to the first.
+pub const CURVATURE_RATIOS: usize = MAX_CURVATURE_TERMS - 1;
 
-/// One value per term.
-pub type Integrals = [f64; MAX_CURVATURE_TERMS];
+/// Values, one per curvature term.
+pub type CurvatureTermValues = [f64; MAX_CURVATURE_TERMS];
 
 const TABLE: usize = 1025;
-/// Every so many points of the table are enough to compare beams.
+/// Step in the table at which beams are compared.
 const STRIDE: usize = 8;
 
-/// A tapered cantilever and its load.
+/// Tapered cantilever and its load.
 #[derive(Clone, Copy, Debug)]
-struct Beam {
-    /// Chord at the tip over chord at the root.
+struct TaperedBeam {
     taper: f64,
-    /// Bending stiffness goes with this power of the chord; 3: skins of constant thickness.
+    /// Exponent of the chord in the bending stiffness; 3: skins of constant thickness.
     power: f64,
-    /// Share of a triangular load in an otherwise elliptic deflection.
+    /// Fraction of triangular load in an otherwise elliptic lift distribution.
     triangular: f64,
-    /// Weight of the fuel over the deflection at the root, proportional to the chord.
+    /// Fuel weight over lift at the root, proportional to the chord.
     relief: f64,
-    /// Where the tanks end, over the span.
+    /// End of the tanks as a fraction of the span.
     reach: f64,
 }
 
-const REFERENCE: Beam = Beam { taper: 0.3, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
+const REFERENCE: TaperedBeam = TaperedBeam { taper: 0.3, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
 
-/// What the beams of a fleet have between them, low to high.
-const FLEET: [Beam; 2] = [
-    Beam { taper: 0.2, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
-    Beam { taper: 0.45, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
+/// Range of the parameters of the beams in the fleet, low and high.
+const FLEET_RANGE: [TaperedBeam; 2] = [
+    TaperedBeam { taper: 0.2, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
+    TaperedBeam { taper: 0.45, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
 ];
 
-/// What a beam of the fleet still leaves out (steps of the stiffness, engines, stores): standard
-/// deviations of the coefficients' ratios.
-const BEYOND_FLEET: [f64; RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
+/// Effects that the beams of the fleet do not include (steps in stiffness, engines, stores): standard deviations of the
+/// coefficients' ratios.
+const BEYOND_FLEET: [f64; CURVATURE_RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
 
-/// Mass goes with this power of the chord where it is a box of skins, of fuel and of ribs.
+/// Exponent of the chord in the mass, for a box of skins, fuel and ribs.
 const MASS_POWER: i32 = 2;
 
-/// The same for the change of a beam's shape while it loses its fuel, over the above.
+/// Changes of a beam's shape while fuel is burnt that the fleet does not include, as a factor of [`BEYOND_FLEET`].
 const BEYOND_BURNING: f64 = 0.05;
 
-/// Mean square of the share of its fuel that a flight burns: any share is as likely as another.
-const BURNT: f64 = 1.0 / 3.0;
+/// Mean square of the fraction of fuel that a flight burns, for a uniform distribution.
+const MEAN_SQUARE_BURNT: f64 = 1.0 / 3.0;
 
-/// Where a wing may have a kink, shares of the length: joints at the fuselage and at the trailing edge's break, engines.
+/// Range of possible kinks, as fractions of the length: joints at the fuselage and at the trailing-edge break, engines.
 const KINKS: std::ops::RangeInclusive<f64> = 0.1..=0.6;
 
-/// Bending up to which the shortening is followed, 1/m: 4 m at the tip of 33 m.
+/// Largest curvature at which the shortening is computed, 1/m: 4 m at the tip of a 33 m wing.
 const STRONG_CURVATURE_PER_M: f64 = 0.01;
-/// Each gains two digits.
+/// Number of iterations; each gains two digits.
 const SHORTENING_PASSES: usize = 4;
 
-impl Beam {
+impl TaperedBeam {
     fn load(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
-        let deflection = elliptic + self.triangular * (1.0 - eta - elliptic);
-        deflection - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
+        let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
+        lift - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
     }
 
     fn chord(&self, eta: f64) -> f64 {
         1.0 - (1.0 - self.taper) * eta
     }
 
-    /// Bending moment over stiffness at `count` points from the root to the tip under a load at them, any unit.
-    fn curvature_under(&self, count: usize, load: impl Fn(usize) -> f64) -> Vec<f64> {
+    /// Bending moment over stiffness at `count` points from root to tip for the given load at these points, in arbitrary
+    /// units.
+    fn curvature_under_load(&self, count: usize, load: impl Fn(usize) -> f64) -> Vec<f64> {
         let step = 1.0 / (count - 1) as f64;
         let (mut shear, mut moment) = (0.0, 0.0);
         let mut curvature = vec![0.0; count];
@@ -90,13 +90,14 @@ impl Beam {
         curvature
     }
 
-    /// Bending moment over stiffness at `count` points from the root to the tip, any unit.
+    /// Bending moment over stiffness at `count` points from root to tip, in arbitrary units.
     fn curvature(&self, count: usize) -> Vec<f64> {
-        self.curvature_with(count, |_| 1.0)
+        self.curvature_with_shortening(count, |_| 1.0)
     }
 
-    /// The same where an interval of the axis counts in the lever arms by its horizontal share only.
-    fn curvature_with(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
+    /// Bending moment over stiffness at `count` points, with lever arms shortened to the horizontal fraction of each
+    /// interval of the axis.
+    fn curvature_with_shortening(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
         let step = 1.0 / (count - 1) as f64;
         let (mut shear, mut moment) = (0.0, 0.0);
         let mut curvature = vec![0.0; count];
@@ -112,94 +113,96 @@ impl Beam {
 }
 
 /// Integrals of m P_k from 0 to eta, per unit of length.
-static SHAPES: LazyLock<Vec<Integrals>> = LazyLock::new(shape_integrals);
+static SHAPES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(integrate_basis);
 
-/// Covariance of c_k / c_0, k = 1.., over the fleet and beyond.
-static FLEET_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(fleet_covariance);
+/// Covariance of c_k / c_0, k = 1.., over the fleet, including effects beyond it.
+static FLEET_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
+    LazyLock::new(compute_fleet_covariance);
 
-/// Covariance of the ratios c_k / c_0 of `terms` coefficients, from the second on: what is known of a wing's shape
-/// beforehand.
+/// Prior covariance of the ratios c_k / c_0 of `terms` coefficients, starting with the second.
 pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&FLEET_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&FLEET_COVARIANCE, terms.saturating_sub(1))
 }
 
-fn leading(covariance: &SMatrix<f64, RATIOS, RATIOS>, n: usize) -> DMatrix<f64> {
+fn leading_block(covariance: &SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>, n: usize) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| covariance[(i, j)])
 }
 
-/// Covariance of the change of c_k / c_0, k = 1.., while a flight burns its fuel.
-static BURNT_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(burnt_covariance);
+/// Covariance of the change of c_k / c_0, k = 1.., due to fuel burnt in a flight.
+static BURNT_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
+    LazyLock::new(compute_burnt_covariance);
 
-/// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, from the second on, from the heaviest frame
-/// of a flight to the lightest: anything between nothing and all the fuel may have been burnt.
+/// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, starting with the second, from the heaviest
+/// frame of a flight to the lightest, if a random fraction of the fuel is burnt.
 pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&BURNT_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&BURNT_COVARIANCE, terms.saturating_sub(1))
 }
 
-/// What of [`shape_covariance`] no load of a beam explains: any smooth shape, such as a swing in the second mode.
+/// Part of [`shape_covariance`] that no load of a beam explains: any smooth shape, for example a vibration in the second
+/// mode.
 pub fn beyond_fleet_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&beyond_fleet(1.0), terms.saturating_sub(1))
+    leading_block(&beyond_fleet_variances(1.0), terms.saturating_sub(1))
 }
 
-/// Covariance of the coefficients c_k, k = 1.., of a bend that does not go with the load and raises the tip by one length of
-/// a wing, times that length: skins of unlike temperature bend a box of even height or one that tapers as the chord does; a
-/// loose joint is a kink anywhere inboard. Temperature and joints are taken to be as likely.
+/// Covariance of the coefficients c_k, k = 1.., of a bend that is independent of the load and raises the tip by one wing
+/// length, times that length. Skins of different temperature bend a box of constant height, or of a height tapered like the
+/// chord; a loose joint is a kink anywhere inboard. Temperature and joints have equal weight.
 pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
 }
 
-static CONSTANT_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(constant_covariance);
+static CONSTANT_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
+    LazyLock::new(compute_constant_covariance);
 
-fn constant_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
-    let fit = Ratios::new();
+fn compute_constant_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+    let fit = RatioFit::new();
     let count = fit.basis.len();
     let step = 1.0 / (count - 1) as f64;
-    let thermal = [0.0, 1.0].map(|power| -> Vec<f64> {
-        (0..count).map(|k| REFERENCE.chord(k as f64 * step).powf(-power)).collect()
-    });
+    let thermal = [0.0, 1.0]
+        .map(|power| -> Vec<f64> { (0..count).map(|k| REFERENCE.chord(k as f64 * step).powf(-power)).collect() });
     let kink = |at: usize| (0..count).map(|k| f64::from(u8::from(k == at))).collect();
     let kinks: Vec<Vec<f64>> = (0..count).filter(|k| KINKS.contains(&(*k as f64 * step))).map(kink).collect();
     let mut sum = SMatrix::zeros();
     for (shapes, weight) in [(&thermal[..], 0.25), (&kinks, 0.5 / kinks.len() as f64)] {
         for shape in shapes {
-            let rise = twice_integrated(step, shape)[count - 1];
-            let c = fit.coefficients(shape).fixed_rows::<RATIOS>(1) / rise;
+            let rise = integrate_twice(step, shape)[count - 1];
+            let c = fit.coefficients(shape).fixed_rows::<CURVATURE_RATIOS>(1) / rise;
             sum += c * c.transpose() * weight;
         }
     }
     sum
 }
 
-/// How far a curvature of each `m P_k` bends the reference beam in its first mode, over what `m` does. A swing in another mode has no
-/// part in it: modes are orthogonal over the masses.
-static FIRST_MODE: LazyLock<Integrals> = LazyLock::new(first_mode);
+/// First-mode deflection of the reference beam caused by each curvature `m P_k`, relative to `m`. Vibrations in other modes
+/// do not contribute because the modes are orthogonal with respect to mass.
+static FIRST_MODE: LazyLock<CurvatureTermValues> = LazyLock::new(compute_first_mode);
 
-/// The same.
-pub fn first_mode_shares() -> &'static Integrals {
+/// First-mode amplitude of each curvature basis function, relative to the reference curvature.
+pub fn first_mode_amplitudes() -> &'static CurvatureTermValues {
     &FIRST_MODE
 }
 
-fn first_mode() -> Integrals {
+fn compute_first_mode() -> CurvatureTermValues {
     let step = 1.0 / (TABLE - 1) as f64;
     let at = |k: usize| k as f64 * step;
     let mass = |k: usize| REFERENCE.chord(at(k)).powi(MASS_POWER);
-    // Stodola's iteration from a parabola: each leaves a fortieth of what is of the second mode, (1.875 / 4.694)^4.
+    // Stodola's iteration from a parabola: each pass reduces the second mode to 2.5 %, (1.875 / 4.694)^4.
     let mut deflection: Vec<f64> = (0..TABLE).map(|k| at(k).powi(2)).collect();
     for _ in 0..3 {
         let inertia = |k: usize| mass(k) * deflection[k];
-        let curvature = REFERENCE.curvature_under(TABLE, inertia);
-        deflection = twice_integrated(step, &curvature);
+        let curvature = REFERENCE.curvature_under_load(TABLE, inertia);
+        deflection = integrate_twice(step, &curvature);
     }
-    let values = basis(TABLE);
+    let values = sample_basis(TABLE);
     let share = |j: usize| -> f64 {
-        let of: Vec<f64> = values.iter().map(|all| all[j]).collect();
-        twice_integrated(step, &of).iter().enumerate().map(|(k, w)| mass(k) * deflection[k] * w).sum()
+        let curvature: Vec<f64> = values.iter().map(|all| all[j]).collect();
+        integrate_twice(step, &curvature).iter().enumerate().map(|(k, w)| mass(k) * deflection[k] * w).sum()
     };
     let whole = share(0);
     std::array::from_fn(|j| share(j) / whole)
 }
 
-fn twice_integrated(step: f64, curvature: &[f64]) -> Vec<f64> {
+fn integrate_twice(step: f64, curvature: &[f64]) -> Vec<f64> {
     let (mut slope, mut rise) = (0.0, 0.0);
     let mut out = vec![0.0];
     for pair in curvature.windows(2) {
@@ -211,17 +214,18 @@ fn twice_integrated(step: f64, curvature: &[f64]) -> Vec<f64> {
     out
 }
 
-/// m P_k at `count` points; m has mean 1.
-fn basis(count: usize) -> Vec<Integrals> {
+/// Samples m P_k at `count` points; m has mean 1.
+fn sample_basis(count: usize) -> Vec<CurvatureTermValues> {
     let curvature = REFERENCE.curvature(count);
     let mean = curvature.iter().sum::<f64>() / (count - 1) as f64;
-    let at = |k: usize| legendre(2.0 * k as f64 / (count - 1) as f64 - 1.0).map(|p| p * curvature[k] / mean);
+    let at =
+        |k: usize| legendre_polynomials(2.0 * k as f64 / (count - 1) as f64 - 1.0).map(|p| p * curvature[k] / mean);
     (0..count).map(at).collect()
 }
 
-fn shape_integrals() -> Vec<Integrals> {
+fn integrate_basis() -> Vec<CurvatureTermValues> {
     let step = 1.0 / (TABLE - 1) as f64;
-    let values = basis(TABLE);
+    let values = sample_basis(TABLE);
     let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
     for k in 1..TABLE {
         let before = sums[k - 1];
@@ -230,44 +234,45 @@ fn shape_integrals() -> Vec<Integrals> {
     sums
 }
 
-/// Beams all over the fleet, each fitted with the basis.
-fn fleet_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
-    let ratios = Ratios::new();
-    let beams = fleet();
-    let squares = beams.iter().map(|beam| ratios.of(beam)).map(|r| r * r.transpose() / beams.len() as f64);
-    squares.fold(beyond_fleet(1.0), |sum, square| sum + square)
+/// Fits beams over the whole range of the fleet with the basis.
+fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+    let ratios = RatioFit::new();
+    let beams = fleet_beams();
+    let squares = beams.iter().map(|beam| ratios.beam_ratios(beam)).map(|r| r * r.transpose() / beams.len() as f64);
+    squares.fold(beyond_fleet_variances(1.0), |sum, square| sum + square)
 }
 
-/// The same beams with their fuel against without; a flight burns any share of it.
-fn burnt_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
-    let ratios = Ratios::new();
-    let beams = fleet();
-    let change = |beam: &Beam| ratios.of(beam) - ratios.of(&Beam { relief: 0.0, ..*beam });
-    let squares = beams.iter().map(change).map(|r| r * r.transpose() * (BURNT / beams.len() as f64));
-    squares.fold(beyond_fleet(BEYOND_BURNING), |sum, square| sum + square)
+/// Differences of the fleet's beams with and without fuel; a flight burns a random fraction of it.
+fn compute_burnt_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+    let ratios = RatioFit::new();
+    let beams = fleet_beams();
+    let change =
+        |beam: &TaperedBeam| ratios.beam_ratios(beam) - ratios.beam_ratios(&TaperedBeam { relief: 0.0, ..*beam });
+    let squares = beams.iter().map(change).map(|r| r * r.transpose() * (MEAN_SQUARE_BURNT / beams.len() as f64));
+    squares.fold(beyond_fleet_variances(BEYOND_BURNING), |sum, square| sum + square)
 }
 
-fn beyond_fleet(share: f64) -> SMatrix<f64, RATIOS, RATIOS> {
+fn beyond_fleet_variances(share: f64) -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     SMatrix::from_diagonal(&SVector::from(BEYOND_FLEET).map(|s| (s * share).powi(2)))
 }
 
-/// Fits curvatures with the basis.
-struct Ratios {
+/// Least-squares fit of curvatures with the basis.
+struct RatioFit {
     basis: Vec<SVector<f64, MAX_CURVATURE_TERMS>>,
     inverse: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS>,
 }
 
-impl Ratios {
+impl RatioFit {
     fn new() -> Self {
-        let basis: Vec<_> = basis(TABLE / STRIDE + 1).into_iter().map(SVector::from).collect();
+        let basis: Vec<_> = sample_basis(TABLE / STRIDE + 1).into_iter().map(SVector::from).collect();
         let normal: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS> =
             basis.iter().fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
         Self { basis, inverse: normal.try_inverse().unwrap_or_else(SMatrix::zeros) }
     }
 
-    fn of(&self, beam: &Beam) -> SVector<f64, RATIOS> {
+    fn beam_ratios(&self, beam: &TaperedBeam) -> SVector<f64, CURVATURE_RATIOS> {
         let c = self.coefficients(&beam.curvature(self.basis.len()));
-        c.fixed_rows::<RATIOS>(1) / c[0]
+        c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0]
     }
 
     fn coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
@@ -276,31 +281,31 @@ impl Ratios {
     }
 }
 
-/// Half the second derivatives of the ratios c_k / c_0 by the amplitude c_0, m^2, where the load stays
-/// vertical while the beam turns: its lever arms shorten. Of the reference beam on an unbent axis of this
-/// length with these slopes (over s/L).
-pub fn shortening(length_m: f64, slope_rad: impl Fn(f64) -> f64) -> [f64; RATIOS] {
-    let fit = Ratios::new();
+/// Half the second derivatives of the ratios c_k / c_0 with respect to the amplitude c_0, m^2, if the load stays vertical
+/// while the beam rotates and its lever arms shorten. Computed for the reference beam on an unbent axis of this length and
+/// these slopes (over s/L).
+pub fn shortening_effect(length_m: f64, slope_rad: impl Fn(f64) -> f64) -> [f64; CURVATURE_RATIOS] {
+    let fit = RatioFit::new();
     let at = |share: f64| shortened_ratios(&fit, length_m, &slope_rad, share * STRONG_CURVATURE_PER_M);
     let bend = at(0.0) - at(0.5) * 2.0 + at(1.0);
     (bend * (2.0 / STRONG_CURVATURE_PER_M.powi(2))).into()
 }
 
-/// Ratios of a vertically loaded reference beam that is bent to an amplitude.
+/// Ratios for a vertically loaded reference beam that is bent to an amplitude.
 fn shortened_ratios(
-    fit: &Ratios,
+    fit: &RatioFit,
     length_m: f64,
     slope_rad: impl Fn(f64) -> f64,
     amplitude: f64,
-) -> SVector<f64, RATIOS> {
+) -> SVector<f64, CURVATURE_RATIOS> {
     let count = fit.basis.len();
     let step = 1.0 / (count - 1) as f64;
     let mut bent = vec![0.0; count];
     let mut ratios = SVector::zeros();
     for _ in 0..SHORTENING_PASSES {
-        let curvature = REFERENCE.curvature_with(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
+        let curvature = REFERENCE.curvature_with_shortening(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
         let c = fit.coefficients(&curvature);
-        ratios = c.fixed_rows::<RATIOS>(1) / c[0];
+        ratios = c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
         let scale = amplitude * length_m * step / c[0];
         for k in 1..count {
             bent[k] = bent[k - 1] + 0.5 * scale * (curvature[k - 1] + curvature[k]);
@@ -309,11 +314,11 @@ fn shortened_ratios(
     ratios
 }
 
-fn fleet() -> Vec<Beam> {
-    let [low, high] = FLEET;
-    // Three points with nearly the spread of a uniform law.
+fn fleet_beams() -> Vec<TaperedBeam> {
+    let [low, high] = FLEET_RANGE;
+    // Three points with nearly the spread of a uniform distribution.
     let between = |a: f64, b: f64, k: usize| a + (b - a) * [0.11, 0.5, 0.89][k % 3];
-    let beam = |k: usize| Beam {
+    let beam = |k: usize| TaperedBeam {
         taper: between(low.taper, high.taper, k),
         power: between(low.power, high.power, k / 3),
         triangular: between(low.triangular, high.triangular, k / 9),
@@ -324,27 +329,27 @@ fn fleet() -> Vec<Beam> {
 }
 
 /// Values of m P_k from 0 to 1.
-static VALUES: LazyLock<Vec<Integrals>> = LazyLock::new(|| basis(TABLE));
+static VALUES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(|| sample_basis(TABLE));
 
-/// m P_k at `eta`: the curvature is their sum with the coefficients.
+/// Values of m P_k at `eta`; the curvature is their sum weighted by the coefficients.
 pub fn curvature_basis(eta: f64) -> [f64; MAX_CURVATURE_TERMS] {
-    interpolated(&VALUES, eta)
+    interpolate_table(&VALUES, eta)
 }
 
 /// Integrals of m P_k from the root to `eta`, per unit of length.
-pub fn shapes_at(eta: f64) -> Integrals {
-    interpolated(&SHAPES, eta)
+pub fn curvature_integrals(eta: f64) -> CurvatureTermValues {
+    interpolate_table(&SHAPES, eta)
 }
 
-fn interpolated(table: &[Integrals], eta: f64) -> Integrals {
+fn interpolate_table(table: &[CurvatureTermValues], eta: f64) -> CurvatureTermValues {
     let at = eta.clamp(0.0, 1.0) * (TABLE - 1) as f64;
     let k = (at as usize).min(TABLE - 2);
     let t = at - k as f64;
     std::array::from_fn(|j| table[k][j] + t * (table[k + 1][j] - table[k][j]))
 }
 
-/// Legendre's polynomials of degree 0 to N - 1.
-pub fn legendre<const N: usize>(x: f64) -> [f64; N] {
+/// Legendre polynomials of degree 0 to N - 1.
+pub fn legendre_polynomials<const N: usize>(x: f64) -> [f64; N] {
     let mut p = [1.0; N];
     if N > 1 {
         p[1] = x;

@@ -1,4 +1,4 @@
-//! The rigid-section beam, one frame (docs/model.md).
+//! Adjustment of one frame with the rigid-section beam (docs/model.md).
 
 mod frame;
 
@@ -6,54 +6,54 @@ use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
-use self::frame::{Frame, Single, Start, Usage};
+use self::frame::{FrameProblem, FrameStart, FrameUsage, SingleFrame};
 use super::beam::MAX_CURVATURE_TERMS;
-use super::budget::{Blocks, with_sources};
-use super::common_displacement::causes;
-use super::factors::Factors;
+use super::budget::{BlockMembers, with_variance_sources};
+use super::common_displacement::candidate_displacements;
 use super::flight;
-use super::input::{Input, by_marker, on_the_wing};
-use super::outcome::Outcome;
-use super::scene::Scene;
+use super::input::{AdjustmentInput, count_wing_markers, order_by_marker};
+use super::outcome::FrameOutcome;
+use super::prior_scales::PriorScales;
+use super::scene::WingScene;
 use super::shapes::shape_covariance;
-use super::snooping::{self, Removable, ResidualSum, Snooped, Suspect, Target};
-use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
+use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, Suspect, SuspectTarget};
+use super::{AdjustError, AdjustmentMethod, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
-/// Fewest markers on the wing, in flight.
+/// Minimum number of wing markers in flight.
 const MIN_MARKERS: usize = 6;
-/// Of a frame's observations, no more than one in so many are left out.
-const LEFT_OUT: usize = 3;
-/// Bending below this counts as unbent when the shape ratios are weighed, 1/m (0.1 m at 32 m).
+/// Number of observations per permitted removal in a frame.
+const OBSERVATIONS_PER_REMOVAL: usize = 3;
+/// Curvature below which the wing counts as unbent when the shape ratios are weighted, 1/m (0.1 m at 32 m).
 const MIN_CURVATURE_PER_M: f64 = 2e-4;
-/// Bending to start with, 1/m.
-const USUAL_CURVATURE_PER_M: f64 = 5e-3;
-/// Passes in which the amplitude settles that the shape ratios are weighed with.
+/// Initial curvature, 1/m.
+const TYPICAL_CURVATURE_PER_M: f64 = 5e-3;
+/// Maximum number of passes for the amplitude with which the shape ratios are weighted.
 const AMPLITUDE_PASSES: usize = 3;
-/// Change of the amplitude's logarithm that no longer matters.
+/// Change of the logarithm of the amplitude below which it has settled.
 const AMPLITUDE_SETTLED: f64 = 0.05;
 
-/// Orders of the curvature that are weighed against one another where none is given.
-const ORDERS: [usize; 2] = [8, 10];
-/// The order that blunders are looked for with.
-const USUAL_ORDER: usize = 8;
+/// Candidate numbers of curvature terms, compared if none is given.
+const CANDIDATE_ORDERS: [usize; 2] = [8, 10];
+/// Number of curvature terms during data snooping.
+const DEFAULT_ORDER: usize = 8;
 
 /// A frame with its solution.
-struct Solved<'a> {
-    frame: Frame<'a>,
+struct SolvedFrame<'a> {
+    frame: FrameProblem<'a>,
     fit: Fit,
     amplitude: f64,
 }
 
-impl<'a> Solved<'a> {
-    /// Two passes: the first finds the amplitude that the shape ratios are weighed with.
-    fn new(single: &Single<'a>, before: Option<&Solved>) -> Result<Self, AdjustError> {
-        let mut amplitude = before.map_or(USUAL_CURVATURE_PER_M, |b| b.amplitude);
+impl<'a> SolvedFrame<'a> {
+    /// Solves in several passes that also find the amplitude with which the shape ratios are weighted.
+    fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> Result<Self, AdjustError> {
+        let mut amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
         let mut solved: Option<Self> = None;
         for _ in 0..AMPLITUDE_PASSES {
             let last = solved.as_ref().or(before);
-            let (frame, fit) = rough(single, amplitude, last)?;
+            let (frame, fit) = solve_rough(single, amplitude, last)?;
             let found = fit.global[0].abs().max(MIN_CURVATURE_PER_M);
             let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
             solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
@@ -65,176 +65,195 @@ impl<'a> Solved<'a> {
         solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
     }
 
-    /// From rough to converged.
-    fn finish(&mut self) -> Result<(), AdjustError> {
+    /// Iterates a rough solution to convergence.
+    fn converge(&mut self) -> Result<(), AdjustError> {
         self.frame.problem.start = self.fit.global.clone();
         self.fit = self.frame.solve(&SolveOptions { rough: false, residuals: Some(&self.fit) })?;
         Ok(())
     }
 
-    /// Minus twice the logarithm of the evidence of this order, but for terms that all orders share.
-    fn misfit(&self) -> f64 {
+    /// Twice the negative logarithm of the evidence for this number of terms, without contributions common to all
+    /// candidates.
+    fn negative_log_evidence(&self) -> f64 {
         let terms = self.frame.layout.curvature_terms;
         let log = |m: DMatrix<f64>| m.cholesky().map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
-        let shape =
-            log(shape_covariance(terms)) + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
+        let shape = log(shape_covariance(terms)) + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
         self.fit.omega - log(self.fit.covariance.clone()) + shape
     }
 
-    /// Variance components of images and survey, with what a person should read; the solution becomes theirs.
-    fn weigh(&mut self) -> Result<(Vec<VarianceComponent>, Vec<String>), AdjustError> {
+    /// Estimates variance components of images and survey, with remarks; updates the solution.
+    fn estimate_variance_components(&mut self) -> Result<(Vec<VarianceComponent>, Vec<String>), AdjustError> {
         let (frame, mut problem) = (&self.frame, self.frame.problem.clone());
         let size = |block: usize| frame.problem.groups[0].blocks[block].observed.len();
         let image = |_: usize, block: usize| (3..size(block)).collect();
         let survey = |_: usize, _: usize| vec![0, 1, 2];
-        let groups = [
-            VarianceGroup { name: "image", members: &image },
-            VarianceGroup { name: "survey", members: &survey },
-        ];
+        let groups =
+            [VarianceGroup { name: "image", members: &image }, VarianceGroup { name: "survey", members: &survey }];
         let found = variance_components(&mut problem, &groups, |at, blocks| frame.linearise(at, blocks))?;
         (self.fit, self.frame.problem) = (found.fit, problem);
         Ok((found.components, found.remarks))
     }
 }
 
-/// From where an earlier solution left off.
-fn rough<'a>(
-    single: &Single<'a>,
+/// Computes a rough solution, starting from an earlier one.
+fn solve_rough<'a>(
+    single: &SingleFrame<'a>,
     amplitude_per_m: f64,
-    last: Option<&Solved>,
-) -> Result<(Frame<'a>, Fit), AdjustError> {
+    last: Option<&SolvedFrame>,
+) -> Result<(FrameProblem<'a>, Fit), AdjustError> {
     let from = last.map(|s| (&s.frame.layout, &s.fit.global));
-    let frame = Frame::new(single, &Start { amplitude_per_m, from });
+    let frame = FrameProblem::new(single, &FrameStart { amplitude_per_m, from });
     let fit = frame.solve(&SolveOptions { rough: true, residuals: last.map(|s| &s.fit) })?;
     Ok((frame, fit))
 }
 
-impl<'a> Single<'a> {
-    fn marks_contradict(&self, Solved { frame, fit, .. }: &Solved<'a>) -> bool {
-        snooping::marks_contradict(&self.input, &frame.problem, fit, 0, &frame.members, 1)
+impl<'a> SingleFrame<'a> {
+    fn fixed_targets_conflict(&self, SolvedFrame { frame, fit, .. }: &SolvedFrame<'a>) -> bool {
+        snooping::fixed_targets_conflict(&self.input, &frame.problem, fit, 0, &frame.members, 1)
     }
 }
 
-impl<'a> Removable for Single<'a> {
-    type Solved = Solved<'a>;
+impl<'a> SnoopingModel for SingleFrame<'a> {
+    type SolvedModel = SolvedFrame<'a>;
 
-    fn worst(&self, solved: &Solved<'a>) -> Option<Suspect> {
-        let Solved { frame, fit, .. } = solved;
-        snooping::worst(&self.input, &frame.problem, fit, 0, &frame.members)
+    fn find_worst(&self, solved: &SolvedFrame<'a>) -> Option<Suspect> {
+        let SolvedFrame { frame, fit, .. } = solved;
+        snooping::worst_suspect(&self.input, &frame.problem, fit, 0, &frame.members)
     }
 
-    fn judged(solved: &Solved<'a>) -> ResidualSum {
-        ResidualSum::of(&solved.fit)
+    fn residual_sum(solved: &SolvedFrame<'a>) -> ResidualSum {
+        ResidualSum::from_fit(&solved.fit)
     }
 
-    fn use_marker(&mut self, suspect: &Suspect, used: bool) {
-        if suspect.target != Target::Ground {
+    fn set_used(&mut self, suspect: &Suspect, used: bool) {
+        if suspect.target != SuspectTarget::Ground {
             self.usage.flight[suspect.marker] = used;
         }
-        if suspect.target != Target::Flight {
+        if suspect.target != SuspectTarget::Flight {
             self.usage.ground[suspect.marker] = used;
         }
     }
 
-    fn is_enough(&self, _: &Solved<'a>) -> bool {
-        let left = self.usage.flight.iter().zip(&self.sights).map(|(used, seen)| seen.filter(|_| *used));
-        on_the_wing(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
+    fn is_sufficient(&self, _: &SolvedFrame<'a>) -> bool {
+        let left = self.usage.flight.iter().zip(&self.observations).map(|(used, seen)| seen.filter(|_| *used));
+        count_wing_markers(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
     }
 
-    fn solve(&self, before: Option<&Solved<'a>>) -> Result<Solved<'a>, AdjustError> {
-        Solved::new(self, before)
+    fn solve_from(&self, before: Option<&SolvedFrame<'a>>) -> Result<SolvedFrame<'a>, AdjustError> {
+        SolvedFrame::new(self, before)
     }
 }
 
-/// A solution without blunders; fixed marks that contradict each other are widened together.
-fn without_blunders(mut single: Single, allowed: usize) -> Result<Snooped<Single>, AdjustError> {
-    let mut all = single.solve(None)?;
-    while single.factors.marks < snooping::MAX_FIXED_TARGET_SCALE && single.marks_contradict(&all) {
-        single.factors.marks *= 2.0;
-        all = single.solve(Some(&all))?;
+/// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
+fn remove_outliers(mut single: SingleFrame, allowed: usize) -> Result<SnoopingResult<SingleFrame>, AdjustError> {
+    let mut all = single.solve_from(None)?;
+    while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && single.fixed_targets_conflict(&all) {
+        single.prior_scales.fixed_targets *= 2.0;
+        all = single.solve_from(Some(&all))?;
     }
-    snooping::one_by_one(single, all, allowed)
+    snooping::snoop_one_by_one(single, all, allowed)
 }
 
-/// The same with the cause that leaves the least over, where one leaves but few markers out.
-fn caused<'a>(single: &Single<'a>, allowed: usize) -> Option<Snooped<Single<'a>>> {
-    let with = |cause| without_blunders(Single { cause: Some(cause), ..single.clone() }, allowed).ok();
-    let tried = causes(&single.input, &single.sights).into_iter().filter_map(with);
-    let cost = |s: &Snooped<Single<'a>>| {
+/// Tries all common displacements and returns the result that fits best, if it removes only few markers.
+fn explain_by_displacement<'a>(single: &SingleFrame<'a>, allowed: usize) -> Option<SnoopingResult<SingleFrame<'a>>> {
+    let with = |displacement| {
+        remove_outliers(SingleFrame { common_displacement: Some(displacement), ..single.clone() }, allowed).ok()
+    };
+    let tried = candidate_displacements(&single.input, &single.observations).into_iter().filter_map(with);
+    let cost = |s: &SnoopingResult<SingleFrame<'a>>| {
         let limit = quality::critical_w(single.input.options.snooping_alpha);
         s.solved.fit.omega + s.removed.len() as f64 * limit * limit
     };
-    tried.filter(|s| s.judged.is_none()).min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    tried.filter(|s| s.tested_sum.is_none()).min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// The most probable order of the curvature, given the data and what beams look like.
-fn choose_order<'a>(single: &Single<'a>, usual: Solved<'a>) -> Result<Solved<'a>, AdjustError> {
-    let amplitude = usual.amplitude;
-    let mut best = usual;
-    for terms in ORDERS.into_iter().filter(|&t| t != USUAL_ORDER) {
-        let (frame, fit) = rough(&Single { terms, ..single.clone() }, amplitude, Some(&best))?;
-        let other = Solved { frame, fit, amplitude };
-        if other.misfit() < best.misfit() {
+/// Chooses the most probable number of curvature terms, given the data and the prior of beam shapes.
+fn choose_curvature_order<'a>(
+    single: &SingleFrame<'a>,
+    default: SolvedFrame<'a>,
+) -> Result<SolvedFrame<'a>, AdjustError> {
+    let amplitude = default.amplitude;
+    let mut best = default;
+    for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
+        let (frame, fit) = solve_rough(&SingleFrame { terms, ..single.clone() }, amplitude, Some(&best))?;
+        let other = SolvedFrame { frame, fit, amplitude };
+        if other.negative_log_evidence() < best.negative_log_evidence() {
             best = other;
         }
     }
     Ok(best)
 }
 
-/// The rigid-section beam, one frame.
-pub fn solve(
+/// Adjusts one frame with the rigid-section beam.
+///
+/// # Errors
+/// Returns an error if the input is invalid or the observations do not determine a solution.
+pub fn solve_spatial(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
-    let scene = Scene::new(setup, orientation)?;
-    let sights = by_marker(setup, observations)?;
-    let found = on_the_wing(setup, &sights);
+    let scene = WingScene::new(setup, orientation)?;
+    let frame_observations = order_by_marker(setup, observations)?;
+    let found = count_wing_markers(setup, &frame_observations);
     if found < MIN_MARKERS {
         return Err(AdjustError::TooFewMarkers { found, needed: MIN_MARKERS });
     }
-    let input = Input { setup, orientation, scene: &scene, options };
+    let input = AdjustmentInput { setup, orientation, scene: &scene, options };
     if options.flight_prior.is_some() && !options.variance_components {
-        return flight::one(&input, observations);
+        return flight::solve_frame_with_prior(&input, observations);
     }
-    let allowed = sights.iter().flatten().count() / LEFT_OUT;
-    let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
-    let usage = Usage::all(setup.markers.len());
-    let single = Single { input, sights, usage, terms, factors: Factors::default(), cause: None };
-    let mut clean = without_blunders(single.clone(), allowed)?;
-    if clean.judged.is_some() {
-        clean = caused(&single, allowed).unwrap_or(clean);
+    let allowed = frame_observations.iter().flatten().count() / OBSERVATIONS_PER_REMOVAL;
+    let terms = options.curvature_terms.map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
+    let usage = FrameUsage::all_used(setup.markers.len());
+    let single = SingleFrame {
+        input,
+        observations: frame_observations,
+        usage,
+        terms,
+        prior_scales: PriorScales::default(),
+        common_displacement: None,
+    };
+    let mut clean = remove_outliers(single.clone(), allowed)?;
+    if clean.tested_sum.is_some() {
+        clean = explain_by_displacement(&single, allowed).unwrap_or(clean);
     }
-    let Snooped { model: single, mut solved, removed, judged } = clean;
+    let SnoopingResult { model: single, mut solved, removed, tested_sum } = clean;
     if options.curvature_terms.is_none() {
-        solved = choose_order(&single, solved)?;
+        solved = choose_curvature_order(&single, solved)?;
     }
-    solved.finish()?;
+    solved.converge()?;
     let (components, mut remarks) =
-        if options.variance_components { solved.weigh()? } else { Default::default() };
-    let Solved { frame, fit, .. } = &solved;
-    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members).judged(judged);
-    let blocks = Blocks { members: std::slice::from_ref(&frame.members), ground: &[] };
-    let solution = with_sources(blocks, &frame.problem, fit, None, |sources| {
-        outcome.solution(Method::Spatial, removed.iter(), sources)
+        if options.variance_components { solved.estimate_variance_components()? } else { Default::default() };
+    let SolvedFrame { frame, fit, .. } = &solved;
+    let outcome = FrameOutcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members)
+        .judged_before_removal(tested_sum);
+    let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
+    let solution = with_variance_sources(blocks, &frame.problem, fit, None, |sources| {
+        outcome.solution(AdjustmentMethod::Spatial, removed.iter(), sources)
     });
     remarks.extend(solution.remarks);
-    remarks.extend(snooping::widened_marks(single.factors.marks));
-    remarks.extend(single.cause.as_ref().map(|cause| cause.sentence(fit.global[frame.layout.own.first])));
+    remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
+    remarks.extend(
+        single
+            .common_displacement
+            .as_ref()
+            .map(|displacement| displacement.remark(fit.global[frame.layout.mounting.first])),
+    );
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }
-    remarks.extend(separation(&scene, solution.pitch_bending_correlation).map(Cow::into_owned));
+    remarks.extend(separation_remark(&scene, solution.pitch_bending_correlation).map(Cow::into_owned));
     Ok(Solution { variance_components: components, remarks, ..solution })
 }
 
-/// Says where pitch and bending can hardly be told apart.
-pub(super) fn separation(scene: &Scene, correlation: Option<f64>) -> Option<Cow<'static, str>> {
+/// Remark for a frame in which pitch and bending are poorly separable.
+pub(super) fn separation_remark(scene: &WingScene, correlation: Option<f64>) -> Option<Cow<'static, str>> {
     let weak = correlation.is_some_and(|c| c.abs() > 0.9);
-    (weak && !scene.has_ground_sights()).then_some(Cow::Borrowed(
-        "the mounting's pitch and bending are hardly separated in this frame; an orientation written by `wingd orient` \
-         (with the ground frame's sights) or several frames with --flight tell them apart",
+    (weak && !scene.has_ground_observations()).then_some(Cow::Borrowed(
+        "the mounting's pitch and bending are poorly separable in this frame; to separate them, use an orientation written \
+         by `wingd orient` (with the observations of the ground frame) or several frames with --flight",
     ))
 }
 

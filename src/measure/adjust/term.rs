@@ -1,94 +1,92 @@
-//! One kind of unknown of the spatial methods, and where its columns stand.
+//! Terms: the kinds of unknowns of the spatial methods, and their columns.
 
 use std::sync::Arc;
 
 use nalgebra::{DVector, Vector2, Vector3};
 
-use super::beam::Section;
-use super::curve::Curve;
+use super::beam::BeamSection;
+use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
-use super::scene::Predicted;
-use super::values::Values;
+use super::scene::PredictedPixel;
+use super::values::UnknownValues;
 use crate::estimation::Prior;
 
-/// One kind of unknown: its columns, what is known of them beforehand, how the model takes them, and how all that is
-/// measured or reported answers to them.
+/// Kind of unknown: its columns and priors, its effect on the model, and the derivatives of all measured and reported
+/// quantities.
 #[derive(Clone, Debug)]
-pub struct Term {
-    /// In a budget of variance.
+pub struct ParameterTerm {
+    /// Name in the variance budget.
     pub name: &'static str,
-    /// What is missing where it cannot be determined; ends the sentence "the adjustment has no unique solution: …".
+    /// Text for the case that the term cannot be determined; ends the sentence "the adjustment has no unique solution: …".
     pub missing: &'static str,
     /// Number of columns.
     pub size: usize,
-    /// What is known of it beforehand, its columns counted from 0.
+    /// Priors, with columns counted from 0.
     pub priors: Vec<Prior>,
-    /// Adds its values to the model's.
-    pub enter: fn(&[f64], &mut Values),
-    /// What answers to it.
-    pub effect: Effect,
+    /// Adds the term's values to the model's.
+    pub add_values: fn(&[f64], &mut UnknownValues),
+    pub effect: TermEffect,
 }
 
-/// What answers to a term: derivatives by its k-th column.
+/// Effect of a term: derivatives with respect to its k-th column.
 #[derive(Clone, Debug)]
-pub enum Effect {
-    /// The wing in flight.
+pub enum TermEffect {
+    /// Effect on the wing in flight.
     Wing {
-        /// d position of a marker, wing frame, m per its unit.
+        /// d position of a marker, wing frame, m per unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
-        /// d deflection of the axis along the curve, m per its unit; empty where it does not deflection the axis.
-        deflections: fn(&Curve, usize) -> Vec<f64>,
-        /// d twist of a section, rad per its unit.
-        twist: fn(&Section, usize) -> f64,
+        /// d deflection of the axis along the curve, m per unit; empty if the axis is not affected.
+        deflections: fn(&AxisCurve, usize) -> Vec<f64>,
+        /// d twist of a section, rad per unit.
+        twist: fn(&BeamSection, usize) -> f64,
     },
-    /// The camera's picture.
-    Picture {
-        /// d pixel, px per its unit.
-        pixel: fn(&Predicted, usize) -> Vector2<f64>,
-        /// Whether it is the same in the ground frame, which else does not answer.
+    /// Effect on the camera image.
+    Image {
+        /// d pixel, px per unit.
+        pixel: fn(&PredictedPixel, usize) -> Vector2<f64>,
+        /// True if the ground frame is affected in the same way; otherwise it is not affected.
         on_ground: bool,
     },
-    /// Markers are moved by a little.
-    Moves(Displacement),
-    /// The direction that deflections are counted along, in which the wing bends.
+    /// Small displacements of markers.
+    Displacement(Displacement),
+    /// Effect on the direction along which deflections are counted and in which the wing bends.
     Vertical {
-        /// d deflection, m per its unit, where a marker is displaced by so much (wing frame, m).
+        /// d deflection of a marker with the given displacement (wing frame, m), m per unit.
         deflection: fn(&Vector3<f64>, usize) -> f64,
-        /// d position of a marker, wing frame, m per its unit.
+        /// d position of a marker, wing frame, m per unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
     },
 }
 
-/// When markers are displaced.
+/// Time at which markers are displaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DisplacementEpoch {
-    /// In flight: a part of a marker's position.
+    /// In flight; part of a marker's position.
     InFlight,
     /// In the ground frame.
     OnGround,
-    /// In flight at the instant of the marker's row, against that of the middle row, at which positions are given.
-    AtItsRow,
+    /// In flight at the time of the marker's image row, relative to the middle row, to which positions refer.
+    AtMarkerRow,
 }
 
-/// Displacements of markers that go with an unknown, wing frame, m per its unit.
+/// Displacements of markers that belong to an unknown, wing frame, m per unit.
 #[derive(Clone, Debug)]
 pub struct Displacement {
-    /// When.
-    pub instant: DisplacementEpoch,
-    /// Per column, per marker.
+    pub epoch: DisplacementEpoch,
+    /// Displacements per column and marker.
     pub fields: Vec<Vec<Vector3<f64>>>,
 }
 
 impl Displacement {
-    fn by(&self, k: usize, marker: usize, instant: DisplacementEpoch) -> Vector3<f64> {
-        if instant == self.instant { self.fields[k][marker] } else { Vector3::zeros() }
+    fn displacement_of(&self, k: usize, marker: usize, instant: DisplacementEpoch) -> Vector3<f64> {
+        if instant == self.epoch { self.fields[k][marker] } else { Vector3::zeros() }
     }
 
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        let target = match self.instant {
+    fn add_to(&self, x: &[f64], values: &mut UnknownValues) {
+        let target = match self.epoch {
             DisplacementEpoch::InFlight => &mut values.moved_m,
             DisplacementEpoch::OnGround => &mut values.moved_on_ground_m,
-            DisplacementEpoch::AtItsRow => &mut values.moved_at_row_m,
+            DisplacementEpoch::AtMarkerRow => &mut values.moved_at_row_m,
         };
         for (field, x) in self.fields.iter().zip(x) {
             target.resize(field.len(), Vector3::zeros());
@@ -97,134 +95,133 @@ impl Displacement {
     }
 }
 
-impl Term {
-    /// d position of a marker in flight, wing frame, m per the unknown's unit.
-    pub fn position(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
+impl ParameterTerm {
+    /// d position of a marker in flight, wing frame, m per unit of the unknown.
+    pub fn position_derivative(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {
-            Effect::Wing { position, .. } | Effect::Vertical { position, .. } => position(state, k),
-            Effect::Moves(ref moves) => moves.by(k, state.marker, DisplacementEpoch::InFlight),
-            Effect::Picture { .. } => Vector3::zeros(),
+            TermEffect::Wing { position, .. } | TermEffect::Vertical { position, .. } => position(state, k),
+            TermEffect::Displacement(ref moves) => moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight),
+            TermEffect::Image { .. } => Vector3::zeros(),
         }
     }
 
-    /// d place of a marker in the ground frame, wing frame, m per the unknown's unit.
-    pub fn ground(&self, k: usize, marker: usize) -> Vector3<f64> {
+    /// d position of a marker in the ground frame, wing frame, m per unit of the unknown.
+    pub fn ground_derivative(&self, k: usize, marker: usize) -> Vector3<f64> {
         match &self.effect {
-            Effect::Moves(moves) => moves.by(k, marker, DisplacementEpoch::OnGround),
+            TermEffect::Displacement(moves) => moves.displacement_of(k, marker, DisplacementEpoch::OnGround),
             _ => Vector3::zeros(),
         }
     }
 
-    /// d deflection of a marker that is displaced by so much (wing frame, m), where the unknown changes what it is counted
-    /// along, m per its unit.
-    pub fn along_vertical(&self, k: usize, displacement_m: &Vector3<f64>) -> f64 {
+    /// d deflection of a marker with the given displacement (wing frame, m), due to a change of the vertical, m per unit of
+    /// the unknown.
+    pub fn vertical_derivative(&self, k: usize, displacement_m: &Vector3<f64>) -> f64 {
         match &self.effect {
-            Effect::Vertical { deflection, .. } => deflection(displacement_m, k),
+            TermEffect::Vertical { deflection, .. } => deflection(displacement_m, k),
             _ => 0.0,
         }
     }
 
-    /// d deflection of the axis along the curve, m per the unknown's unit; empty where it does not deflection the axis.
-    pub fn deflections(&self, k: usize, curve: &Curve) -> Vec<f64> {
+    /// d deflection of the axis along the curve, m per unit of the unknown; empty if the axis is not affected.
+    pub fn deflection_derivatives(&self, k: usize, curve: &AxisCurve) -> Vec<f64> {
         match &self.effect {
-            Effect::Wing { deflections, .. } => deflections(curve, k),
+            TermEffect::Wing { deflections, .. } => deflections(curve, k),
             _ => vec![],
         }
     }
 
-    /// d twist of a section, rad per the unknown's unit.
-    pub fn twist(&self, k: usize, section: &Section) -> f64 {
+    /// d twist of a section, rad per unit of the unknown.
+    pub fn twist_derivative(&self, k: usize, section: &BeamSection) -> f64 {
         match &self.effect {
-            Effect::Wing { twist, .. } => twist(section, k),
+            TermEffect::Wing { twist, .. } => twist(section, k),
             _ => 0.0,
         }
     }
 
-    /// d pixel in flight, px per the unknown's unit.
-    pub fn in_flight(&self, k: usize, state: &MarkerState, predicted: &Predicted) -> Vector2<f64> {
+    /// d pixel in flight, px per unit of the unknown.
+    pub fn flight_pixel_derivative(&self, k: usize, state: &MarkerState, predicted: &PredictedPixel) -> Vector2<f64> {
         match self.effect {
-            Effect::Wing { position, .. } | Effect::Vertical { position, .. } => {
+            TermEffect::Wing { position, .. } | TermEffect::Vertical { position, .. } => {
                 predicted.by_point * position(state, k)
             }
-            Effect::Picture { pixel, .. } => pixel(predicted, k),
-            Effect::Moves(ref moves) => {
-                let at_row = moves.by(k, state.marker, DisplacementEpoch::AtItsRow);
-                predicted.by_point * (at_row + moves.by(k, state.marker, DisplacementEpoch::InFlight))
+            TermEffect::Image { pixel, .. } => pixel(predicted, k),
+            TermEffect::Displacement(ref moves) => {
+                let at_row = moves.displacement_of(k, state.marker, DisplacementEpoch::AtMarkerRow);
+                predicted.by_point * (at_row + moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight))
             }
         }
     }
 
-    /// d pixel in the ground frame, px per the unknown's unit.
-    pub fn on_ground(&self, k: usize, marker: usize, predicted: &Predicted) -> Vector2<f64> {
+    /// d pixel in the ground frame, px per unit of the unknown.
+    pub fn ground_pixel_derivative(&self, k: usize, marker: usize, predicted: &PredictedPixel) -> Vector2<f64> {
         match self.effect {
-            Effect::Picture { pixel, on_ground: true } => pixel(predicted, k),
-            Effect::Moves(_) => predicted.by_point * self.ground(k, marker),
+            TermEffect::Image { pixel, on_ground: true } => pixel(predicted, k),
+            TermEffect::Displacement(_) => predicted.by_point * self.ground_derivative(k, marker),
             _ => Vector2::zeros(),
         }
     }
 }
 
-/// First column of a set of unknowns.
+/// First column of a term or other set of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParameterScope {
-    /// Among the global parameters.
+    /// First column among the global parameters.
     Global(usize),
-    /// Among the group's local parameters.
+    /// First column among the group's local parameters.
     Local(usize),
 }
 
-/// A term with its columns.
+/// Term with its allocated columns.
 #[derive(Clone, Debug)]
-pub struct Placed {
-    /// What it is.
-    pub term: Arc<Term>,
-    /// Where it stands.
-    pub place: ParameterScope,
+pub struct PlacedTerm {
+    pub term: Arc<ParameterTerm>,
+    /// First column.
+    pub scope: ParameterScope,
 }
 
-impl Placed {
-    /// Adds its values to the model's.
-    pub fn enter(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut Values) {
-        let (vector, first) = match self.place {
+impl PlacedTerm {
+    /// Adds the term's values to the model's.
+    pub fn add_values(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut UnknownValues) {
+        let (vector, first) = match self.scope {
             ParameterScope::Global(first) => (global, first),
             ParameterScope::Local(first) => (local, first),
         };
         let x = &vector.as_slice()[first..first + self.term.size];
-        (self.term.enter)(x, values);
-        if let Effect::Moves(moves) = &self.term.effect {
-            moves.enter(x, values);
+        (self.term.add_values)(x, values);
+        if let TermEffect::Displacement(moves) = &self.term.effect {
+            moves.add_to(x, values);
         }
     }
 }
 
-/// Columns handed out one after the other, with what is known of them.
+/// Allocator of consecutive columns, with their priors.
 #[derive(Default)]
-pub struct Columns {
-    /// Per column: what is missing where it cannot be determined.
+pub struct ColumnAllocator {
+    /// Text per column for the case that it cannot be determined.
     pub missing: Vec<&'static str>,
-    /// On the columns so far.
+    /// Priors on the columns allocated so far.
     pub priors: Vec<Prior>,
     is_local: bool,
 }
 
-impl Columns {
-    /// For a group's own parameters.
+impl ColumnAllocator {
+    /// Creates an allocator for a group's local parameters.
     pub fn local() -> Self {
         Self { is_local: true, ..Self::default() }
     }
 
-    /// Takes `n` columns that no term describes.
-    pub fn take(&mut self, n: usize, missing: &'static str) -> usize {
+    /// Allocates `n` columns without a term; returns the first.
+    pub fn allocate(&mut self, n: usize, missing: &'static str) -> usize {
         let first = self.missing.len();
         self.missing.extend(std::iter::repeat_n(missing, n));
         first
     }
 
-    /// Takes a term's columns.
-    pub fn place(&mut self, term: Term) -> Placed {
-        let first = self.take(term.size, term.missing);
+    /// Allocates the columns of a term.
+    pub fn allocate_term(&mut self, term: ParameterTerm) -> PlacedTerm {
+        let first = self.allocate(term.size, term.missing);
         self.priors.extend(term.priors.iter().map(|prior| prior.clone().shift_columns(first)));
-        let place = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
-        Placed { term: Arc::new(term), place }
+        let scope = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
+        PlacedTerm { term: Arc::new(term), scope }
     }
 }

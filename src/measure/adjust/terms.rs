@@ -1,87 +1,85 @@
-//! Which unknowns the spatial methods have.
+//! List of the unknowns of the spatial methods.
 //!
-//! A new one is one function that returns a [`Term`], in the file of its subject in this folder, and its name in a list
-//! here: in [`shared`] where all frames have it in common, in [`of_mounting`] where those of one mounting have. The term
-//! says how many columns it has, what is known of them beforehand, which quantity of the model it changes, and how
-//! positions, pixels, deflections and twist answer to it. From there follow start and normal equations, the sentence where
-//! nothing determines it, its share of every result's covariance, and under its name the prior's share of a variance
-//! ([`crate::estimation::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
-//! [`super::values::Values`] and to the function of [`super::scene`] that takes it.
+//! A new unknown is a function that returns a [`ParameterTerm`], in the file of its subject in this folder, and its name in
+//! a list here: in [`allocate_shared_terms`] if all frames share it, in [`mounting_terms`] if the frames of one mounting
+//! share it. The term defines the number of columns, the priors, the quantity of the model that it changes, and the
+//! derivatives of positions, pixels, deflections and twist. Everything else follows: start values and normal equations, the
+//! message if nothing determines it, its contribution to the covariance of every result, and its share of the variance
+//! budget under its name ([`crate::estimation::Prior::name`]). A term that changes a new quantity of the model also adds
+//! that quantity to [`super::values::UnknownValues`] and to the function of [`super::scene`] that uses it.
 
 mod camera;
 mod motion;
 mod wing;
 
-pub use camera::{MIN_DRIFT_RAD, repeatability_rad, rotation_of_mounting, stated_drift_rad};
-pub use motion::{SHAKE, VIBRATION, common_cause, of_flight, of_frame, of_rows};
-pub use wing::{curvature, twist};
+pub use camera::{MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior};
+pub use motion::{SHAKE, VIBRATION, common_displacement, flight_terms, frame_terms, row_terms};
+pub use wing::{curvature_term, twist_term};
 
 use nalgebra::Matrix3;
 
-use self::camera::rotation_since_ground;
-use super::input::Input;
-use super::term::{Columns, ParameterScope, Placed, Term};
+use self::camera::drift_prior;
+use super::input::AdjustmentInput;
+use super::term::{ColumnAllocator, ParameterScope, ParameterTerm, PlacedTerm};
 
-/// What all frames have in common, placed.
-pub struct Shared {
-    /// All of them.
-    pub placed: Vec<Placed>,
-    /// Height of the bending axis.
+/// Terms that all frames share, with their columns.
+pub struct SharedTerms {
+    pub placed: Vec<PlacedTerm>,
     pub axis_height: ParameterScope,
-    /// The root's motion.
-    pub root: Vec<Placed>,
+    /// Motion of the root.
+    pub root: Vec<PlacedTerm>,
 }
 
-/// Takes columns for camera, window, temperature and drawings.
-pub fn shared(input: &Input, columns: &mut Columns) -> Shared {
+/// Allocates the columns of camera, window, temperature and dimensions from drawings.
+pub fn allocate_shared_terms(input: &AdjustmentInput, columns: &mut ColumnAllocator) -> SharedTerms {
     let (setup, scene) = (input.setup, input.scene);
     let centre_sigma_m = setup.projection_centre_sigma_m;
     let before = [
-        scene.has_ground_sights().then(camera::ground_rotation),
-        (centre_sigma_m > 0.0).then(|| camera::centre(centre_sigma_m)),
+        scene.has_ground_observations().then(camera::ground_rotation),
+        (centre_sigma_m > 0.0).then(|| camera::projection_centre(centre_sigma_m)),
         scene.window_covariance_m2().map(camera::pane_shift),
         scene.bow_sigma().filter(|s| *s > 0.0).map(camera::pane_bow),
         wing::thermal_scale(setup.thermal.as_ref()),
     ];
-    let mut placed: Vec<_> = before.into_iter().flatten().map(|term| columns.place(term)).collect();
-    let height = columns.place(wing::axis_height(&scene.ground));
-    let axis_height = height.place;
+    let mut placed: Vec<_> = before.into_iter().flatten().map(|term| columns.allocate_term(term)).collect();
+    let height = columns.allocate_term(wing::axis_height(&scene.ground));
+    let axis_height = height.scope;
     placed.push(height);
-    let lens = setup.uncertainty.lens.iter().map(camera::interior);
-    placed.extend(lens.chain(wing::drawn(&setup.uncertainty)).map(|term| columns.place(term)));
-    let width = &setup.uncertainty.in_flight;
-    let root: Vec<_> = motion::root(width).map(|term| columns.place(term)).collect();
+    let lens = setup.uncertainty.lens.iter().map(camera::interior_orientation);
+    placed.extend(lens.chain(wing::dimension_terms(&setup.uncertainty)).map(|term| columns.allocate_term(term)));
+    let effects = &setup.uncertainty.in_flight;
+    let root: Vec<_> = motion::root_motion(effects).map(|term| columns.allocate_term(term)).collect();
     placed.extend(root.iter().cloned());
-    placed.extend(in_flight(input).into_iter().flatten().map(|term| columns.place(term)));
-    Shared { placed, axis_height, root }
+    placed.extend(flight_effect_terms(input).into_iter().flatten().map(|term| columns.allocate_term(term)));
+    SharedTerms { placed, axis_height, root }
 }
 
-/// What else flight changes alike in all frames.
-fn in_flight(input: &Input) -> [Option<Term>; 4] {
-    let width = &input.setup.uncertainty.in_flight;
-    let bend_m = if input.scene.has_ground_sights() { width.ground_bend_m } else { 0.0 };
-    let unless_held = |sigma: f64, term: fn(f64) -> Term| (sigma > 0.0).then(|| term(sigma));
+/// Further in-flight effects that all frames share.
+fn flight_effect_terms(input: &AdjustmentInput) -> [Option<ParameterTerm>; 4] {
+    let effects = &input.setup.uncertainty.in_flight;
+    let bend_m = if input.scene.has_ground_observations() { effects.ground_bend_m } else { 0.0 };
+    let if_free = |sigma: f64, term: fn(f64) -> ParameterTerm| (sigma > 0.0).then(|| term(sigma));
     [
         motion::ground_bend(input.scene, bend_m),
-        unless_held(width.vertical_rad, motion::vertical),
-        unless_held(width.scale, camera::flight_scale),
-        unless_held(width.principal_point_px, camera::flight_principal_point),
+        if_free(effects.vertical_rad, motion::survey_vertical),
+        if_free(effects.scale, camera::flight_scale),
+        if_free(effects.principal_point_px, camera::flight_principal_point),
     ]
 }
 
-/// Rotation of a mounting; `stayed`: it is that of the ground frames.
-pub fn rotation(input: &Input, stayed: bool) -> Term {
-    let known = if stayed { rotation_since_ground(input.setup) } else { rotation_of_mounting(input) };
-    camera::rotation(known)
+/// Rotation of a mounting. `stayed`: it is the mounting of the ground frames.
+pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm {
+    let known = if stayed { drift_prior(input.setup) } else { mounting_rotation_prior(input) };
+    camera::rotation_term(known)
 }
 
-/// What the frames of one mounting have in common beside that.
-pub fn of_mounting(input: &Input, stayed: bool) -> Vec<Term> {
+/// Further terms shared by the frames of one mounting.
+pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
     let sigma_m = input.setup.uncertainty.mount_shift_m;
-    (sigma_m > 0.0 && !stayed).then(|| camera::shift(sigma_m)).into_iter().collect()
+    (sigma_m > 0.0 && !stayed).then(|| camera::mounting_shift(sigma_m)).into_iter().collect()
 }
 
-/// A frame's own rotation about its mounting's, with this covariance, camera frame, rad^2.
-pub fn own_rotation(covariance_rad2: &Matrix3<f64>) -> Term {
-    camera::rotation(camera::rotation_about(covariance_rad2))
+/// Rotation of a frame about its mounting's, with this covariance, camera frame, rad^2.
+pub fn frame_rotation(covariance_rad2: &Matrix3<f64>) -> ParameterTerm {
+    camera::rotation_term(camera::rotation_prior(covariance_rad2))
 }

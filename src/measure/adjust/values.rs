@@ -1,70 +1,68 @@
-//! The unknowns of one frame as the model takes them.
+//! Values of one frame's unknowns as used by the model.
 
 use std::sync::Arc;
 
 use nalgebra::{SVector, Vector2, Vector3};
 
 use super::beam::{Bending, RAISE_TERMS};
-use super::marker_state::{Answers, ESTIMATED};
+use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS};
 use crate::geometry::BROWN;
 
-/// A frame's unknowns, read from the vectors.
+/// Values of one frame's unknowns.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Values {
-    /// 1/m.
+pub struct UnknownValues {
     pub curvature_per_m: Vec<f64>,
-    /// Of the twist's basis, rad: the terms, and with torques behind them those of all.
+    /// Coefficients of the twist basis, rad: the polynomial terms and, if there are torques, those of all torques.
     pub twist_rad: Vec<f64>,
-    /// Camera.
-    pub pose: Pose,
-    /// Length in flight over length on ground.
+    pub pose: CameraPose,
+    /// Length in flight over length on the ground.
     pub scale: f64,
-    /// Height of the bending axis over the surveyed one, coefficients, m.
+    /// Height of the bending axis above the surveyed axis, coefficients, m.
     pub raise_m: [f64; RAISE_TERMS],
-    /// Corrections of what the user can only estimate.
-    pub estimated: [f64; ESTIMATED],
-    /// Per marker, what flight moves it by, wing frame, m; shorter where it moves none.
+    /// Corrections of the estimated dimensions.
+    pub estimated: [f64; ESTIMATED_DIMENSIONS],
+    /// Displacement in flight per marker, wing frame, m; the list may be shorter than the survey.
     pub moved_m: Vec<Vector3<f64>>,
-    /// The same in the ground frame.
+    /// Displacement in the ground frame per marker, wing frame, m.
     pub moved_on_ground_m: Vec<Vector3<f64>>,
-    /// The same at the instant of its row, against the middle row's.
+    /// Displacement at the time of the marker's image row relative to the middle row, per marker, wing frame, m.
     pub moved_at_row_m: Vec<Vector3<f64>>,
     /// Rotation of the root since the ground frame, about the wing frame's axes, rad.
     pub root_rotation_rad: Vector3<f64>,
-    /// Shift of the root since then, m.
+    /// Shift of the root since the ground frame, m.
     pub root_translation_m: Vector3<f64>,
-    /// Rotation about the span of the plane that the wing bends in, which is upright in an upright survey, rad; `None`: held.
+    /// Rotation of the bending plane about the span, rad; in an upright survey the plane is vertical. `None`: fixed.
     pub plane_rad: Option<f64>,
-    /// How markers answer to corrections of what the user can only estimate, where that is taken for granted.
-    pub answers: Option<Arc<Answers>>,
+    /// Derivatives of marker positions with respect to the estimated dimensions, if they are fixed.
+    pub dimension_derivatives: Option<Arc<DimensionDerivatives>>,
 }
 
-impl Values {
-    /// With every unknown at 0; `scale` as expected.
-    pub fn expected(scale: f64) -> Self {
+impl UnknownValues {
+    /// Creates the values with all unknowns at 0 and the given scale.
+    pub fn nominal(scale: f64) -> Self {
         Self {
             curvature_per_m: vec![],
             twist_rad: vec![],
-            pose: Pose::default(),
+            pose: CameraPose::default(),
             scale,
             raise_m: [0.0; RAISE_TERMS],
-            estimated: [0.0; ESTIMATED],
+            estimated: [0.0; ESTIMATED_DIMENSIONS],
             moved_m: vec![],
             moved_on_ground_m: vec![],
             moved_at_row_m: vec![],
             root_rotation_rad: Vector3::zeros(),
             root_translation_m: Vector3::zeros(),
             plane_rad: None,
-            answers: None,
+            dimension_derivatives: None,
         }
     }
 
-    /// What the root's motion moves a point of the wing by, wing frame, m.
-    pub fn by_root_m(&self, from_root_m: &Vector3<f64>) -> Vector3<f64> {
+    /// Displacement of a wing point by the root's motion, wing frame, m.
+    pub fn root_displacement_m(&self, from_root_m: &Vector3<f64>) -> Vector3<f64> {
         self.root_rotation_rad.cross(from_root_m) + self.root_translation_m
     }
 
-    /// What bends the wing.
+    /// Bending, twist and scale of the wing.
     pub fn bending(&self) -> Bending<'_> {
         Bending {
             curvature_per_m: &self.curvature_per_m,
@@ -75,10 +73,10 @@ impl Values {
     }
 }
 
-/// The camera and the temperature: what is the same for all markers of a frame.
+/// Camera pose and temperature effects that all markers of a frame share.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Pose {
-    /// Small rotation of the mounting against the ground frame's, camera frame, rad.
+pub struct CameraPose {
+    /// Small rotation of the mounting relative to that of the ground frame, camera frame, rad.
     pub mount_rad: Vector3<f64>,
     /// Correction of the ground frame's rotation, camera frame, rad.
     pub ground_rad: Vector3<f64>,
@@ -88,19 +86,19 @@ pub struct Pose {
     pub shift_m: Vector3<f64>,
     /// Correction of the interior orientation, in the order of [`PARAMETERS`](crate::geometry::Lens::PARAMETERS).
     pub lens: SVector<f64, BROWN>,
-    /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
+    /// Shift of the panes in flight that their description leaves uncertain, wing frame, m.
     pub window_m: Vector3<f64>,
-    /// What the curvature of the panes' bow is more than stated, a share of it or of what is usual
-    /// ([`Plate::bowed`](crate::environment::Plate::bowed)).
+    /// Change of the curvature of the panes' bow, as a fraction of its nominal value or of the default
+    /// ([`Plate::with_bow_change`](crate::environment::Plate::with_bow_change)).
     pub bow: f64,
-    /// Camera constant in flight over that on ground, less 1.
+    /// Camera constant in flight over that on the ground, minus 1.
     pub flight_scale: f64,
-    /// Principal point in flight against that on ground, px.
+    /// Principal point in flight minus that on the ground, px.
     pub flight_principal_px: Vector2<f64>,
 }
 
-impl Pose {
-    /// The same before the camera was remounted.
+impl CameraPose {
+    /// Returns the pose on the ground, before the camera was remounted.
     pub fn on_ground(&self) -> Self {
         let none = Vector3::zeros();
         let flight_principal_px = Vector2::zeros();

@@ -1,12 +1,15 @@
-//! One adjustment: from where it begins to camera, board and poses.
+//! A bundle adjustment: start values in; camera, board and poses out.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::bundle::BoardBundle;
-use super::model::{BoardForm, GLOBAL, INTERIOR, BoardPose, ImageSize, board_form, lens_from_parameters, pack_parameters, add_common_variance};
+use super::model::{
+    BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, add_common_variance, board_form, lens_from_parameters,
+    pack_parameters,
+};
 use super::shape::BoardShape;
-use super::{BoardPoint, CalibrateError, BoardView, start};
-use crate::estimation::arrow::{self, ScalarPrior, Solution};
+use super::{BoardPoint, BoardView, CalibrateError, start};
+use crate::estimation::arrow::{self, ArrowSolution, ScalarPrior};
 use crate::estimation::robust::{MEDIAN_SQUARE, common_variance};
 use crate::geometry::Lens;
 
@@ -15,112 +18,116 @@ pub(super) struct CameraAdjustment {
     pub lens: Lens,
     pub shape: BoardShape,
     pub form: BoardForm,
-    /// Of the stretch beforehand.
     pub stretch_sigma: f64,
     pub poses: Vec<BoardPose>,
-    /// Parameters that keep their start.
-    pub held: [bool; GLOBAL],
-    pub solution: Solution<GLOBAL, BoardPose>,
-    /// Common to all points, beyond their own, px.
+    /// Parameters that keep their start value.
+    pub fixed: [bool; GLOBAL],
+    pub solution: ArrowSolution<GLOBAL, BoardPose>,
+    /// Standard deviation common to all points, in addition to their own, px.
     pub model_sigma_px: f64,
 }
 
 impl CameraAdjustment {
-    /// A point of a view (counted among those used), camera frame, m.
+    /// Returns a board point of view `k` (index among the views used) in the camera frame, m.
     pub(super) fn camera_point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
         self.poses[k].apply(&self.shape.surface_point(&p.board_m, &self.form))
     }
 
-    /// Per view, per point: observed - projected, px.
+    /// Returns observed - projected, px, for each point of each view.
     pub(super) fn residuals(&self, used: &[(usize, BoardView)]) -> Vec<Vec<Vector2<f64>>> {
-        // Behind the camera: as gross as an error can be, and still finite when squared.
+        // A point behind the camera gets a huge residual that stays finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one =
-            |k: usize, p: &BoardPoint| self.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
+        let one = |k: usize, p: &BoardPoint| self.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
         used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
     }
 
+    /// Returns the covariance of a measured point, including the common variance.
     pub(super) fn covariance_px2(&self, p: &BoardPoint) -> Matrix2<f64> {
         add_common_variance(&p.covariance_px2, self.model_sigma_px)
     }
 
-    /// Squared lengths of the residuals in standard deviations.
-    pub(super) fn normalized_squares(&self, used: &[(usize, BoardView)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
+    /// Returns the squared residual lengths normalised by the points' covariances.
+    pub(super) fn normalized_squares(
+        &self,
+        used: &[(usize, BoardView)],
+        residuals: &[Vec<Vector2<f64>>],
+    ) -> Vec<Vec<f64>> {
         let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
             self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
         };
         used.iter().zip(residuals).map(|((_, v), r)| v.iter().zip(r).map(square).collect()).collect()
     }
 
-    /// The variance that the points must have in common for the median of their squared lengths to be
-    /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
+    /// Estimates the common standard deviation, px, for which the median of the squared residual lengths has its expected
+    /// value (Paule and Mandel 1982, with the median for the mean), by bisection.
     pub(super) fn common_sigma_px(&self, used: &[(usize, BoardView)]) -> f64 {
         let residuals = self.residuals(used).concat();
-        let own: Vec<f64> =
-            used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
+        let own: Vec<f64> = used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
         let squares: Vec<f64> = residuals.iter().map(Vector2::norm_squared).collect();
-        // The adjustment takes its share of the residuals.
+        // The adjustment reduces the residuals by the fraction of redundancy.
         let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
         common_variance(&squares, &own, MEDIAN_SQUARE * share).sqrt()
     }
 }
 
-/// Where an adjustment begins.
+/// Start values of an adjustment.
 pub(super) struct AdjustmentStart {
     pub lens: Lens,
     pub form: BoardForm,
-    /// Standard deviation of the stretch beforehand; where it is held, without meaning.
+    /// Prior standard deviation of the stretch; not used if the stretch is fixed.
     pub stretch_sigma: f64,
     pub poses: Vec<BoardPose>,
-    pub held: [bool; GLOBAL],
+    pub fixed: [bool; GLOBAL],
 }
 
 impl AdjustmentStart {
+    /// Starts from the result of another adjustment.
     pub(super) fn from_adjustment(adjusted: &CameraAdjustment) -> Self {
         Self {
             lens: adjusted.lens,
             form: adjusted.form,
             stretch_sigma: adjusted.stretch_sigma,
             poses: adjusted.poses.clone(),
-            held: adjusted.held,
+            fixed: adjusted.fixed,
         }
     }
 }
 
-/// Points' common standard deviation before residuals tell it, px.
+/// Common standard deviation of the points before residuals determine it, px.
 const FIRST_SIGMA_PX: f64 = 0.1;
 
-/// From nothing: the camera constant that the homographies tell, or where the adjustment does not converge
-/// from there, that of the usual lenses from which it comes closest.
+/// Adjusts without start values: begins with the camera constant from the homographies or, if the adjustment does not
+/// converge from there, with the typical one that leaves the smallest residuals.
 pub(super) fn initial_adjustment(
     used: &[(usize, BoardView)],
     size: ImageSize,
-    held: [bool; GLOBAL],
+    fixed: [bool; GLOBAL],
     stretch_sigma: f64,
 ) -> Result<CameraAdjustment, CalibrateError> {
     let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
-    let from = |f_px: Option<f64>| {
+    let adjust_from = |f_px: Option<f64>| {
         let (lens, poses) = start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
-        // A lens without distortion first: all at once, few pictures run away.
-        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, held };
-        let mut rough = adjust_with_stiffness(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
-        for stiff in &STIFF[1..] {
+        // A stiff lens without distortion first: with all parameters free at once, few images diverge.
+        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed };
+        let mut rough = adjust_with_stiffness(used, &start, FIRST_SIGMA_PX, PRIOR_STIFFNESS[0])?;
+        for stiff in &PRIOR_STIFFNESS[1..] {
             rough = adjust_with_stiffness(used, &AdjustmentStart::from_adjustment(&rough), FIRST_SIGMA_PX, *stiff)?;
         }
         Ok(rough)
     };
-    let told = from(None);
-    if told.is_ok() {
-        return told;
+    let estimated = adjust_from(None);
+    if estimated.is_ok() {
+        return estimated;
     }
-    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(size.width))).ok());
-    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
+    let tried = start::TYPICAL_FOCAL_RATIOS.iter().filter_map(|f| adjust_from(Some(f * f64::from(size.width))).ok());
+    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(estimated, Ok)
 }
 
-/// Prior standard deviations of camera constant and distortion while both are rough, over those that hold at the end:
-/// let free at once, a constant that hardly tilted boards leave open runs away with the distortion.
-const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
+/// Factors on the prior standard deviations of camera constant and distortion in the first rounds: with both free at once,
+/// a constant that hardly tilted boards leave undetermined diverges together with the distortion.
+const PRIOR_STIFFNESS: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
+/// Adjusts with one common standard deviation of the points, px.
 pub(super) fn adjust_bundle(
     used: &[(usize, BoardView)],
     start: &AdjustmentStart,
@@ -129,6 +136,7 @@ pub(super) fn adjust_bundle(
     adjust_with_stiffness(used, start, model_sigma_px, 1.0)
 }
 
+/// Adjusts with the priors of camera constant and distortion scaled by `stiff`.
 pub(super) fn adjust_with_stiffness(
     used: &[(usize, BoardView)],
     start: &AdjustmentStart,
@@ -139,7 +147,7 @@ pub(super) fn adjust_with_stiffness(
     Ok(CameraAdjustment { model_sigma_px, ..found })
 }
 
-/// With a common standard deviation for each view, px.
+/// Adjusts with a common standard deviation for each view, px.
 pub(super) fn adjust_with_view_sigmas(
     used: &[(usize, BoardView)],
     start: &AdjustmentStart,
@@ -153,23 +161,23 @@ pub(super) fn adjust_with_view_sigmas(
     let bundle = BoardBundle { views: &views, size, shape, common_px };
     let global = pack_parameters(&start.lens, &start.form);
     let solution =
-        arrow::solve_arrow(&bundle, &priors, &start.held, global, &start.poses).ok_or(CalibrateError::NoFit)?;
+        arrow::solve_arrow(&bundle, &priors, &start.fixed, global, &start.poses).ok_or(CalibrateError::NoFit)?;
     Ok(CameraAdjustment {
         lens: lens_from_parameters(size, &solution.global),
         shape,
         form: board_form(&solution.global),
         stretch_sigma: start.stretch_sigma,
         poses: solution.own.clone(),
-        held: start.held,
+        fixed: start.fixed,
         solution,
         model_sigma_px: 0.0,
     })
 }
 
-/// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
-/// it began, the principal point lies within a tenth of the image's width of its middle, and no term of the
-/// distortion moves the image's corner by more than its distance from the middle (one standard deviation). It keeps few pictures from running
-/// away. The sizes are an assumption, chosen wide.
+/// Returns weak priors for images that do not determine the lens: the camera constant within 100 % of its start, the
+/// principal point within 10 % of the image width of the centre, and each distortion term moves the image's corner by at
+/// most its distance from the centre (one standard deviation). They keep solutions from few images finite. The sizes are an
+/// assumption, chosen wide.
 fn lens_priors(start: &Lens, stiff: f64) -> Vec<ScalarPrior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;

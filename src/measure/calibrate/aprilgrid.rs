@@ -1,7 +1,7 @@
-//! A Kalibr AprilGrid: tags found by `aprilgrid`, corners measured by our own fit.
+//! Kalibr AprilGrids: `aprilgrid` finds the tags, our own fit measures their corners.
 //!
-//! The finder's thresholds follow the strongest corner of what it is given: text or a screen beside the
-//! board blinds it. So a picture in which tags are missing is searched once more in parts.
+//! The finder's thresholds follow the strongest corner of its input: text or a screen next to the board hides the tags. So
+//! an image in which tags are missing is searched once more in parts.
 
 use std::collections::BTreeMap;
 
@@ -10,20 +10,24 @@ use ::aprilgrid::detector::TagDetector;
 use image::{DynamicImage, GrayImage};
 use nalgebra::Vector2;
 
-use super::board::{Board, BoardError, BoardMismatch, BoardDetection};
-use super::checkerboard::REACH;
+use super::board::{Board, BoardDetection, BoardError, BoardMismatch};
+use super::checkerboard::WINDOW_FRACTION;
 use super::corner::{self, CornerHint};
 use super::{BoardPoint, BoardView, reduced, saddle, start};
 use crate::raster::Raster;
 
 /// Tags needed for a view.
 const MIN_TAGS: usize = 4;
-/// Parts along each side of the picture; each overlaps half of the next, so that a tag of a quarter of the
-/// picture lies whole in one.
+/// Parts along each side of the image; each overlaps half of the next, so that a tag of a quarter of the image lies
+/// completely in one.
 const PARTS: usize = 3;
 
 type TagCorners = [Vector2<f64>; 4];
 
+/// Finds the tag corners of an AprilGrid.
+///
+/// # Errors
+/// Returns an error if too few tags are found.
 pub(super) fn find_aprilgrid(
     raster: &Raster,
     columns: usize,
@@ -42,17 +46,18 @@ pub(super) fn find_aprilgrid(
     let mut view = BoardView::new();
     for (&id, tag) in &tags {
         for k in 0..4 {
-            let Some(found) = tag_corner_hint(raster, tag, k, spacing).and_then(|h| corner::fit_corner(raster, &h)) else {
+            let Some(found) = tag_corner_hint(raster, tag, k, spacing).and_then(|h| corner::fit_corner(raster, &h))
+            else {
                 continue;
             };
             let board_m = Board::tag_corner(columns, tag_m, spacing, id, k);
             view.push(BoardPoint { board_m, pixel: found.pixel, covariance_px2: found.covariance_px2 });
         }
     }
-    Ok(BoardDetection { view, misfit: find_mismatch(&tags, columns, spacing) })
+    Ok(BoardDetection { view, mismatch: find_mismatch(&tags, columns, spacing) })
 }
 
-/// The board's tags by id, which also gives them an order: the finder's differs between runs.
+/// Finds the board's tags by id. The map also gives them an order: the finder's differs between runs.
 fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> {
     let (small, scale) = reduced::reduce_image(raster);
     let mut tags = BTreeMap::new();
@@ -70,7 +75,7 @@ fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> 
     tags
 }
 
-/// Adds tags not yet known.
+/// Adds tags that are not in the map yet.
 fn add_tags(
     raster: &Raster,
     origin: Vector2<f64>,
@@ -89,17 +94,17 @@ fn add_tags(
     }
 }
 
-/// A tag's corner, where the small square touches it.
+/// Returns start values for tag corner `k`, at which the small square touches the tag.
 fn tag_corner_hint(raster: &Raster, tag: &TagCorners, k: usize, spacing: f64) -> Option<CornerHint> {
     let edges = [tag[(k + 1) % 4] - tag[k], tag[(k + 3) % 4] - tag[k]];
     let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
     let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
     let centre = saddle::refine_saddle(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
-    let radius_px = (REACH * square * sine).min(corner::MAX_REFINEMENT_PX);
+    let radius_px = (WINDOW_FRACTION * square * sine).min(corner::MAX_REFINEMENT_PX);
     Some(CornerHint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
 }
 
-/// What the tags' places say of the description: each tag tells where the next lies, in sides of a tag.
+/// Compares the tags' positions with the description: each tag predicts the next one's, in tag sides.
 fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f64) -> Option<BoardMismatch> {
     let mut gaps = vec![];
     let mut ups: BTreeMap<usize, usize> = BTreeMap::new();
@@ -107,7 +112,7 @@ fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f6
         let Some(tag_from_pixel) = start::tag_from_pixel(tag) else { continue };
         for (&other, place) in tags.range(id + 1..) {
             let middle = place.iter().map(&tag_from_pixel).sum::<Vector2<f64>>() / 4.0 - Vector2::repeat(0.5);
-            // The neighbour on the right or above lies between one and two sides away.
+            // The neighbour on the right or above is one to two tag sides away.
             let next = |far: f64, aside: f64| (1.0..2.0).contains(&far) && aside.abs() < 0.3;
             if next(middle.x, middle.y) && other == id + 1 {
                 gaps.push(middle.x - 1.0);
@@ -123,11 +128,12 @@ fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f6
     gaps.sort_by(f64::total_cmp);
     let gap = *gaps.get(gaps.len() / 2)?;
     let spread = gaps.get(3 * gaps.len() / 4)? - gaps.get(gaps.len() / 4)?;
-    // The quartiles of a normal distribution are 1.35 standard deviations apart; the median's is 1.25 / root n of one.
+    // The quartiles of a normal distribution are 1.35 standard deviations apart; the standard deviation of
+    // the median is 1.25 / root n times that of a value.
     let sigma = spread / 1.35 * 1.25 / (gaps.len() as f64).sqrt();
     let off = (gap - spacing).abs();
     (off > 3.0 * sigma && off > GAP_TOLERANCE).then_some(BoardMismatch::Gap { seen: gap })
 }
 
-/// A gap measured with a ruler is right to this share of a tag's side (1 mm on 100 mm).
+/// Accuracy of a gap measured with a ruler, as a fraction of a tag's side (1 mm on 100 mm).
 const GAP_TOLERANCE: f64 = 0.01;

@@ -1,4 +1,4 @@
-//! Boards: what is printed, and where its points are.
+//! Boards: the printed pattern and the positions of its points.
 
 use super::BoardView;
 use crate::estimation::robust::median;
@@ -28,55 +28,46 @@ pub enum Board {
     },
 }
 
-/// Why a picture gives no points.
+/// Reason why an image gives no points.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BoardError {
-    /// Not seen.
-    #[error("no board found; show it whole, sharp and evenly lit")]
+    /// No board in the image.
+    #[error("no board found; show the complete board, in focus and evenly lit")]
     NotFound,
-    /// Seen, but cut or of another size.
-    #[error("only {found} of {expected} points found; show the board whole and check its description")]
-    Partial {
-        /// Points found.
-        found: usize,
-        /// Points of the board.
-        expected: usize,
-    },
-    /// This program was built without it.
-    #[error("this build cannot read AprilGrids; build with the feature aprilgrid")]
+    /// Board found, but cut off or of another size.
+    #[error("only {found} of {expected} points found; show the complete board and check its description")]
+    Partial { found: usize, expected: usize },
+    /// Board kind not compiled in.
+    #[error("this build does not support AprilGrids; build with the feature aprilgrid")]
     NotBuilt,
 }
 
-/// A board in a picture.
+/// Board points found in an image.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardDetection {
-    /// Its points.
     pub view: BoardView,
-    /// What shows that it is not as described.
-    pub misfit: Option<BoardMismatch>,
+    /// Evidence that the board differs from its description.
+    pub mismatch: Option<BoardMismatch>,
 }
 
-/// How a board differs from its description, as one picture shows it.
+/// Difference between a board and its description, from one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BoardMismatch {
-    /// A checkerboard has more lines of corners.
+    /// More lines of corners than described.
     Larger,
-    /// Tags above one another count this much on.
-    Columns {
-        /// Tags along a row.
-        seen: usize,
-    },
-    /// The gap between tags.
+    /// Wrong number of tags in a row.
+    Columns { seen: usize },
+    /// Wrong gap between tags.
     Gap {
-        /// Over a tag's side.
+        /// Gap over the side of a tag.
         seen: f64,
     },
 }
 
-/// What most pictures say of the description, as a reason; `None` where the board is as described.
-pub fn description_mismatch(board: &Board, misfits: &[Option<BoardMismatch>]) -> Option<String> {
-    let half = |n: usize| n > 0 && 2 * n > misfits.len();
-    let found = || misfits.iter().flatten();
+/// Returns the difference between board and description that most images show, as a reason; `None` if there is none.
+pub fn description_mismatch(board: &Board, mismatches: &[Option<BoardMismatch>]) -> Option<String> {
+    let half = |n: usize| n > 0 && 2 * n > mismatches.len();
+    let found = || mismatches.iter().flatten();
     let larger = found().filter(|m| matches!(m, BoardMismatch::Larger)).count();
     let mut columns: Vec<usize> =
         found().filter_map(|m| if let BoardMismatch::Columns { seen } = m { Some(*seen) } else { None }).collect();
@@ -85,13 +76,14 @@ pub fn description_mismatch(board: &Board, misfits: &[Option<BoardMismatch>]) ->
     columns.sort_unstable();
     match *board {
         Board::Checkerboard { columns, rows, .. } if half(larger) => Some(format!(
-            "the board is not as described: pictures show more than its {columns} x {rows} inner corners; count \
-             the corners at which four squares meet"
+            "the board is not as described: images show more than its {columns} x {rows} inner corners; \
+             count the corners at which four squares meet"
         )),
         Board::AprilGrid { columns: described, .. } if half(columns.len()) => {
             let seen = columns[columns.len() / 2];
             Some(format!(
-                "the board is not as described: it has {seen} tags in a row, columns = {described}; mend its description"
+                "the board is not as described: it has {seen} tags in a row, columns = {described}; correct \
+                 its description"
             ))
         }
         Board::AprilGrid { spacing, .. } if half(gaps.len()) => {
@@ -105,8 +97,8 @@ pub fn description_mismatch(board: &Board, misfits: &[Option<BoardMismatch>]) ->
     }
 }
 
-/// Columns or rows of a checkerboard that no picture shows, as a reason; `None` where one shows it whole. A description that
-/// counts squares has one of each too many.
+/// Returns the columns or rows of a checkerboard that no image shows, as a reason; `None` if one shows it completely. A
+/// description that counts squares has one of each too many.
 pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String> {
     let Board::Checkerboard { columns, rows, square_m } = *board else { return None };
     let spanned = |view: &BoardView, axis: usize| {
@@ -117,12 +109,12 @@ pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String
     let seen: Vec<String> = [(most(0), columns, "columns"), (most(1), rows, "rows")]
         .iter()
         .filter(|(seen, described, _)| (1..*described).contains(seen))
-        .map(|(seen, described, what)| format!("{seen} of {described} {what}"))
+        .map(|(seen, described, lines)| format!("{seen} of {described} {lines}"))
         .collect();
     (!seen.is_empty()).then(|| {
         format!(
-            "never more than {} of corners seen: count the inner corners, one fewer than the squares, or show the whole \
-             board once",
+            "never more than {} of corners seen: count the inner corners, which are one fewer than the \
+             squares, or show the complete board in at least one image",
             seen.join(" and ")
         )
     })
@@ -130,7 +122,7 @@ pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String
 
 #[cfg(feature = "aprilgrid")]
 impl Board {
-    /// Corner `corner` of tag `id`: counter-clockwise from the bottom left, as Kalibr counts, m.
+    /// Returns corner `corner` of tag `id`, board plane, m: counter-clockwise from the bottom left, as Kalibr counts.
     pub(super) fn tag_corner(
         columns: usize,
         tag_m: f64,

@@ -1,57 +1,58 @@
-//! What the residuals and two halves of the pictures say of the model.
+//! Checks of the model by residual patterns and by two halves of the images.
 
 use nalgebra::Vector2;
 
-use super::adjust::{CameraAdjustment, AdjustmentStart, adjust_bundle};
-use super::model::{GlobalCovariance, DISTANCES_M, GLOBAL, INTERIOR};
-use super::{MIN_VIEWS, BoardView, quality};
+use super::adjust::{AdjustmentStart, CameraAdjustment, adjust_bundle};
+use super::model::{DISTANCES_M, GLOBAL, GlobalCovariance, INTERIOR};
+use super::{BoardView, MIN_VIEWS, quality};
 
-/// Cells over the image's and the board's width and height.
+/// Number of cells over the width and over the height of image and board.
 const CELLS: usize = 8;
-/// Points of a cell whose mean tells anything.
+/// Points that a cell needs for its mean to be used.
 const MIN_CORNERS_IN_CELL: usize = 4;
 
-/// Two cameras, each from every second picture.
+/// Comparison of two cameras, each calibrated from every second image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Halves {
-    /// Distance of the points that are compared, m.
     pub distance_m: f64,
     /// Root mean square over the image of the difference between their projections, px.
     pub difference_px: f64,
-    /// What their standard deviations let expect, px.
+    /// Difference expected from the two standard deviations, px.
     pub predicted_px: f64,
 }
 
-/// What the residuals have in common, root mean square, px: 0 where they are as random as their number allows.
+/// Systematic part of the residuals, root mean square, px: 0 if they are as random as their number allows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ResidualPattern {
-    /// By the place in the image: the lens's.
+    /// Pattern over the image, caused by the lens.
     pub image_px: f64,
-    /// By the place on the board: the board's.
+    /// Pattern over the board, caused by the board.
     pub board_px: f64,
 }
 
-/// `None` where a half has too few pictures or no camera.
+/// Calibrates from each half of the images; `None` if a half has too few images or does not converge.
 pub(super) fn compare_halves(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<Halves> {
-    let of = |part: usize| {
-        let mine = |k: &usize| k % 2 == part;
+    let calibrate_half = |part: usize| {
+        let in_half = |k: &usize| k % 2 == part;
         let views: Vec<(usize, BoardView)> =
-            used.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, v)| v.clone()).collect();
+            used.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, v)| v.clone()).collect();
         let mut start = AdjustmentStart::from_adjustment(adjusted);
-        start.poses = adjusted.poses.iter().enumerate().filter(|(k, _)| mine(k)).map(|(_, p)| *p).collect();
+        start.poses = adjusted.poses.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, p)| *p).collect();
         (views.len() >= MIN_VIEWS).then(|| adjust_bundle(&views, &start, adjusted.model_sigma_px).ok()).flatten()
     };
-    let (a, b) = (of(0)?, of(1)?);
+    let (a, b) = (calibrate_half(0)?, calibrate_half(1)?);
     let change = b.solution.global - a.solution.global;
     let scaled = |h: &CameraAdjustment| h.solution.covariance * h.solution.variance_factor();
-    // In the middle of the distances at which markers lie.
+    // The middle of the distances of markers.
     let distance_m = DISTANCES_M[1];
-    let worth = |m: &GlobalCovariance| quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px);
-    let difference_px = worth(&(change * change.transpose()))?;
-    let predicted_px = worth(&(scaled(&a) + scaled(&b)))?;
+    let effect_px =
+        |m: &GlobalCovariance| quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px);
+    let difference_px = effect_px(&(change * change.transpose()))?;
+    let predicted_px = effect_px(&(scaled(&a) + scaled(&b)))?;
     Some(Halves { distance_m, difference_px, predicted_px })
 }
 
+/// Estimates the systematic part of the residuals over the image and over the board.
 pub(super) fn residual_pattern(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> ResidualPattern {
     let residuals = adjusted.residuals(used);
     let (low, high) = adjusted.shape.bounds_m();
@@ -63,7 +64,7 @@ pub(super) fn residual_pattern(adjusted: &CameraAdjustment, used: &[(usize, Boar
     ResidualPattern { image_px: systematic_rms(image), board_px: systematic_rms(board) }
 }
 
-/// Root mean square of the cells' means, less what chance leaves there; places from 0 to 1.
+/// Returns the root mean square of the cells' means less the part expected of random residuals; positions from 0 to 1.
 fn systematic_rms(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 {
     let mut cells = vec![(0usize, Vector2::zeros(), 0.0); CELLS * CELLS];
     let (mut all, mut n) = (0.0, 0usize);
@@ -83,14 +84,14 @@ fn systematic_rms(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>)
     (sum / points.max(1) as f64).max(0.0).sqrt()
 }
 
-/// Distortion terms of which a calibration can do without one: of the radial ones only the highest left, of the
-/// denominator first.
-pub(super) fn droppable_terms(held: &[bool; GLOBAL]) -> Vec<usize> {
-    let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !held[*k]);
-    radial.into_iter().chain([7, 8].into_iter().filter(|k| !held[*k])).collect()
+/// Returns the distortion terms that may be dropped next: the highest radial one that is left, first of the denominator,
+/// and the tangential ones.
+pub(super) fn droppable_terms(fixed: &[bool; GLOBAL]) -> Vec<usize> {
+    let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !fixed[*k]);
+    radial.into_iter().chain([7, 8].into_iter().filter(|k| !fixed[*k])).collect()
 }
 
-/// Value over standard deviation; infinite where there is none.
+/// Returns parameter `k` over its standard deviation; infinite if that is 0.
 pub(super) fn t_value(adjusted: &CameraAdjustment, k: usize) -> f64 {
     let variance = adjusted.solution.covariance[(k, k)] * adjusted.solution.variance_factor();
     debug_assert!(k < INTERIOR);

@@ -1,4 +1,4 @@
-//! A checkerboard: found and indexed by `calib-targets`, measured by our own fit.
+//! Checkerboards: `calib-targets` finds and indexes the corners, our own fit measures them.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,7 @@ use calib_targets_chessboard::{
 };
 use nalgebra::Vector2;
 
-use super::board::{BoardError, BoardMismatch, BoardDetection};
+use super::board::{BoardDetection, BoardError, BoardMismatch};
 use super::corner::{self, CornerHint};
 use super::{BoardPoint, BoardView, reduced, saddle};
 use crate::raster::Raster;
@@ -15,13 +15,17 @@ use crate::raster::Raster;
 type GridCell = (i32, i32);
 type GridCorners = HashMap<GridCell, Vector2<f64>>;
 
-/// Share of the distance to the nearest other corner that a window may reach: half, so that no two windows hold
-/// the same pixels. Where they overlap, neighbours share their noise, and the camera's standard deviations, to which all corners
-/// count as independent, come out too small.
-pub(super) const REACH: f64 = 0.5;
-/// Share of a line beyond the described board that must be corners for it to be the board's.
-const LINE: f64 = 0.8;
+/// Window radius over the distance to the nearest other corner: half, so that no two windows share pixels. If they
+/// overlapped, neighbours would share noise, and the standard deviations of the camera, for which all corners count as
+/// independent, would be too small.
+pub(super) const WINDOW_FRACTION: f64 = 0.5;
+/// Fraction of a line next to the described board that must be corners for the line to belong to the board.
+const MIN_LINE_FRACTION: f64 = 0.8;
 
+/// Finds the inner corners of a checkerboard.
+///
+/// # Errors
+/// Returns an error if less than half of the board is found.
 pub(super) fn find_checkerboard(
     raster: &Raster,
     columns: usize,
@@ -32,7 +36,7 @@ pub(super) fn find_checkerboard(
     let expected = columns * rows;
     let (origin, turned) =
         best_placement(&corners, columns, rows).ok_or(BoardError::Partial { found: corners.len(), expected })?;
-    // Columns count to the right of rows in every picture: a bow towards the camera stays one.
+    // Columns are to the right of rows in every image, so that the sign of the bow is the same in all.
     let mirrored = turned == (handedness(&corners) > 0.0);
     let mut view = BoardView::new();
     for r in 0..rows as i32 {
@@ -41,23 +45,19 @@ pub(super) fn find_checkerboard(
             let cell = if turned { (origin.0 + r, origin.1 + k) } else { (origin.0 + k, origin.1 + r) };
             let fitted = corner_hint(&corners, cell).and_then(|h| corner::fit_corner(raster, &h));
             let board_m = Vector2::new(f64::from(c), f64::from(r)) * square_m;
-            view.extend(fitted.map(|f| BoardPoint {
-                board_m,
-                pixel: f.pixel,
-                covariance_px2: f.covariance_px2,
-            }));
+            view.extend(fitted.map(|f| BoardPoint { board_m, pixel: f.pixel, covariance_px2: f.covariance_px2 }));
         }
     }
-    // Where on the grid a part of the board lies does not matter to a calibration, but half a board
+    // The calibration does not depend on the part of the board that is seen, but less than half a board
     // may be another pattern.
     if view.len() * 2 < expected {
         return Err(BoardError::Partial { found: view.len(), expected });
     }
     let size = if turned { (rows, columns) } else { (columns, rows) };
-    Ok(BoardDetection { view, misfit: find_extra_line(&corners, origin, size) })
+    Ok(BoardDetection { view, mismatch: find_extra_line(&corners, origin, size) })
 }
 
-/// Corners with the labels of their squares; large pictures are searched in a smaller copy, then as they are.
+/// Finds corners with their grid labels; large images are searched in a smaller copy first, then at full size.
 fn locate_corners(raster: &Raster) -> Option<GridCorners> {
     let (small, scale) = reduced::reduce_image(raster);
     let found = small.as_ref().and_then(detect_grid).map(|found| {
@@ -80,7 +80,7 @@ fn detect_grid(raster: &Raster) -> Option<GridCorners> {
     )
 }
 
-/// At their saddle points, where those lie near.
+/// Moves corners to their saddle points; drops those without one nearby.
 fn refine_corners(raster: &Raster, corners: &GridCorners) -> GridCorners {
     let one = |(cell, here): (&GridCell, &Vector2<f64>)| {
         let near = STEPS.iter().filter_map(|d| corners.get(&(cell.0 + d.0, cell.1 + d.1)));
@@ -92,19 +92,19 @@ fn refine_corners(raster: &Raster, corners: &GridCorners) -> GridCorners {
 
 const STEPS: [GridCell; 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 
-/// The lines through a corner as its neighbours show them.
+/// Returns start values for a corner from its neighbours.
 fn corner_hint(corners: &GridCorners, cell: GridCell) -> Option<CornerHint> {
     let centre = *corners.get(&cell)?;
     let along = grid_line(corners, cell, (1, 0))?;
     let across = grid_line(corners, cell, (0, 1))?;
     let sine = along.0.normalize().perp(&across.0.normalize()).abs();
-    let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::MAX_REFINEMENT_PX);
+    let radius_px = (WINDOW_FRACTION * along.2.min(across.2) * sine).min(corner::MAX_REFINEMENT_PX);
     let curvature_per_px = [along.1, across.1];
     Some(CornerHint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
 }
 
-/// Direction, curvature and shortest neighbour's distance of the board's line through a corner. At its
-/// ends the line bends as it does at the next corner.
+/// Returns direction, curvature and distance of the nearest neighbour of the grid line through a corner. At its ends the
+/// line has the curvature of the next corner.
 fn grid_line(corners: &GridCorners, cell: GridCell, step: GridCell) -> Option<(Vector2<f64>, f64, f64)> {
     let at = |k: i32| corners.get(&(cell.0 + k * step.0, cell.1 + k * step.1));
     let here = at(0)?;
@@ -121,7 +121,7 @@ fn grid_line(corners: &GridCorners, cell: GridCell, step: GridCell) -> Option<(V
     }
 }
 
-/// Whether the labels' second axis lies clockwise of the first in the picture (positive) or not.
+/// Returns a positive value if the labels' second axis lies clockwise of the first in the image, else a negative one.
 fn handedness(corners: &GridCorners) -> f64 {
     let turn = |(cell, here): (&GridCell, &Vector2<f64>)| {
         let along = corners.get(&(cell.0 + 1, cell.1))? - here;
@@ -131,8 +131,8 @@ fn handedness(corners: &GridCorners) -> f64 {
     corners.iter().filter_map(turn).sum()
 }
 
-/// Where on the labelled grid the board lies with most corners, and whether its rows run along v.
-/// Which of the two ends is the origin does not matter to a calibration.
+/// Returns the origin on the labelled grid that covers most corners, and true if the board's rows run along v. Either end
+/// may be the origin; the calibration does not depend on it.
 fn best_placement(corners: &GridCorners, columns: usize, rows: usize) -> Option<(GridCell, bool)> {
     let mut best: Option<(usize, GridCell, bool)> = None;
     let mut cells: Vec<GridCell> = corners.keys().copied().collect();
@@ -154,20 +154,17 @@ fn best_placement(corners: &GridCorners, columns: usize, rows: usize) -> Option<
 }
 
 fn is_inside_board(cell: &GridCell, origin: GridCell, size: (usize, usize)) -> bool {
-    (origin.0..origin.0 + size.0 as i32).contains(&cell.0)
-        && (origin.1..origin.1 + size.1 as i32).contains(&cell.1)
+    (origin.0..origin.0 + size.0 as i32).contains(&cell.0) && (origin.1..origin.1 + size.1 as i32).contains(&cell.1)
 }
 
-/// A whole line of corners beside the described board.
+/// Looks for a complete line of corners next to the described board.
 fn find_extra_line(corners: &GridCorners, origin: GridCell, size: (usize, usize)) -> Option<BoardMismatch> {
     let (end_u, end_v) = (origin.0 + size.0 as i32, origin.1 + size.1 as i32);
     let count = |cells: &mut dyn Iterator<Item = GridCell>, length: usize| {
         let found = cells.filter(|c| corners.contains_key(c)).count();
-        found as f64 >= LINE * length as f64
+        found as f64 >= MIN_LINE_FRACTION * length as f64
     };
-    let upright =
-        [origin.0 - 1, end_u].into_iter().any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
-    let level =
-        [origin.1 - 1, end_v].into_iter().any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
+    let upright = [origin.0 - 1, end_u].into_iter().any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
+    let level = [origin.1 - 1, end_v].into_iter().any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
     (upright || level).then_some(BoardMismatch::Larger)
 }

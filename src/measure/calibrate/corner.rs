@@ -1,54 +1,54 @@
-//! A corner of four alternating squares, fitted to the grey values: its place with a covariance.
+//! Corners of four alternating squares, fitted to the grey values: position with covariance.
 //!
-//! Grey = `m + a erf(s1) erf(s2) + g (x - c)`: two edges through `c`, each blurred alike, over a lit
-//! background. The edges may bend by a known curvature, as a wide lens bends them. What the grey values
-//! leave over gives the unit weight, so that noise, poor light, blur and compression all show in the covariance.
-//! The picture is smoothed a little first: a sharp edge that jumps from pixel to pixel has no slope to follow.
+//! Grey = `m + a erf(s1) erf(s2) + g (x - c)`: two equally blurred edges through `c`, over a background of linear
+//! brightness. The edges may have a known curvature, as a wide lens curves them. The residuals give the unit weight, so
+//! that noise, poor light, blur and compression all enter the covariance. The image is smoothed a little first: a sharp
+//! edge that jumps from pixel to pixel has no slope to follow.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use crate::raster::Raster;
 
-/// `c` (2), directions of the two edges, blur, mean, half the contrast, gradient (2).
+/// Number of unknowns: `c` (2), directions of the two edges, blur, mean, half the contrast, gradient (2).
 const UNKNOWNS: usize = 9;
-/// Steps of a corner's fit at most.
+/// Maximum number of iterations.
 const ITERATIONS: usize = 30;
-/// A step of `c` that no longer matters, px.
+/// Step of `c` at which the iteration stops, px.
 const SETTLED_PX: f64 = 1e-4;
-/// Blur beforehand, px: that of the smoothing (root of 1/2) and of a pixel's own width (root of 1/12).
+/// Start value of the blur, px: smoothing (root of 1/2) and width of a pixel (root of 1/12).
 const START_BLUR_PX: f64 = 0.76;
-/// Smoothing along a row and down a column.
+/// Smoothing kernel along a row and down a column.
 const KERNEL: [f64; 3] = [0.25, 0.5, 0.25];
-/// 1 / (sum of the squared weights of the 3 x 3 kernel): what smoothing takes from the noise of single pixels, which
-/// it does not take from what many of them tell.
-const SMOOTHED: f64 = (64.0 / 24.0) * (64.0 / 24.0);
-/// Grey values round to integers: the variance of that.
+/// Squared 1 / (sum of the squared weights of the 3 x 3 kernel): smoothing reduces the noise of single pixels by this
+/// factor, but not the noise of averages over many pixels.
+const SMOOTHING_FACTOR: f64 = (64.0 / 24.0) * (64.0 / 24.0);
+/// Variance of rounding grey values to integers.
 const ROUNDING: f64 = 1.0 / 12.0;
-/// Pixels further from both edges than this many blurs say nothing of the corner's place.
+/// Distance from both edges, in blurs, beyond which pixels carry no information on the corner's position.
 const BAND_BLURS: f64 = 4.0;
-/// The same as a share of the window, for pictures less sharp.
-const BAND_SHARE: f64 = 1.0 / 3.0;
-/// Blurs that fit into the window at least; more blur and the edges' ends count as edges.
+/// Minimum of that distance as a fraction of the window, for blurred images.
+const BAND_FRACTION: f64 = 1.0 / 3.0;
+/// Minimum window radius in blurs; with more blur the ends of the edges would count as edges.
 const MIN_BLURS: f64 = 1.5;
 
 type CornerParameters = SVector<f64, UNKNOWNS>;
 type CornerNormalMatrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
-/// What the corner's neighbours tell of it.
+/// Start values and limits of a corner's fit, from its neighbours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CornerHint {
-    /// About where, px.
+    /// Approximate position, px.
     pub centre: Vector2<f64>,
-    /// Along the two edges.
+    /// Directions of the two edges.
     pub edges: [Vector2<f64>; 2],
-    /// Of the two edges, to the left of their direction, 1/px.
+    /// Curvatures of the two edges, positive to the left of their direction, 1/px.
     pub curvature_per_px: [f64; 2],
-    /// Within it no other edge shows, px.
+    /// Distance within which no other edge is visible, px.
     pub radius_px: f64,
 }
 
-/// Radius of the largest window, px: a corner is then known to a few thousandths of a pixel, below what boards
-/// are printed to, and further out a wide lens bends edges more than by their curvature.
+/// Radius of the largest window, px. It determines a corner to a few thousandths of a pixel, which is better than boards
+/// are printed; further out a wide lens curves edges by more than a constant curvature.
 pub(super) const MAX_REFINEMENT_PX: f64 = 24.0;
 
 /// A fitted corner.
@@ -58,12 +58,12 @@ pub(super) struct FittedCorner {
     pub covariance_px2: Matrix2<f64>,
 }
 
-/// `None` where the grey values are no such corner.
+/// Fits a corner; `None` if the grey values do not show one.
 pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCorner> {
     let pixels = edge_pixels(raster, hint)?;
     let mut at = start_values(hint);
     let (mut normal, mut right, mut sum) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
-    // Mean, contrast and gradient are linear: one step from nothing.
+    // Mean, contrast and gradient are linear: one step is enough.
     assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
     solve_linear_start(&normal, &right, &mut at)?;
     assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
@@ -91,26 +91,31 @@ pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCor
     None
 }
 
-fn accept_corner(hint: &CornerHint, at: &CornerParameters, normal: &CornerNormalMatrix, sum: f64, pixels: usize) -> Option<FittedCorner> {
+fn accept_corner(
+    hint: &CornerHint,
+    at: &CornerParameters,
+    normal: &CornerNormalMatrix,
+    sum: f64,
+    pixels: usize,
+) -> Option<FittedCorner> {
     let pixel = Vector2::new(at[0], at[1]);
-    let plausible = (pixel - hint.centre).norm() < 0.5 * hint.radius_px
-        && at[4] * MIN_BLURS < hint.radius_px
-        && at[6].abs() > 1.0;
-    let unit = (SMOOTHED * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
+    let plausible =
+        (pixel - hint.centre).norm() < 0.5 * hint.radius_px && at[4] * MIN_BLURS < hint.radius_px && at[6].abs() > 1.0;
+    let unit = (SMOOTHING_FACTOR * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
     let inverse = normal.cholesky()?.inverse();
     plausible.then(|| FittedCorner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
 }
 
-/// Pixels (column, row, grey) near the edges; `None` where too few lie in the picture.
+/// Returns (column, row, grey) of the pixels near the edges; `None` if too few lie in the image.
 fn edge_pixels(raster: &Raster, hint: &CornerHint) -> Option<Vec<(f64, f64, f64)>> {
     let (c, r) = (hint.centre, hint.radius_px);
-    let band = (BAND_BLURS * START_BLUR_PX).max(BAND_SHARE * r);
+    let band = (BAND_BLURS * START_BLUR_PX).max(BAND_FRACTION * r);
     let sides = hint.edges.map(|e| Vector2::new(-e.y, e.x) / e.norm());
     let reach = Vector2::repeat(r);
     let mut pixels = vec![];
-    // The kernel reaches one pixel further: the picture's rim has no neighbours.
+    // The kernel needs one more pixel on each side.
     let inner = |at: usize, n: usize| at > 0 && at + 1 < n;
-    for (x, y, _) in raster.part(c - reach, c + reach + Vector2::repeat(1.0), 1) {
+    for (x, y, _) in raster.pixels_in_box(c - reach, c + reach + Vector2::repeat(1.0), 1) {
         let d = Vector2::new(x as f64, y as f64) - c;
         let near = d.norm_squared() <= r * r && sides.iter().any(|n| n.dot(&d).abs() < band);
         if near && inner(x, raster.width()) && inner(y, raster.height()) {
@@ -122,7 +127,7 @@ fn edge_pixels(raster: &Raster, hint: &CornerHint) -> Option<Vec<(f64, f64, f64)
 
 fn smoothed_grey(raster: &Raster, x: usize, y: usize) -> f64 {
     let row = |dy: isize| {
-        let grey = |dx: isize| f64::from(raster.clamped(x as isize + dx, y as isize + dy));
+        let grey = |dx: isize| f64::from(raster.clamped_value(x as isize + dx, y as isize + dy));
         KERNEL[0] * grey(-1) + KERNEL[1] * grey(0) + KERNEL[2] * grey(1)
     };
     KERNEL[0] * row(-1) + KERNEL[1] * row(0) + KERNEL[2] * row(1)
@@ -135,14 +140,14 @@ fn start_values(hint: &CornerHint) -> CornerParameters {
     CornerParameters::from_column_slice(&[c.x, c.y, angle(&e[0]), angle(&e[1]), blur, 0.0, 1.0, 0.0, 0.0])
 }
 
-/// The linear unknowns with the others held.
+/// Solves for the linear unknowns with the others fixed.
 fn solve_linear_start(normal: &CornerNormalMatrix, right: &CornerParameters, at: &mut CornerParameters) -> Option<()> {
     let step = normal.fixed_view::<4, 4>(5, 5).clone_owned().cholesky()?.solve(&right.fixed_rows::<4>(5));
     (0..4).for_each(|k| at[5 + k] += step[k]);
     Some(())
 }
 
-/// An edge at a pixel: `erf`, and its derivatives by the corner's place, the direction and the blur.
+/// Returns `erf` of an edge at a pixel and its derivatives by the corner's position, the direction and the blur.
 fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64, [f64; 4]) {
     let (sin, cos) = angle.sin_cos();
     let along = cos * d.x + sin * d.y;
@@ -153,13 +158,12 @@ fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64
     (erf, [by_side * sin, -by_side * cos, -by_side * along, -by_side * q])
 }
 
-/// The error function (Abramowitz and Stegun 7.1.26, error below 1.5e-7) and its derivative, with one exponential.
+/// Returns the error function (Abramowitz and Stegun 7.1.26, error below 1.5e-7) and its derivative.
 fn erf(x: f64) -> (f64, f64) {
     let gauss = (-x * x).exp();
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
-    let series = t
-        * (0.254_829_592
-            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let series =
+        t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     ((1.0 - series * gauss).copysign(x), gauss * std::f64::consts::FRAC_2_SQRT_PI)
 }
 

@@ -1,13 +1,16 @@
-//! The finder for each kind of board.
+//! Dispatch to the finder of each kind of board.
 
 #[cfg(feature = "aprilgrid")]
 use super::aprilgrid;
-use super::board::{Board, BoardError, BoardDetection};
+use super::board::{Board, BoardDetection, BoardError};
 use super::checkerboard;
 use crate::raster::Raster;
 
 impl Board {
-    /// The board's points in a picture.
+    /// Finds the board's points in an image.
+    ///
+    /// # Errors
+    /// Returns an error if the image shows no board or too little of it.
     pub fn find(&self, raster: &Raster) -> Result<BoardDetection, BoardError> {
         match *self {
             Self::Checkerboard { columns, rows, square_m } => {

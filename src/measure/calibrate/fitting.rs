@@ -1,23 +1,23 @@
-//! The adjustments that a calibration consists of: without what does not fit, of the model that the pictures tell.
+//! Sequence of adjustments in a calibration: outlier removal, choice of the lens model, selection of terms.
 
 use nalgebra::Vector2;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::adjust::{CameraAdjustment, AdjustmentStart, adjust_bundle, adjust_with_view_sigmas, initial_adjustment};
+use super::adjust::{AdjustmentStart, CameraAdjustment, adjust_bundle, adjust_with_view_sigmas, initial_adjustment};
 use super::check;
-use super::model::{GLOBAL, INTERIOR, STRETCH, ImageSize, lens_from_parameters};
+use super::model::{GLOBAL, INTERIOR, ImageSize, STRETCH, lens_from_parameters};
 use super::outcome::build_calibration;
 use super::outliers::Selection;
-use super::{CalibrateError, Calibration, CalibrationOptions, SIGNIFICANT, BoardView};
+use super::{BoardView, CalibrateError, Calibration, CalibrationOptions, T_LIMIT_95};
 use crate::estimation::robust::coordinate_sigma_px;
 use crate::geometry::BROWN;
 
-/// Rounds in which the points' common variance settles.
+/// Maximum number of rounds in which the common variance settles.
 const MODEL_ROUNDS: usize = 8;
-/// A change of the common standard deviation that no longer matters: its share, and px.
+/// Change of the common standard deviation at which the rounds stop: relative, and px.
 const MODEL_SETTLED: (f64, f64) = (0.05, 1e-3);
 
-/// What is calibrated.
+/// Images, image size and options of a calibration.
 pub(super) struct CalibrationProblem<'a> {
     pub views: &'a [BoardView],
     pub size: ImageSize,
@@ -25,22 +25,23 @@ pub(super) struct CalibrationProblem<'a> {
 }
 
 impl CalibrationProblem<'_> {
-    /// With Brown's or the rational model, and without the pictures and points that do not fit.
+    /// Fits Brown's or the rational model and removes the images and points that do not fit.
     pub(super) fn fit_without_outliers(&self, rational: bool) -> Result<(CameraAdjustment, Selection), CalibrateError> {
         let mut selection = Selection::from_views(self.views, self.size);
         selection.check_count()?;
-        let mut held = [false; GLOBAL];
-        held[BROWN..INTERIOR].fill(!rational);
-        held[STRETCH] = self.options.scale_sigma.is_none();
-        // The two directions err independently: their difference by root two of one.
+        let mut fixed = [false; GLOBAL];
+        fixed[BROWN..INTERIOR].fill(!rational);
+        fixed[STRETCH] = self.options.scale_sigma.is_none();
+        // The errors of the two directions are independent: their difference has root two times the standard
+        // deviation.
         let stretch_sigma = self.options.scale_sigma.unwrap_or_default() * std::f64::consts::SQRT_2;
-        let mut adjusted = initial_adjustment(&selection.used, self.size, held, stretch_sigma)?;
+        let mut adjusted = initial_adjustment(&selection.used, self.size, fixed, stretch_sigma)?;
         loop {
             adjusted = settle_model_sigma(adjusted, &selection.used)?;
             let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
-            // Each round takes something out: they end.
-            let apart = adjust_robustly(&adjusted, &selection.used)?;
-            if !selection.remove_worst(&apart, self.views) {
+            // Each round removes something, so the loop ends.
+            let robust = adjust_robustly(&adjusted, &selection.used)?;
+            if !selection.remove_worst(&robust, self.views) {
                 let select = self.options.select;
                 let adjusted = if select { drop_insignificant_terms(adjusted, &selection.used)? } else { adjusted };
                 return Ok((adjusted, selection));
@@ -52,16 +53,17 @@ impl CalibrationProblem<'_> {
         }
     }
 
+    /// Builds the calibration with the radius that the boards cover.
     pub(super) fn calibration(&self, adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
         let centre = Vector2::new(adjusted.lens.cx, adjusted.lens.cy);
         let off = self.views.iter().flatten().map(|p| (p.pixel - centre).norm());
-        Calibration { shown_px: off.fold(0.0, f64::max), ..build_calibration(adjusted, selection) }
+        Calibration { covered_radius_px: off.fold(0.0, f64::max), ..build_calibration(adjusted, selection) }
     }
 
-    /// With the rational model, where the sum of squares says at 99 % that it is another one (F-test).
+    /// Fits the rational model if an F-test at 99 % prefers it to Brown's.
     pub(super) fn rational_calibration(&self, brown: &CameraAdjustment, selection: &Selection) -> Option<Calibration> {
         let mut start = AdjustmentStart::from_adjustment(brown);
-        start.held[BROWN..INTERIOR].fill(false);
+        start.fixed[BROWN..INTERIOR].fill(false);
         let tried = adjust_bundle(&selection.used, &start, brown.model_sigma_px).ok()?.solution;
         let terms = (INTERIOR - BROWN) as f64;
         let ratio = (brown.solution.omega - tried.omega) / terms / tried.variance_factor();
@@ -71,12 +73,15 @@ impl CalibrationProblem<'_> {
     }
 }
 
-/// Rounds in which the pictures' own variances settle.
+/// Rounds in which the variances of the images settle.
 const ROBUST_ROUNDS: usize = 10;
 
-/// For the tests: each picture's points count as its own residuals deserve (a variance component each), so that
-/// the many that agree are not pulled by one that does not. Its common variance is that of all pictures.
-fn adjust_robustly(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Result<CameraAdjustment, CalibrateError> {
+/// Adjusts for the outlier tests: the points of each image are weighted by its own residuals (a variance component per
+/// image), so that one deviating image does not distort the others. The common variance is that of all images.
+fn adjust_robustly(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Result<CameraAdjustment, CalibrateError> {
     let mut start = AdjustmentStart::from_adjustment(adjusted);
     let mut residuals = adjusted.residuals(used);
     for round in 1.. {
@@ -91,17 +96,20 @@ fn adjust_robustly(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> 
     Err(CalibrateError::NoFit)
 }
 
-/// Without the distortion terms that do not differ from 0.
-fn drop_insignificant_terms(mut adjusted: CameraAdjustment, used: &[(usize, BoardView)]) -> Result<CameraAdjustment, CalibrateError> {
+/// Fixes distortion terms at 0 that do not differ from it, one by one.
+fn drop_insignificant_terms(
+    mut adjusted: CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Result<CameraAdjustment, CalibrateError> {
     loop {
-        let weak = check::droppable_terms(&adjusted.held)
+        let weak = check::droppable_terms(&adjusted.fixed)
             .into_iter()
             .map(|k| (k, check::t_value(&adjusted, k)))
-            .filter(|(_, t)| *t < SIGNIFICANT)
+            .filter(|(_, t)| *t < T_LIMIT_95)
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((k, _)) = weak else { return Ok(adjusted) };
         let mut start = AdjustmentStart::from_adjustment(&adjusted);
-        start.held[k] = true;
+        start.fixed[k] = true;
         let mut global = adjusted.solution.global;
         global[k] = 0.0;
         start.lens = lens_from_parameters(ImageSize::from_lens(&start.lens), &global);
@@ -109,8 +117,11 @@ fn drop_insignificant_terms(mut adjusted: CameraAdjustment, used: &[(usize, Boar
     }
 }
 
-/// Adjusted again until the variance that all points have in common no longer changes.
-fn settle_model_sigma(mut adjusted: CameraAdjustment, used: &[(usize, BoardView)]) -> Result<CameraAdjustment, CalibrateError> {
+/// Repeats the adjustment until the common variance no longer changes.
+fn settle_model_sigma(
+    mut adjusted: CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Result<CameraAdjustment, CalibrateError> {
     for _ in 0..MODEL_ROUNDS {
         let before = adjusted.model_sigma_px;
         adjusted = adjust_bundle(used, &AdjustmentStart::from_adjustment(&adjusted), before)?;

@@ -1,12 +1,12 @@
-//! Pictures of a board -> interior orientation.
+//! Camera calibration: images of a board in, interior orientation out.
 //!
 //! | stage | in | out | file |
 //! |---|---|---|---|
-//! | find | grey picture, board | board points and their pixels | `board.rs`, `find.rs`, `checkerboard.rs`, `aprilgrid.rs` |
-//! | measure | grey values, about where | corner and its covariance | `saddle.rs`, `corner.rs` |
+//! | find | grey image, board | board points and their pixels | `board.rs`, `find.rs`, `checkerboard.rs`, `aprilgrid.rs` |
+//! | measure | grey values, approximate position | corner and its covariance | `saddle.rs`, `corner.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
 //! | adjust | views, start | camera, board's bow and stretch, covariance | `adjust.rs`, `model.rs`, `shape.rs`, `bundle.rs` |
-//! | leave out | residuals | pictures and points that fit, the model that they tell | `outliers.rs`, `fitting.rs` |
+//! | remove outliers | residuals | images and points that fit, the lens model | `outliers.rs`, `fitting.rs` |
 //! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `outcome.rs`, `quality.rs`, `check.rs`, `verdict.rs` |
 
 mod adjust;
@@ -36,7 +36,7 @@ mod verdict;
 
 use nalgebra::{DMatrix, Matrix2, Vector2};
 
-pub use board::{Board, BoardError, BoardMismatch, BoardDetection, description_mismatch, missing_corner_lines};
+pub use board::{Board, BoardDetection, BoardError, BoardMismatch, description_mismatch, missing_corner_lines};
 
 use super::geometry::Lens;
 pub use check::{Halves, ResidualPattern};
@@ -46,84 +46,82 @@ use model::ImageSize;
 pub use outliers::ImageRejection;
 pub use quality::ProjectionUncertainty;
 pub use shape::{BoardBow, BoardStretch};
-pub use verdict::{Verdict, judge_calibration, count_refusals};
+pub use verdict::{Verdict, count_refusals, judge_calibration};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardPoint {
-    /// In the board's plane, m.
+    /// Position in the board's plane, m.
     pub board_m: Vector2<f64>,
-    /// px.
+    /// Position in the image, px.
     pub pixel: Vector2<f64>,
-    /// Of the pixel as measured, px^2.
+    /// Covariance of the measured pixel.
     pub covariance_px2: Matrix2<f64>,
 }
 
 impl BoardPoint {
-    /// A point that is alike known in all directions; standard deviation of a coordinate, px.
+    /// Creates a point with the standard deviation `sigma_px` in every direction.
     pub fn new(board_m: Vector2<f64>, pixel: Vector2<f64>, sigma_px: f64) -> Self {
         Self { board_m, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
     }
 }
 
-/// One picture's points.
+/// Points of one image.
 pub type BoardView = Vec<BoardPoint>;
 
 /// A calibrated camera with its quality.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// The estimate.
     pub lens: Lens,
-    /// 9 x 9, order fx fy cx cy k1 k2 k3 p1 p2; scaled by the residuals. Of a rational lens: while its denominator stays
-    /// as it is, with what that is uncertain by carried over.
+    /// Covariance, 9 x 9, order fx fy cx cy k1 k2 k3 p1 p2; scaled by the residuals. For a rational lens: with the
+    /// denominator fixed, its uncertainty being transferred to these parameters.
     pub covariance: DMatrix<f64>,
     /// Standard deviations of k4, k5, k6; 0 for Brown's model.
     pub denominator_sigma: [f64; 3],
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
-    /// Standard deviation per coordinate that all points have beyond their own, px: what board and lens
-    /// leave over.
+    /// Standard deviation per coordinate that all points have in addition to their own, px: deviations of board and lens
+    /// from their models.
     pub model_sigma_px: f64,
     /// The board's bow along its rows and its columns.
     pub bow: [BoardBow; 2],
-    /// By how much more the board is stretched across its rows than along them; `None` where that cannot be told.
+    /// Stretch of the board across its rows against along them; `None` if it cannot be estimated.
     pub stretch: Option<BoardStretch>,
-    /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
+    /// Root mean square of the residual vectors of each view, px; `None` if it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
-    /// Per view: why it took no part.
-    pub dropped: Vec<Option<ImageRejection>>,
-    /// Per view: points that took part.
+    /// Reason for the rejection of each view.
+    pub rejections: Vec<Option<ImageRejection>>,
+    /// Number of points used of each view.
     pub view_points: Vec<usize>,
-    /// Per view that took part: angle between the board and the image plane, degrees.
+    /// Angle between the board and the image plane in each view, degrees; `None` if it was rejected.
     pub tilt_deg: Vec<Option<f64>>,
-    /// Root mean square angle of the boards' normals from their mean direction, degrees: 0 where all are parallel.
+    /// Root mean square angle of the boards' normals from their mean direction, degrees: 0 if they are parallel.
     pub spread_deg: f64,
-    /// Points that took part in each ninth of the image: row, column from the upper left.
+    /// Points used in each ninth of the image: row, column from the upper left.
     pub coverage: [[usize; 3]; 3],
-    /// Image points that took part.
+    /// Number of image points used.
     pub observations: usize,
-    /// How far from the principal point boards were found, px; points that no model fits count too.
-    pub shown_px: f64,
-    /// Interior parameters that were held at 0, order as in the covariance.
-    pub held: [bool; 9],
-    /// Every second picture against the others; `None` where they are too few.
+    /// Largest distance of a board point from the principal point, px; rejected points count too.
+    pub covered_radius_px: f64,
+    /// Interior parameters that were fixed at 0, order as in the covariance.
+    pub fixed: [bool; 9],
+    /// Comparison of two halves of the images; `None` if there are too few.
     pub halves: Option<Halves>,
-    /// What the residuals have in common.
     pub pattern: ResidualPattern,
-    /// Per view, empty where it took no part: each point's place in the image and observed - projected, px.
+    /// Image position and observed - projected, px, of each point of each view; empty for rejected views.
     pub residuals: Vec<Vec<(Vector2<f64>, Vector2<f64>)>>,
     /// Sides of the rectangle in which the board's points lie, m.
     pub board_side_m: [f64; 2],
-    /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
+    /// Projection uncertainty at [`DISTANCES_M`]; `None` if the lens has no inverse over the whole image.
     pub projections: Option<Vec<ProjectionUncertainty>>,
 }
 
-/// Share of the way from the principal point to the image's farthest corner to which boards must have been shown for
-/// a lens's model to be told: beyond, any is a guess.
-const SHOWN: f64 = 0.9;
+/// Minimum distance from the principal point at which boards must have been shown, as a fraction of that of the farthest
+/// corner: beyond it the lens model is an extrapolation.
+const MIN_COVERED_FRACTION: f64 = 0.9;
 
 impl Calibration {
-    /// From the principal point to the image's farthest corner, px.
+    /// Returns the vector from the principal point to the image's farthest corner, px.
     fn farthest_corner_px(&self) -> Vector2<f64> {
         let (w, h) = (f64::from(self.lens.width) - 1.0, f64::from(self.lens.height) - 1.0);
         let centre = Vector2::new(self.lens.cx, self.lens.cy);
@@ -131,65 +129,70 @@ impl Calibration {
         corners.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
     }
 
-    /// Whether boards were shown into a corner of the image.
+    /// Returns true if boards were shown close to a corner of the image.
     fn covers_corner(&self) -> bool {
-        self.shown_px >= SHOWN * self.farthest_corner_px().norm()
+        self.covered_radius_px >= MIN_COVERED_FRACTION * self.farthest_corner_px().norm()
     }
 }
 
-/// Why there is no calibration.
+/// Reason why a calibration failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
-    /// Too few pictures with a board.
+    /// Too few usable images of the board.
     #[error(
-        "{found} of the pictures with a board can be used, at least {needed} in different attitudes are needed, fifteen to \
-         twenty for a camera to fly with"
+        "only {found} images of the board are usable; at least {needed} in different orientations are \
+         needed, and 15 to 20 for a camera used in flight"
     )]
     TooFewViews {
-        /// That can be used.
+        /// Usable images.
         found: usize,
-        /// Needed.
         needed: usize,
-        /// Per view: why it took no part.
-        dropped: Vec<Option<ImageRejection>>,
+        /// Reason for the rejection of each view.
+        rejections: Vec<Option<ImageRejection>>,
     },
-    /// All boards parallel to the sensor, or the like.
+    /// Camera constant not determined: for example, boards parallel to the sensor.
     #[error(
-        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them, \
-         and count its rows and columns: a board that is not as described shows the same"
+        "the images do not determine the camera constant; tilt the board by 20 to 40 degrees in several of \
+         them, and check its rows and columns: a wrong description has the same effect"
     )]
     NoStart,
-    /// No camera fits the pictures.
+    /// No convergence.
     #[error(
-        "no camera fits the pictures; is the board as described, are its rows, columns and gaps counted and \
-         measured? Tilt it by 20 to 40 degrees and show it in all corners of the image"
+        "no camera fits the images; check the board's description (rows, columns, gaps), tilt it by 20 to \
+         40 degrees and show it in all corners of the image"
     )]
     NoFit,
 }
 
-/// Views needed: below, the nine interior parameters are not checked at all.
+/// Minimum number of views. With fewer, the nine interior parameters cannot be checked.
 const MIN_VIEWS: usize = 3;
-/// Points of one view needed for its pose and a check.
+/// Minimum number of points of a view, for its pose and a check.
 const MIN_POINTS: usize = 8;
-/// Some hundred points leave Student's t at the normal's.
-const SIGNIFICANT: f64 = 1.96;
+/// Two-sided 95 % limit of Student's t, for hundreds of points.
+const T_LIMIT_95: f64 = 1.96;
 
-/// What may be asked of a calibration.
+/// Options of a calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CalibrationOptions {
-    /// Distortion terms that do not differ from 0 at 95 % are dropped, the least first and of the radial ones the
-    /// highest.
+    /// Fixes distortion terms at 0 that do not differ from it at 95 %, the least significant first and the highest radial
+    /// one first.
     pub select: bool,
-    /// To which share the board's lengths along and across are each known, one standard deviation; `None`: exactly.
+    /// Relative standard deviation of the board's lengths along and across; `None`: exact.
     pub scale_sigma: Option<f64>,
 }
 
-/// Calibrates from views of a plane board that is exactly as described; `width` and `height` of the pictures, px.
+/// Calibrates from views of a plane board with exact dimensions; `width` and `height` of the images, px.
+///
+/// # Errors
+/// Returns an error if too few views are usable or no camera fits them.
 pub fn calibrate(views: &[BoardView], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
     calibrate_with_options(views, width, height, &CalibrationOptions::default())
 }
 
-/// The same with options.
+/// Calibrates like [`calibrate`], with options.
+///
+/// # Errors
+/// Returns an error if too few views are usable or no camera fits them.
 pub fn calibrate_with_options(
     views: &[BoardView],
     width: u32,
@@ -199,12 +202,12 @@ pub fn calibrate_with_options(
     let set = CalibrationProblem { views, size: ImageSize { width, height }, options };
     let (brown, selection) = set.fit_without_outliers(false)?;
     let found = set.calibration(&brown, &selection);
-    // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others. And only
-    // where boards told the lens up to the image's border: it bends as it likes beyond.
-    let does = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
-    if does || !found.covers_corner() {
+    // The rational model only if Brown's does not fit, as its terms would otherwise only weaken the others,
+    // and only if boards cover the image up to the corners, as it is arbitrary beyond.
+    let brown_fits = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
+    if brown_fits || !found.covers_corner() {
         return Ok(found);
     }
-    let richer = set.rational_calibration(&brown, &selection).filter(|r| r.projections.is_some());
-    Ok(richer.unwrap_or(found))
+    let rational = set.rational_calibration(&brown, &selection).filter(|r| r.projections.is_some());
+    Ok(rational.unwrap_or(found))
 }

@@ -1,39 +1,42 @@
-//! A calibration's numbers from its last adjustment.
+//! Conversion of the last adjustment to a [`Calibration`].
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::adjust::{CameraAdjustment, AdjustmentStart, adjust_bundle};
-use super::model::{INTERIOR, BoardPose, STRETCH, rms_length};
+use super::adjust::{AdjustmentStart, CameraAdjustment, adjust_bundle};
+use super::model::{BoardPose, INTERIOR, STRETCH, rms_length};
 use super::outliers::Selection;
 use super::shape::{BoardBow, BoardStretch};
-use super::{Calibration, BoardView, check, quality};
+use super::{BoardView, Calibration, check, quality};
 use crate::geometry::{BROWN, Lens};
 
-/// Standard deviation of a stretch beforehand where it is only looked for, a share: an assumption, more than paper shrinks.
-const LOOSE_STRETCH: f64 = 0.01;
+/// Prior standard deviation of the stretch for the check of a board that is taken as exact, relative: an assumption, more
+/// than paper shrinks.
+const LOOSE_STRETCH_SIGMA: f64 = 0.01;
 
-/// As estimated, or where the board is taken as described, as it would be.
+/// Estimates the stretch, or its value and effect if the board is taken as exact.
 fn estimate_stretch(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<BoardStretch> {
-    let is_unknown = !adjusted.held[STRETCH];
+    let is_unknown = !adjusted.fixed[STRETCH];
     let mut start = AdjustmentStart::from_adjustment(adjusted);
-    start.held[STRETCH] = is_unknown;
+    start.fixed[STRETCH] = is_unknown;
     start.form[STRETCH - INTERIOR] = 0.0;
-    start.stretch_sigma = LOOSE_STRETCH;
+    start.stretch_sigma = LOOSE_STRETCH_SIGMA;
     let other = adjust_bundle(used, &start, adjusted.model_sigma_px).ok()?;
     let with = if is_unknown { adjusted } else { &other };
     let change = other.solution.global - adjusted.solution.global;
-    let worth = quality::uncertainty_at_distance(adjusted, used, &(change * change.transpose()), BoardStretch::DISTANCE_M)?;
+    let effect =
+        quality::uncertainty_at_distance(adjusted, used, &(change * change.transpose()), BoardStretch::DISTANCE_M)?;
     let variance = with.solution.covariance[(STRETCH, STRETCH)] * with.solution.variance_factor();
     Some(BoardStretch {
         value: with.form[STRETCH - INTERIOR],
         sigma: variance.max(0.0).sqrt(),
-        worth_px: worth.sigma_px,
-        stated: is_unknown.then_some(adjusted.stretch_sigma),
+        projection_change_px: effect.sigma_px,
+        prior_sigma: is_unknown.then_some(adjusted.stretch_sigma),
     })
 }
 
+/// Builds the calibration from the last adjustment.
 pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
-    let Selection { used, dropped } = selection;
+    let Selection { used, rejections: dropped } = selection;
     let solution = &adjusted.solution;
     let residuals = adjusted.residuals(used);
     let covariance = solution.covariance * solution.variance_factor();
@@ -56,10 +59,10 @@ pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selecti
         tilt_deg: vec![None; dropped.len()],
         spread_deg: spread_deg(adjusted),
         coverage: image_coverage(&adjusted.lens, used),
-        dropped: dropped.clone(),
+        rejections: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
-        shown_px: 0.0,
-        held: std::array::from_fn(|k| adjusted.held[k]),
+        covered_radius_px: 0.0,
+        fixed: std::array::from_fn(|k| adjusted.fixed[k]),
         halves: check::compare_halves(adjusted, used),
         pattern: check::residual_pattern(adjusted, used),
         residuals: vec![vec![]; dropped.len()],

@@ -1,149 +1,155 @@
-//! Pictures and points that do not fit the others, each with its reason.
+//! Removal of images and points that do not fit the others, each with its reason.
 //!
-//! Residuals count in their own standard deviations: a blurred or a far board is no outlier, its corners'
-//! covariances say so already. Two tests of a picture, each at 1 % over the whole set, against the
-//! pictures' own spread (median absolute deviation), so that a lens that Brown's model fits badly does not
-//! condemn its pictures: the camera constant that the picture alone would choose, and the size of its residuals.
+//! Residuals are normalised: a blurred or a far board is no outlier, as the covariances of its corners already show it. Two
+//! tests of an image, each at 1 % over the whole set, use the images' own spread (median absolute deviation), so that a
+//! lens that Brown's model fits badly does not cause rejections: the camera constant estimated from the image alone, and
+//! the size of its residuals.
 
 use nalgebra::{SMatrix, SVector, Vector2};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::adjust::CameraAdjustment;
-use super::model::{ProjectionJacobians, ImageSize, projection_jacobians, rms_length};
-use super::{CalibrateError, MIN_POINTS, MIN_VIEWS, BoardView, start};
-use crate::estimation::robust::{Location, MEDIAN_SQUARE_1D, common_variance, median, scale_from_squares};
+use super::model::{ImageSize, ProjectionJacobians, projection_jacobians, rms_length};
+use super::{BoardView, CalibrateError, MIN_POINTS, MIN_VIEWS, start};
+use crate::estimation::robust::{MEDIAN_SQUARE_1D, RobustLocation, common_variance, median, scale_from_squares};
 
-/// A point whose residual is this many times the scale is a gross error (a wrong corner).
-const GROSS: f64 = 6.0;
-/// A view whose misfit to a plane is this many times the median's shows another thing.
-const FOREIGN: f64 = 5.0;
-/// Chance that a test leaves out a picture of a set in which all are sound.
-const LEVEL: f64 = 0.01;
-/// No hand holds a board so still between two pictures, px.
-const STILL_PX: f64 = 0.05;
+/// Multiple of the scale above which a residual is a gross error (a wrong corner).
+const GROSS_FACTOR: f64 = 6.0;
+/// Multiple of the median misfit to a plane above which a view shows something else than the board.
+const NOT_PLANAR_FACTOR: f64 = 5.0;
+/// Probability that a test rejects an image of a set without outliers.
+const SIGNIFICANCE_LEVEL: f64 = 0.01;
+/// Movement between two images below which neither board nor camera was moved, px.
+const STATIC_PX: f64 = 0.05;
 /// Relative standard deviation of a scale from the median of `n` squared lengths, times root n.
 const MEDIAN_SCALE: f64 = 0.72;
 
-/// Why a picture took no part.
+/// Reason for the rejection of an image.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ImageRejection {
-    /// Not enough of the board.
-    #[error("only {found} points of the board found, {MIN_POINTS} are needed")]
-    TooFewPoints {
-        /// Points found.
-        found: usize,
-    },
-    /// The same picture twice tells nothing and passes for twice as sure.
+    /// Too little of the board found.
+    #[error("only {found} points of the board found; at least {MIN_POINTS} are needed")]
+    TooFewPoints { found: usize },
+    /// Duplicate of an earlier image, which would count as independent information.
     #[error(
-        "its points are those of picture {of} (counted from 1): given twice, or neither board nor camera moved"
+        "its points are those of image {earlier} (counted from 1): the same image twice, or neither board nor \
+         camera was moved"
     )]
-    Twice {
-        /// Index of the earlier one, counted from 1.
-        of: usize,
+    Duplicate {
+        /// Index of the earlier image, counted from 1.
+        earlier: usize,
     },
-    /// No plane board.
-    #[error("its points do not lie on a plane board ({misfit_px:.1} px off); another board?")]
-    NoPlane {
+    /// Points not on a plane board.
+    #[error("its points do not lie on a plane board ({misfit_px:.1} px rms); is it another board?")]
+    NotPlanar {
         /// Root mean square distance from the best plane image, px.
         misfit_px: f64,
     },
-    /// It alone would choose another camera constant.
+    /// Deviating camera constant, estimated from this image alone.
     #[error(
-        "it asks for a camera constant {percent:+.2} % from the others' ({times:.1} standard deviations): zoom or focus \
-         was moved"
+        "its camera constant differs by {percent:+.2} % from that of the others ({times:.1} standard \
+         deviations): zoom or focus was changed"
     )]
     OtherZoom {
-        /// Camera constant over the others', less 1, per cent.
+        /// Camera constant over that of the other images, less 1, per cent.
         percent: f64,
-        /// Over its standard deviation.
+        /// Deviation over its standard deviation.
         times: f64,
     },
-    /// The whole picture disagrees.
+    /// Larger residuals than the other images.
     #[error(
-        "its points are {rms_px:.2} px rms off, {times:.1} times as far as the others' for their sharpness; another \
-         zoom or focus, a moving board, or a bent one?"
+        "its residuals are {rms_px:.2} px rms, {times:.1} times those of the other images at the same \
+         sharpness; check for another zoom or focus, a moving or a bent board"
     )]
-    OtherCamera {
-        /// Root mean square of its residuals, px.
+    LargeResiduals {
         rms_px: f64,
-        /// Normalised residuals over the median picture's.
+        /// Normalised residuals over those of the median image.
         times: f64,
     },
-    /// Too many of its points disagree.
-    #[error("{lost} of its {of} points do not fit the others; another zoom or focus?")]
-    Points {
-        /// Points that do not fit.
+    /// Too many outliers among its points.
+    #[error("{lost} of its {found} points do not fit the others; was zoom or focus changed?")]
+    TooManyOutliers {
+        /// Outliers.
         lost: usize,
-        /// Points found in the picture.
-        of: usize,
+        /// Points found in the image.
+        found: usize,
     },
 }
 
-/// Views that take part, and why others do not.
+/// Views used, and the reasons for the rejection of the others.
 pub(super) struct Selection {
-    /// Index and points.
+    /// Index and points of each view used.
     pub used: Vec<(usize, BoardView)>,
-    /// Per view.
-    pub dropped: Vec<Option<ImageRejection>>,
+    /// Reason for the rejection of each view.
+    pub rejections: Vec<Option<ImageRejection>>,
 }
 
 impl Selection {
-    /// What can be told before any adjustment: with such views it may not converge.
+    /// Rejects views that are unusable before any adjustment, which might not converge with them.
     pub(super) fn from_views(views: &[BoardView], size: ImageSize) -> Self {
         let mut dropped: Vec<Option<ImageRejection>> = (0..views.len()).map(|k| unusable_reason(views, k)).collect();
         let misfits: Vec<f64> = views.iter().map(|v| start::min_plane_misfit_px(v, size)).collect();
-        let rest: Vec<f64> =
-            misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
-        let limit = FOREIGN * median(rest.clone()).unwrap_or(0.0) + 1.0;
+        let rest: Vec<f64> = misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
+        let limit = NOT_PLANAR_FACTOR * median(rest.clone()).unwrap_or(0.0) + 1.0;
         let foreign = |misfit: f64| misfit.is_nan() || misfit > limit;
-        // Where too few would be left, the adjustment must say.
+        // If too few images would be left, the adjustment decides.
         if rest.iter().filter(|m| !foreign(**m)).count() >= MIN_VIEWS {
             for (reason, misfit) in dropped.iter_mut().zip(&misfits) {
                 if reason.is_none() && foreign(*misfit) {
-                    *reason = Some(ImageRejection::NoPlane { misfit_px: *misfit });
+                    *reason = Some(ImageRejection::NotPlanar { misfit_px: *misfit });
                 }
             }
         }
         let used = views.iter().cloned().enumerate().filter(|(k, _)| dropped[*k].is_none()).collect();
-        Self { used, dropped }
+        Self { used, rejections: dropped }
     }
 
-    /// An error with the reasons where too few are left.
+    /// Checks that enough views are left.
+    ///
+    /// # Errors
+    /// Returns an error with the rejections if there are too few.
     pub(super) fn check_count(&self) -> Result<(), CalibrateError> {
         let (found, needed) = (self.used.len(), MIN_VIEWS);
         if found < needed {
-            return Err(CalibrateError::TooFewViews { found, needed, dropped: self.dropped.clone() });
+            return Err(CalibrateError::TooFewViews { found, needed, rejections: self.rejections.clone() });
         }
         Ok(())
     }
 
-    /// Takes out the worst picture, or where all agree, the gross points; whether there were any.
+    /// Removes the worst image or, if the images agree, the outliers among the points; returns true if anything was
+    /// removed.
     pub(super) fn remove_worst(&mut self, adjusted: &CameraAdjustment, views: &[BoardView]) -> bool {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.normalized_squares(&self.used, &residuals);
         let zoomed = self.zoom_outlier(adjusted, &residuals);
         let worst = zoomed.or_else(|| {
-            self.residual_outlier(&residuals, &squares).map(|(k, reason)| self.prefer_zoom_reason(adjusted, &residuals, k, reason))
+            self.residual_outlier(&residuals, &squares)
+                .map(|(k, reason)| self.prefer_zoom_reason(adjusted, &residuals, k, reason))
         });
         match worst.filter(|_| self.used.len() > MIN_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
-                self.dropped[index] = Some(reason);
+                self.rejections[index] = Some(reason);
                 true
             }
             None => self.remove_points(&squares, views),
         }
     }
 
-    /// The picture whose own camera constant stands out most.
-    fn zoom_outlier(&self, adjusted: &CameraAdjustment, residuals: &[Vec<Vector2<f64>>]) -> Option<(usize, ImageRejection)> {
-        let of = |(k, r): (usize, &Vec<Vector2<f64>>)| own_camera_constant(adjusted, k, &self.used[k].1, r);
-        let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(of).collect::<Option<_>>()?;
-        // What lens and board leave over makes sound pictures differ by more than their standard deviations: by a factor,
-        // and where those are small, by a variance that all have in common.
+    /// Finds the image whose own camera constant deviates most.
+    fn zoom_outlier(
+        &self,
+        adjusted: &CameraAdjustment,
+        residuals: &[Vec<Vector2<f64>>],
+    ) -> Option<(usize, ImageRejection)> {
+        let constant_change =
+            |(k, r): (usize, &Vec<Vector2<f64>>)| own_camera_constant(adjusted, k, &self.used[k].1, r);
+        let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(constant_change).collect::<Option<_>>()?;
+        // Deviations of lens and board from their models make good images differ by more than their standard
+        // deviations: by a factor and, if those are small, by a common variance.
         let squares: Vec<f64> = own.iter().map(|(change, _)| change * change).collect();
         let normalised: Vec<f64> = own.iter().map(|(change, sigma)| change / sigma).collect();
-        let factor = Location::from_values(&normalised).sigma.max(1.0);
+        let factor = RobustLocation::from_values(&normalised).sigma.max(1.0);
         let own_variances: Vec<f64> = own.iter().map(|(_, sigma)| sigma * sigma).collect();
         let variances: Vec<f64> = own_variances.iter().map(|v| v * factor * factor).collect();
         let common = common_variance(&squares, &own_variances, MEDIAN_SQUARE_1D);
@@ -153,7 +159,7 @@ impl Selection {
         (over(k) > student_limit(own.len(), 2.0)).then_some((k, reason))
     }
 
-    /// Another camera constant, where that explains a picture that is far off.
+    /// Replaces the reason by another camera constant if that explains the image's residuals.
     fn prefer_zoom_reason(
         &self,
         adjusted: &CameraAdjustment,
@@ -169,43 +175,47 @@ impl Selection {
         }
     }
 
-    /// The picture whose normalised residuals stand out most.
-    fn residual_outlier(&self, residuals: &[Vec<Vector2<f64>>], squares: &[Vec<f64>]) -> Option<(usize, ImageRejection)> {
+    /// Finds the image with the largest normalised residuals.
+    fn residual_outlier(
+        &self,
+        residuals: &[Vec<Vector2<f64>>],
+        squares: &[Vec<f64>],
+    ) -> Option<(usize, ImageRejection)> {
         let logs: Vec<f64> = squares.iter().map(|s| scale_from_squares(s).max(f64::MIN_POSITIVE).ln()).collect();
-        let all = Location::from_values(&logs);
-        let over = |k: usize| {
-            (logs[k] - all.median) / all.sigma.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt())
-        };
+        let all = RobustLocation::from_values(&logs);
+        let over = |k: usize| (logs[k] - all.median) / all.sigma.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt());
         let k = (0..logs.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
-        let reason =
-            ImageRejection::OtherCamera { rms_px: rms_length(residuals[k].iter()), times: (logs[k] - all.median).exp() };
+        let reason = ImageRejection::LargeResiduals {
+            rms_px: rms_length(residuals[k].iter()),
+            times: (logs[k] - all.median).exp(),
+        };
         (over(k) > student_limit(logs.len(), 1.0)).then_some((k, reason))
     }
 
-    /// A picture counts as lost by its points as found, not by what earlier rounds left of them.
+    /// Removes outliers among the points. An image is rejected by the fraction of its original points that is lost.
     fn remove_points(&mut self, squares: &[Vec<f64>], views: &[BoardView]) -> bool {
         let all = scale_from_squares(&squares.concat()).max(1.0);
         let mut changed = false;
         for ((index, view), s) in std::mem::take(&mut self.used).into_iter().zip(squares) {
             let before = view.len();
-            // Whether all of a picture is off is not asked here.
-            let limit = GROSS * scale_from_squares(s).max(all);
+            // A common increase of an image's residuals is tested elsewhere.
+            let limit = GROSS_FACTOR * scale_from_squares(s).max(all);
             let fits = view.into_iter().zip(s).filter(|(_, s)| s.sqrt() <= limit);
             let kept: BoardView = fits.map(|(p, _)| p).collect();
             changed |= kept.len() < before;
-            let of = views[index].len();
-            if 2 * kept.len() >= of && kept.len() >= MIN_POINTS {
+            let found = views[index].len();
+            if 2 * kept.len() >= found && kept.len() >= MIN_POINTS {
                 self.used.push((index, kept));
             } else {
-                self.dropped[index] = Some(ImageRejection::Points { lost: of - kept.len(), of });
+                self.rejections[index] = Some(ImageRejection::TooManyOutliers { lost: found - kept.len(), found });
             }
         }
         changed
     }
 }
 
-/// Relative change of the camera constant that a picture's residuals ask for, and its standard deviation, which
-/// the residuals that are left tell where they are larger than they should be.
+/// Returns the relative change of the camera constant that an image's residuals ask for, and its standard deviation, scaled
+/// by the remaining residuals if they are larger than expected.
 fn own_camera_constant(
     adjusted: &CameraAdjustment,
     k: usize,
@@ -216,13 +226,13 @@ fn own_camera_constant(
     for (p, r) in view.iter().zip(residuals) {
         let point = adjusted.camera_point(k, p);
         let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
-        let mut by = SMatrix::<f64, 2, 7>::zeros();
-        by.fixed_columns_mut::<6>(0).copy_from(&by_motion);
+        let mut derivatives = SMatrix::<f64, 2, 7>::zeros();
+        derivatives.fixed_columns_mut::<6>(0).copy_from(&by_motion);
         let relative = by_lens.column(0) * adjusted.lens.fx + by_lens.column(1) * adjusted.lens.fy;
-        by.set_column(6, &relative);
+        derivatives.set_column(6, &relative);
         let weight = adjusted.covariance_px2(p).try_inverse()?;
-        normal += by.transpose() * weight * by;
-        right += by.transpose() * weight * r;
+        normal += derivatives.transpose() * weight * derivatives;
+        right += derivatives.transpose() * weight * r;
         sum += r.dot(&(weight * r));
     }
     let inverse = normal.cholesky()?.inverse();
@@ -231,9 +241,9 @@ fn own_camera_constant(
     Some((found[6], (unit * inverse[(6, 6)]).sqrt()))
 }
 
-/// Student's t that one of `n` values passes by chance at the level; tests on one side or two.
+/// Returns the limit of Student's t that one of `n` random values exceeds at the level; `sides` 1 or 2.
 fn student_limit(n: usize, sides: f64) -> f64 {
-    let share = 1.0 - LEVEL / (sides * n.max(2) as f64);
+    let share = 1.0 - SIGNIFICANCE_LEVEL / (sides * n.max(2) as f64);
     StudentsT::new(0.0, 1.0, (n.max(2) - 1) as f64).map_or(f64::INFINITY, |t| t.inverse_cdf(share))
 }
 
@@ -241,10 +251,13 @@ fn unusable_reason(views: &[BoardView], k: usize) -> Option<ImageRejection> {
     if views[k].len() < MIN_POINTS {
         return Some(ImageRejection::TooFewPoints { found: views[k].len() });
     }
-    views[..k].iter().position(|v| is_same_view(v, &views[k])).map(|first| ImageRejection::Twice { of: first + 1 })
+    views[..k]
+        .iter()
+        .position(|v| is_same_view(v, &views[k]))
+        .map(|first| ImageRejection::Duplicate { earlier: first + 1 })
 }
 
-/// Whether two views differ by no more than their points' noise.
+/// Returns true if two views differ by no more than their points' noise.
 fn is_same_view(a: &BoardView, b: &BoardView) -> bool {
     let pairs = a.iter().filter_map(|p| b.iter().find(|q| q.board_m == p.board_m).map(|q| (p, q)));
     let (mut squares, mut variances, mut n) = (0.0, 0.0, 0);
@@ -253,6 +266,6 @@ fn is_same_view(a: &BoardView, b: &BoardView) -> bool {
         variances += (p.covariance_px2 + q.covariance_px2).trace();
         n += 1;
     }
-    // Three standard deviations: two pictures of one moment, compressed twice, differ by about one.
-    2 * n > a.len().min(b.len()) && squares < (9.0 * variances).max((n as f64) * STILL_PX * STILL_PX)
+    // Three standard deviations: an image compressed twice differs by about one.
+    2 * n > a.len().min(b.len()) && squares < (9.0 * variances).max((n as f64) * STATIC_PX * STATIC_PX)
 }

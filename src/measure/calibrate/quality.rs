@@ -1,18 +1,18 @@
-//! What the camera's uncertainty is worth in the picture.
+//! Projection uncertainty: the effect of the camera's uncertainty in the image.
 //!
-//! Parameters alone say little: an error of the camera constant can hide in the boards' distances. So
-//! the camera's errors are carried into the picture of points at some distance, after the camera has
-//! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
-//! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
+//! Parameters alone are not conclusive: an error of the camera constant can be compensated by the boards' distances. So the
+//! camera's errors are propagated to image points of objects at some distance, after removing the part that a rotation and
+//! a translation of the camera explain **at the boards** (the mean-pose method of mrcal's projection uncertainty): near the
+//! boards' distance the errors cancel, at other distances they do not.
 
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3};
 
 use super::BoardView;
 use super::adjust::CameraAdjustment;
-use super::model::{GlobalCovariance, DISTANCES_M, INTERIOR, ProjectionJacobians, projection_jacobians};
+use super::model::{DISTANCES_M, GlobalCovariance, INTERIOR, ProjectionJacobians, projection_jacobians};
 use crate::geometry::{BROWN, Lens};
 
-/// Cells over the image's width and height.
+/// Number of cells over the width and over the height of the image.
 const CELLS: usize = 9;
 
 type CompensatingMotion = SMatrix<f64, 6, INTERIOR>;
@@ -20,19 +20,18 @@ type CompensatingMotion = SMatrix<f64, 6, INTERIOR>;
 /// Standard deviation of a projected point (length of its error vector) over the image, px.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectionUncertainty {
-    /// Distance of the points, m.
     pub distance_m: f64,
     /// Root mean square over the image, px.
     pub sigma_px: f64,
-    /// The worst ninth of the image: column and row, 0 to 2 from the upper left.
+    /// Column and row of the worst ninth of the image, 0 to 2 from the upper left.
     pub worst: (usize, usize),
-    /// Root mean square there, px.
+    /// Root mean square in the worst ninth, px.
     pub worst_sigma_px: f64,
-    /// Over the image, rows from the top, px; `None` where the lens has no inverse.
+    /// Standard deviations over the image, rows from the top, px; `None` if the lens has no inverse there.
     pub cells_px: Vec<Vec<Option<f64>>>,
 }
 
-/// At [`DISTANCES_M`]; `None` where the lens has no inverse somewhere in the image.
+/// Returns the uncertainties at [`DISTANCES_M`]; `None` if the lens has no inverse somewhere in the image.
 pub(super) fn projection_uncertainties(
     adjusted: &CameraAdjustment,
     used: &[(usize, BoardView)],
@@ -44,7 +43,7 @@ pub(super) fn projection_uncertainties(
     found.map(|p| p.filter(whole)).collect()
 }
 
-/// At one distance, over what of the image has an inverse.
+/// Returns the uncertainty at one distance, over the part of the image for which the lens has an inverse.
 pub(super) fn uncertainty_at_distance(
     adjusted: &CameraAdjustment,
     used: &[(usize, BoardView)],
@@ -85,9 +84,8 @@ fn summarize_cells(
     cells_px: Vec<Vec<Option<f64>>>,
 ) -> Option<ProjectionUncertainty> {
     let mean = |(sum, n): (f64, usize)| if n > 0 { sum / n as f64 } else { 0.0 };
-    let worst = (0..9)
-        .map(|k| (k % 3, k / 3))
-        .max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
+    let worst =
+        (0..9).map(|k| (k % 3, k / 3)).max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
     let (sum, n) = ninths.iter().flatten().fold((0.0, 0), |(s, n), c| (s + c.0, n + c.1));
     (n > 0).then(|| ProjectionUncertainty {
         distance_m,
@@ -98,17 +96,15 @@ fn summarize_cells(
     })
 }
 
-/// Unit ray through a cell; the outermost cells' rays run through the image's border.
+/// Returns the unit ray through a cell; the rays of the outermost cells run through the image's border.
 fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
     let share = |k: usize| k as f64 / (CELLS - 1) as f64;
-    let pixel = Vector2::new(
-        share(column) * (f64::from(lens.width) - 1.0),
-        share(row) * (f64::from(lens.height) - 1.0),
-    );
+    let pixel =
+        Vector2::new(share(column) * (f64::from(lens.width) - 1.0), share(row) * (f64::from(lens.height) - 1.0));
     lens.ray(&pixel).ok().map(|r| r.normalize())
 }
 
-/// The camera's motion that best explains, at the boards, an error of the interior parameters.
+/// Estimates the camera motion that best compensates, at the boards, errors of the interior parameters.
 fn compensating_motion(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<CompensatingMotion> {
     let (mut normal, mut right) = (Matrix6::zeros(), CompensatingMotion::zeros());
     for (k, (_, view)) in used.iter().enumerate() {
@@ -122,23 +118,28 @@ fn compensating_motion(adjusted: &CameraAdjustment, used: &[(usize, BoardView)])
     Some(-(normal.cholesky()?.solve(&right)))
 }
 
-/// The covariance of Brown's parameters that is worth the same in the picture while the denominator stays as it is: what
-/// moves in the denominator is carried over to them by least squares over the image.
-pub(super) fn brown_covariance(adjusted: &CameraAdjustment, covariance: &GlobalCovariance) -> Option<SMatrix<f64, BROWN, BROWN>> {
+/// Returns the covariance of Brown's parameters with the same effect in the image and the denominator fixed: errors of the
+/// denominator are transferred to them by least squares over the image.
+pub(super) fn brown_covariance(
+    adjusted: &CameraAdjustment,
+    covariance: &GlobalCovariance,
+) -> Option<SMatrix<f64, BROWN, BROWN>> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let rays: Vec<Vector3<f64>> =
         (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.lens, k % CELLS, k / CELLS)).collect();
-    let mut by = DMatrix::zeros(2 * rays.len(), INTERIOR);
+    let mut derivatives = DMatrix::zeros(2 * rays.len(), INTERIOR);
     for (k, ray) in rays.iter().enumerate() {
-        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&projection_jacobians(&adjusted.lens, ray)?.by_lens);
+        derivatives
+            .fixed_view_mut::<2, INTERIOR>(2 * k, 0)
+            .copy_from(&projection_jacobians(&adjusted.lens, ray)?.by_lens);
     }
-    // Columns of one size, for the inverse's sake.
-    let size: Vec<f64> = (0..INTERIOR).map(|k| by.column(k).norm().max(f64::MIN_POSITIVE)).collect();
-    let unit = DMatrix::from_fn(by.nrows(), INTERIOR, |i, j| by[(i, j)] / size[j]);
-    let carried = unit.columns(0, BROWN).svd(true, true).solve(&unit.columns(BROWN, 3), 1e-12).ok()?;
+    // Columns of equal norm, for the condition of the inverse.
+    let size: Vec<f64> = (0..INTERIOR).map(|k| derivatives.column(k).norm().max(f64::MIN_POSITIVE)).collect();
+    let unit = DMatrix::from_fn(derivatives.nrows(), INTERIOR, |i, j| derivatives[(i, j)] / size[j]);
+    let transfer = unit.columns(0, BROWN).svd(true, true).solve(&unit.columns(BROWN, 3), 1e-12).ok()?;
     let onto = SMatrix::<f64, BROWN, INTERIOR>::from_fn(|i, j| match j {
         _ if j == i => 1.0,
-        BROWN.. => carried[(i, j - BROWN)] * size[j] / size[i],
+        BROWN.. => transfer[(i, j - BROWN)] * size[j] / size[i],
         _ => 0.0,
     });
     Some(onto * interior * onto.transpose())

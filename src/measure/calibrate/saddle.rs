@@ -1,4 +1,4 @@
-//! Saddle point of four alternating quadrants, to a few hundredths of a pixel: where the fit of `corner.rs` begins.
+//! Saddle point of four alternating quadrants, to a few hundredths of a pixel: start value of the fit in `corner.rs`.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -7,16 +7,16 @@ use crate::raster::Raster;
 const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;
 
-/// Half the side of the largest window, px. A bound on the time: it only has to begin the fit.
+/// Half the side of the largest window, px: limits the time, as the result only starts the fit.
 const MAX_HALF_WINDOW: usize = 8;
 
-/// Half the side of the window for a known distance to the nearest other corner, px: a third of it.
+/// Returns half the side of the window, px: a third of the distance to the nearest other corner.
 pub(super) fn half_window_for(distance_px: f64) -> usize {
     ((distance_px / 3.0) as usize).clamp(2, MAX_HALF_WINDOW)
 }
 
-/// The point to which every edge's gradient in the window is orthogonal (Förstner and Gülch 1987),
-/// iterated; `None` where it does not settle inside the window.
+/// Finds the point to which the gradient of every edge in the window is orthogonal (Förstner and Gülch 1987), iterated;
+/// `None` if it does not settle inside the window.
 pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) -> Option<Vector2<f64>> {
     let half = half as isize;
     let inside = |p: &Vector2<f64>| {
@@ -54,10 +54,10 @@ pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) 
     None
 }
 
-/// Bilinear grey value.
+/// Interpolates a grey value bilinearly.
 fn sample_bilinear(raster: &Raster, x: f64, y: f64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let (fx, fy) = (x - x0, y - y0);
-    let g = |dx: isize, dy: isize| f64::from(raster.clamped(x0 as isize + dx, y0 as isize + dy));
+    let g = |dx: isize, dy: isize| f64::from(raster.clamped_value(x0 as isize + dx, y0 as isize + dy));
     (g(0, 0) * (1.0 - fx) + g(1, 0) * fx) * (1.0 - fy) + (g(0, 1) * (1.0 - fx) + g(1, 1) * fx) * fy
 }

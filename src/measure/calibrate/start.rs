@@ -1,4 +1,4 @@
-//! Where the adjustment begins: camera constant and poses from homographies (Zhang 2000).
+//! Start values of the adjustment: camera constant and poses from homographies (Zhang 2000).
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
@@ -6,13 +6,17 @@ use super::model::{BoardPose, ImageSize};
 use super::{BoardPoint, BoardView};
 use crate::geometry::Lens;
 
-/// Camera constants over the image's width of the lenses there are, from wide to long: each may be off by
-/// the root of its neighbours' ratio.
-pub(super) const USUAL: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
+/// Camera constants over the image width of typical lenses, from wide to long: each may be off by the square root of its
+/// neighbours' ratio.
+pub(super) const TYPICAL_FOCAL_RATIOS: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
 
-/// A lens without distortion, its principal point in the middle, and the views' poses; its camera constant as
-/// given or as the views tell it.
-pub(super) fn start_from_homographies(views: &[&BoardView], size: ImageSize, f_px: Option<f64>) -> Option<(Lens, Vec<BoardPose>)> {
+/// Returns a lens without distortion, its principal point at the centre, and the views' poses; the camera constant is
+/// `f_px` or estimated from the views.
+pub(super) fn start_from_homographies(
+    views: &[&BoardView],
+    size: ImageSize,
+    f_px: Option<f64>,
+) -> Option<(Lens, Vec<BoardPose>)> {
     let centre = size.centre();
     let homographies: Vec<Matrix3<f64>> =
         views.iter().map(|v| fit_homography(v, &centre)).collect::<Option<Vec<_>>>()?;
@@ -21,12 +25,12 @@ pub(super) fn start_from_homographies(views: &[&BoardView], size: ImageSize, f_p
     Some((Lens::pinhole(size.width, size.height, f, centre.x, centre.y), poses))
 }
 
-/// Distortions that are tried when a plane is sought, as `1 + d r^2` with `r` over half the image's diagonal: from a
-/// wide lens's barrel to a cushion (division model, Fitzgibbon 2001).
-const DISTORTIONS: [f64; 9] = [-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2];
+/// Distortions tried for the fit of a plane, as `1 + d r^2` with `r` over half the image's diagonal: from barrel to
+/// pincushion distortion (division model, Fitzgibbon 2001).
+const TRIAL_DISTORTIONS: [f64; 9] = [-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2];
 
-/// Root mean square distance of a view's points from the best image of a plane through a roughly known lens, px;
-/// infinite where there is none.
+/// Returns the root mean square distance of a view's points from the best image of a plane through an approximate lens, px;
+/// infinite if there is none.
 pub(super) fn min_plane_misfit_px(view: &BoardView, size: ImageSize) -> f64 {
     let centre = size.centre();
     let flattened = |distortion: f64| -> BoardView {
@@ -37,7 +41,7 @@ pub(super) fn min_plane_misfit_px(view: &BoardView, size: ImageSize) -> f64 {
         };
         view.iter().map(place).collect()
     };
-    DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
+    TRIAL_DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
 }
 
 fn plane_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
@@ -49,7 +53,7 @@ fn plane_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
     (view.iter().map(squared).sum::<f64>() / view.len() as f64).sqrt()
 }
 
-/// Centred pixel from board plane, by the direct linear transform with normalised coordinates.
+/// Estimates centred pixel from board plane by the direct linear transform with normalised coordinates.
 fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
     let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
@@ -71,23 +75,14 @@ fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<
     let smallest = eigen.eigenvalues.imin();
     let h = eigen.eigenvectors.column(smallest);
     let h = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    let board = Matrix3::new(
-        1.0 / radius_m,
-        0.0,
-        -mean.x / radius_m,
-        0.0,
-        1.0 / radius_m,
-        -mean.y / radius_m,
-        0.0,
-        0.0,
-        1.0,
-    );
+    let board =
+        Matrix3::new(1.0 / radius_m, 0.0, -mean.x / radius_m, 0.0, 1.0 / radius_m, -mean.y / radius_m, 0.0, 0.0, 1.0);
     let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
     let h = pixel * h * board;
     h.iter().all(|v| v.is_finite()).then_some(h)
 }
 
-/// Places in sides of a tag from pixels, the tag's first corner at 0; without distortion.
+/// Returns the map from pixels to tag coordinates in tag sides, the tag's first corner at 0; without distortion.
 #[cfg(feature = "aprilgrid")]
 pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {
     let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
@@ -101,8 +96,8 @@ pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2
     })
 }
 
-/// From h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1), least squares over all
-/// views; `None` where every board is parallel to the sensor.
+/// Estimates the camera constant, px, from h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1) by least
+/// squares over all views; `None` if every board is parallel to the sensor.
 fn estimate_camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
     let (mut top, mut bottom) = (0.0, 0.0);
     for h in homographies {

@@ -1,19 +1,24 @@
-//! Markers are found in the grey values of one frame: quadrant targets and flat discs, each with the covariance of its place.
-//! Neither camera nor wing is known here. The result is the same for any number of threads, and bit for bit on any processor.
+//! Detection of markers in the grey values of one frame: quadrant targets and flat discs, with the covariance
+//! of their positions.
 //!
-//! The stages, each of which uses only those before it (`tests/layers.rs`); `docs/detection.md` says what they do and why:
+//! Neither camera nor wing is known here. The result does not depend on the number of threads, and is identical
+//! bit for bit on any processor.
 //!
-//! - `numbers`, `simd`, `image`: how tuned numbers are written, loops in wide registers, geometry and noise of the picture;
-//! - `detection`: what is asked and answered; `appearance`: what a blurred marker looks like;
-//! - `segment`: dark regions and their blobs; `occlusion`: what may hide a part of a marker;
-//! - `hypothesis`: what may be a marker, with what is known beforehand; `sample`: its pixels; `estimate`: the fit to them;
-//! - `propose`: from blobs to hypotheses; `accept`: whether a fit is a marker; `attempt`: the ways to measure a hypothesis;
-//! - `revise`: measured once more with what neighbours or orientation tell; `scope`, `search`: where, and in which order.
+//! Each stage uses only those before it (`tests/layers.rs`); `docs/detection.md` describes and justifies them:
+//!
+//! - `numbers`, `simd`, `image`: definition of tuned numbers, loops in wide registers, geometry and noise of
+//!   the image;
+//! - `detection`: input and output; `appearance`: the image of a blurred marker;
+//! - `segment`: dark regions and their blobs; `occlusion`: objects that may hide a part of a marker;
+//! - `hypothesis`: possible markers with priors; `sample`: their pixels; `estimate`: the fit to them;
+//! - `propose`: hypotheses from blobs; `accept`: acceptance of fits; `attempt`: strategies to measure a hypothesis;
+//! - `revise`: repeated measurement with priors from neighbours or orientation; `scope`, `search`: area and
+//!   order of search.
 //!
 //! ```
 //! use wingd_measure::{detect::detect, raster::Raster};
 //!
-//! // A black disc on skin, seen at a slant; a lens blurs it, so that a pixel takes the mean of what is near.
+//! // A black disc on skin, seen obliquely; a lens blurs it, so each pixel is the mean of its surroundings.
 //! let is_black = |x: f64, y: f64| ((x - 100.3) / 30.0).powi(2) + ((y - 60.2) / 10.0).powi(2) < 1.0;
 //! let near = || (0..64).map(|k| [k % 8, k / 8].map(|v| (f64::from(v) - 3.5) / 4.0));
 //! let lit = |x: u32, y: u32| near().filter(|[u, v]| !is_black(f64::from(x) + u, f64::from(y) + v)).count();
@@ -48,112 +53,112 @@ mod segment;
 mod simd;
 
 use crate::detect::accept::{correlated, dirt, found::FoundMarkers, lost_contrast, misfit};
-use crate::detect::detection::by_place;
+use crate::detect::detection::compare_positions;
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
-use crate::detect::revise::neighbours::inflate_unlike;
+use crate::detect::revise::neighbours::inflate_length_outliers;
 use crate::detect::scope::Scope;
-use crate::detect::search::{SearchProgress, SearchOptions, is_faint};
+use crate::detect::search::{SearchOptions, SearchProgress, is_faint};
 use crate::detect::segment::windows;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 
 pub use detection::covariance::{Covariance, CovarianceSource};
-pub use detection::{Detection, Detections, Overshoot, MarkerPrediction, RejectReason, Rejected};
+pub use detection::{Detection, Detections, MarkerPrediction, Overshoot, RejectReason, Rejected};
 pub use revise::orientation::{ExpectedMarker, UNSURE_PX2, second_pass};
 
-/// Most rejected hypotheses that are reported, the largest.
+/// Largest number of rejected hypotheses that are reported, largest first.
 const MAX_REJECTED: usize = 200;
 
-/// Finds the markers of a frame without help. Deterministic at any number of threads.
+/// Finds the markers of a frame without predictions. The result does not depend on the number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    detections(image, find(image, GuidedDetector::new(image).look(Scope::Frame)))
+    finish_detections(image, search_frame(image, GuidedDetector::new(image).search_options(Scope::Frame)))
 }
 
-/// Finds the predicted markers, looking only around them: for each that is there the answer of
-/// [`detect`]. Those that are not are missing.
+/// Finds the predicted markers, searching only around them. A marker that is found has the result of [`detect`]; others are
+/// missing.
 pub fn detect_guided(image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
     GuidedDetector::new(image).detect(image, predictions)
 }
 
-/// What is known of a frame that is looked at where markers are predicted, once or several times. Of the picture only what
-/// [`tiles_read`] says need be there at each look.
+/// Detector for frames in which markers are predicted, for one or several passes. Each pass needs only the part of the
+/// image that [`tiles_read`] returns.
 pub struct GuidedDetector {
     noise: f64,
     sharpening: Sharpening,
 }
 
 impl GuidedDetector {
-    /// At a frame in which nothing has been found.
+    /// Creates a guided detector and estimates the frame's noise.
     pub fn new(image: &Raster) -> Self {
-        Self { noise: noise::estimate(image), sharpening: Sharpening::Undetermined }
+        Self { noise: noise::estimate_noise(image), sharpening: Sharpening::Undetermined }
     }
 
-    /// At one in which something has been found.
-    pub fn again(found: &Detections) -> Self {
+    /// Creates a guided detector for a frame with detections, whose noise and sharpening it takes.
+    pub fn from_detections(found: &Detections) -> Self {
         let sharpening = found.overshoot.map_or(Sharpening::Absent, Sharpening::Sharpened);
         Self { noise: found.noise, sharpening }
     }
 
-    /// The predicted markers, as [`detect_guided`] finds them.
+    /// Finds the predicted markers, as [`detect_guided`] does.
     pub fn detect(&self, image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
-        let mut all = find(image, self.look(Scope::Around(predictions)));
+        let mut all = search_frame(image, self.search_options(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
-        detections(image, all)
+        finish_detections(image, all)
     }
 
-    /// Those that show without effort, to some tenths of a pixel.
+    /// Finds the predicted markers that need no second pass, to some 0.1 px.
     pub fn detect_coarse(&mut self, image: &Raster, predictions: &[MarkerPrediction]) -> Vec<Detection> {
-        let look = SearchOptions { rough: true, ..self.look(Scope::Around(predictions)) };
-        let SearchResult { mut found, sharpening, .. } = find(image, look);
+        let options = SearchOptions { rough: true, ..self.search_options(Scope::Around(predictions)) };
+        let SearchResult { mut found, sharpening, .. } = search_frame(image, options);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
     }
 
-    fn look<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
+    fn search_options<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
         SearchOptions { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
     }
 }
 
-/// What is found, searched for at the usual levels and, where that is faint, at fainter ones: of what is predicted, what is
-/// missing.
-fn find(image: &Raster, look: SearchOptions) -> SearchResult {
-    let smooth = |scope, from: f64| if look.noise > from { smoothed(image, scope) } else { None };
-    let usual = smooth(look.scope, noise::FRAYING);
-    let seen = usual.as_ref().unwrap_or(image);
-    let mut progress = SearchProgress::new(image, seen, look);
+/// Searches a frame at the default thresholds and, if it is faint, at lower ones; with predictions, only for the missing
+/// markers.
+fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
+    let smooth = |scope, from: f64| if options.noise > from { smooth_scope(image, scope) } else { None };
+    let smoothed = smooth(options.scope, noise::FRAYING_NOISE);
+    let seen = smoothed.as_ref().unwrap_or(image);
+    let mut progress = SearchProgress::new(image, seen, options);
     progress.search(seen, false);
-    let missing = look.scope.missing(&progress.found.measured);
-    let is_done = look.rough || missing.as_ref().is_some_and(Vec::is_empty);
+    let missing = options.scope.missing(&progress.found.measured);
+    let is_done = options.rough || missing.as_ref().is_some_and(Vec::is_empty);
     if !is_done && is_faint(&progress.found, windows::block_size(image.width(), image.height())) {
-        let scope = missing.as_deref().map_or(look.scope, Scope::Around);
-        let faint = if usual.is_none() { smooth(scope, noise::FRAYING_FAINT) } else { None };
+        let scope = missing.as_deref().map_or(options.scope, Scope::Around);
+        let faint = if smoothed.is_none() { smooth(scope, noise::FRAYING_NOISE_FAINT) } else { None };
         let seen = faint.as_ref().unwrap_or(seen);
         if missing.is_some() {
-            progress = progress.within(seen, scope);
+            progress = progress.with_scope(seen, scope);
         }
         progress.search(seen, true);
     }
-    let SearchProgress { mut found, look: SearchOptions { noise, sharpening, .. }, .. } = progress;
-    inflate_unlike(&mut found);
+    let SearchProgress { mut found, options: SearchOptions { noise, sharpening, .. }, .. } = progress;
+    inflate_length_outliers(&mut found);
     SearchResult { found, noise, sharpening }
 }
 
-/// A frame without most of its noise, of which only that is seen which is read.
-fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
-    noise::smoothed(image, &scope.tiles(image.width(), image.height()))
+/// Smooths a frame within a scope.
+fn smooth_scope(image: &Raster, scope: Scope) -> Option<Raster> {
+    noise::smooth_image(image, &scope.tiles(image.width(), image.height()))
 }
 
-/// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
+/// Result of a search, with the frame's noise, grey levels, and its sharpening.
 struct SearchResult {
     found: FoundMarkers,
     noise: f64,
     sharpening: Sharpening,
 }
 
-fn detections(image: &Raster, SearchResult { mut found, noise, sharpening }: SearchResult) -> Detections {
+fn finish_detections(image: &Raster, SearchResult { mut found, noise, sharpening }: SearchResult) -> Detections {
     let inflation = correlated::correlation_factor(&found.measured);
     let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
     for measured in &mut found.measured {
@@ -162,38 +167,30 @@ fn detections(image: &Raster, SearchResult { mut found, noise, sharpening }: Sea
         misfit::inflate_for_misfit(image, measured, noise);
     }
     let lost_contrast_px = lost_contrast::inflate_for_lost_contrast(&mut found.measured);
-    // Markers are larger than dirt.
+    // The largest are kept, because markers are larger than dirt.
     found.rejected.sort_by(|a, b| b.semi_major_px.total_cmp(&a.semi_major_px));
     found.rejected.truncate(MAX_REJECTED);
-    found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    found.rejected.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
-    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    markers.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     let overshoot = sharpening.overshoot();
-    Detections {
-        markers,
-        rejected: found.rejected,
-        psf_sigma_px,
-        noise,
-        inflation,
-        lost_contrast_px,
-        overshoot,
-    }
+    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation, lost_contrast_px, overshoot }
 }
 
-/// What of a frame of `width` x `height` px [`detect_guided`] reads: what lies elsewhere need not be decoded.
+/// Returns the tiles of a frame of `width` x `height` px that [`detect_guided`] reads; others need not be decoded.
 pub fn tiles_read(predictions: &[MarkerPrediction], width: usize, height: usize) -> Tiles {
     Scope::Around(predictions).tiles_read(width, height)
 }
 
-/// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.
+/// Returns whether all predicted markers that the earlier frame showed were found; false without such markers.
 pub fn is_complete(found: &Detections, predictions: &[MarkerPrediction]) -> bool {
-    let there = scope::matched(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
+    let there = scope::match_predictions(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
     predictions.iter().any(|p| p.seen) && predictions.iter().zip(there).all(|(p, there)| there || !p.seen)
 }
 
-/// The predicted markers; where one that the earlier frame showed is not found, all that the whole frame shows. A marker
-/// that nobody expects is only seen by [`detect`].
+/// Finds the predicted markers or, if one that the earlier frame showed is missing, all markers of the full frame. A marker
+/// that is not predicted is otherwise found only by [`detect`].
 pub fn detect_guided_or_full(image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
     let found = detect_guided(image, predictions);
     if is_complete(&found, predictions) { found } else { detect(image) }

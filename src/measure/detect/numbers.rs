@@ -1,8 +1,9 @@
-//! How tuned numbers are written: a constant by subject, each of its fields with meaning, unit and origin beside its value.
+//! Definition of tuned numbers: one constant for each subject, whose fields have meaning, unit and origin next to their
+//! value.
 //!
-//! They are constants and no parameters: no caller changes them, and loops keep them in registers.
+//! They are constants and not parameters: no caller changes them, and loops keep them in registers.
 
-/// Constants, each of a type of its own, whose fields stand with type and value.
+/// Defines constants, each with its own type, from fields with type and value.
 macro_rules! numbers {
     ($(
         $(#[$doc:meta])*
@@ -11,10 +12,10 @@ macro_rules! numbers {
         $(#[$doc])*
         pub struct $group { $($(#[$of_field])* pub $field: $kind,)* }
 
-        /// The numbers in use.
+        /// Values in use.
         pub const $name: $group = $group { $($field: $value,)* };
     )* };
 }
 
-/// Keeps divisors off zero and normal equations regular: far below what one pixel tells of anything.
+/// Smallest divisor and diagonal of normal equations: far below the information of one pixel.
 pub const TINY: f64 = 1e-9;

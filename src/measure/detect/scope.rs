@@ -1,4 +1,4 @@
-//! What of a frame is searched: all of it, or the surroundings of predicted markers.
+//! Searched part of a frame: all of it, or the surroundings of predicted markers.
 
 use nalgebra::Vector2;
 
@@ -11,58 +11,59 @@ use crate::detect::segment::windows::{self, SearchArea, SearchWindow};
 use crate::setup::Shape;
 use crate::tiles::Tiles;
 
-/// How much a marker's axes may differ from their prediction, a ratio. Chosen; `tests/detect/guided.rs` holds this and the
-/// next ones.
-const ALIKE: f64 = 1.3;
-/// The same beside that, px: of a thin disc's minor axis.
-const ALIKE_PX: f64 = 1.0;
-/// Share of a marker's axes that must be seen of it.
-const PART: f64 = 0.3;
-/// How much longer it may look before it is measured, a ratio.
-const WIDER: f64 = 1.6;
-/// How far a centre may be off at most, px: a bound on time.
+/// Largest ratio of a marker's axes to the predicted ones. Chosen, as are the next ones; `tests/detect/guided.rs`.
+const MAX_AXIS_RATIO: f64 = 1.3;
+/// Additional difference of axes, px: for a thin disc's minor axis.
+const AXIS_MARGIN_PX: f64 = 1.0;
+/// Smallest visible fraction of a marker's axes.
+const MIN_VISIBLE_FRACTION: f64 = 0.3;
+/// Largest ratio of axes before the marker is measured.
+const MAX_RAW_AXIS_RATIO: f64 = 1.6;
+/// Largest distance of a centre from its prediction, px: limits the run time.
 const MAX_DISTANCE_PX: f64 = 500.0;
-/// How much larger than predicted a marker may show, a ratio.
-const LARGER: f64 = 1.1;
+/// Largest ratio of a marker's visible size to the predicted one.
+const MAX_ENLARGEMENT: f64 = 1.1;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
-const SKIRT: f64 = 12.0;
-/// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
-const MARGIN: usize = 40;
+const SKIN_MARGIN_PX: f64 = 12.0;
+/// Additional margin that the fit of a marker, its seams and the skin next to it need, px.
+const READ_MARGIN_PX: usize = 40;
 
 impl MarkerPrediction {
-    /// How far the centre may be off along u and v, px.
-    fn reach(&self) -> Vector2<f64> {
+    /// Returns the largest deviation of the centre along u and v, px.
+    fn search_range(&self) -> Vector2<f64> {
         self.search_px.map(|far| far.clamp(0.0, MAX_DISTANCE_PX))
     }
 
-    /// A place moved towards the predicted centre by as much as that may be off.
-    fn drawn_in(&self, at: Vector2<f64>) -> Vector2<f64> {
+    /// Returns a position moved towards the predicted centre by at most the search range, px.
+    fn shifted_to_prediction(&self, at: Vector2<f64>) -> Vector2<f64> {
         let off = at - self.centre_px;
-        at - off.zip_map(&self.reach(), |off, reach| off.clamp(-reach, reach))
+        at - off.zip_map(&self.search_range(), |off, reach| off.clamp(-reach, reach))
     }
 
-    /// Whether a detection may be the predicted marker.
-    fn is_like(&self, found: &Detection) -> bool {
-        let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
+    /// Returns whether a detection can be the predicted marker.
+    fn matches_detection(&self, found: &Detection) -> bool {
+        let within = |a: f64, b: f64, px: f64| a < b * MAX_AXIS_RATIO + px && b < a * MAX_AXIS_RATIO + px;
         found.shape == self.shape
             && (found.centre_px - self.centre_px)
-                .zip_fold(&self.reach(), true, |all, off, reach| all && off.abs() <= reach)
-            && within(found.semi_major_px, self.semi_major_px, ALIKE_PX)
-            && within(found.semi_minor_px, self.semi_minor_px, ALIKE_PX)
+                .zip_fold(&self.search_range(), true, |all, off, reach| all && off.abs() <= reach)
+            && within(found.semi_major_px, self.semi_major_px, AXIS_MARGIN_PX)
+            && within(found.semi_minor_px, self.semi_minor_px, AXIS_MARGIN_PX)
     }
 
     fn distance(&self, at: &Vector2<f64>) -> f64 {
         (at - self.centre_px).norm()
     }
 
-    /// Whether a hypothesis may be the marker, or what is seen of it.
+    /// Returns whether a hypothesis can be the marker, or its visible part.
     fn is_near(&self, hypothesis: &Hypothesis) -> bool {
         let seen = &hypothesis.ellipse;
         let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
         let near = |ellipse: Ellipse| {
-            let (s, t) = ellipse.local(self.drawn_in(seen.centre));
-            let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
-            inside(s / ellipse.major, t / ellipse.minor)
+            let (s, t) = ellipse.to_local(self.shifted_to_prediction(seen.centre));
+            let part = |a: f64, b: f64| {
+                a > MIN_VISIBLE_FRACTION * b - AXIS_MARGIN_PX && a < MAX_RAW_AXIS_RATIO * b + AXIS_MARGIN_PX
+            };
+            is_in_unit_circle(s / ellipse.major, t / ellipse.minor)
                 && part(seen.major, ellipse.major)
                 && part(seen.minor, ellipse.minor)
         };
@@ -70,12 +71,12 @@ impl MarkerPrediction {
     }
 }
 
-/// What of a frame is searched.
+/// Searched part of a frame.
 #[derive(Clone, Copy)]
 pub enum Scope<'a> {
-    /// All of it.
+    /// Full frame.
     Frame,
-    /// What lies about predicted markers: the same search, but only there.
+    /// Surroundings of predicted markers.
     Around(&'a [MarkerPrediction]),
 }
 
@@ -87,51 +88,52 @@ impl Scope<'_> {
         }
     }
 
-    /// Where markers may lie; `None` where that is anywhere.
+    /// Returns the windows in which markers may lie; `None` for the full frame.
     fn windows(&self) -> Option<Vec<SearchWindow>> {
         let window = |p: &MarkerPrediction| {
             let ellipse = p.ellipse()?;
-            let extent = ellipse.extent() * LARGER;
-            let half = (extent + p.reach()).add_scalar(SKIRT);
+            let extent = ellipse.half_extent() * MAX_ENLARGEMENT;
+            let half = (extent + p.search_range()).add_scalar(SKIN_MARGIN_PX);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
             Some(SearchWindow { low: low.into(), high: high.into(), thick: 2.0 * extent.min() })
         };
         Some(self.predictions()?.iter().filter_map(window).collect())
     }
 
-    /// The part of a frame of `width` x `height` px in which markers may lie.
-    pub fn part(&self, width: usize, height: usize) -> SearchArea {
-        self.windows().map_or_else(|| SearchArea::full_frame(width, height), |w| SearchArea::from_windows(&w, width, height))
+    /// Returns the part of a frame of `width` x `height` px in which markers may lie.
+    pub fn search_area(&self, width: usize, height: usize) -> SearchArea {
+        self.windows()
+            .map_or_else(|| SearchArea::full_frame(width, height), |w| SearchArea::from_windows(&w, width, height))
     }
 
-    /// How long a thing may look that is sought, px.
+    /// Returns the largest length of a blob to segment, px.
     pub fn longest_px(&self) -> f64 {
         let Some(predictions) = self.predictions() else { return f64::INFINITY };
-        let long = |p: &MarkerPrediction| 2.0 * (WIDER * p.semi_major_px + ALIKE_PX);
+        let long = |p: &MarkerPrediction| 2.0 * (MAX_RAW_AXIS_RATIO * p.semi_major_px + AXIS_MARGIN_PX);
         predictions.iter().map(long).fold(0.0, f64::max)
     }
 
-    /// What of a frame of `width` x `height` px is looked at: what lies about the markers.
+    /// Returns the tiles of a frame of `width` x `height` px that a search uses: those around the markers.
     pub fn tiles(&self, width: usize, height: usize) -> Tiles {
         let all = || Tiles::all(width, height);
-        self.windows().map_or_else(all, |sought| windows::required_tiles(&sought, width, height, MARGIN))
+        self.windows().map_or_else(all, |targets| windows::required_tiles(&targets, width, height, READ_MARGIN_PX))
     }
 
-    /// What is read, beside that the rows that tell the noise.
+    /// Returns the tiles that are read, including the rows sampled for the noise.
     pub fn tiles_read(&self, width: usize, height: usize) -> Tiles {
         let mut tiles = self.tiles(width, height);
-        noise::sampled(height).for_each(|y| tiles.mark(0..width, y..y + 1));
+        noise::sampled_rows(height).for_each(|y| tiles.mark(0..width, y..y + 1));
         tiles
     }
 
-    /// Whether a hypothesis may be a marker that is sought, or what is seen of it.
-    pub fn wants(&self, hypothesis: &Hypothesis) -> bool {
-        self.predictions().is_none_or(|sought| sought.iter().any(|p| p.is_near(hypothesis)))
+    /// Returns whether a hypothesis can be a marker that is searched for, or its visible part.
+    pub fn includes(&self, hypothesis: &Hypothesis) -> bool {
+        self.predictions().is_none_or(|targets| targets.iter().any(|p| p.is_near(hypothesis)))
     }
 
-    /// Whether a hypothesis is none of the markers that are sought, for each that it is near has been found beside it as a
-    /// whole.
-    pub fn is_beside(&self, hypothesis: &Hypothesis, found: &[MeasuredMarker]) -> bool {
+    /// Returns whether a hypothesis is none of the markers that are searched for, because all that are near have been found
+    /// whole next to it.
+    pub fn is_explained(&self, hypothesis: &Hypothesis, found: &[MeasuredMarker]) -> bool {
         let Some(predictions) = self.predictions() else { return false };
         let seen = &hypothesis.ellipse;
         let beside = |m: &&MeasuredMarker| {
@@ -139,52 +141,54 @@ impl Scope<'_> {
             m.is_sure() && m.is_whole && !own.contains(seen.centre) && !seen.contains(own.centre)
         };
         let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
-        let there = matched(&found, predictions).1;
+        let there = match_predictions(&found, predictions).1;
         predictions.iter().zip(there).all(|(p, there)| there || !p.is_near(hypothesis))
     }
 
-    /// What is sought and has not been found; `None` where that may be anything.
+    /// Returns the predicted markers that have not been found; `None` for the full frame.
     pub fn missing(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
-        Some(missing(found, self.predictions()?).cloned().collect())
+        Some(missing_predictions(found, self.predictions()?).cloned().collect())
     }
 
-    /// The quadrants that are still sought; `None` where that may be any.
+    /// Returns the predicted quadrants that have not been found; `None` for the full frame.
     pub fn missing_quadrants(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
         let quadrants = |p: &&MarkerPrediction| p.shape == Shape::Quadrant;
-        Some(missing(found, self.predictions()?).filter(quadrants).cloned().collect())
+        Some(missing_predictions(found, self.predictions()?).filter(quadrants).cloned().collect())
     }
 }
 
-/// Whether a place in semi-axes lies in their ellipse.
-fn inside(p: f64, q: f64) -> bool {
+/// Returns whether a position in semi-axes is inside the ellipse.
+fn is_in_unit_circle(p: f64, q: f64) -> bool {
     p * p + q * q < 1.0
 }
 
-/// The predicted markers that have not been found yet.
-fn missing<'a>(
+/// Returns the predicted markers that have not been found.
+fn missing_predictions<'a>(
     found: &[MeasuredMarker],
     predictions: &'a [MarkerPrediction],
 ) -> impl Iterator<Item = &'a MarkerPrediction> + use<'a> {
     let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
-    let there = matched(&found, predictions).1;
+    let there = match_predictions(&found, predictions).1;
     predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p)
 }
 
-/// Whether what is seen may be a part of one of the predicted markers.
+/// Returns whether an outline can be a part of one of the predicted markers.
 pub fn may_show_part_of(seen: &Ellipse, predictions: &[MarkerPrediction]) -> bool {
-    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.drawn_in(seen.centre)))).any(|(ellipse, at)| {
-        let (s, t) = ellipse.local(at);
-        inside(s / (WIDER * ellipse.major), t / (WIDER * ellipse.minor))
-    })
+    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.shifted_to_prediction(seen.centre)))).any(
+        |(ellipse, at)| {
+            let (s, t) = ellipse.to_local(at);
+            is_in_unit_circle(s / (MAX_RAW_AXIS_RATIO * ellipse.major), t / (MAX_RAW_AXIS_RATIO * ellipse.minor))
+        },
+    )
 }
 
-/// For each detection whether it is a predicted marker, and for each prediction whether one is it: the nearest pairs that
-/// are alike, none twice.
-pub fn matched(found: &[&Detection], predictions: &[MarkerPrediction]) -> (Vec<bool>, Vec<bool>) {
+/// Matches detections and predictions: nearest compatible pairs first, none twice. Returns for each detection whether it is
+/// a predicted marker, and for each prediction whether it was found.
+pub fn match_predictions(found: &[&Detection], predictions: &[MarkerPrediction]) -> (Vec<bool>, Vec<bool>) {
     let mut pairs = Vec::new();
     for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.ellipse().is_some()) {
-        let alike = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
-        pairs.extend(alike.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
+        let similar = found.iter().enumerate().filter(|(_, d)| prediction.matches_detection(d));
+        pairs.extend(similar.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
     }
     pairs.sort_by(|one, other| one.0.total_cmp(&other.0));
     let (mut taken, mut there) = (vec![false; found.len()], vec![false; predictions.len()]);
@@ -196,10 +200,10 @@ pub fn matched(found: &[&Detection], predictions: &[MarkerPrediction]) -> (Vec<b
     (taken, there)
 }
 
-/// Leaves the predicted markers.
+/// Removes all markers that are not predicted.
 pub fn keep_predicted(found: &mut FoundMarkers, predictions: &[MarkerPrediction]) {
     let detections: Vec<&Detection> = found.measured.iter().map(|m| &m.detection).collect();
-    let mut kept = matched(&detections, predictions).0.into_iter();
+    let mut kept = match_predictions(&detections, predictions).0.into_iter();
     found.measured.retain(|_| kept.next().unwrap_or(false));
     found.rejected.clear();
 }
@@ -238,27 +242,26 @@ mod tests {
     fn one_detection_is_one_marker() {
         let predictions = [prediction(100.0), prediction(150.0)];
         let found = [detection(110.0, 20.0), detection(112.0, 40.0)];
-        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
-        // The second is of another size; the first is no answer for both.
+        let (taken, there) = match_predictions(&found.iter().collect::<Vec<_>>(), &predictions);
+        // The second has another size; the first cannot match both.
         assert_eq!((taken, there), (vec![true, false], vec![true, false]));
         let found = [detection(158.0, 20.0), detection(108.0, 21.0)];
-        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
+        let (taken, there) = match_predictions(&found.iter().collect::<Vec<_>>(), &predictions);
         assert_eq!((taken, there), (vec![true, true], vec![true, true]));
     }
 
     #[test]
-    fn what_lies_beside_markers_that_are_found_is_not_measured() {
-        let sure =
-            |x: f64| Detection { covariance_px2: (Matrix2::identity() * 1e-3).into(), ..detection(x, 20.0) };
+    fn hypotheses_next_to_found_markers_are_not_measured() {
+        let sure = |x: f64| Detection { covariance_px2: (Matrix2::identity() * 1e-3).into(), ..detection(x, 20.0) };
         let found = |x: f64| MeasuredMarker::whole(sure(x));
         let seen = |x: f64| {
             let ellipse = Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
-            Hypothesis::of(MarkerPattern::Disc, ellipse, Vec::new())
+            Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new())
         };
         let two = [prediction(100.0), prediction(150.0)];
-        let is_beside = |at: f64, found: &[MeasuredMarker]| Scope::Around(&two).is_beside(&seen(at), found);
+        let is_beside = |at: f64, found: &[MeasuredMarker]| Scope::Around(&two).is_explained(&seen(at), found);
         assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
-        // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
+        // The hypothesis may be the other marker; the first may be only a part of it; or the other is imprecise.
         assert!(!is_beside(125.0, &[found(100.0)]));
         assert!(!is_beside(105.0, &[found(100.0), found(150.0)]));
         let vague = MeasuredMarker::whole(detection(150.0, 20.0));
@@ -266,10 +269,10 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_missing_is_sought_further() {
+    fn only_missing_markers_are_searched_for() {
         let quadrants = MarkerPrediction { shape: Shape::Quadrant, ..prediction(1000.0) };
-        let sought = [prediction(100.0), quadrants.clone()];
-        let missing = Scope::Around(&sought).missing_quadrants(&[]).expect("predictions");
+        let targets = [prediction(100.0), quadrants.clone()];
+        let missing = Scope::Around(&targets).missing_quadrants(&[]).expect("predictions");
         assert_eq!(missing, [quadrants]);
         let part = |x: f64| Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
         let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
@@ -277,17 +280,17 @@ mod tests {
     }
 
     #[test]
-    fn what_is_read_lies_about_the_predictions() {
-        let tiles = |sought: &[MarkerPrediction]| Scope::Around(sought).tiles_read(4000, 3000);
+    fn only_tiles_around_the_predictions_are_read() {
+        let tiles = |targets: &[MarkerPrediction]| Scope::Around(targets).tiles_read(4000, 3000);
         let about = tiles(&[prediction(1000.0)]);
         let read = (0..375).map(|row| about.row(row).iter().filter(|m| **m).count()).sum::<usize>();
         let none = tiles(&[]);
         let rows = (0..375).filter(|row| none.row(*row)[0]).count();
         assert!(about.row(6)[115..135].iter().all(|m| *m) && !about.row(6)[250]);
         assert!(read < rows * 500 + 375 * 500 / 20, "{read} tiles are read");
-        // What lies outside, or is no number, asks for nothing.
+        // Predictions outside the frame or without numbers need no tiles.
         let absent = MarkerPrediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
         let outside = MarkerPrediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
-        assert!(tiles(&[absent, outside]) == none && rows == noise::sampled(3000).count());
+        assert!(tiles(&[absent, outside]) == none && rows == noise::sampled_rows(3000).count());
     }
 }

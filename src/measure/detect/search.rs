@@ -1,17 +1,15 @@
-//! A search of one picture: hypotheses in the order in which they are measured, then revised by their neighbours.
+//! Search of one image: measures hypotheses in a fixed order, then revises them with their neighbours.
 
 use crate::detect::accept::{consistency, found::FoundMarkers, verdict::MeasuredMarker};
-use crate::detect::attempt::ladder::{Measurer, AttemptOutcome};
-use crate::detect::attempt::{measure::Bounds, sharpening, suspects::SharpeningCandidates};
+use crate::detect::attempt::strategies::{AttemptOutcome, Measurer};
+use crate::detect::attempt::{measure::Bounds, sharpening, sharpening_candidates::SharpeningCandidates};
 use crate::detect::detection::{RejectReason, Rejected};
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::gather::{self, BlobCollector};
 use crate::detect::propose::{blurred_quadrants, moments};
-use crate::detect::revise::neighbours::{
-    find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
-};
+use crate::detect::revise::neighbours::{find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size};
 use crate::detect::revise::under_decal::revise_under_decals;
 use crate::detect::scope::{self, Scope};
 use crate::detect::segment::blob::Blob;
@@ -19,32 +17,33 @@ use crate::estimation::robust::median;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
-/// Whether a part of the markers shows so weakly in the reduced frame, whose blocks have a side of `factor` px, that others may
-/// be too faint for the usual levels: haze and stray light take contrast away with distance. So few markers that nothing can be
-/// made of them may be all so faint.
+/// Returns whether enough markers are weak in the reduced frame, whose blocks have a side of `factor` px, that others may
+/// be too faint for the default thresholds: haze and stray light reduce contrast with distance. Too few markers for an
+/// orientation count as faint.
 pub fn is_faint(found: &FoundMarkers, factor: usize) -> bool {
-    /// Share of white or skin by which a marker's darkest block is darker, below which it is faint: two and a half times what
-    /// passes the usual levels.
+    /// Darkness of a marker's darkest block, as a fraction of white or skin, below which it is faint: 2.5 times the
+    /// smallest that passes the default thresholds.
     const MIN_DARKNESS: f64 = 0.3;
-    /// Markers of which nothing can be made: an orientation needs four.
-    const TOO_FEW: usize = 4;
-    /// Of so many one must be faint: a spot or a cap may be, among markers that are not. In haze half of them are.
-    const ONE_OF: usize = 4;
-    /// Share of the median size from which on a thing may be a marker that tells: dirt is smaller.
-    const LARGE: f64 = 0.5;
-    // What is thinner than a block takes a part of it only.
+    /// Smallest number of markers for an orientation.
+    const MIN_FOR_ORIENTATION: usize = 4;
+    /// Reciprocal of the fraction of faint markers from which on the frame is faint: a spot or a cap may be faint among
+    /// normal markers. In haze half of them are.
+    const FAINT_ONE_IN: usize = 4;
+    /// Fraction of the median size from which on a detection counts: dirt is smaller.
+    const MIN_RELATIVE_SIZE: f64 = 0.5;
+    // A marker thinner than a block covers only a part of it.
     let covered = |m: &MeasuredMarker| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
     let is_weak = |m: &&&MeasuredMarker| !m.through_glare && covered(m) * m.darkness < MIN_DARKNESS;
-    let usual = median(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
+    let median_size = median(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
     let large: Vec<&MeasuredMarker> =
-        found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * usual).collect();
-    large.len() < TOO_FEW || large.iter().filter(is_weak).count() * ONE_OF > large.len()
+        found.measured.iter().filter(|m| m.detection.semi_major_px > MIN_RELATIVE_SIZE * median_size).collect();
+    large.len() < MIN_FOR_ORIENTATION || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
 }
 
-/// A rough fit's blur is that of the last one to this factor. Chosen; `tests/detect/fixtures.rs`.
-const MARGIN: f64 = 1.25;
+/// Factor between the blur of a coarse fit and that of the last one. Chosen; `tests/detect/fixtures.rs`.
+const COARSE_BLUR_MARGIN: f64 = 1.25;
 
-/// In what order hypotheses are measured.
+/// Order in which hypotheses are measured.
 #[derive(Clone, Copy, PartialEq)]
 enum SearchStage {
     Quadrants,
@@ -52,124 +51,121 @@ enum SearchStage {
     Discs,
 }
 
-/// What a search has and knows.
+/// State of a search.
 struct MarkerSearch<'a> {
     scope: Scope<'a>,
-    /// The picture whose blobs these are.
+    /// Image in which the blobs were segmented.
     seen: &'a Raster,
     blobs: &'a [Blob],
     pairs: Vec<[usize; 2]>,
-    ladder: Measurer<'a>,
-    /// Of each blob whether it belongs to something that was measured.
+    measurer: Measurer<'a>,
+    /// True for each blob that belongs to a measured marker.
     taken: Vec<bool>,
     found: FoundMarkers,
-    /// What may be hidden in part, with the place of what was measured so far.
+    /// Hypotheses that may be partly hidden, with the index of their measurement.
     hidden: Vec<(Option<usize>, Hypothesis)>,
-    /// What is too thin to tell blur and thickness apart.
+    /// Hypotheses too thin to separate blur and thickness.
     unsure: Vec<Hypothesis>,
 }
 
 impl MarkerSearch<'_> {
-    /// The hypotheses of a stage.
+    /// Returns the hypotheses of a stage.
     fn hypotheses(&mut self, stage: SearchStage) -> Vec<Hypothesis> {
-        let Self { scope, seen, blobs, pairs, ladder, taken, found, .. } = self;
+        let Self { scope, seen, blobs, pairs, measurer, taken, found, .. } = self;
         match stage {
-            SearchStage::Quadrants => gather::quadrant_hypotheses(seen, ladder.bounds.noise, blobs, pairs),
+            SearchStage::Quadrants => gather::quadrant_hypotheses(seen, measurer.bounds.noise, blobs, pairs),
             SearchStage::Narrow => {
                 let missing = scope.missing_quadrants(&found.measured);
-                let wanted = |seen: &Ellipse| {
-                    missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing))
-                };
-                let (image, noise) = (ladder.image, ladder.bounds.noise);
-                let is_disc = |i| ladder.is_sure_disc(i);
-                blurred_quadrants::find_narrow_quadrants(image, blobs, pairs, taken, noise, wanted, is_disc)
+                let is_included =
+                    |seen: &Ellipse| missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing));
+                let (image, noise) = (measurer.image, measurer.bounds.noise);
+                let is_disc = |i| measurer.is_sure_disc(i);
+                blurred_quadrants::find_narrow_quadrants(image, blobs, pairs, taken, noise, is_included, is_disc)
             }
             SearchStage::Discs => gather::disc_hypotheses(blobs),
         }
     }
 
-    /// Whether a hypothesis need not be measured.
+    /// Returns whether a hypothesis need not be measured.
     fn skips(&mut self, stage: SearchStage, hypothesis: &Hypothesis) -> bool {
-        !self.scope.wants(hypothesis)
+        !self.scope.includes(hypothesis)
             || hypothesis.blobs.iter().any(|&i| self.taken[i])
-            || self.scope.is_beside(hypothesis, &self.found.measured)
-            || (stage == SearchStage::Quadrants && self.ladder.are_discs(hypothesis))
+            || self.scope.is_explained(hypothesis, &self.found.measured)
+            || (stage == SearchStage::Quadrants && self.measurer.are_discs(hypothesis))
     }
 
-    /// Measures a hypothesis, and keeps what is found or why it is not.
+    /// Measures a hypothesis and stores the marker or the reason for its rejection.
     fn measure(&mut self, hypothesis: &Hypothesis) {
-        let AttemptOutcome { measured, lacks_size } = self.ladder.climb(hypothesis);
+        let AttemptOutcome { measured, needs_size } = self.measurer.try_strategies(hypothesis);
         let holds_discs =
-            |m: &MeasuredMarker| m.detection.shape == Shape::Quadrant && self.ladder.hold_discs(&m.detection);
-        let measured =
-            if measured.as_ref().is_ok_and(holds_discs) { Err(RejectReason::Duplicate) } else { measured };
+            |m: &MeasuredMarker| m.detection.shape == Shape::Quadrant && self.measurer.contain_discs(&m.detection);
+        let measured = if measured.as_ref().is_ok_and(holds_discs) { Err(RejectReason::Duplicate) } else { measured };
         let index = measured.is_ok().then_some(self.found.measured.len());
-        self.hidden.extend(lacks_size.map(|hidden| (index, hidden)));
+        self.hidden.extend(needs_size.map(|hidden| (index, hidden)));
         match measured {
             Ok(measured) => {
                 hypothesis.blobs.iter().for_each(|&i| self.taken[i] = true);
                 self.found.measured.push(measured);
-                let bounds = &mut self.ladder.bounds;
-                bounds.blur = consistency::blur_limit(&self.found).map_or(bounds.blur, |b| MARGIN * b);
+                let bounds = &mut self.measurer.bounds;
+                bounds.blur = consistency::blur_limit(&self.found).map_or(bounds.blur, |b| COARSE_BLUR_MARGIN * b);
             }
             Err(reason) => {
-                self.found.rejected.push(Rejected::of(&hypothesis.ellipse, reason));
+                self.found.rejected.push(Rejected::from_ellipse(&hypothesis.ellipse, reason));
                 self.unsure.extend(is_unsure(reason, hypothesis).then(|| hypothesis.clone()));
             }
         }
     }
 }
 
-/// How a picture is looked at.
+/// Options of a search.
 #[derive(Clone, Copy)]
 pub struct SearchOptions<'a> {
-    /// What of it.
     pub scope: Scope<'a>,
-    /// Noise of its grey values, grey levels.
+    /// Standard deviation of the noise, grey levels.
     pub noise: f64,
-    /// How it was sharpened, as far as its markers show it.
+    /// Sharpening of the image, as far as its markers have shown it.
     pub sharpening: Sharpening,
-    /// Whether places to some tenths of a pixel are enough, of what needs no second look.
+    /// True if positions to some 0.1 px, of markers that need no second pass, are sufficient.
     pub rough: bool,
 }
 
-/// What has come of a picture at the levels that were searched so far.
+/// State of an image at the thresholds that were searched so far.
 pub struct SearchProgress<'a> {
     image: &'a Raster,
     gathered: BlobCollector,
-    pub look: SearchOptions<'a>,
+    pub options: SearchOptions<'a>,
     pub found: FoundMarkers,
 }
 
 impl<'a> SearchProgress<'a> {
-    /// Nothing yet of a picture whose blobs are sought in the one that is seen.
-    pub fn new(image: &'a Raster, seen: &Raster, look: SearchOptions<'a>) -> Self {
-        let part = look.scope.part(seen.width(), seen.height());
-        let gathered = BlobCollector::new(seen, part, look.scope.longest_px());
-        Self { image, gathered, look, found: FoundMarkers::default() }
+    /// Creates a search of `image` without results; `seen` is the image in which blobs are segmented.
+    pub fn new(image: &'a Raster, seen: &Raster, options: SearchOptions<'a>) -> Self {
+        let part = options.scope.search_area(seen.width(), seen.height());
+        let gathered = BlobCollector::new(seen, part, options.scope.longest_px());
+        Self { image, gathered, options, found: FoundMarkers::default() }
     }
 
-    /// The same with other blobs: those of another part of the picture that is seen.
-    pub fn within(self, seen: &Raster, scope: Scope<'a>) -> Self {
-        let look = SearchOptions { scope, ..self.look };
-        Self { found: self.found, ..Self::new(self.image, seen, look) }
+    /// Returns the search with its results for another part of the segmented image.
+    pub fn with_scope(self, seen: &Raster, scope: Scope<'a>) -> Self {
+        let options = SearchOptions { scope, ..self.options };
+        Self { found: self.found, ..Self::new(self.image, seen, options) }
     }
 
-    /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured
-    /// stays, and what was turned down is measured once more, since more of its neighbours are known.
-    /// Whether there was anything new to look at.
+    /// Runs all stages, at the default thresholds or also at lower ones. Only regions not covered by an earlier call are
+    /// segmented; measured markers stay, and rejected hypotheses are measured again, because more of their neighbours are
+    /// known. Returns whether there was anything new.
     pub fn search(&mut self, seen: &Raster, faint: bool) -> bool {
         if !self.gathered.search_levels(seen, faint) {
             return false;
         }
         let first = std::mem::take(&mut self.found.measured);
-        let (found, suspects) = self.measured(seen, first);
+        let (found, candidates) = self.run_stages(seen, first);
         self.found = found;
-        if self.look.sharpening == Sharpening::Undetermined {
-            self.look.sharpening = sharpening::estimate_sharpening(suspects, self.image, self.look.noise);
-            if let Sharpening::Sharpened(_) = self.look.sharpening {
-                // All over again, with what is known now.
-                self.found = self.measured(seen, Vec::new()).0;
+        if self.options.sharpening == Sharpening::Undetermined {
+            self.options.sharpening = sharpening::estimate_sharpening(candidates, self.image, self.options.noise);
+            if let Sharpening::Sharpened(_) = self.options.sharpening {
+                // The search is repeated with the estimated sharpening.
+                self.found = self.run_stages(seen, Vec::new()).0;
             }
         }
         consistency::reject_blur_outliers(&mut self.found);
@@ -178,10 +174,11 @@ impl<'a> SearchProgress<'a> {
         true
     }
 
-    /// What is found at the levels that were looked at, beside what was measured before; and what tells of sharpening.
-    fn measured(&self, seen: &Raster, before: Vec<MeasuredMarker>) -> (FoundMarkers, SharpeningCandidates) {
-        let SearchOptions { scope, noise, sharpening, rough } = self.look;
-        let bounds = Bounds { overshoot: sharpening.overshoot(), rough, ..Bounds::of(noise) };
+    /// Runs the stages at the thresholds searched so far, in addition to previous measurements. Also returns the candidates
+    /// for the estimation of sharpening.
+    fn run_stages(&self, seen: &Raster, before: Vec<MeasuredMarker>) -> (FoundMarkers, SharpeningCandidates) {
+        let SearchOptions { scope, noise, sharpening, rough } = self.options;
+        let bounds = Bounds { overshoot: sharpening.overshoot(), rough, ..Bounds::from_noise(noise) };
         let blobs = self.gathered.blobs();
         let found = FoundMarkers { measured: before, rejected: Vec::new() };
         let within = |blob: &Blob| found.contains(blob.centroid);
@@ -190,7 +187,7 @@ impl<'a> SearchProgress<'a> {
             seen,
             blobs,
             pairs: moments::find_pairs(blobs),
-            ladder: Measurer::new(self.image, blobs, bounds),
+            measurer: Measurer::new(self.image, blobs, bounds),
             taken: blobs.iter().map(within).collect(),
             found,
             hidden: Vec::new(),
@@ -203,15 +200,15 @@ impl<'a> SearchProgress<'a> {
                 }
             }
         }
-        let MarkerSearch { ladder, mut found, hidden, unsure, .. } = search;
+        let MarkerSearch { measurer, mut found, hidden, unsure, .. } = search;
         if !rough {
-            let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
-            revise_with_size(&ladder, &mut found, hidden);
-            revise_with_edge_prior(&ladder, &mut found, unsure);
-            revise_under_decals(&ladder, &mut found, wanted);
-            find_against_one_level(&ladder, &mut found, seen, &self.gathered, wanted);
+            let is_included = |hypothesis: &Hypothesis| scope.includes(hypothesis);
+            revise_with_size(&measurer, &mut found, hidden);
+            revise_with_edge_prior(&measurer, &mut found, unsure);
+            revise_under_decals(&measurer, &mut found, is_included);
+            find_against_one_level(&measurer, &mut found, seen, &self.gathered, is_included);
         }
         consistency::reject_duplicates(&mut found);
-        (found, ladder.notes.take())
+        (found, measurer.candidates.take())
     }
 }

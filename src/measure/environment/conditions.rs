@@ -1,15 +1,13 @@
-//! What was measured of air and wing in flight, in place of an installation's constants.
+//! Air and wing measured in flight, in place of an installation's constants.
 
 use super::refraction::refractive_index;
 use crate::observation::Estimate;
 use crate::setup::{Setup, Window};
 
-/// `None`: the installation's constant holds.
+/// Measured conditions of a flight; `None`: the installation's constant is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FlightConditions {
-    /// Pressure in the cabin, hPa.
     pub cabin_pressure_hpa: Option<Estimate>,
-    /// Pressure outside, hPa.
     pub outside_pressure_hpa: Option<Estimate>,
     /// Temperature of the air outside, degrees Celsius.
     pub outside_temperature_c: Option<Estimate>,
@@ -18,7 +16,7 @@ pub struct FlightConditions {
 }
 
 impl FlightConditions {
-    /// Puts what is known in the constants' place.
+    /// Replaces the installation's constants by the measured values.
     pub fn apply(&self, setup: &mut Setup) {
         if let Some(window) = &mut setup.window {
             self.apply_to_window(window);
@@ -40,8 +38,8 @@ impl FlightConditions {
         set(&mut window.outside.temperature_c, self.outside_temperature_c);
     }
 
-    /// Standard deviation of the refraction as a share of it, from those of the measured air. A shift is in
-    /// proportion to how far the indices' ratio is from 1.
+    /// Returns the relative standard deviation of the refraction from those of the measured air. A shift is proportional to
+    /// the deviation of the indices' ratio from 1.
     pub fn relative_refraction_sigma(&self, window: &Window) -> f64 {
         let excess = |window: &Window| {
             refractive_index(&window.cabin, window.wavelength_nm)
@@ -68,9 +66,8 @@ mod tests {
     use crate::setup::Air;
 
     #[test]
-    fn the_air_takes_the_constants_place_with_its_sigma() {
-        let air =
-            |temperature_c, pressure_hpa| Air { temperature_c, pressure_hpa, humidity: 0.0, co2_ppm: 450.0 };
+    fn measured_air_replaces_the_constants_with_its_sigma() {
+        let air = |temperature_c, pressure_hpa| Air { temperature_c, pressure_hpa, humidity: 0.0, co2_ppm: 450.0 };
         let window = Window {
             normal: None,
             cabin: air(22.0, 752.6),
@@ -83,7 +80,8 @@ mod tests {
         let mut set = window.clone();
         measured.apply_to_window(&mut set);
         assert_eq!((set.cabin.pressure_hpa, set.outside), (800.0, window.outside));
-        // n - 1 goes with the pressure: 1 % of the cabin's 211e-6 over the difference to the outside's 79e-6.
+        // n - 1 is proportional to the pressure: 1 % of the cabin's 211e-6 over the difference to the
+        // outside's 79e-6.
         let share = measured.relative_refraction_sigma(&window);
         assert!((share - 0.01 * 2.1 / (2.1 - 0.79)).abs() < 1e-3, "{share}");
         assert_eq!(FlightConditions::default().relative_refraction_sigma(&window), 0.0);

@@ -1,7 +1,7 @@
-//! What the air, the window and the cold do, one term per file (docs/model.md): refraction, the pane's shift,
-//! its bow under pressure, thermal expansion.
+//! Environment: effects of air, window and temperature, one per file (docs/model.md): refraction, shift by the pane, its
+//! bow under pressure, thermal expansion.
 
-mod bow;
+mod bowed_pane;
 mod conditions;
 mod pane;
 mod refraction;
@@ -10,7 +10,7 @@ mod thermal;
 pub use conditions::FlightConditions;
 pub use pane::Plate;
 pub use refraction::{
-    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract_ray,
-    refraction_shift_px, refractive_index,
+    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract_ray, refraction_shift_px,
+    refractive_index,
 };
 pub use thermal::{length_change_m, scale_with_sigma};

@@ -1,7 +1,7 @@
-//! Index of air and the bending of rays at the cabin window.
+//! Refractive index of air and refraction of rays at the cabin window.
 //!
-//! Ciddor, Refractive index of air: new equations for the visible and near infrared, Appl. Opt. 35
-//! (1996) 1566, with the constants of its Appendix A.
+//! Ciddor, Refractive index of air: new equations for the visible and near infrared, Appl. Opt. 35 (1996) 1566, with the
+//! constants of its Appendix A.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -9,14 +9,14 @@ use crate::geometry::LensError;
 use crate::observation::Observation;
 use crate::setup::{Air, Orientation, Setup, Window};
 
-/// Incidence assumed where the window's normal is not known: the paper's 30 degrees.
+/// Incidence assumed if the window's normal is not known: the paper's 30 degrees.
 pub const PAPER_INCIDENCE_RAD: f64 = std::f64::consts::FRAC_PI_6;
 
 const GAS_CONSTANT: f64 = 8.314_510;
 const WATER_MOLAR_MASS: f64 = 0.018_015;
 const KELVIN: f64 = 273.15;
 
-/// Phase refractive index of moist air for a wavelength in vacuum (Ciddor 1996).
+/// Returns the phase refractive index of moist air for a wavelength in vacuum (Ciddor 1996).
 pub fn refractive_index(air: &Air, wavelength_nm: f64) -> f64 {
     let wavenumber2 = (1000.0 / wavelength_nm).powi(2);
     let dry_mass = dry_molar_mass(air.co2_ppm);
@@ -30,23 +30,23 @@ pub fn refractive_index(air: &Air, wavelength_nm: f64) -> f64 {
     1.0 + dry + vapour
 }
 
-/// n - 1 of dry air at 15 C, 101325 Pa (equations 1 and 2); wavenumber squared in 1/um^2.
+/// Returns n - 1 of dry air at 15 C, 101325 Pa (equations 1 and 2); wavenumber squared in 1/um^2.
 fn dry_refractivity(wavenumber2: f64, co2_ppm: f64) -> f64 {
     let standard = 5_792_105.0 / (238.0185 - wavenumber2) + 167_917.0 / (57.362 - wavenumber2);
     1e-8 * standard * (1.0 + 0.534e-6 * (co2_ppm - 450.0))
 }
 
-/// n - 1 of pure water vapour at 20 C, 1333 Pa (equation 3).
+/// Returns n - 1 of pure water vapour at 20 C, 1333 Pa (equation 3).
 fn vapour_refractivity(w2: f64) -> f64 {
     1.022e-8 * (295.235 + w2 * (2.6422 + w2 * (-0.032_380 + w2 * 0.004_028)))
 }
 
-/// kg/mol.
+/// Returns the molar mass of dry air, kg/mol.
 fn dry_molar_mass(co2_ppm: f64) -> f64 {
     1e-3 * (28.9635 + 12.011e-6 * (co2_ppm - 400.0))
 }
 
-/// Moles of gas per m^3: p / (Z R T), compressibility Z by Davis (equation 12).
+/// Returns the moles of gas per m^3: p / (Z R T), compressibility Z by Davis (equation 12).
 fn molar_density(t: f64, pressure_pa: f64, x: f64) -> f64 {
     let kelvin = t + KELVIN;
     let ratio = pressure_pa / kelvin;
@@ -58,7 +58,7 @@ fn molar_density(t: f64, pressure_pa: f64, x: f64) -> f64 {
     ratio / (compressibility * GAS_CONSTANT)
 }
 
-/// Mole fraction of water vapour, with the enhancement factor of water in air.
+/// Returns the mole fraction of water vapour, with the enhancement factor of water in air.
 fn water_fraction(air: &Air) -> f64 {
     let pressure_pa = 100.0 * air.pressure_hpa;
     let t = air.temperature_c;
@@ -66,13 +66,13 @@ fn water_fraction(air: &Air) -> f64 {
     (enhancement * air.humidity * saturation_pressure_pa(t) / pressure_pa).clamp(0.0, 1.0)
 }
 
-/// Saturation vapour pressure: over water by Davis (Ciddor, Appendix A), below 0 C over ice by
-/// Wagner, Saul and Pruss (1994).
+/// Returns the saturation vapour pressure: over water by Davis (Ciddor, Appendix A), below 0 C over ice by Wagner, Saul and
+/// Pruss (1994).
 fn saturation_pressure_pa(t: f64) -> f64 {
     let kelvin = t + KELVIN;
     if t >= 0.0 {
-        let exponent = 1.237_884_7e-5 * kelvin * kelvin - 1.912_131_6e-2 * kelvin + 33.937_110_47
-            - 6.343_164_5e3 / kelvin;
+        let exponent =
+            1.237_884_7e-5 * kelvin * kelvin - 1.912_131_6e-2 * kelvin + 33.937_110_47 - 6.343_164_5e3 / kelvin;
         return exponent.exp();
     }
     let theta = kelvin / 273.16;
@@ -80,21 +80,20 @@ fn saturation_pressure_pa(t: f64) -> f64 {
     611.657 * exponent.exp()
 }
 
-/// Change of direction at a flat window for an incidence in the cabin, rad; positive away from
-/// the normal outside (thinner air). A plane-parallel pane turns no ray, so only the air counts.
+/// Returns the change of direction at a flat window for an incidence in the cabin, rad; positive away from the normal
+/// outside (thinner air). A plane-parallel pane deflects no ray, so only the air counts.
 pub fn deflection_rad(window: &Window, incidence_rad: f64) -> f64 {
     let sine = index_ratio(window) * incidence_rad.sin();
     sine.clamp(-1.0, 1.0).asin() - incidence_rad
 }
 
-/// The same in pixels, seen at the image centre of a camera that looks straight along the ray.
+/// Returns the refraction in pixels at the image centre of a camera that looks straight along the ray.
 pub fn refraction_shift_px(window: &Window, incidence_rad: f64, focal_px: f64) -> f64 {
     focal_px * deflection_rad(window, incidence_rad).tan()
 }
 
-/// Direction outside of a ray that the camera sees, by Snell's law; `outward_normal` of the
-/// window and `ray` of unit length in one frame. `None` beyond total reflection or where the ray
-/// does not leave through the window.
+/// Returns the direction outside of a ray that the camera sees, by Snell's law; `outward_normal` of the window and `ray` of
+/// unit length in one frame. `None` beyond total reflection or if the ray does not leave through the window.
 pub fn refract_ray(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_ratio: f64) -> Option<Vector3<f64>> {
     let cosine = ray.dot(outward_normal);
     let squared = 1.0 - index_ratio * index_ratio * (1.0 - cosine * cosine);
@@ -102,31 +101,33 @@ pub fn refract_ray(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_rati
         .then(|| ray * index_ratio + outward_normal * (squared.sqrt() - index_ratio * cosine))
 }
 
-/// Index in the cabin over index outside.
+/// Returns the index in the cabin over that outside.
 fn index_ratio(window: &Window) -> f64 {
-    refractive_index(&window.cabin, window.wavelength_nm)
-        / refractive_index(&window.outside, window.wavelength_nm)
+    refractive_index(&window.cabin, window.wavelength_nm) / refractive_index(&window.outside, window.wavelength_nm)
 }
 
-/// What refraction does to a frame.
+/// Refraction at the window in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RefractionReport {
-    /// Whether the pixels were corrected (the window's normal is known).
+    /// True if the pixels were corrected (the window's normal is known).
     pub applied: bool,
-    /// Largest shift over the observations, px; where it is not applied, the shift at the image
-    /// centre for an incidence of 30 degrees.
+    /// Largest shift over the observations, px; if not applied, the shift at the image centre for an incidence of 30
+    /// degrees.
     pub max_shift_px: f64,
     /// Index of the air in the cabin.
     pub index_cabin: f64,
     /// Index of the air outside.
     pub index_outside: f64,
-    /// Standard deviation of the largest shift, px, where the air was measured; `None` for constants.
+    /// Standard deviation of the largest shift, px, if the air was measured; `None` for constants.
     pub sigma_max_shift_px: Option<f64>,
 }
 
-/// Pixels as they would be without the window's refraction, in place. For frames in flight only:
-/// on ground cabin and outside air are alike, so the orientation holds for unrefracted rays.
-/// `None` without a configured window. The covariances stay (the shift varies by 1e-4 of itself).
+/// Removes the window's refraction from pixels, in place. For frames in flight only: on ground cabin and outside air are
+/// equal, so the orientation is valid for unrefracted rays. Returns `None` without a configured window. The covariances are
+/// unchanged (the shift varies by 1e-4 of itself).
+///
+/// # Errors
+/// Returns an error if the distortion has no inverse at a pixel.
 pub fn correct_observations(
     setup: &Setup,
     orientation: &Orientation,
@@ -152,7 +153,7 @@ pub fn correct_observations(
     Ok(Some(report))
 }
 
-/// A ray that cannot have come through the window keeps its pixel.
+/// Returns the pixel without refraction; a ray that cannot have come through the window keeps its pixel.
 fn unrefracted_pixel(
     setup: &Setup,
     normal_camera: &Vector3<f64>,
@@ -220,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_figures() {
+    fn the_figures_of_the_paper_are_reproduced() {
         let window = cruise(air(15.0, 1013.25, 0.0));
         let angle = deflection_rad(&window, PAPER_INCIDENCE_RAD);
         assert!((angle.to_degrees() - 0.00658).abs() < 0.5e-5, "{}", angle.to_degrees());
@@ -230,10 +231,10 @@ mod tests {
     }
 
     #[test]
-    fn a_cabin_at_8000_feet_takes_four_tenths_off() {
+    fn a_cabin_at_8000_feet_reduces_refraction_by_40_percent() {
         let window = cruise(air(20.0, 752.6, 0.0));
         let angle = deflection_rad(&window, PAPER_INCIDENCE_RAD);
-        // By hand: 550 nm, ideal gas, (2.782e-4 * 0.7428 * 288.15/293.15 - 0.79e-4) tan 30 deg.
+        // Manually: 550 nm, ideal gas, (2.782e-4 * 0.7428 * 288.15/293.15 - 0.79e-4) tan 30 deg.
         assert!((angle.to_degrees() - 0.0041).abs() < 0.5e-4, "{}", angle.to_degrees());
         let shift = refraction_shift_px(&window, PAPER_INCIDENCE_RAD, 7800.0);
         assert!((shift - 0.557).abs() < 2e-3, "{shift}");

@@ -1,13 +1,13 @@
-//! Variance components of groups of observations: restricted maximum likelihood, whose estimate is
-//! that of Koch (1986), by Fisher's scoring in the logarithm of the components.
+//! Variance components of groups of observations: restricted maximum likelihood (its estimate is that of
+//! Koch, 1986), by Fisher scoring in the logarithm of the components.
 //!
 //! ```text
 //! score_i = (v_i' Q_i^-1 v_i - r_i) / 2     r_i = tr(R V_i)     V_i = B_i Q_i B_i'
 //! F_ij    = tr(R V_i R V_j) / 2             R   = M^-1 - M^-1 J Qxx J' M^-1
 //! ```
 //!
-//! The logarithm keeps components positive, and the inverse of `F` says how well they are known. A
-//! component that the observations do not show keeps the stated standard deviations.
+//! The logarithm keeps components positive, and the inverse of `F` is their covariance. If the observations
+//! do not determine a component, the given standard deviations are kept.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,68 +17,67 @@ use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::solve_groups;
 use crate::observation::Estimate;
 
-/// One group's variance component.
+/// Variance component of one group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VarianceComponent {
-    /// `image` or `survey`.
+    /// Name of the group: `image` or `survey`.
     pub group: &'static str,
-    /// The component (1: the group's standard deviations are right); `None` where the observations do
-    /// not show it and the stated standard deviations were kept.
+    /// Component (1: the group's standard deviations are right); `None` if the observations do not determine it and the
+    /// given standard deviations were kept.
     pub factor: Option<Estimate>,
-    /// The group's share of the redundancy.
+    /// Contribution of the group to the redundancy.
     pub redundancy: f64,
 }
 
 const MAX_ITERATIONS: usize = 40;
-/// Iterations after which a component that is vague where it stands is given up.
+/// Iterations after which a component that is still poorly determined is given up.
 const MIN_ITERATIONS: usize = 15;
-/// Gain in likelihood below which the iteration ends: a thousandth of a standard deviation, of which
-/// Fisher's step leaves a small part.
+/// Gain in likelihood below which the iteration ends: 0.001 standard deviations, of which Fisher's step leaves a small
+/// part.
 const MIN_GAIN: f64 = 1e-6;
-/// Information added to each component's own, so that one without any stays where it is.
+/// Information added to each component's own, so that a component without any stays unchanged.
 const RIDGE: f64 = 0.1;
-/// Longest step, in the logarithm.
+/// Longest step of the logarithm of a component.
 const MAX_STEP: f64 = 1.0;
-/// A component on its way below this is zero, for all that the observations say.
+/// Component below which it counts as zero.
 const MIN_COMPONENT: f64 = 1e-3;
-/// Relative standard deviation of a component that is not worth stating: that of two redundant
-/// observations. How well a component is known that has to be taken as stated: the same.
+/// Largest relative standard deviation of a reported component: that of two redundant observations. It is also assumed for
+/// a component that keeps the given standard deviations.
 const MAX_RELATIVE_SIGMA: f64 = 1.0;
 
-/// Which observations of which blocks form a group of variance. Groups must not be correlated.
+/// A group of variance: the observations of the blocks that share a component. Groups must not be correlated.
 pub struct VarianceGroup<'a> {
-    /// `image` or `survey`.
+    /// Name of the group: `image` or `survey`.
     pub name: &'static str,
-    /// Observations of a block that belong to it, given (group, block).
+    /// Indices of a block's observations that belong to the group, given (group, block).
     pub members: &'a dyn Fn(usize, usize) -> Vec<usize>,
 }
 
-/// Components, the fit that they lead to, and what a person should read.
-pub struct Components {
-    /// Of the problem with its covariances scaled.
+/// Estimated components, the fit that uses them, and remarks.
+pub struct ComponentEstimate {
+    /// Fit of the problem with its covariances scaled.
     pub fit: Fit,
-    /// One per group.
     pub components: Vec<VarianceComponent>,
-    /// A sentence per component that could not be estimated.
+    /// Sentences, one for each component that could not be estimated.
     pub remarks: Vec<String>,
 }
 
-/// Estimates the components, iterated to convergence. The problem's covariances are scaled in place.
-/// Where the iteration finds no end, everything stays as stated and a remark says so.
+/// Estimates the components, iterated to convergence, and scales the problem's covariances in place. If the iteration does
+/// not converge, all covariances stay as given and a remark reports it.
 pub fn variance_components(
     problem: &mut Problem,
     groups: &[VarianceGroup],
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-) -> Result<Components, EstimationError> {
-    let stated = problem.clone();
+) -> Result<ComponentEstimate, EstimationError> {
+    let given = problem.clone();
     let mut free = vec![true; groups.len()];
     let mut logs = vec![0.0; groups.len()];
     let mut remarks = vec![];
     let (mut share, mut before) = (1.0_f64, vec![0.0; groups.len()]);
     for iteration in 0..MAX_ITERATIONS {
-        *problem = scale_covariances(&stated, groups, &logs);
+        *problem = scale_covariances(&given, groups, &logs);
         let Ok(fit) = solve_groups(problem, &linearise) else { break };
-        let shares = Shares::new(problem, &fit, groups);
+        let shares = ScoringEquations::new(problem, &fit, groups);
         let (steps, gain) = shares.scoring_steps(&free);
         let settled = gain < MIN_GAIN;
         if settled || iteration >= MIN_ITERATIONS {
@@ -91,10 +90,14 @@ pub fn variance_components(
                 continue;
             }
             if settled {
-                return Ok(Components { components: shares.build_components(groups, &free, &logs), fit, remarks });
+                return Ok(ComponentEstimate {
+                    components: shares.build_components(groups, &free, &logs),
+                    fit,
+                    remarks,
+                });
             }
         }
-        // Expected information may be less than there is: steps that turn back were too long.
+        // The expected information may be too small: steps that change their sign were too long.
         let turned = steps.iter().zip(&before).map(|(a, b)| a * b).sum::<f64>() < 0.0;
         share = if turned { 0.5 * share } else { (1.5 * share).min(1.0) };
         before.clone_from(&steps);
@@ -106,24 +109,24 @@ pub fn variance_components(
             }
         }
     }
-    *problem = stated;
+    *problem = given;
     let fit = solve_groups(problem, &linearise)?;
-    let shares = Shares::new(problem, &fit, groups);
+    let shares = ScoringEquations::new(problem, &fit, groups);
     let components = shares.build_components(groups, &vec![false; groups.len()], &logs);
-    let sentence = "the variance components did not settle; all standard deviations stay as stated";
-    Ok(Components { fit, components, remarks: vec![sentence.into()] })
+    let sentence = "the variance components did not converge; all standard deviations stay as given";
+    Ok(ComponentEstimate { fit, components, remarks: vec![sentence.into()] })
 }
 
 fn unestimated_remark(name: &str, redundancy: f64) -> String {
     format!(
-        "the variance component of {name} cannot be estimated from this frame (its share of the redundancy is \
-         {redundancy:.1}); its standard deviations stay as stated"
+        "the variance component of {name} cannot be estimated from this frame (redundancy \
+         {redundancy:.1}); its standard deviations stay as given"
     )
 }
 
-/// The problem with each group's covariances multiplied by its component.
-fn scale_covariances(stated: &Problem, groups: &[VarianceGroup], logs: &[f64]) -> Problem {
-    let mut problem = stated.clone();
+/// Returns the problem with each group's covariances multiplied by its component.
+fn scale_covariances(given: &Problem, groups: &[VarianceGroup], logs: &[f64]) -> Problem {
+    let mut problem = given.clone();
     for (group, log) in groups.iter().zip(logs) {
         for (g, data) in problem.groups.iter_mut().enumerate() {
             for (b, block) in data.blocks.iter_mut().enumerate() {
@@ -139,16 +142,16 @@ fn scale_covariances(stated: &Problem, groups: &[VarianceGroup], logs: &[f64]) -
     problem
 }
 
-/// What the residuals say of each group.
-struct Shares {
+/// Equations of Fisher scoring: residual sums, redundancies and information of the groups.
+struct ScoringEquations {
     omega: Vec<f64>,
     redundancy: Vec<f64>,
     information: DMatrix<f64>,
 }
 
-impl Shares {
+impl ScoringEquations {
     fn new(problem: &Problem, fit: &Fit, groups: &[VarianceGroup]) -> Self {
-        let conditions = Conditions::new(problem, fit);
+        let conditions = StackedConditions::new(problem, fit);
         let products: Vec<_> = groups.iter().map(|g| conditions.cofactor_product(problem, fit, g)).collect();
         let n = groups.len();
         let information =
@@ -167,8 +170,8 @@ impl Shares {
         (list, part)
     }
 
-    /// Steps of the logarithms, and what they gain. Where two components act alike, the step goes along
-    /// what they have in common.
+    /// Returns steps of the logarithms and the gain in likelihood. If two components have the same effect, the step goes
+    /// along their common direction.
     fn scoring_steps(&self, free: &[bool]) -> (Vec<f64>, f64) {
         let (list, mut part) = self.free_information(free);
         (0..list.len()).for_each(|k| part[(k, k)] += RIDGE);
@@ -180,17 +183,17 @@ impl Shares {
         (steps, found.dot(&score))
     }
 
-    /// Standard deviations of the logarithms; those taken as stated are uncertain themselves.
+    /// Returns standard deviations of the logarithms, including the uncertainty of the components that are kept as given.
     fn log_sigmas(&self, free: &[bool]) -> Vec<f64> {
         let (list, part) = self.free_information(free);
         let mut sigmas = vec![f64::INFINITY; free.len()];
         let Some(inverse) = part.cholesky().map(|c| c.inverse()) else { return sigmas };
         for (k, &i) in list.iter().enumerate() {
-            let held = (0..free.len()).filter(|&h| !free[h]);
-            let through = held.map(|h| {
-                let answer: f64 =
+            let kept = (0..free.len()).filter(|&h| !free[h]);
+            let through = kept.map(|h| {
+                let coefficient: f64 =
                     list.iter().enumerate().map(|(m, &j)| inverse[(k, m)] * self.information[(j, h)]).sum();
-                (answer * MAX_RELATIVE_SIGMA).powi(2)
+                (coefficient * MAX_RELATIVE_SIGMA).powi(2)
             });
             sigmas[i] = (inverse[(k, k)] + through.sum::<f64>()).sqrt();
         }
@@ -211,14 +214,13 @@ impl Shares {
     }
 }
 
-/// v' Q^-1 v of a group.
+/// Returns `v' Q^-1 v` of a group.
 fn weighted_squares(problem: &Problem, fit: &Fit, group: &VarianceGroup) -> f64 {
     let mut omega = 0.0;
     for (g, data) in problem.groups.iter().enumerate() {
         for (b, block) in data.blocks.iter().enumerate() {
             let members = (group.members)(g, b);
-            let Some(factor) = block.covariance.select_rows(&members).select_columns(&members).cholesky()
-            else {
+            let Some(factor) = block.covariance.select_rows(&members).select_columns(&members).cholesky() else {
                 continue;
             };
             let residuals = fit.groups[g].blocks[b].residuals.select_rows(&members);
@@ -228,15 +230,15 @@ fn weighted_squares(problem: &Problem, fit: &Fit, group: &VarianceGroup) -> f64 
     omega
 }
 
-/// All conditions side by side.
-struct Conditions {
+/// Conditions of all blocks, stacked in one matrix.
+struct StackedConditions {
     /// First row of each (group, block).
     first: Vec<Vec<usize>>,
-    /// R.
+    /// Matrix `R` of the module's equations.
     cofactor: DMatrix<f64>,
 }
 
-impl Conditions {
+impl StackedConditions {
     fn new(problem: &Problem, fit: &Fit) -> Self {
         let mut rows = 0;
         let mut first = vec![];
@@ -257,9 +259,7 @@ impl Conditions {
             for (b, block) in group.blocks.iter().enumerate() {
                 let (lin, row) = (&block.linearised, first[g][b]);
                 let n = lin.misclosure.len();
-                let normal = &lin.observations
-                    * &problem.groups[g].blocks[b].covariance
-                    * lin.observations.transpose();
+                let normal = &lin.observations * &problem.groups[g].blocks[b].covariance * lin.observations.transpose();
                 let weight = normal.cholesky().map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
                 let mut total = &lin.local * &group.sensitivity;
                 for (k, &column) in lin.columns.iter().enumerate() {
@@ -279,7 +279,7 @@ impl Conditions {
         Self { first, cofactor }
     }
 
-    /// R V of a group; V is block diagonal.
+    /// Returns `R V` of a group; `V` is block diagonal.
     fn cofactor_product(&self, problem: &Problem, fit: &Fit, group: &VarianceGroup) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(self.cofactor.nrows(), self.cofactor.ncols());
         for (g, data) in problem.groups.iter().enumerate() {

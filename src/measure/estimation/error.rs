@@ -1,22 +1,19 @@
-//! Why least squares gives no solution.
+//! Errors of least squares.
 
-/// Why no solution was found.
+/// An error that leaves a problem without a solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EstimationError {
-    /// The normal matrix is singular; the datum that is missing is named.
+    /// The normal matrix is singular.
     #[error("the adjustment has no unique solution: {missing}")]
     Singular {
-        /// What cannot be determined, and from what it could.
+        /// Parameter that cannot be determined, and the missing information.
         missing: String,
     },
-    /// The iteration did not settle.
+    /// The iteration did not converge.
     #[error(
-        "the adjustment did not converge after {iterations} iterations; look for a wrong survey point or a wrong identity"
+        "the adjustment did not converge after {iterations} iterations; check for a wrong survey point or a wrong identity"
     )]
-    NoConvergence {
-        /// Iterations done.
-        iterations: usize,
-    },
+    NoConvergence { iterations: usize },
     /// A condition has no value, or a number is not finite.
     #[error("{0}")]
     Input(String),

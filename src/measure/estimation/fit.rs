@@ -1,4 +1,4 @@
-//! The solution of a problem, and how its covariance is carried to functions of the unknowns.
+//! The solution of a problem, and propagation of its covariance to functions of the unknowns.
 
 use std::borrow::Cow;
 
@@ -7,54 +7,50 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{add_scaled, dot_product};
 use super::problem::{InformationPrior, Linearised};
 
-/// State of one block at the solution.
+/// Solution of one block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockFit {
-    /// Adjusted less observed.
+    /// Adjusted minus observed.
     pub residuals: DVector<f64>,
-    /// The conditions' derivatives at the solution.
+    /// Conditions with their derivatives at the solution.
     pub linearised: Linearised,
-    /// Q B' M^-1: minus the residuals' answer to the conditions.
+    /// `Q B' M^-1`: minus the derivative of the residuals with respect to the conditions.
     pub(super) gain: DMatrix<f64>,
-    /// Q - Q B' M^-1 B Q: covariance of the adjusted observations for given parameters.
+    /// `Q - Q B' M^-1 B Q`: covariance of the adjusted observations for given parameters.
     pub(super) conditional: DMatrix<f64>,
 }
 
-/// State of one group at the solution.
+/// Solution of one group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupFit {
-    /// Local parameters.
     pub local: DVector<f64>,
-    /// d local / d global at the minimum.
+    /// Derivative of the local parameters with respect to the global ones, at the minimum.
     pub sensitivity: DMatrix<f64>,
-    /// Covariance of the local parameters for given global ones.
+    /// Covariance of the local parameters for given global parameters.
     pub conditional: DMatrix<f64>,
     /// Covariance of local with global parameters (local x global).
     pub(super) cross: DMatrix<f64>,
     /// Covariance of the local parameters.
     pub covariance: DMatrix<f64>,
-    /// Its blocks.
     pub blocks: Vec<BlockFit>,
 }
 
-/// A solution of a [`Problem`].
+/// Solution of a [`Problem`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// Global parameters.
     pub global: DVector<f64>,
-    /// Their covariance, a priori (variance factor 1).
+    /// Covariance of the global parameters, a priori (variance factor 1).
     pub covariance: DMatrix<f64>,
-    /// Their answer to the right side of the normal equations.
+    /// Derivative of the global parameters with respect to the right side of the normal equations.
     pub(super) response: DMatrix<f64>,
-    /// Its inverse: the normal matrix, where that is near the second derivatives.
+    /// Inverse of the covariance: the normal matrix, if that is close to the second derivatives.
     pub information: DMatrix<f64>,
-    /// The groups.
     pub groups: Vec<GroupFit>,
     /// Weighted sum of squared residuals, priors included.
     pub omega: f64,
-    /// The priors' share of it.
+    /// Contribution of the priors to `omega`.
     pub omega_priors: f64,
-    /// Conditions and priors less parameters.
+    /// Conditions and priors minus parameters.
     pub redundancy: usize,
     /// Iterations until convergence.
     pub iterations: usize,
@@ -63,18 +59,18 @@ pub struct Fit {
 /// Derivatives of functions of the unknowns of one group, one column per function.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradient {
-    /// Global parameters that they depend on, each once.
+    /// Global parameters on which the functions depend, each once.
     pub columns: Vec<usize>,
-    /// d functions / d those (columns x functions).
+    /// Derivatives with respect to these global parameters (columns x functions).
     pub global: DMatrix<f64>,
-    /// d functions / d local parameters of the group (local x functions).
+    /// Derivatives with respect to the group's local parameters (local x functions).
     pub local: DMatrix<f64>,
-    /// (block, d functions / d its adjusted observations).
+    /// Derivatives with respect to adjusted observations: (block, observations x functions).
     pub observed: Vec<(usize, DMatrix<f64>)>,
 }
 
 impl Gradient {
-    /// Functions that depend on nothing yet.
+    /// Creates functions with derivatives 0.
     pub fn empty(columns: Vec<usize>, local: usize, functions: usize) -> Self {
         Self {
             global: DMatrix::zeros(columns.len(), functions),
@@ -88,7 +84,7 @@ impl Gradient {
         self.global.ncols()
     }
 
-    /// One of the functions.
+    /// Returns a single function.
     pub fn single_function(&self, index: usize) -> Self {
         let column = |m: &DMatrix<f64>| m.columns(index, 1).into_owned();
         let observed = self.observed.iter().map(|(block, by)| (*block, column(by)));
@@ -101,29 +97,30 @@ impl Gradient {
     }
 }
 
-/// Random part of a function: covariance = `total Qxx total' + own`; functions of different groups
-/// have the covariance `total_1 Qxx total_2'`.
+/// Covariance of functions in two parts: `total Qxx total' + own`. Functions of different groups have the covariance
+/// `total_1 Qxx total_2'`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Propagated {
-    /// Total derivative to the global parameters.
+pub struct PropagatedCovariance {
+    /// Total derivative with respect to the global parameters.
     pub total: DMatrix<f64>,
     /// Covariance for given global parameters.
     pub own: DMatrix<f64>,
 }
 
 impl Fit {
-    /// Variance factor a posteriori; `None` at redundancy 0.
+    /// Returns the a-posteriori variance factor; `None` at redundancy 0.
     pub fn variance_factor(&self) -> Option<f64> {
         (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
     }
 
-    /// What it tells of the global parameters.
+    /// Returns the solution's information about the global parameters, as a prior for another problem.
     pub fn information_prior(&self) -> InformationPrior {
         let conditions = self.global.len();
         InformationPrior { mean: self.global.clone(), information: self.information.clone(), conditions }
     }
 
-    /// Functions of parameters alone, and their noise through the adjusted observations.
+    /// Replaces adjusted observations by the parameters on which they depend. Returns functions of parameters alone and the
+    /// covariance of the remaining noise.
     pub(super) fn eliminate_observations<'a>(
         &self,
         group: usize,
@@ -159,8 +156,8 @@ impl Fit {
         (Cow::Owned(by), own)
     }
 
-    /// Splits functions' derivatives into their answer to the global parameters and their own noise.
-    pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
+    /// Splits functions of one group into their dependence on the global parameters and their own noise.
+    pub fn propagate(&self, group: usize, gradient: &Gradient) -> PropagatedCovariance {
         let (by, mut own) = self.eliminate_observations(group, gradient);
         let mut total = DMatrix::zeros(gradient.function_count(), self.global.len());
         for (k, &column) in by.columns.iter().enumerate() {
@@ -171,13 +168,13 @@ impl Fit {
             total += &local * &self.groups[group].sensitivity;
             own += &local * (&self.groups[group].conditional * &by.local);
         }
-        Propagated { total, own }
+        PropagatedCovariance { total, own }
     }
 
-    /// Covariance of functions of one group.
+    /// Returns the covariance of functions of one group.
     pub fn function_covariance(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
         let (by, mut covariance) = self.eliminate_observations(group, gradient);
-        let mut common = Common::new(self, group, &by);
+        let mut common = SharedCovariance::new(self, group, &by);
         for f in 0..by.function_count() {
             common.set_function(f);
             for g in 0..=f {
@@ -191,10 +188,10 @@ impl Fit {
         covariance
     }
 
-    /// Its diagonal.
+    /// Returns the variances of functions of one group.
     pub fn function_variances(&self, group: usize, gradient: &Gradient) -> Vec<f64> {
         let (by, own) = self.eliminate_observations(group, gradient);
-        let mut common = Common::new(self, group, &by);
+        let mut common = SharedCovariance::new(self, group, &by);
         let one = |f: usize| {
             common.set_function(f);
             own[(f, f)] + common.covariance_with(f)
@@ -202,7 +199,7 @@ impl Fit {
         (0..by.function_count()).map(one).collect()
     }
 
-    /// Covariance of a block's adjusted observations, a priori.
+    /// Returns the covariance of a block's adjusted observations, a priori.
     pub fn adjusted_covariance(&self, group: usize, block: usize) -> DMatrix<f64> {
         let block = &self.groups[group].blocks[block];
         let lin = &block.linearised;
@@ -217,20 +214,20 @@ impl Fit {
     }
 }
 
-/// What functions have in common through the parameters.
-struct Common<'a> {
+/// Covariance of functions through the parameters that they share.
+struct SharedCovariance<'a> {
     by: &'a Gradient,
     /// Covariance of the gradient's global columns.
     shared: Vec<f64>,
-    /// Of the local parameters with them, and of the local ones.
+    /// Covariance of the local parameters with the global columns.
     cross: Vec<f64>,
     local: &'a [f64],
-    /// Covariance of one function with the global columns, and with the local parameters.
+    /// Covariance of the current function with the global columns.
     with_global: Vec<f64>,
     with_local: Vec<f64>,
 }
 
-impl<'a> Common<'a> {
+impl<'a> SharedCovariance<'a> {
     fn new(fit: &'a Fit, group: usize, by: &'a Gradient) -> Self {
         let (q, p, n) = (by.local.nrows(), fit.global.len(), by.columns.len());
         let group = &fit.groups[group];
@@ -245,7 +242,7 @@ impl<'a> Common<'a> {
         Self { by, shared, cross, local, with_global: vec![0.0; n], with_local: vec![0.0; q] }
     }
 
-    /// Of a function with the parameters.
+    /// Selects a function and computes its covariance with the parameters.
     fn set_function(&mut self, f: usize) {
         let (n, q) = (self.with_global.len(), self.with_local.len());
         self.with_global.fill(0.0);
@@ -264,19 +261,18 @@ impl<'a> Common<'a> {
         }
     }
 
-    /// Of that function with another.
+    /// Returns the covariance of the selected function with another one.
     fn covariance_with(&self, g: usize) -> f64 {
         dot_product(self.by.global.column(g).as_slice(), &self.with_global)
             + dot_product(self.by.local.column(g).as_slice(), &self.with_local)
     }
 }
 
-/// `a' b`, for matrices too small for a library's product.
+/// Returns `a' b`, for matrices too small for a library's product.
 fn small_product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows().max(1);
     let mut out = DMatrix::zeros(a.ncols(), b.ncols());
-    for (column, b) in out.as_mut_slice().chunks_exact_mut(a.ncols().max(1)).zip(b.as_slice().chunks_exact(n))
-    {
+    for (column, b) in out.as_mut_slice().chunks_exact_mut(a.ncols().max(1)).zip(b.as_slice().chunks_exact(n)) {
         for (target, a) in column.iter_mut().zip(a.as_slice().chunks_exact(n)) {
             *target = dot_product(a, b);
         }

@@ -1,32 +1,32 @@
-//! Second derivatives of what is left of the sum of squares when the groups' own parameters have settled.
+//! Second derivatives of the sum of squares that remains after the groups' own parameters are eliminated.
 //!
-//! Where a derivative by a shared parameter goes with a group's own parameters, as the answer to the root's place goes with the
-//! bending, their noise is in it, and its square counts in the normal matrix as if it were signal: errors in variables (Fuller
-//! 1987). In one group that is nothing; in many of them it adds up where little else tells. It concerns few directions, which
-//! Lanczos' iteration finds from one of them on.
+//! If a derivative with respect to a shared parameter depends on a group's own parameters (for example, root position and
+//! bending), it contains their noise, and its square counts in the normal matrix as if it were signal: errors in variables
+//! (Fuller 1987). The effect is negligible in one group and adds up over many if few other observations constrain the
+//! parameter. It concerns few directions, which a Lanczos iteration finds from a first one.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::problem::{GroupPoint, Linearised, Problem};
-use super::state::State;
-use super::system::System;
+use super::state::EstimationState;
+use super::system::NormalEquations;
 
-/// Directions that are looked at: in flights two or three differ from the normal matrix.
+/// Maximum number of directions; in flights two or three differ from the normal matrix.
 const MAX_DIRECTIONS: usize = 4;
-/// Differences are taken so many standard deviations to either side.
+/// Step of the differences to either side, in standard deviations.
 const DIFFERENCE_STEP: f64 = 0.3;
-/// A direction of which those before leave less than this is spanned by them.
+/// Length below which a direction counts as spanned by the directions before it.
 const MIN_NEW_LENGTH: f64 = 1e-3;
-/// Share of the normal matrix that may be lost along a direction, so that what is left is regular.
+/// Largest fraction of the normal matrix that may be lost along a direction, so that the rest stays regular.
 const MAX_LOSS: f64 = 0.98;
 
-/// Half the second derivative: the normal matrix `N` but for Lanczos' directions, in which it is found by differences of the
-/// gradient. `start`: one that differs, `start' N start = 1`; `system`: at the state.
+/// Returns half the second derivative: the normal matrix `N`, corrected along the directions of Lanczos by differences of
+/// the gradient. `start`: a direction with a known difference, `start' N start = 1`; `system`: the equations at the state.
 pub(super) fn half_hessian<L>(
-    system: &System,
+    system: &NormalEquations,
     problem: &Problem,
-    state: &State,
+    state: &EstimationState,
     start: DVector<f64>,
     linearise: &L,
 ) -> Result<DMatrix<f64>, EstimationError>
@@ -35,10 +35,10 @@ where
 {
     let normal = &system.normal;
     let mut directions: Vec<DVector<f64>> = vec![];
-    // What the normal matrix has too much along them.
-    let mut feigned: Vec<DVector<f64>> = vec![];
+    // Excess of the normal matrix along the directions.
+    let mut excess: Vec<DVector<f64>> = vec![];
     let mut next = start;
-    let mut there = System::new(problem)?;
+    let mut there = NormalEquations::new(problem)?;
     while directions.len() < MAX_DIRECTIONS {
         for direction in &directions {
             let along = direction.dot(&(normal * &next));
@@ -49,24 +49,25 @@ where
             break;
         }
         next /= length;
-        let too_much = normal * &next - half_gradient_change((system, &mut there), problem, state, &next, linearise)?;
+        let difference = normal * &next - half_gradient_change((system, &mut there), problem, state, &next, linearise)?;
         directions.push(next);
-        next = system.solve_right_side(problem, &too_much)?;
-        feigned.push(too_much);
+        next = system.solve_right_side(problem, &difference)?;
+        excess.push(difference);
     }
     let n = directions.len();
-    let both = |i: usize, j: usize| directions[i].dot(&feigned[j]);
+    let both = |i: usize, j: usize| directions[i].dot(&excess[j]);
     let lost = DMatrix::from_fn(n, n, |i, j| 0.5 * (both(i, j) + both(j, i))).symmetric_eigen();
     let kept = DMatrix::from_diagonal(&lost.eigenvalues.map(|share| share.clamp(0.0, MAX_LOSS)));
     let spanned = normal * DMatrix::from_columns(&directions) * lost.eigenvectors;
     Ok(normal - &spanned * kept * spanned.transpose())
 }
 
-/// Half of what a direction changes of the gradient, the groups' own parameters settled; `there`: room.
+/// Returns half the change of the gradient along a direction, with the groups' own parameters settled; `there` is
+/// workspace.
 fn half_gradient_change<L>(
-    (system, there): (&System, &mut System),
+    (system, there): (&NormalEquations, &mut NormalEquations),
     problem: &Problem,
-    state: &State,
+    state: &EstimationState,
     direction: &DVector<f64>,
     linearise: &L,
 ) -> Result<DVector<f64>, EstimationError>

@@ -1,14 +1,14 @@
-//! Small symmetric matrices: products, inverses, and a factor that names what is missing.
+//! Small symmetric matrices: products, inverses, and a factorisation that names the undetermined parameter.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::error::EstimationError;
 
-/// Smallest pivot of the normal matrix scaled to a unit diagonal.
+/// Smallest accepted pivot of the normal matrix scaled to a unit diagonal.
 const MIN_PIVOT: f64 = 1e-13;
 
-/// `W` with `W' W = (B Q B')^-1`, lower triangular, and the `B` that it holds for: most conditions
-/// answer to their observations in the same way at every point.
+/// Matrix `W` with `W' W = (B Q B')^-1`, lower triangular, kept with its `B`: the derivatives of most conditions with
+/// respect to their observations are equal at every point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Whitener {
     lower: DMatrix<f64>,
@@ -16,12 +16,8 @@ pub(super) struct Whitener {
 }
 
 impl Whitener {
-    /// For these derivatives by observations of this covariance.
-    pub(super) fn update(
-        &mut self,
-        by: &DMatrix<f64>,
-        covariance: &DMatrix<f64>,
-    ) -> Result<(), EstimationError> {
+    /// Computes `W` for derivatives and covariance of the observations, unless the derivatives are unchanged.
+    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Result<(), EstimationError> {
         if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
             return Ok(());
         }
@@ -31,27 +27,27 @@ impl Whitener {
         if regular {
             invert_lower(&mut self.lower);
         }
-        regular.then_some(()).ok_or_else(|| singular_error("a condition without an observation of its own"))
+        regular.then_some(()).ok_or_else(|| singular_error("a condition has no observation of its own"))
     }
 
-    /// Entry `i` of W times a vector.
+    /// Returns entry `i` of `W` times a vector.
     pub(super) fn row_times(&self, i: usize, values: &[f64]) -> f64 {
         let row = self.lower.as_slice()[i..].iter().step_by(self.lower.nrows().max(1));
         row.zip(&values[..=i]).map(|(w, v)| w * v).sum()
     }
 
-    /// W by rows, where it has N of them.
+    /// Returns the rows of `W` if it is `N` x `N`.
     pub(super) fn row_arrays<const N: usize>(&self) -> Option<[[f64; N]; N]> {
         let square = self.lower.nrows() == N;
         square.then(|| std::array::from_fn(|i| std::array::from_fn(|j| self.lower[(i, j)])))
     }
 
-    /// Square of W times a vector.
+    /// Returns the squared length of `W` times a vector.
     pub(super) fn weighted_square(&self, values: &[f64]) -> f64 {
         (0..values.len()).map(|i| self.row_times(i, values).powi(2)).sum()
     }
 
-    /// W' W times a vector.
+    /// Multiplies a vector by `W' W` in place.
     pub(super) fn apply_weight(&self, values: &mut [f64]) {
         let n = values.len();
         for i in (0..n).rev() {
@@ -63,7 +59,7 @@ impl Whitener {
     }
 }
 
-/// `B Q B'`, for matrices too small for a library's product.
+/// Computes `B Q B'`, for matrices too small for a library's product.
 fn congruence_product(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
     let (n, m) = b.shape();
     out.resize_mut(n, n, 0.0);
@@ -80,7 +76,7 @@ fn congruence_product(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>
     }
 }
 
-/// Cholesky's factor in place of the lower triangle; `false` where a pivot is lost in rounding.
+/// Replaces the lower triangle by its Cholesky factor. Returns `false` if a pivot is lost in rounding.
 pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> bool {
     let n = m.nrows();
     for j in 0..n {
@@ -100,7 +96,7 @@ pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> bool {
     true
 }
 
-/// Inverse of a lower triangular matrix in its place; what stands above the diagonal goes.
+/// Inverts a lower triangular matrix in place and clears the part above the diagonal.
 pub(super) fn invert_lower(m: &mut DMatrix<f64>) {
     let n = m.nrows();
     for j in 0..n {
@@ -116,14 +112,14 @@ pub(super) fn invert_lower(m: &mut DMatrix<f64>) {
     }
 }
 
-/// `into += factor * column`.
+/// Adds `factor * column` to `into`.
 pub(super) fn add_scaled(into: &mut [f64], factor: f64, column: &[f64]) {
     for (target, value) in into.iter_mut().zip(column) {
         *target += factor * value;
     }
 }
 
-/// Sum of products.
+/// Returns the scalar product.
 pub(super) fn dot_product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -132,7 +128,7 @@ pub(super) fn singular_error(missing: &str) -> EstimationError {
     EstimationError::Singular { missing: missing.into() }
 }
 
-/// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
+/// Inverts a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
 pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     match m.nrows() {
         1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
@@ -146,19 +142,19 @@ pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     }
 }
 
-/// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots can be judged.
-pub(super) struct Factor {
+/// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots are comparable.
+pub(super) struct NormalFactor {
     scale: DVector<f64>,
     cholesky: Cholesky<f64, Dyn>,
 }
 
-impl Factor {
+impl NormalFactor {
     pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
         self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
     }
 
-    /// `(L^-1 S)' (L^-1 S)`: the inverse of the factor takes a sixth of a solution for all columns, their product is a
-    /// library's.
+    /// Computes `(L^-1 S)' (L^-1 S)`. Inverting the factor costs a sixth of solving for all columns, and a library does the
+    /// product.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
         let lower = self.cholesky.l_dirty();
         let n = lower.nrows();
@@ -174,8 +170,14 @@ impl Factor {
     }
 }
 
-/// Factors the normal matrix, or names the datum that is missing.
-pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, EstimationError> {
+/// Factors the normal matrix.
+///
+/// # Errors
+/// Returns an error if a number is not finite, or one that names the missing information if the matrix is singular.
+pub(super) fn factor_normal_matrix(
+    normal: &DMatrix<f64>,
+    missing: &[&'static str],
+) -> Result<NormalFactor, EstimationError> {
     let n = normal.nrows();
     if normal.as_slice().iter().any(|v| !v.is_finite()) {
         return Err(EstimationError::Input(
@@ -191,26 +193,26 @@ pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static st
         }
         scaled
     };
-    let culprit = |column: usize| {
+    let undetermined = |column: usize| {
         let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
         singular_error(text)
     };
     if let Some(column) = scale.iter().position(|&s| s == 0.0) {
-        return Err(culprit(column));
+        return Err(undetermined(column));
     }
     match Cholesky::new(scaled()) {
         Some(cholesky) => {
             let l = cholesky.l_dirty();
             match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < MIN_PIVOT) {
-                Some(column) => Err(culprit(column)),
-                None => Ok(Factor { scale, cholesky }),
+                Some(column) => Err(undetermined(column)),
+                None => Ok(NormalFactor { scale, cholesky }),
             }
         }
-        None => Err(culprit(failing_column(&scaled()))),
+        None => Err(undetermined(failing_column(&scaled()))),
     }
 }
 
-/// First leading minor that is not positive definite.
+/// Returns the index of the first leading minor that is not positive definite.
 fn failing_column(scaled: &DMatrix<f64>) -> usize {
     let fails = |k: usize| Cholesky::new(scaled.view((0, 0), (k, k)).into_owned()).is_none();
     (1..=scaled.nrows()).find(|&k| fails(k)).unwrap_or(1) - 1

@@ -1,11 +1,11 @@
-//! Least squares: the engine on which adjustment, orientation and calibration stand.
+//! Least squares: the engine of adjustment, orientation and calibration.
 //!
-//! Conditions `f(x, d, l + v) = 0` between global parameters `x`, parameters `d` local to a group
-//! (a marker's distance, a frame's amplitude) and observations `l` with residuals `v`; minimised
-//! is `v' Q^-1 v` plus the priors' share (Koch, *Parameter Estimation and Hypothesis Testing in
-//! Linear Models*; Niemeier, *Ausgleichungsrechnung*). Work goes block by block: `(B Q B')^-1` is as
-//! large as one block, a group's local parameters leave by their Schur complement, so the cost is
-//! linear in the number of groups.
+//! A problem has conditions `f(x, d, l + v) = 0` between global parameters `x`, parameters `d` local to a
+//! group (a marker's distance, a frame's amplitude) and observations `l` with residuals `v`. The solution
+//! minimises `v' Q^-1 v` plus the contribution of the priors (Koch, *Parameter Estimation and Hypothesis
+//! Testing in Linear Models*; Niemeier, *Ausgleichungsrechnung*). Work goes block by block: `(B Q B')^-1` is
+//! as large as one block, and a group's local parameters are eliminated by their Schur complement, so the
+//! cost is linear in the number of groups.
 //!
 //! ```text
 //! linearised:   A dx + L dd + B v + w = 0      w = f(x, d, l0) + B (l - l0)
@@ -16,15 +16,15 @@
 //! | subject | file |
 //! |---|---|
 //! | observations, conditions, priors | `problem.rs`, `prior.rs` |
-//! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `state.rs`, `system.rs`, `solve.rs`, `secants.rs`, `fit.rs` |
-//! | what the noise of many groups' own parameters feigns | `second.rs` |
-//! | few shared parameters of a fixed number, thousands of points | `arrow.rs` |
-//! | global test, redundancy, w, minimal detectable bias | `quality.rs` |
-//! | what a variance comes from | `shares.rs` |
+//! | Gauss-Helmert model: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `state.rs`, `system.rs`, `solve.rs`, `secants.rs`, `fit.rs` |
+//! | spurious information from the noise of many groups' own parameters | `hessian_correction.rs` |
+//! | fixed number of shared parameters, thousands of points | `arrow.rs` |
+//! | global test, redundancy, w-test, minimal detectable bias | `quality.rs` |
+//! | sources of a variance | `variance_budget.rs` |
 //! | variance components, robust weights | `components.rs`, `robust.rs` |
 //!
-//! How to use it: fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block
-//! at a [`Point`], and read the [`Fit`]; [`Fit::propagate`] carries covariance to any function of
+//! To use it, fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block at a
+//! [`BlockPoint`], and read the [`Fit`]. [`Fit::propagate`] carries the covariance to any function of
 //! parameters, local parameters and adjusted observations.
 
 pub mod arrow;
@@ -44,13 +44,15 @@ mod state;
 mod system;
 mod variance_budget;
 
-pub use components::{Components, VarianceComponent, VarianceGroup, variance_components};
+pub use components::{ComponentEstimate, VarianceComponent, VarianceGroup, variance_components};
 pub use error::EstimationError;
-pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
-pub use problem::{Block, Group, GroupPoint, InformationPrior, Linearised, Point, Prior, Problem};
+pub use fit::{BlockFit, Fit, Gradient, GroupFit, PropagatedCovariance};
+pub use problem::{Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, Problem};
 pub use quality::{GlobalTest, SigmaKind};
-pub use solve::{SolveOptions, solve, solve_with_options, solve_groups};
-pub use variance_budget::{AttributedInformation, Naming, Observed, Part, Sources};
+pub use solve::{SolveOptions, solve, solve_groups, solve_with_options};
+pub use variance_budget::{
+    AttributedInformation, NamedObservations, SourceNames, VarianceContribution, VarianceSources,
+};
 
 #[cfg(test)]
 mod tests;

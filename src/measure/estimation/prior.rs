@@ -1,4 +1,4 @@
-//! What is known beforehand, as normal equations take it.
+//! Priors in the normal equations.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,15 +6,15 @@ use super::error::EstimationError;
 use super::linear::inverse_spd;
 use super::problem::Prior;
 
-/// Weights of the priors, in their order.
+/// Returns the weights of the priors, in their order.
 ///
 /// # Errors
-/// Where a covariance is not positive definite.
+/// Returns an error if a covariance is not positive definite.
 pub(super) fn prior_weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
     let weight = |prior: &Prior| {
         inverse_spd(&prior.covariance).ok_or_else(|| {
             EstimationError::Input(format!(
-                "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
+                "the covariance of the prior of {} is not positive definite; check its standard deviations",
                 prior.name
             ))
         })
@@ -22,7 +22,7 @@ pub(super) fn prior_weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, Estim
     priors.iter().map(weight).collect()
 }
 
-/// Adds a prior to normal equations; returns its share of the sum of squares.
+/// Adds a prior to normal equations and returns its contribution to the sum of squares.
 pub(super) fn add_prior(
     prior: &Prior,
     weight: &DMatrix<f64>,

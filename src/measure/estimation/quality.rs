@@ -1,8 +1,7 @@
-//! Quality in the geodesists' terms: global test, redundancy numbers, w-test, minimal detectable
-//! bias.
+//! Quality measures of geodesy: global test, redundancy numbers, w-test, minimal detectable bias.
 //!
-//! The global test is one-sided: a variance factor below 1 says that the standard deviations were
-//! stated too large, which is no reason to distrust the solution or to shrink its figures.
+//! The global test is one-sided: a variance factor below 1 means that the given standard deviations were too large, which
+//! is no reason to distrust the solution or to reduce its standard deviations.
 
 use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
@@ -10,15 +9,15 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use super::fit::Fit;
 use super::problem::Problem;
 
-/// Which standard deviations are reported.
+/// Choice of the reported standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SigmaKind {
-    /// A posteriori where the global test rejects, a priori where it accepts.
+    /// A posteriori if the global test rejects the model, a priori if it accepts it.
     #[default]
     #[serde(rename = "by test")]
     ByTest,
-    /// A priori.
+    /// A priori standard deviations.
     Prior,
     /// A posteriori: scaled by the root of the variance factor.
     Posterior,
@@ -29,18 +28,18 @@ pub enum SigmaKind {
 pub enum GlobalTest {
     /// The variance factor is compatible with 1.
     Passed,
-    /// It is not.
+    /// The variance factor is significantly larger than 1.
     Rejected,
-    /// No redundancy, no verdict.
+    /// The redundancy is 0.
     NotPossible,
 }
 
 /// Probability of finding a bias as large as the minimal detectable one (Baarda).
 const DETECTION_POWER: f64 = 0.8;
-/// Below this share of its redundancy an observation is uncontrolled.
+/// Redundancy number below which an observation is uncontrolled.
 const MIN_REDUNDANCY: f64 = 1e-6;
 
-/// Chi-square test of the variance factor against 1, one-sided.
+/// Tests the variance factor against 1 by chi-square, one-sided.
 pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
     match ChiSquared::new(redundancy as f64) {
         // The tail's probability instead of its quantile, which is found by bisection.
@@ -55,12 +54,13 @@ pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
     }
 }
 
-/// What a chi-square of so many degrees of freedom exceeds with a probability; infinite without any.
+/// Returns the limit that a chi-square variable of `freedom` degrees of freedom exceeds with probability `alpha`; infinite
+/// without degrees of freedom.
 pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - alpha))
 }
 
-/// Whether standard deviations are scaled by the root of the variance factor.
+/// Returns true if standard deviations are scaled by the root of the variance factor.
 pub fn is_posterior(kind: SigmaKind, test: GlobalTest) -> bool {
     match kind {
         SigmaKind::ByTest => test == GlobalTest::Rejected,
@@ -69,12 +69,12 @@ pub fn is_posterior(kind: SigmaKind, test: GlobalTest) -> bool {
     }
 }
 
-/// Two-sided critical value of the w-test; infinite at level 0.
+/// Returns the two-sided critical value of the w-test; infinite at level 0.
 pub fn critical_w(alpha: f64) -> f64 {
     if alpha > 0.0 { normal_quantile(1.0 - 0.5 * alpha) } else { f64::INFINITY }
 }
 
-/// Root of the non-centrality at which the w-test finds a bias with Baarda's power.
+/// Returns the root of the non-centrality at which the w-test finds a bias with Baarda's power.
 pub fn detectable_shift(alpha: f64) -> f64 {
     let alpha = if alpha > 0.0 { alpha } else { 0.001 };
     critical_w(alpha) + normal_quantile(DETECTION_POWER)
@@ -87,7 +87,7 @@ fn normal_quantile(p: f64) -> f64 {
 /// Reliability of one observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reliability {
-    /// Redundancy number, 0 to 1: share of an error that shows in the residual.
+    /// Redundancy number, 0 to 1: fraction of an error that appears in the residual.
     pub redundancy: f64,
     /// Baarda's w; `None` for an uncontrolled observation.
     pub w: Option<f64>,
@@ -95,7 +95,7 @@ pub struct Reliability {
     pub minimal_detectable_bias: Option<f64>,
 }
 
-/// Reliability of every observation of a block; covariance within the block is honoured.
+/// Returns the reliability of every observation of a block, with the covariances within the block.
 pub fn observation_reliability(
     problem: &Problem,
     fit: &Fit,

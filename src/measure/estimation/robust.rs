@@ -1,43 +1,42 @@
-//! Scales and fits that a few wrong points do not bend.
+//! Scales and fits that are robust against a few outliers.
 
 use nalgebra::Vector2;
 
-/// Standard deviation over the median of the absolute values, normal law.
+/// Standard deviation over the median of the absolute values, for a normal distribution.
 pub const SIGMA_OVER_MEDIAN: f64 = 1.4826;
-/// A point farther off, in robust standard deviations, begins to lose its weight; at twice that it has none.
+/// Distance, in robust standard deviations, from which on a point loses weight; at twice the distance its weight is 0.
 const OUTLIER_SIGMAS: f64 = 4.0;
-/// Rounds of either weighting at most; they settle in five or six.
+/// Maximum number of rounds of either weighting; five or six are typical.
 const MAX_ROUNDS: usize = 10;
 
-/// The middle one, of an even number the upper; `None` of none.
+/// Returns the median, of an even number of values the upper one; `None` without values.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
 }
 
-/// Median of a squared length of two standard normal coordinates.
+/// Median of the squared length of two standard normal coordinates.
 pub const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
-/// The same of one.
+/// Median of the square of one standard normal coordinate.
 pub const MEDIAN_SQUARE_1D: f64 = 0.4549;
-/// The range of a common variance is halved so often, and then known to 1e-12 of it.
+/// Number of bisections of the range of a common variance, for a relative precision of 1e-12.
 const BISECTIONS: usize = 40;
 
-/// Of no values 0.
+/// Returns the median; 0 without values.
 fn median_or_0(values: Vec<f64>) -> f64 {
     median(values).unwrap_or(0.0)
 }
 
-/// Where values lie, and how far apart.
+/// Robust location and scale of a sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Location {
-    /// Their median.
+pub struct RobustLocation {
     pub median: f64,
-    /// The standard deviation that the median absolute deviation tells.
+    /// Standard deviation, estimated from the median absolute deviation.
     pub sigma: f64,
 }
 
-impl Location {
-    /// Of values; of none 0.
+impl RobustLocation {
+    /// Estimates location and scale of values; 0 without values.
     pub fn from_values(values: &[f64]) -> Self {
         let median = median_or_0(values.to_vec());
         let off = values.iter().map(|v| (v - median).abs());
@@ -45,19 +44,19 @@ impl Location {
     }
 }
 
-/// Scale of normalised residuals of two coordinates that the median of their squared lengths tells: a gross error blows up
-/// the mean.
+/// Estimates the scale of normalised residuals of two coordinates from the median of their squared lengths, because an
+/// outlier would inflate the mean.
 pub fn scale_from_squares(squares: &[f64]) -> f64 {
     (median_or_0(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
 }
 
-/// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
+/// Estimates the standard deviation of a coordinate from the median of the residuals' lengths, px.
 pub fn coordinate_sigma_px(residuals: &[Vector2<f64>]) -> f64 {
     scale_from_squares(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
 }
 
-/// The variance that values must have in common beyond their own for the median of their normalised squares to be
-/// `goal` (Paule and Mandel 1982, with the median for the mean), by bisection.
+/// Estimates the additional variance, common to all values, with which the median of their normalised squares is `goal`
+/// (Paule and Mandel 1982, with the median instead of the mean), by bisection.
 pub fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
     let over = |common: f64| median_or_0(squares.iter().zip(own).map(|(s, v)| s / (v + common)).collect());
     if over(0.0) <= goal {
@@ -71,14 +70,14 @@ pub fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
     high
 }
 
-/// Robust standard deviation (the median's) of distances in their own, not below 1.
+/// Estimates a robust standard deviation from the median of normalised distances, not below 1.
 pub fn robust_sigma(distances: Vec<f64>) -> f64 {
     median(distances).map_or(1.0, |median| (SIGMA_OVER_MEDIAN * median).max(1.0))
 }
 
-/// A fit to points of these weights without those that stand off the others: from the sum of distances, which one point
-/// hardly bends, to Hampel's weights, 1 up to [`OUTLYING`] robust standard deviations, 0 from twice that on. `fit` takes
-/// weights, `distances` are the points' from a fit, in their standard deviations. Points of weight 0 do not count.
+/// Fits points robustly by iterated weights: first for the sum of distances, to which one point contributes little, then
+/// Hampel's weights, 1 up to [`OUTLIER_SIGMAS`] robust standard deviations and 0 from twice that on. `fit` takes weights;
+/// `distances` returns the distances of the points from a fit, in standard deviations. Points of weight 0 do not count.
 pub fn fit_robustly<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: impl Fn(&F) -> Vec<f64>) -> F {
     let hampel = |off: &[f64]| {
         let counting = off.iter().zip(weights).filter(|(_, w)| **w > 0.0);
@@ -106,14 +105,14 @@ pub fn fit_robustly<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: im
 mod tests {
     use super::*;
 
-    /// The weighted mean of `values`.
+    /// Returns the weighted mean of `values`.
     fn mean(values: &[f64], weights: &[f64]) -> f64 {
         let sum: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
         sum / weights.iter().sum::<f64>()
     }
 
     #[test]
-    fn points_far_off_have_no_weight_and_all_others_the_whole() {
+    fn outliers_have_no_weight_and_other_points_full_weight() {
         let values = [0.3, -0.5, 0.1, 0.6, -0.2, 50.0, -0.4];
         let found = fit_robustly(
             &[1.0; 7],
@@ -124,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_off_one_fit_is_enough() {
+    fn one_fit_suffices_without_outliers() {
         let fits = std::cell::Cell::new(0);
         let values = [0.3, -0.5, 0.1, 0.6];
         let counted = |weights: &[f64]| {

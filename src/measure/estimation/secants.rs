@@ -1,4 +1,4 @@
-//! Steps that follow what the steps behind showed of the second derivatives.
+//! Quasi-Newton steps from the second derivatives observed along previous steps.
 
 use std::collections::VecDeque;
 
@@ -6,43 +6,44 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::problem::Problem;
-use super::system::System;
+use super::system::NormalEquations;
 
-/// A step, and what it changed of the right side.
-type Pair = (DVector<f64>, DVector<f64>);
+/// A step and the change of the right side along it.
+type SecantPair = (DVector<f64>, DVector<f64>);
 
-/// What Gauss's method leaves out of the second derivatives, as the steps behind show it: limited-memory steps after Broyden,
-/// Fletcher, Goldfarb and Shanno (Nocedal 1980) that begin with the normal matrix. Where little tells two unknowns apart, as
-/// principal point and rotation, or amplitudes of many frames enter their own weights, what is left out is as large as what is
-/// taken, and the steps of the method repeat themselves, too long or too short.
+/// Second derivatives that Gauss's method neglects, observed along previous steps: limited-memory steps after Broyden,
+/// Fletcher, Goldfarb and Shanno (Nocedal 1980) that begin with the normal matrix. If two unknowns are poorly separable
+/// (principal point and rotation), or if amplitudes of many frames enter their own weights, the neglected derivatives are
+/// as large as the others, and Gauss's steps repeat themselves, too long or too short.
 #[derive(Default)]
 pub(super) struct Secants {
-    /// Global parameters and right side that the last step began with.
+    /// Global parameters and right side before the last step.
     from: Option<(DVector<f64>, DVector<f64>)>,
-    /// The last one last.
-    pairs: VecDeque<Pair>,
+    /// Pairs in order of the steps.
+    pairs: VecDeque<SecantPair>,
 }
 
 impl Secants {
-    /// Pairs that are kept: more than there are directions that little tells.
+    /// Maximum number of pairs: more than there are poorly determined directions.
     const MAX_PAIRS: usize = 8;
-    /// Curvature along a step over that of the normal matrix, at least (Powell's damping): no step is more than the inverse too
-    /// short.
+    /// Smallest curvature along a step over that of the normal matrix (Powell's damping): a step is too short by the
+    /// inverse at most.
     const MIN_CURVATURE_RATIO: f64 = 0.05;
-    /// Squared length in standard deviations beyond which a step says nothing of the next.
+    /// Squared length, in standard deviations, beyond which a step contains no information about the next one.
     const MAX_SQUARED_LENGTH: f64 = 100.0;
-    /// Departure from the normal matrix' curvature, as a share of it, that says nothing: its own steps end quickly then.
+    /// Relative deviation from the normal matrix' curvature below which a pair is ignored: Gauss's steps converge quickly
+    /// then.
     const MIN_DEVIATION: f64 = 0.2;
 
-    /// Forgets them: a step led up.
+    /// Removes all pairs, after a step that increased the sum of squares.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// The next step.
+    /// Computes the next step.
     pub(super) fn next_step(
         &mut self,
-        system: &System,
+        system: &NormalEquations,
         problem: &Problem,
         global: &DVector<f64>,
     ) -> Result<DVector<f64>, EstimationError> {
@@ -52,47 +53,47 @@ impl Secants {
         self.from = Some((global.clone(), system.right.clone()));
         let mut step = system.right.clone();
         let mut parts = Vec::with_capacity(self.pairs.len());
-        for (moved, turned) in self.pairs.iter().rev() {
-            let part = moved.dot(&step) / moved.dot(turned);
-            step.axpy(-part, turned, 1.0);
+        for (moved, change) in self.pairs.iter().rev() {
+            let part = moved.dot(&step) / moved.dot(change);
+            step.axpy(-part, change, 1.0);
             parts.push(part);
         }
         step = system.solve_right_side(problem, &step)?;
-        for ((moved, turned), part) in self.pairs.iter().zip(parts.into_iter().rev()) {
-            let back = turned.dot(&step) / moved.dot(turned);
+        for ((moved, change), part) in self.pairs.iter().zip(parts.into_iter().rev()) {
+            let back = change.dot(&step) / moved.dot(change);
             step.axpy(part - back, moved, 1.0);
         }
         Ok(step)
     }
 
-    /// The step along which the normal matrix is farthest above what the steps showed, a standard deviation long; `None` where
-    /// it is near.
+    /// Returns the step, one standard deviation long, along which the normal matrix exceeds the observed curvature most.
+    /// Returns `None` if no curvature is below it.
     pub(super) fn max_deviation_direction(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
         let own = |moved: &DVector<f64>| moved.dot(&(normal * moved));
-        let share = |(moved, turned): &Pair| moved.dot(turned) / own(moved);
+        let share = |(moved, change): &SecantPair| moved.dot(change) / own(moved);
         let least = self.pairs.iter().min_by(|a, b| share(a).total_cmp(&share(b)))?;
         (share(least) < 1.0).then(|| &least.0 / own(&least.0).sqrt())
     }
 
-    /// Whether the next step is Gauss's.
+    /// Returns true if there are no pairs: the next step is Gauss's.
     pub(super) fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    fn add_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut turned: DVector<f64>) {
-        let usual = normal * &moved;
-        let (curved, own) = (moved.dot(&turned), moved.dot(&usual));
-        if own <= 0.0 || own > Self::MAX_SQUARED_LENGTH || (curved / own - 1.0).abs() < Self::MIN_DEVIATION {
+    fn add_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut change: DVector<f64>) {
+        let expected = normal * &moved;
+        let (observed, own) = (moved.dot(&change), moved.dot(&expected));
+        if own <= 0.0 || own > Self::MAX_SQUARED_LENGTH || (observed / own - 1.0).abs() < Self::MIN_DEVIATION {
             return;
         }
         let least = Self::MIN_CURVATURE_RATIO * own;
-        if curved < least {
-            let share = (own - least) / (own - curved);
-            turned = turned * share + usual * (1.0 - share);
+        if observed < least {
+            let share = (own - least) / (own - observed);
+            change = change * share + expected * (1.0 - share);
         }
         if self.pairs.len() == Self::MAX_PAIRS {
             self.pairs.pop_front();
         }
-        self.pairs.push_back((moved, turned));
+        self.pairs.push_back((moved, change));
     }
 }

@@ -1,6 +1,5 @@
-//! The blocks of a group, whitened and stacked, so that one matrix product gives what they have in
-//! common: parameters that most blocks depend on. What few depend on (a marker's own position) is
-//! multiplied block by block.
+//! The blocks of a group, whitened and stacked, so that one matrix product covers the parameters on which most blocks
+//! depend. Parameters of few blocks (a marker's own position) are multiplied block by block.
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
 
@@ -8,35 +7,34 @@ use super::error::EstimationError;
 use super::linear::{Whitener, add_scaled, dot_product};
 use super::problem::{Block, Linearised};
 
-/// Products with fewer multiplications than this are not worth a library's call.
+/// Number of multiplications below which a library call does not pay.
 const MIN_LIBRARY_PRODUCT: usize = 1500;
-/// Columns of the normal matrix that are subtracted at once: what lies above the diagonal is not
-/// computed but for the panel's own part.
+/// Columns of the normal matrix that are subtracted at once: above the diagonal, only the panel's own part is computed.
 const PANEL_COLUMNS: usize = 48;
-/// Local parameters whose share of the normal matrix is gathered before it is subtracted.
+/// Local parameters whose products are gathered before they are subtracted from the normal matrix.
 const MAX_GATHERED: usize = 128;
 
-/// One block's part of the normal equations.
+/// Contribution of one block to the normal equations.
 #[derive(Default)]
 pub(super) struct BlockSystem {
-    /// w = f(l0) + B (l - l0).
+    /// Vector `w = f(l0) + B (l - l0)`.
     pub(super) contradiction: DVector<f64>,
     pub(super) whitener: Whitener,
-    /// Per column of the block: its place in the stack, or after the stack's end among the block's own.
-    places: Vec<usize>,
-    /// The block's own global columns.
+    /// Index in the stack for each column of the block; from the stack's width on, index among the block's own columns.
+    positions: Vec<usize>,
+    /// Global columns of this block alone.
     own: Vec<usize>,
 }
 
-/// What does not change between two points, and the blocks.
-pub(super) struct Stack {
+/// Blocks of a group, and the part of the equations that is equal at all points.
+pub(super) struct BlockStack {
     /// Global columns in the stack, ascending.
     pub(super) shared: Vec<usize>,
     pub(super) blocks: Vec<BlockSystem>,
     local: usize,
 }
 
-/// Room to work in, used by one group after the other.
+/// Workspace that the groups use one after the other.
 #[derive(Default)]
 pub(super) struct Workspace {
     /// Stack, one condition after the other: local, shared, contradiction.
@@ -45,35 +43,35 @@ pub(super) struct Workspace {
     /// Lower triangle of the stack's square.
     pub(super) product: Vec<f64>,
     own: Vec<f64>,
-    /// Stack' times one of a block's own columns.
+    /// Product of the stack with one of a block's own columns.
     with: Vec<f64>,
     gathered: Vec<f64>,
 }
 
-/// Where a group's products go: everything counts from the global parameters.
-pub(super) struct Target<'a> {
+/// Destination of a group's products, with indices of the global parameters.
+pub(super) struct ProductTarget<'a> {
     /// Lower triangle.
     pub(super) normal: &'a mut DMatrix<f64>,
     pub(super) right: &'a mut DVector<f64>,
-    /// (L' M^-1 A)', global x local.
+    /// Matrix `(L' M^-1 A)'`, global x local.
     pub(super) coupling: &'a mut DMatrix<f64>,
 }
 
-impl Stack {
-    /// For blocks with these columns.
+impl BlockStack {
+    /// Creates the stack for blocks with these columns.
     pub(super) fn new(local: usize, linearised: &[Linearised]) -> Self {
         let shared = shared_columns(linearised);
         let block = |lin: &Linearised| {
             let mut system = BlockSystem::default();
             for column in &lin.columns {
-                let place = match shared.binary_search(column) {
+                let position = match shared.binary_search(column) {
                     Ok(at) => local + at,
                     Err(_) => {
                         system.own.push(*column);
                         local + shared.len() + system.own.len()
                     }
                 };
-                system.places.push(place);
+                system.positions.push(position);
             }
             system
         };
@@ -81,55 +79,55 @@ impl Stack {
         Self { shared, blocks, local }
     }
 
-    /// Local, shared, contradiction.
+    /// Returns the number of columns: local, shared, contradiction.
     pub(super) fn width(&self) -> usize {
         self.local + self.shared.len() + 1
     }
 
-    /// Whitens and stacks the blocks, adds the products of what each has for itself, and leaves the
-    /// square of the rest in the room. Returns f' M^-1 f.
+    /// Whitens and stacks the blocks, adds the products of each block's own columns, and leaves the square of the stack in
+    /// the workspace. Returns `f' M^-1 f`.
     pub(super) fn accumulate_products(
         &mut self,
         data: &[Block],
         residuals: &[DVector<f64>],
         linearised: &[Linearised],
-        room: &mut Workspace,
-        target: &mut Target,
+        workspace: &mut Workspace,
+        target: &mut ProductTarget,
     ) -> Result<f64, EstimationError> {
         let width = self.width();
         let conditions: usize = linearised.iter().map(|l| l.misclosure.len()).sum();
-        room.rows.clear();
-        room.rows.resize(width * conditions, 0.0);
-        room.with.resize(width, 0.0);
+        workspace.rows.clear();
+        workspace.rows.resize(width * conditions, 0.0);
+        workspace.with.resize(width, 0.0);
         let (mut first, mut unclosed) = (0, 0.0);
         for (k, lin) in linearised.iter().enumerate() {
             let block = &mut self.blocks[k];
             block.update_contradiction(&data[k], &residuals[k], lin)?;
             unclosed += block.whitener.weighted_square(lin.misclosure.as_slice());
             let n = lin.misclosure.len();
-            let rows = &mut room.rows[first * width..(first + n) * width];
-            room.own.resize(n * block.own.len(), 0.0);
-            block.whiten(lin, rows, &mut room.own);
+            let rows = &mut workspace.rows[first * width..(first + n) * width];
+            workspace.own.resize(n * block.own.len(), 0.0);
+            block.whiten(lin, rows, &mut workspace.own);
             for (a, &column) in block.own.iter().enumerate() {
-                let values = &room.own[a * n..(a + 1) * n];
-                room.with.fill(0.0);
+                let values = &workspace.own[a * n..(a + 1) * n];
+                workspace.with.fill(0.0);
                 for (row, &value) in rows.chunks_exact(width).zip(values) {
-                    add_scaled(&mut room.with, value, row);
+                    add_scaled(&mut workspace.with, value, row);
                 }
-                target.add_own_column(column, &room.with, self.local, &self.shared);
+                target.add_own_column(column, &workspace.with, self.local, &self.shared);
                 for (b, &other) in block.own.iter().enumerate().take(a + 1) {
-                    let square = dot_product(values, &room.own[b * n..(b + 1) * n]);
+                    let square = dot_product(values, &workspace.own[b * n..(b + 1) * n]);
                     target.normal[(column.max(other), column.min(other))] += square;
                 }
             }
             first += n;
         }
-        room.square_rows(width, conditions);
+        workspace.square_rows(width, conditions);
         Ok(unclosed)
     }
 }
 
-impl Target<'_> {
+impl ProductTarget<'_> {
     fn add_own_column(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
         let p = self.right.len();
         let coupling = self.coupling.as_mut_slice().iter_mut().skip(column).step_by(p);
@@ -159,9 +157,9 @@ impl BlockSystem {
         Ok(())
     }
 
-    /// W times the block's derivatives and contradiction.
+    /// Multiplies the block's derivatives and contradiction by `W`.
     fn whiten(&self, lin: &Linearised, rows: &mut [f64], own: &mut [f64]) {
-        // Images come in pairs, a frame of its own has two of them for each marker.
+        // Images are pairs of coordinates; a single frame has two images of each marker.
         if let Some(white) = self.whitener.row_arrays::<2>() {
             self.whiten_fixed_size(&white, lin, rows, own);
         } else if let Some(white) = self.whitener.row_arrays::<4>() {
@@ -169,11 +167,11 @@ impl BlockSystem {
         } else {
             let n = lin.misclosure.len().max(1);
             let width = rows.len() / n;
-            for (place, values) in self.indexed_columns(lin, n, width) {
+            for (position, values) in self.indexed_columns(lin, n, width) {
                 for i in 0..n {
                     let white = self.whitener.row_times(i, values);
-                    match place.checked_sub(width) {
-                        None => rows[i * width + place] = white,
+                    match position.checked_sub(width) {
+                        None => rows[i * width + position] = white,
                         Some(a) => own[a * n + i] = white,
                     }
                 }
@@ -189,17 +187,17 @@ impl BlockSystem {
         own: &mut [f64],
     ) {
         let width = rows.len() / N;
-        for (place, values) in self.indexed_columns(lin, N, width) {
+        for (position, values) in self.indexed_columns(lin, N, width) {
             let Ok(values) = <&[f64; N]>::try_from(values) else { continue };
             let by = white.map(|row| row.iter().zip(values).map(|(w, v)| w * v).sum::<f64>());
-            match place.checked_sub(width) {
-                None => (0..N).for_each(|i| rows[i * width + place] = by[i]),
+            match position.checked_sub(width) {
+                None => (0..N).for_each(|i| rows[i * width + position] = by[i]),
                 Some(a) => own[a * N..(a + 1) * N].copy_from_slice(&by),
             }
         }
     }
 
-    /// Columns of a block of `n` conditions with their places.
+    /// Returns the columns of a block of `n` conditions with their indices.
     fn indexed_columns<'a>(
         &'a self,
         lin: &'a Linearised,
@@ -207,18 +205,18 @@ impl BlockSystem {
         width: usize,
     ) -> impl Iterator<Item = (usize, &'a [f64])> {
         let local = lin.local.as_slice().chunks_exact(n).enumerate();
-        let global = self.places.iter().copied().zip(lin.global.as_slice().chunks_exact(n));
+        let global = self.positions.iter().copied().zip(lin.global.as_slice().chunks_exact(n));
         local.chain(global).chain([(width - 1, self.contradiction.as_slice())])
     }
 }
 
 impl Workspace {
-    /// Forgets what was gathered.
+    /// Discards the gathered factors.
     pub(super) fn clear_gathered(&mut self) {
         self.gathered.clear();
     }
 
-    /// Rows' times rows, its lower triangle at least.
+    /// Computes rows' times rows, at least its lower triangle.
     fn square_rows(&mut self, width: usize, conditions: usize) {
         self.product.clear();
         self.product.resize(width * width, 0.0);
@@ -230,14 +228,14 @@ impl Workspace {
             }
             return;
         }
-        // Transposed first: nalgebra's product is many times faster than with a transpose in it.
+        // Transposed first: nalgebra's product is many times slower with a transpose in it.
         transpose_columns(&self.rows, width, &mut self.transposed);
         let rows = DMatrixView::from_slice(&self.rows, width, conditions);
         let transposed = DMatrixView::from_slice(&self.transposed, conditions, width);
         DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(1.0, &rows, &transposed, 0.0);
     }
 
-    /// Keeps `factor` (global x local), whose square is to be subtracted from the normal matrix.
+    /// Stores `factor` (global x local), whose square will be subtracted from the normal matrix.
     pub(super) fn gather_factor(&mut self, factor: &DMatrix<f64>, normal: &mut DMatrix<f64>) {
         self.gathered.extend_from_slice(factor.as_slice());
         if self.gathered.len() >= MAX_GATHERED * factor.nrows() {
@@ -245,7 +243,7 @@ impl Workspace {
         }
     }
 
-    /// Subtracts what was gathered from the normal matrix' lower triangle.
+    /// Subtracts the gathered squares from the normal matrix' lower triangle.
     pub(super) fn subtract_gathered(&mut self, normal: &mut DMatrix<f64>) {
         let p = normal.nrows();
         let k = self.gathered.len() / p.max(1);
@@ -269,7 +267,7 @@ impl Workspace {
     }
 }
 
-/// Of a matrix stored column by column, `height` values each.
+/// Transposes a matrix stored column by column, `height` values each.
 fn transpose_columns(columns: &[f64], height: usize, into: &mut Vec<f64>) {
     let count = columns.len() / height.max(1);
     into.resize(columns.len(), 0.0);
@@ -280,7 +278,7 @@ fn transpose_columns(columns: &[f64], height: usize, into: &mut Vec<f64>) {
     }
 }
 
-/// Columns that the first two blocks have, ascending: most of what the group has in common.
+/// Returns the columns that the first two blocks share, ascending: most of the columns that the group shares.
 fn shared_columns(blocks: &[Linearised]) -> Vec<usize> {
     let mut shared = blocks.first().map(|b| b.columns.clone()).unwrap_or_default();
     if let Some(next) = blocks.get(1) {

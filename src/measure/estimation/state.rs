@@ -1,13 +1,13 @@
-//! Values of everything unknown, on the way to a solution.
+//! Values of all unknowns during the iteration.
 
 use nalgebra::DVector;
 
 use super::fit::Fit;
 use super::problem::{Block, Group, Problem};
 
-/// Current values of everything unknown.
+/// Current values of all unknowns.
 #[derive(Clone)]
-pub(super) struct State {
+pub(super) struct EstimationState {
     pub(super) global: DVector<f64>,
     pub(super) local: Vec<DVector<f64>>,
     pub(super) residuals: Vec<Vec<DVector<f64>>>,
@@ -15,7 +15,7 @@ pub(super) struct State {
     pub(super) observed: Vec<Vec<DVector<f64>>>,
 }
 
-impl State {
+impl EstimationState {
     pub(super) fn initial(problem: &Problem, before: Option<&Fit>) -> Self {
         let residuals = |(index, group): (usize, &Group)| -> Vec<DVector<f64>> {
             let before = before.and_then(|fit| fit.groups.get(index));
@@ -39,9 +39,9 @@ impl State {
     }
 }
 
-/// Squared change of the residuals, in standard deviations: they steer where the conditions are
-/// linearised, so parameters at rest are not enough.
-pub(super) fn residual_change(problem: &Problem, a: &State, b: &State) -> f64 {
+/// Returns the squared change of the residuals, in standard deviations. The conditions are linearised at the adjusted
+/// observations, so constant parameters are not enough for convergence.
+pub(super) fn residual_change(problem: &Problem, a: &EstimationState, b: &EstimationState) -> f64 {
     let mut sum = 0.0;
     for (group, (ra, rb)) in problem.groups.iter().zip(a.residuals.iter().zip(&b.residuals)) {
         for (block, (va, vb)) in group.blocks.iter().zip(ra.iter().zip(rb)) {

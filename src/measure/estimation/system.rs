@@ -4,54 +4,54 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::fit::{BlockFit, Fit, GroupFit};
-use super::linear::{add_scaled, factor_in_place, dot_product, factor_normal_matrix, invert_lower, singular_error};
+use super::linear::{add_scaled, dot_product, factor_in_place, factor_normal_matrix, invert_lower, singular_error};
 use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
-use super::stack::{BlockSystem, Stack, Target, Workspace};
-use super::state::State;
+use super::stack::{BlockStack, BlockSystem, ProductTarget, Workspace};
+use super::state::EstimationState;
 
-/// Rise of the sum of squares that a step may cause, over what of the sum is still open.
+/// Largest increase of the sum of squares by a step, as a fraction of the part that is not settled.
 const OPEN_FRACTION: f64 = 0.1;
-/// Relative rise of the sum of squares that rounding may cause.
+/// Relative increase of the sum of squares that rounding may cause.
 const ROUNDING: f64 = 1e-9;
 
-/// One group's part, local parameters eliminated: `L' M^-1 L = C C'` with its priors.
+/// Equations of one group with its local parameters eliminated: `L' M^-1 L = C C'` with its priors.
 struct GroupSystem {
     linearised: Vec<Linearised>,
-    /// Set up when the blocks are first seen.
-    stack: Option<Stack>,
+    /// Stack of the blocks, created at the first point.
+    stack: Option<BlockStack>,
     /// Inverses of the priors' covariances.
     weights: Vec<DMatrix<f64>>,
-    /// C, lower triangle.
+    /// Matrix `C`, lower triangle.
     factor: DMatrix<f64>,
-    /// (C^-1 L' M^-1 A)', global x local.
+    /// Matrix `(C^-1 L' M^-1 A)'`, global x local.
     coupling: DMatrix<f64>,
-    /// -C^-1 L' M^-1 w.
+    /// Vector `-C^-1 L' M^-1 w`.
     right: DVector<f64>,
 }
 
-/// The normal equations at a point.
-pub(super) struct System {
+/// Normal equations at a point.
+pub(super) struct NormalEquations {
     pub(super) normal: DMatrix<f64>,
     pub(super) right: DVector<f64>,
     pub(super) omega: f64,
     omega_priors: f64,
-    /// f' M^-1 f at the adjusted observations: 0 where the conditions hold exactly.
+    /// Misclosure `f' M^-1 f` at the adjusted observations: 0 if the conditions hold exactly.
     pub(super) unclosed: f64,
     /// Whether several groups have parameters of their own.
     pub(super) several_own: bool,
-    /// By how much, where they have, the groups' own parameters may lower the sum of squares by themselves.
+    /// Decrease of the sum of squares that the groups' own parameters can still bring, if several groups have some.
     pub(super) unsettled: f64,
-    /// What rounding may change of the sum of squares: where much is known of differences, large terms cancel in it.
+    /// Rounding error of the sum of squares: precise priors on differences make large terms cancel in it.
     pub(super) rounding: f64,
     /// Inverses of the priors' covariances.
     weights: Vec<DMatrix<f64>>,
     groups: Vec<GroupSystem>,
-    room: Workspace,
+    workspace: Workspace,
 }
 
-impl System {
-    /// Room for a problem's normal equations.
+impl NormalEquations {
+    /// Allocates a problem's normal equations.
     pub(super) fn new(problem: &Problem) -> Result<Self, EstimationError> {
         let p = problem.start.len();
         let group = |group: &Group| -> Result<GroupSystem, EstimationError> {
@@ -76,25 +76,25 @@ impl System {
             rounding: 0.0,
             weights: prior_weights(&problem.priors)?,
             groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
-            room: Workspace::default(),
+            workspace: Workspace::default(),
         })
     }
 
-    /// Sets the equations up at a point.
+    /// Computes the equations at a point.
     pub(super) fn assemble(
         &mut self,
         problem: &Problem,
-        state: &State,
+        state: &EstimationState,
         linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
     ) -> Result<(), EstimationError> {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
-        self.room.clear_gathered();
+        self.workspace.clear_gathered();
         (self.omega, self.omega_priors, self.unclosed, self.unsettled) = (0.0, 0.0, 0.0, 0.0);
         for index in 0..problem.groups.len() {
             self.add_group(&problem.groups[index], state, index, linearise)?;
         }
-        self.room.subtract_gathered(&mut self.normal);
+        self.workspace.subtract_gathered(&mut self.normal);
         self.normal.fill_upper_triangle_with_lower_triangle();
         for (prior, weight) in problem.priors.iter().zip(&self.weights) {
             self.omega_priors += add_prior(prior, weight, &state.global, &mut self.normal, &mut self.right);
@@ -114,7 +114,7 @@ impl System {
     fn add_group(
         &mut self,
         group: &Group,
-        state: &State,
+        state: &EstimationState,
         index: usize,
         linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
     ) -> Result<(), EstimationError> {
@@ -122,16 +122,16 @@ impl System {
         let observed = &state.observed[index];
         let at = GroupPoint { group: index, global: &state.global, local, observed };
         linearise(&at, &mut part.linearised)?;
-        let stack = part.stack.get_or_insert_with(|| Stack::new(local.len(), &part.linearised));
+        let stack = part.stack.get_or_insert_with(|| BlockStack::new(local.len(), &part.linearised));
         part.coupling.as_mut_slice().fill(0.0);
         let mut target =
-            Target { normal: &mut self.normal, right: &mut self.right, coupling: &mut part.coupling };
+            ProductTarget { normal: &mut self.normal, right: &mut self.right, coupling: &mut part.coupling };
         let residuals = &state.residuals[index];
         self.unclosed +=
-            stack.accumulate_products(&group.blocks, residuals, &part.linearised, &mut self.room, &mut target)?;
+            stack.accumulate_products(&group.blocks, residuals, &part.linearised, &mut self.workspace, &mut target)?;
         // The stack's own square, lower triangle.
         let (q, width) = (local.len(), stack.width());
-        let product = &self.room.product;
+        let product = &self.workspace.product;
         let last = width - 1;
         self.omega += product[last * width + last];
         let p = self.right.len();
@@ -154,12 +154,12 @@ impl System {
             if self.several_own {
                 self.unsettled += part.right.norm_squared();
             }
-            self.room.gather_factor(&part.coupling, &mut self.normal);
+            self.workspace.gather_factor(&part.coupling, &mut self.normal);
         }
         Ok(())
     }
 
-    /// The global step, damped after Levenberg and Marquardt.
+    /// Returns the global step, damped after Levenberg and Marquardt.
     pub(super) fn global_step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
@@ -168,18 +168,18 @@ impl System {
         Ok(factor_normal_matrix(&normal, &problem.missing)?.solve(&self.right))
     }
 
-    /// Sum of squares that is left when the groups' own parameters have settled, to first order in them.
+    /// Returns the sum of squares with the groups' own parameters settled, to first order in them.
     pub(super) fn settled_omega(&self) -> f64 {
         self.omega - self.unsettled
     }
 
-    /// What of that is not told: it holds to first order in what is still open, and rounding lets it waver far below what a
-    /// standard deviation can tell.
+    /// Returns the uncertainty of [`Self::settled_omega`]: it is of first order in the unsettled part, and rounding changes
+    /// it by far less than a standard deviation does.
     pub(super) fn omega_tolerance(&self) -> f64 {
         OPEN_FRACTION * (self.unclosed + self.unsettled) + ROUNDING * (1.0 + self.omega)
     }
 
-    /// The undamped step for another right side.
+    /// Returns the undamped step for another right side.
     pub(super) fn solve_right_side(
         &self,
         problem: &Problem,
@@ -188,8 +188,14 @@ impl System {
         Ok(factor_normal_matrix(&self.normal, &problem.missing)?.solve(right))
     }
 
-    /// All unknowns after a global step: local parameters and residuals follow from it.
-    pub(super) fn apply_step(&self, problem: &Problem, state: &State, step: &DVector<f64>, next: &mut State) {
+    /// Writes all unknowns after a global step into `next`; local parameters and residuals follow from it.
+    pub(super) fn apply_step(
+        &self,
+        problem: &Problem,
+        state: &EstimationState,
+        step: &DVector<f64>,
+        next: &mut EstimationState,
+    ) {
         next.global.copy_from(&state.global);
         next.global += step;
         let mut work = vec![];
@@ -208,24 +214,24 @@ impl System {
         }
     }
 
-    /// The solution at a state. `second`: half the second derivative of what is left of the sum of squares, where it is not
-    /// near the normal matrix: a parameter answers to an error by its inverse, while errors are as large as the normal matrix
-    /// says (White 1982).
+    /// Returns the solution at a state. `second`: half the second derivative of the settled sum of squares, if it differs
+    /// from the normal matrix. Its inverse is the derivative of a parameter with respect to errors, whose size the normal
+    /// matrix describes (White 1982).
     pub(super) fn into_fit(
         self,
         problem: &Problem,
-        state: State,
+        state: EstimationState,
         iterations: usize,
         second: Option<DMatrix<f64>>,
     ) -> Result<Fit, EstimationError> {
-        let usual = factor_normal_matrix(&self.normal, &problem.missing)?.inverse();
+        let inverse = factor_normal_matrix(&self.normal, &problem.missing)?.inverse();
         let (response, covariance, information) = match second {
             Some(second) => {
                 let response = factor_normal_matrix(&second, &problem.missing)?.inverse();
                 let covariance = &response * &self.normal * &response;
-                (response, covariance, &second * usual * &second)
+                (response, covariance, &second * inverse * &second)
             }
-            None => (usual.clone(), usual, self.normal),
+            None => (inverse.clone(), inverse, self.normal),
         };
         let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
@@ -253,7 +259,7 @@ impl System {
 }
 
 impl GroupSystem {
-    /// Factors the local parameters' normal matrix and takes their part out of the right side.
+    /// Factors the local parameters' normal matrix and eliminates them from the right side.
     fn eliminate_local(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
         if !factor_in_place(&mut self.factor) {
             return Err(singular_error("the local parameters of a group of observations"));
@@ -312,7 +318,7 @@ impl GroupSystem {
 }
 
 impl BlockSystem {
-    /// v = -Q B' M^-1 (A dx + L dd + w).
+    /// Computes `v = -Q B' M^-1 (A dx + L dd + w)`.
     fn update_residuals(
         &self,
         lin: &Linearised,
@@ -341,24 +347,22 @@ impl BlockSystem {
 
     fn into_block_fit(self, linearised: Linearised, block: &Block, residuals: DVector<f64>) -> BlockFit {
         let (n, m) = linearised.observations.shape();
-        // (Q B')', one observation after the other.
-        let mut answers = vec![0.0; n * m];
-        for (answer, covariance) in
-            answers.chunks_exact_mut(n).zip(block.covariance.as_slice().chunks_exact(m))
-        {
+        // (Q B')', one row per observation.
+        let mut products = vec![0.0; n * m];
+        for (product, covariance) in products.chunks_exact_mut(n).zip(block.covariance.as_slice().chunks_exact(m)) {
             let observations = linearised.observations.as_slice().chunks_exact(n);
             for (by, &covariance) in observations.zip(covariance).filter(|(_, c)| **c != 0.0) {
-                add_scaled(answer, covariance, by);
+                add_scaled(product, covariance, by);
             }
         }
         let mut gain = DMatrix::zeros(m, n);
         let mut conditional = block.covariance.clone();
         let mut weighed = vec![0.0; n];
-        for (i, answer) in answers.chunks_exact(n).enumerate() {
-            weighed.copy_from_slice(answer);
+        for (i, product) in products.chunks_exact(n).enumerate() {
+            weighed.copy_from_slice(product);
             self.whitener.apply_weight(&mut weighed);
             weighed.iter().enumerate().for_each(|(k, w)| gain[(i, k)] = *w);
-            for (j, other) in answers.chunks_exact(n).enumerate() {
+            for (j, other) in products.chunks_exact(n).enumerate() {
                 conditional[(i, j)] -= dot_product(&weighed, other);
             }
         }
@@ -366,12 +370,11 @@ impl BlockSystem {
     }
 }
 
-/// Bound of what rounding changes of a sum of squares: of every sum of n terms, n times the machine's precision of their
-/// absolute values (Higham 2002, 3.1).
+/// Returns a bound of the rounding error of a sum of squares: for a sum of n terms, n times the machine precision times
+/// their absolute values (Higham 2002, 3.1).
 fn rounding_bound(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let absolute = off.abs();
-    let weighed =
-        |column: &[f64]| -> f64 { column.iter().zip(absolute.iter()).map(|(a, b)| a.abs() * b).sum() };
+    let weighed = |column: &[f64]| -> f64 { column.iter().zip(absolute.iter()).map(|(a, b)| a.abs() * b).sum() };
     let columns = information.as_slice().chunks_exact(off.len().max(1)).zip(absolute.iter());
     let sum: f64 = columns.map(|(column, by)| by * weighed(column)).sum();
     off.len() as f64 * f64::EPSILON * sum

@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 
 use super::*;
 
-/// Straight line y = m x + b with errors in x and y: the textbook Gauss-Helmert problem.
+/// Creates the textbook Gauss-Helmert problem: a straight line y = m x + b with errors in x and y.
 fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
     let block = |&(x, y): &(f64, f64)| Group {
         local: DVector::zeros(0),
@@ -24,7 +24,7 @@ fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
     }
 }
 
-fn line_block(p: &Point) -> Result<Linearised, EstimationError> {
+fn line_block(p: &BlockPoint) -> Result<Linearised, EstimationError> {
     let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
     Ok(Linearised {
         misclosure: DVector::from_element(1, m * x + b - y),
@@ -69,14 +69,14 @@ fn residual_cofactors_sum_to_the_redundancy() {
     assert!((total - 4.0).abs() < 1e-9, "{total}");
 }
 
-/// The same line with the adjusted x of every point as a local parameter and y, x observed.
+/// The line of the other tests with the adjusted x of every point as a local parameter, and x and y observed.
 #[test]
 fn local_parameters_give_the_same_answer_as_conditions() {
     let mut problem = line(&POINTS, 0.1, 0.3);
     for (group, p) in problem.groups.iter_mut().zip(POINTS) {
         group.local = DVector::from_element(1, p.0);
     }
-    let with_local = |p: &Point| {
+    let with_local = |p: &BlockPoint| {
         let (m, b, x) = (p.global[0], p.global[1], p.local[0]);
         Ok(Linearised {
             misclosure: DVector::from_vec(vec![x - p.observed[0], m * x + b - p.observed[1]]),
@@ -107,9 +107,9 @@ fn a_prior_counts_as_an_observation() {
     assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);
 }
 
-/// Points one after the other, each with what those before it told, are all of them at once.
+/// A sequence of points, each solved with the information of the points before it, is equivalent to one solution of all.
 #[test]
-fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
+fn an_information_prior_replaces_the_observations_before_it() {
     let at_once = solve(&line(&POINTS, 1e-4, 0.3), line_block).unwrap();
     let mut before = solve(&line(&POINTS[..2], 1e-4, 0.3), line_block).unwrap();
     let mut omega = before.omega;
@@ -125,11 +125,11 @@ fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
     assert!((omega - at_once.omega).abs() < 1e-5 * at_once.omega, "{omega} {}", at_once.omega);
 }
 
-/// y = m x, both observed with the same noise, x of each group its own and scattering by half the noise: the normal matrix
-/// counts the noise of x as signal, three times what there is (Fuller 1987, 1.3).
+/// Model y = m x, both observed with equal noise, with an x per group that scatters by half the noise: the normal matrix
+/// counts the noise of x as signal, three times too much (Fuller 1987, 1.3).
 #[test]
-fn amplitudes_of_many_groups_feign_nothing() {
-    // As in a long flight: what noise feigns adds up with them.
+fn covariance_is_unbiased_with_noisy_amplitudes() {
+    // As in a long flight: the bias of the normal matrix adds up over the groups.
     const GROUPS: usize = 400;
     let mut errors = vec![];
     for seed in 0..60 {
@@ -165,7 +165,7 @@ fn amplitudes_of_many_groups_feign_nothing() {
         errors.push((fit.global[0] - 1.0) / fit.covariance[(0, 0)].sqrt());
     }
     let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-    // 60 draws tell it to a tenth. By the normal matrix' inverse it is 3.
+    // 60 draws determine it to 10 %. The inverse of the normal matrix gives 3.
     assert!((0.75..1.3).contains(&rms), "{rms}");
 }
 
@@ -173,7 +173,5 @@ fn amplitudes_of_many_groups_feign_nothing() {
 fn the_missing_datum_is_named() {
     let one = line(&POINTS[..1], 0.1, 0.1);
     let error = solve(&one, line_block).unwrap_err();
-    assert!(
-        matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope")
-    );
+    assert!(matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope"));
 }

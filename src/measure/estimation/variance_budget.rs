@@ -1,9 +1,9 @@
-//! What a function's variance comes from.
+//! Variance budget: contributions of observations, priors and earlier information to the variance of a function.
 //!
-//! Observations, priors and earlier knowledge are independent of one another, and to first order a function answers to the
-//! error of each by a vector: with `q = N^-1 g` the one of a prior is `Sigma^-1 q`, that of a block's observations
-//! `g_l (I - Q B' M^-1 B) - B' M^-1 (A, L) q`. Their weighted squares add up to the function's variance, so that each is a
-//! part of it (Niemeier, *Ausgleichungsrechnung*, propagation of variances). Once `q` is known a part costs a product.
+//! The sources are independent of one another, and to first order the function depends on the errors of each by a vector:
+//! with `q = N^-1 g` it is `Sigma^-1 q` for a prior and `g_l (I - Q B' M^-1 B) - B' M^-1 (A, L) q` for a block's
+//! observations. Their weighted squares add up to the function's variance, so each is a contribution to it (Niemeier,
+//! *Ausgleichungsrechnung*, propagation of variances). Given `q`, a contribution costs one product.
 
 use std::ops::Range;
 
@@ -13,68 +13,68 @@ use super::fit::{BlockFit, Fit, Gradient, GroupFit};
 use super::linear::{factor_in_place, inverse_spd, invert_lower};
 use super::problem::{Block, Group, Prior, Problem};
 
-/// Some of a block's observations, which are independent of its others, and what they are called.
-pub type Observed = (&'static str, Range<usize>);
+/// A named range of a block's observations that is independent of the others.
+pub type NamedObservations = (&'static str, Range<usize>);
 
-/// What sources are called.
+/// Names of the sources in a budget.
 #[derive(Clone, Copy)]
-pub struct Naming<'a> {
-    /// Of the observations of a block: its group, its place there.
-    pub observations: &'a dyn Fn(usize, usize) -> Vec<Observed>,
-    /// Of a prior, by its own name.
+pub struct SourceNames<'a> {
+    /// Names of a block's observations, given (group, block).
+    pub observations: &'a dyn Fn(usize, usize) -> Vec<NamedObservations>,
+    /// Name of a prior's source, given the name of the prior.
     pub prior: fn(&'static str) -> &'static str,
-    /// Of what else is known of all global parameters.
+    /// Name of [`Problem::known`].
     pub known: &'static str,
-    /// Of the most numerous observations: what groups other than the function's have of them is what is left of the
-    /// variance, which spares their products.
+    /// Name of the most numerous observations: other groups' contribution of this name is computed as the remainder of the
+    /// variance, which avoids their products.
     pub rest: &'static str,
 }
 
-/// What went into [`Problem::known`] and keeps its name there: priors, and observations without parameters of their own.
+/// Parts of [`Problem::known`] that keep their names in a budget: priors, and observations without parameters of their own.
 #[derive(Clone, Debug)]
 pub struct AttributedInformation {
     priors: Vec<Prior>,
-    blocks: Vec<(Block, BlockFit, Vec<Observed>)>,
+    blocks: Vec<(Block, BlockFit, Vec<NamedObservations>)>,
 }
 
 impl AttributedInformation {
-    /// Of a solution from which knowledge was taken: its priors on no other columns than these, and a group of it.
+    /// Collects from a solution the priors on no other columns than these, and the observations of one group.
     pub fn from_solution(
         problem: &Problem,
         fit: &Fit,
         columns: impl Fn(usize) -> bool,
         group: usize,
-        naming: &Naming,
+        naming: &SourceNames,
     ) -> Self {
-        let kept = |prior: &&Prior| prior.columns.iter().all(|column| columns(*column));
+        let selected = |prior: &&Prior| prior.columns.iter().all(|column| columns(*column));
         let of_group = problem.groups.get(group).into_iter().zip(fit.groups.get(group));
         let blocks = of_group.flat_map(|(group, solved)| group.blocks.iter().zip(&solved.blocks));
         let named = |(k, (block, solved)): (usize, (&Block, &BlockFit))| {
             (block.clone(), solved.clone(), (naming.observations)(group, k))
         };
         Self {
-            priors: problem.priors.iter().filter(kept).cloned().collect(),
+            priors: problem.priors.iter().filter(selected).cloned().collect(),
             blocks: blocks.enumerate().map(named).collect(),
         }
     }
 }
 
-/// A part of a function's variance.
+/// A contribution to a function's variance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
-    /// What it comes from.
+pub struct VarianceContribution {
+    /// Name of the source.
     pub source: &'static str,
-    /// The part, the function's unit squared, a priori.
+    /// Contribution, the function's unit squared, a priori.
     pub variance: f64,
-    /// The function's variance if the parameters of this name were known without error; `None` for observations.
+    /// Variance of the function if the parameters of this source were known without error; `None` for observations.
     pub if_known: Option<f64>,
 }
 
-/// Parts by name, in order of appearance.
+/// Variances by name, in order of appearance.
 #[derive(Default)]
-struct Sum(Vec<(&'static str, f64)>);
+struct VarianceSum(Vec<(&'static str, f64)>);
 
-impl Sum {
+impl VarianceSum {
     fn add(&mut self, source: &'static str, variance: f64) {
         match self.0.iter_mut().find(|(name, _)| *name == source) {
             Some((_, sum)) => *sum += variance,
@@ -87,14 +87,14 @@ impl Sum {
     }
 }
 
-/// How a function answers to the parameters' normal equations: `q = N^-1 g`, which is its covariance with them.
+/// Covariance of a function with the parameters: `q = N^-1 g`.
 struct Sensitivity {
     global: DVector<f64>,
     local: DVector<f64>,
 }
 
 impl Sensitivity {
-    /// Of the function that it is of, through the parameters.
+    /// Returns the function's variance through the parameters.
     fn function_variance(&self, by: &Gradient) -> f64 {
         let global = |(k, column): (usize, &usize)| by.global[(k, 0)] * self.global[*column];
         let local = (0..by.local.nrows()).map(|k| by.local[(k, 0)] * self.local[k]);
@@ -102,50 +102,51 @@ impl Sensitivity {
     }
 }
 
-/// All that a solution rests on.
-pub struct Sources<'a> {
+/// Sources of a solution, prepared for budgets.
+pub struct VarianceSources<'a> {
     problem: &'a Problem,
     fit: &'a Fit,
-    naming: Naming<'a>,
+    naming: SourceNames<'a>,
     attributed: Option<&'a AttributedInformation>,
-    /// Of each source but the rest: what all groups together say of the global parameters; empty where there is one group.
+    /// Information of all groups together about the global parameters, for each source but the rest; empty for a single
+    /// group.
     group_information: Vec<(&'static str, DMatrix<f64>)>,
 }
 
-impl<'a> Sources<'a> {
-    /// Of a solution; `told`: what of the knowledge from elsewhere keeps its name.
+impl<'a> VarianceSources<'a> {
+    /// Prepares the budgets of a solution; `attributed`: parts of the prior information that keep their names.
     pub fn new(
         problem: &'a Problem,
         fit: &'a Fit,
-        naming: Naming<'a>,
-        told: Option<&'a AttributedInformation>,
+        naming: SourceNames<'a>,
+        attributed: Option<&'a AttributedInformation>,
     ) -> Self {
-        let mut sources = Self { problem, fit, naming, attributed: told, group_information: vec![] };
+        let mut sources = Self { problem, fit, naming, attributed, group_information: vec![] };
         if problem.groups.len() > 1 {
             sources.group_information = sources.information_by_source();
         }
         sources
     }
 
-    /// The parts of the variance of one function (the gradient's first) of a group's unknowns. They add up to
-    /// [`Fit::variances_of`].
-    pub fn contributions(&self, group: usize, gradient: &Gradient) -> Vec<Part> {
+    /// Returns the contributions to the variance of one function (the gradient's first) of a group's unknowns. Their sum is
+    /// [`Fit::function_variances`].
+    pub fn contributions(&self, group: usize, gradient: &Gradient) -> Vec<VarianceContribution> {
         let (by, own) = self.fit.eliminate_observations(group, gradient);
-        let answer = self.sensitivity(group, &by);
-        let mut sum = Sum::default();
-        self.add_priors(&answer.global, &mut sum);
-        self.add_information_prior(&answer.global, &mut sum);
-        self.add_own_group(group, &answer, &gradient.observed, &mut sum);
-        self.add_other_groups(group, &answer.global, &mut sum);
-        let total = own[(0, 0)] + answer.function_variance(&by);
+        let sensitivity = self.sensitivity(group, &by);
+        let mut sum = VarianceSum::default();
+        self.add_priors(&sensitivity.global, &mut sum);
+        self.add_information_prior(&sensitivity.global, &mut sum);
+        self.add_own_group(group, &sensitivity, &gradient.observed, &mut sum);
+        self.add_other_groups(group, &sensitivity.global, &mut sum);
+        let total = own[(0, 0)] + sensitivity.function_variance(&by);
         if self.problem.groups.len() > 1 {
             let explained = sum.total();
             sum.add(self.naming.rest, (total - explained).max(0.0));
         }
-        let part = |(source, variance)| Part {
+        let part = |(source, variance)| VarianceContribution {
             source,
             variance,
-            if_known: self.variance_if_known(group, &answer, source, total),
+            if_known: self.variance_if_known(group, &sensitivity, source, total),
         };
         sum.0.into_iter().map(part).collect()
     }
@@ -163,50 +164,56 @@ impl<'a> Sources<'a> {
         Sensitivity { local: &solved.sensitivity * &global + &solved.conditional * local, global }
     }
 
-    fn add_priors(&self, global: &DVector<f64>, sum: &mut Sum) {
+    fn add_priors(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
         for prior in &self.problem.priors {
             sum.add((self.naming.prior)(prior.name), prior_variance(prior, global));
         }
     }
 
-    /// Knowledge from elsewhere, less what keeps its name.
-    fn add_information_prior(&self, global: &DVector<f64>, sum: &mut Sum) {
+    /// Adds the contributions of the prior information: its named parts and the remainder.
+    fn add_information_prior(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
         let Some(known) = &self.problem.known else { return };
         let all = global.dot(&(&known.information * global));
-        let mut named = Sum::default();
-        for prior in self.attributed.iter().flat_map(|told| &told.priors) {
+        let mut named = VarianceSum::default();
+        for prior in self.attributed.iter().flat_map(|attributed| &attributed.priors) {
             named.add((self.naming.prior)(prior.name), prior_variance(prior, global));
         }
-        for (block, solved, observed) in self.attributed.iter().flat_map(|told| &told.blocks) {
-            let answered = observation_sensitivity(solved, global, &DVector::zeros(0));
-            add_block(block, &-answered, observed, &mut named);
+        for (block, solved, observed) in self.attributed.iter().flat_map(|attributed| &attributed.blocks) {
+            let dependence = observation_sensitivity(solved, global, &DVector::zeros(0));
+            add_block(block, &-dependence, observed, &mut named);
         }
         let rest = (all - named.total()).max(0.0);
         named.0.into_iter().for_each(|(source, variance)| sum.add(source, variance));
         sum.add(self.naming.known, rest);
     }
 
-    /// The group that the function is of.
-    fn add_own_group(&self, group: usize, answer: &Sensitivity, observed: &[(usize, DMatrix<f64>)], sum: &mut Sum) {
+    /// Adds the contributions of the function's own group.
+    fn add_own_group(
+        &self,
+        group: usize,
+        sensitivity: &Sensitivity,
+        observed: &[(usize, DMatrix<f64>)],
+        sum: &mut VarianceSum,
+    ) {
         let (given, solved) = (&self.problem.groups[group], &self.fit.groups[group]);
         for prior in &given.priors {
-            sum.add((self.naming.prior)(prior.name), prior_variance(prior, &answer.local));
+            sum.add((self.naming.prior)(prior.name), prior_variance(prior, &sensitivity.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
-            let mut answered = -observation_sensitivity(fit, &answer.global, &answer.local);
+            let mut dependence = -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
             for (_, derivative) in observed.iter().filter(|(index, _)| *index == k) {
-                answered += &fit.conditional * derivative.column(0);
+                dependence += &fit.conditional * derivative.column(0);
             }
-            add_block(block, &answered, &(self.naming.observations)(group, k), sum);
+            add_block(block, &dependence, &(self.naming.observations)(group, k), sum);
         }
     }
 
-    /// The other groups, whose own parameters follow the global ones.
-    fn add_other_groups(&self, group: usize, global: &DVector<f64>, sum: &mut Sum) {
+    /// Adds the contributions of the other groups, whose own parameters depend on the global ones.
+    fn add_other_groups(&self, group: usize, global: &DVector<f64>, sum: &mut VarianceSum) {
         if self.group_information.is_empty() {
             return;
         }
-        let mut own = Sum::default();
+        let mut own = VarianceSum::default();
         let local = &self.fit.groups[group].sensitivity * global;
         self.add_own_group(group, &Sensitivity { global: global.clone(), local }, &[], &mut own);
         for (source, information) in &self.group_information {
@@ -216,7 +223,7 @@ impl<'a> Sources<'a> {
         }
     }
 
-    /// Per source but the rest the information of all groups on the global parameters.
+    /// Returns the information of all groups about the global parameters, for each source but the rest.
     fn information_by_source(&self) -> Vec<(&'static str, DMatrix<f64>)> {
         let p = self.fit.global.len();
         let mut all: Vec<(&'static str, DMatrix<f64>)> = vec![];
@@ -232,7 +239,7 @@ impl<'a> Sources<'a> {
         all
     }
 
-    /// A group's weighted answers to the global parameters, source by source.
+    /// Returns the weighted dependence of a group on the global parameters, source by source.
     fn weighted_rows(&self, index: usize, group: &Group, solved: &GroupFit) -> Vec<(&'static str, DMatrix<f64>)> {
         let mut all = vec![];
         for prior in &group.priors {
@@ -250,8 +257,8 @@ impl<'a> Sources<'a> {
             for (column, values) in lin.columns.iter().zip(lin.global.column_iter()) {
                 by_global.column_mut(*column).axpy(1.0, &values, 1.0);
             }
-            for (source, places) in observed {
-                let (first, count) = (places.start, places.len());
+            for (source, range) in observed {
+                let (first, count) = (range.start, range.len());
                 let covariance = block.covariance.view((first, first), (count, count)).into_owned();
                 let gain = fit.gain.rows(first, count);
                 stack_rows(&mut all, source, &(whitening_matrix(&covariance) * gain * &by_global));
@@ -260,15 +267,21 @@ impl<'a> Sources<'a> {
         all.into_iter().map(|(source, rows)| (source, DMatrix::from_rows(&rows))).collect()
     }
 
-    /// The function's variance under the condition that the parameters of a name are known.
-    fn variance_if_known(&self, group: usize, answer: &Sensitivity, source: &'static str, total: f64) -> Option<f64> {
-        let of = |priors: &[Prior]| -> Vec<usize> {
+    /// Returns the function's variance if the parameters of a source were known.
+    fn variance_if_known(
+        &self,
+        group: usize,
+        sensitivity: &Sensitivity,
+        source: &'static str,
+        total: f64,
+    ) -> Option<f64> {
+        let columns = |priors: &[Prior]| -> Vec<usize> {
             let named = priors.iter().filter(|prior| (self.naming.prior)(prior.name) == source);
             named.flat_map(|prior| prior.columns.clone()).collect()
         };
-        let told = self.attributed.map_or(&[][..], |told| &told.priors);
-        let global = [of(&self.problem.priors), of(told)].concat();
-        let local = of(&self.problem.groups[group].priors);
+        let attributed = self.attributed.map_or(&[][..], |attributed| &attributed.priors);
+        let global = [columns(&self.problem.priors), columns(attributed)].concat();
+        let local = columns(&self.problem.groups[group].priors);
         let (n, m) = (global.len(), global.len() + local.len());
         if m == 0 {
             return None;
@@ -280,20 +293,20 @@ impl<'a> Sources<'a> {
             (false, true) => solved.cross[(local[i - n], global[j])],
             (false, false) => solved.covariance[(local[i - n], local[j - n])],
         };
-        let with = |i: usize| if i < n { answer.global[global[i]] } else { answer.local[local[i - n]] };
+        let with = |i: usize| if i < n { sensitivity.global[global[i]] } else { sensitivity.local[local[i - n]] };
         let with = DVector::from_fn(m, |i, _| with(i));
         let explained = DMatrix::from_fn(m, m, covariance).cholesky()?.solve(&with);
         Some((total - with.dot(&explained)).max(0.0))
     }
 }
 
-/// `q' Sigma^-1 q` on a prior's columns.
-fn prior_variance(prior: &Prior, answer: &DVector<f64>) -> f64 {
-    let of = answer.select_rows(&prior.columns);
-    inverse_spd(&prior.covariance).map_or(0.0, |weight| of.dot(&(weight * &of)))
+/// Returns `q' Sigma^-1 q` for a prior's columns.
+fn prior_variance(prior: &Prior, sensitivity: &DVector<f64>) -> f64 {
+    let own = sensitivity.select_rows(&prior.columns);
+    inverse_spd(&prior.covariance).map_or(0.0, |weight| own.dot(&(weight * &own)))
 }
 
-/// `Q B' M^-1 (A, L) q` of a block.
+/// Returns `Q B' M^-1 (A, L) q` of a block.
 fn observation_sensitivity(block: &BlockFit, global: &DVector<f64>, local: &DVector<f64>) -> DVector<f64> {
     let lin = &block.linearised;
     let mut conditions = DVector::zeros(lin.misclosure.len());
@@ -306,17 +319,17 @@ fn observation_sensitivity(block: &BlockFit, global: &DVector<f64>, local: &DVec
     &block.gain * conditions
 }
 
-/// `y' Q^-1 y`, by what its observations are.
-fn add_block(block: &Block, answered: &DVector<f64>, observed: &[Observed], sum: &mut Sum) {
-    for (source, places) in observed {
-        let (first, count) = (places.start, places.len());
+/// Adds `y' Q^-1 y` of a block's observations, by source.
+fn add_block(block: &Block, dependence: &DVector<f64>, observed: &[NamedObservations], sum: &mut VarianceSum) {
+    for (source, range) in observed {
+        let (first, count) = (range.start, range.len());
         let covariance = block.covariance.view((first, first), (count, count)).into_owned();
-        let of = answered.rows(first, count);
-        sum.add(source, inverse_spd(&covariance).map_or(0.0, |weight| of.dot(&(weight * of))));
+        let own = dependence.rows(first, count);
+        sum.add(source, inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))));
     }
 }
 
-/// `W` with `W' W` the inverse of a covariance; 0 where it has none.
+/// Returns `W` with `W' W` the inverse of a covariance; 0 if it has none.
 fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let mut lower = covariance.clone();
     if !factor_in_place(&mut lower) {
@@ -326,9 +339,9 @@ fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     lower
 }
 
-type Rows = Vec<nalgebra::RowDVector<f64>>;
+type StackedRows = Vec<nalgebra::RowDVector<f64>>;
 
-fn stack_rows(all: &mut Vec<(&'static str, Rows)>, source: &'static str, rows: &DMatrix<f64>) {
+fn stack_rows(all: &mut Vec<(&'static str, StackedRows)>, source: &'static str, rows: &DMatrix<f64>) {
     let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
         all.push((source, vec![]));
         all.len() - 1

@@ -1,18 +1,15 @@
-//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md), for wide lenses over a
-//! denominator of the same degree (OpenCV's rational model).
+//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md), for wide lenses divided by a
+//! polynomial of the same degree (OpenCV's rational model).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
-/// Interior parameters of Brown's model.
+/// Number of interior parameters of Brown's model.
 pub const BROWN: usize = 9;
 
-/// A calibrated camera. Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of
-/// the top-left pixel.
+/// Calibrated camera. Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of the top-left pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
-    /// Image width, px.
     pub width: u32,
-    /// Image height, px.
     pub height: u32,
     /// Camera constant in u, px.
     pub fx: f64,
@@ -36,53 +33,33 @@ pub struct Lens {
     pub denominator: [f64; 3],
 }
 
-/// Why a pixel has no ray.
+/// Reason why a pixel has no ray.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
-    /// The inverse of the distortion does not exist there, or the iteration did not reach it.
-    #[error(
-        "the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}); check k1 to p2 in camera.toml"
-    )]
-    NoInverse {
-        /// Column, px.
-        u_px: f64,
-        /// Row, px.
-        v_px: f64,
-    },
+    /// Distortion without an inverse there, or no convergence.
+    #[error("the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}); check k1 to p2 in camera.toml")]
+    NoInverse { u_px: f64, v_px: f64 },
 }
 
 const MAX_ITERATIONS: usize = 50;
-/// Residual of the inverse in normalised coordinates; about 1e-9 px at f = 8000 px.
+/// Maximum residual of the inverse in normalised coordinates; about 1e-9 px at f = 8000 px.
 const INVERSE_TOLERANCE: f64 = 1e-13;
 
 impl Lens {
     /// Names of Brown's parameters, in the order of every vector and covariance of them.
     pub const PARAMETERS: [&str; BROWN] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
 
-    /// A camera without distortion.
+    /// Creates a camera without distortion.
     pub fn pinhole(width: u32, height: u32, f_px: f64, cx: f64, cy: f64) -> Self {
         let (fx, fy) = (f_px, f_px);
-        Self {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            k1: 0.0,
-            k2: 0.0,
-            k3: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            denominator: [0.0; 3],
-        }
+        Self { width, height, fx, fy, cx, cy, k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0, denominator: [0.0; 3] }
     }
 
-    /// Distorts normalised coordinates; also the 2x2 Jacobian d(distorted)/d(undistorted).
+    /// Distorts normalised coordinates; returns also the 2x2 Jacobian d(distorted)/d(undistorted).
     pub fn distort(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
-        let [above, below] = self.radial_ratio(r2);
+        let [above, below] = self.radial_polynomials(r2);
         let radial = above / below;
         let [k4, k5, k6] = self.denominator;
         let rise = |a: f64, b: f64, c: f64| a + r2 * (2.0 * b + 3.0 * r2 * c);
@@ -99,46 +76,46 @@ impl Lens {
         (Vector2::new(xd, yd), jacobian)
     }
 
-    /// Numerator and denominator of the radial distortion.
-    fn radial_ratio(&self, r2: f64) -> [f64; 2] {
+    /// Returns numerator and denominator of the radial distortion.
+    fn radial_polynomials(&self, r2: f64) -> [f64; 2] {
         let polynomial = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let [k4, k5, k6] = self.denominator;
         [polynomial(self.k1, self.k2, self.k3), polynomial(k4, k5, k6)]
     }
 
-    /// Brown's parameters, in the order of [`Lens::PARAMETERS`].
+    /// Returns Brown's parameters, in the order of [`Lens::PARAMETERS`].
     pub fn parameters(&self) -> SVector<f64, BROWN> {
         [self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.k3, self.p1, self.p2].into()
     }
 
-    /// The lens with Brown's parameters changed, in the order of [`Lens::PARAMETERS`].
-    pub fn with_changes(&self, by: &SVector<f64, BROWN>) -> Self {
+    /// Returns the lens with changes added to Brown's parameters, in the order of [`Lens::PARAMETERS`].
+    pub fn with_changes(&self, change: &SVector<f64, BROWN>) -> Self {
         Self {
-            fx: self.fx + by[0],
-            fy: self.fy + by[1],
-            cx: self.cx + by[2],
-            cy: self.cy + by[3],
-            k1: self.k1 + by[4],
-            k2: self.k2 + by[5],
-            k3: self.k3 + by[6],
-            p1: self.p1 + by[7],
-            p2: self.p2 + by[8],
+            fx: self.fx + change[0],
+            fy: self.fy + change[1],
+            cx: self.cx + change[2],
+            cy: self.cy + change[3],
+            k1: self.k1 + change[4],
+            k2: self.k2 + change[5],
+            k3: self.k3 + change[6],
+            p1: self.p1 + change[7],
+            p2: self.p2 + change[8],
             ..*self
         }
     }
 
-    /// The same in flight, where the camera constants are larger by a share and the principal point lies elsewhere, px.
+    /// Returns the lens in flight: camera constants larger by the fraction `share`, principal point shifted, px.
     pub fn with_flight_change(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
         let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
         Self { fx, fy, cx: self.cx + principal_point_px.x, cy: self.cy + principal_point_px.y, ..*self }
     }
 
-    /// d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
+    /// Returns d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
     pub fn parameter_jacobian(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, BROWN> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
         let (d, _) = self.distort(&n);
-        let radial = [r2, r2 * r2, r2 * r2 * r2].map(|r| r / self.radial_ratio(r2)[1]);
+        let radial = [r2, r2 * r2, r2 * r2 * r2].map(|r| r / self.radial_polynomials(r2)[1]);
         let mut by = SMatrix::zeros();
         (by[(0, 0)], by[(1, 1)], by[(0, 2)], by[(1, 3)]) = (d.x, d.y, 1.0, 1.0);
         for (k, r) in radial.into_iter().enumerate() {
@@ -149,10 +126,10 @@ impl Lens {
         by
     }
 
-    /// d pixel / d denominator at a camera-frame point.
+    /// Returns d pixel / d denominator at a camera-frame point.
     pub fn denominator_jacobian(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
-        let [above, below] = self.radial_ratio(n.norm_squared());
+        let [above, below] = self.radial_polynomials(n.norm_squared());
         let r2 = n.norm_squared();
         SMatrix::from_fn(|i, k| {
             let f = [self.fx, self.fy][i];
@@ -160,7 +137,7 @@ impl Lens {
         })
     }
 
-    /// The pixel of a camera-frame point, m; `None` behind the camera.
+    /// Projects a camera-frame point, m, to its pixel; `None` behind the camera.
     pub fn project(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
         (p.z > 0.0).then(|| {
             let (d, _) = self.distort(&Vector2::new(p.x / p.z, p.y / p.z));
@@ -168,7 +145,7 @@ impl Lens {
         })
     }
 
-    /// The pixel of a camera-frame point and the Jacobian d(pixel)/d(point), px/m.
+    /// Projects a camera-frame point to its pixel with the Jacobian d(pixel)/d(point), px/m; `None` behind the camera.
     pub fn project_with_jacobian(&self, p: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         if p.z <= 0.0 {
             return None;
@@ -182,8 +159,11 @@ impl Lens {
         Some((pixel, focal * distortion * perspective))
     }
 
-    /// Undistorted normalised coordinates (x/z, y/z) of a pixel, by Newton's iteration with the
-    /// exact Jacobian and step halving.
+    /// Returns the undistorted normalised coordinates (x/z, y/z) of a pixel, by Newton's iteration with the exact Jacobian
+    /// and step halving.
+    ///
+    /// # Errors
+    /// Returns an error if the distortion has no inverse there.
     pub fn undistort(&self, pixel: &Vector2<f64>) -> Result<Vector2<f64>, LensError> {
         let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
         let target = Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
@@ -193,7 +173,7 @@ impl Lens {
             let residual = target - d;
             if residual.norm() < INVERSE_TOLERANCE {
                 // Beyond the fold of the distortion a second, mirrored solution exists.
-                let [_, below] = self.radial_ratio(n.norm_squared());
+                let [_, below] = self.radial_polynomials(n.norm_squared());
                 let regular = below > 0.0 && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0;
                 return if regular { Ok(n) } else { Err(fail) };
             }
@@ -217,22 +197,24 @@ impl Lens {
         Err(fail)
     }
 
-    /// Unit direction in the camera frame of the ray through a pixel (paper, equation 9).
+    /// Returns the unit direction of the ray through a pixel, camera frame (paper, equation 9).
+    ///
+    /// # Errors
+    /// Returns an error if the distortion has no inverse there.
     pub fn ray(&self, pixel: &Vector2<f64>) -> Result<Vector3<f64>, LensError> {
         let n = self.undistort(pixel)?;
         Ok(Vector3::new(n.x, n.y, 1.0).normalize())
     }
 
-    /// The ray and its Jacobian d(unit direction)/d(pixel), 1/px, distortion included.
-    pub fn ray_with_jacobian(
-        &self,
-        pixel: &Vector2<f64>,
-    ) -> Result<(Vector3<f64>, Matrix3x2<f64>), LensError> {
+    /// Returns the ray and its Jacobian d(unit direction)/d(pixel), 1/px, including the distortion.
+    ///
+    /// # Errors
+    /// Returns an error if the distortion has no inverse there.
+    pub fn ray_with_jacobian(&self, pixel: &Vector2<f64>) -> Result<(Vector3<f64>, Matrix3x2<f64>), LensError> {
         let n = self.undistort(pixel)?;
         let (_, distortion) = self.distort(&n);
         let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
-        let normalised =
-            distortion.try_inverse().ok_or(fail)? * Matrix2::new(1.0 / self.fx, 0.0, 0.0, 1.0 / self.fy);
+        let normalised = distortion.try_inverse().ok_or(fail)? * Matrix2::new(1.0 / self.fx, 0.0, 0.0, 1.0 / self.fy);
         let p = Vector3::new(n.x, n.y, 1.0);
         let length = p.norm();
         let unit = p / length;
@@ -241,7 +223,7 @@ impl Lens {
         Ok((unit, normalise * deflection * normalised))
     }
 
-    /// Whether a pixel lies on the sensor.
+    /// Returns true if a pixel is on the sensor.
     pub fn contains(&self, pixel: &Vector2<f64>) -> bool {
         pixel.x >= -0.5
             && pixel.y >= -0.5
@@ -249,7 +231,7 @@ impl Lens {
             && pixel.y <= f64::from(self.height) - 0.5
     }
 
-    /// Mean camera constant, px.
+    /// Returns the mean camera constant, px.
     pub fn focal_px(&self) -> f64 {
         0.5 * (self.fx + self.fy)
     }
@@ -304,7 +286,7 @@ mod tests {
 
     #[test]
     fn a_rational_lens_has_its_inverse_and_its_derivatives() {
-        // A lens of 120 degrees across.
+        // A lens with a field of view of 120 degrees.
         let lens = Lens {
             k1: 0.3,
             k2: 0.02,
@@ -322,8 +304,7 @@ mod tests {
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
                 step[axis] = 1e-5;
-                let by =
-                    (lens.project(&(point + step)).unwrap() - lens.project(&(point - step)).unwrap()) / 2e-5;
+                let by = (lens.project(&(point + step)).unwrap() - lens.project(&(point - step)).unwrap()) / 2e-5;
                 differences.push((by - by_point.column(axis)).norm());
             }
             for k in 0..3 {
@@ -351,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_projected_from_behind() {
+    fn points_behind_the_camera_are_not_projected() {
         let lens = Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0);
         assert!(lens.project(&Vector3::new(0.0, 0.0, -1.0)).is_none());
     }

@@ -10,12 +10,12 @@ pub use wing_frame::WingFrame;
 
 use nalgebra::{Matrix3, Vector3};
 
-/// The matrix of the cross product: `skew(a) * b = a x b`.
+/// Returns the matrix of the cross product: `cross_matrix(a) * b = a x b`.
 pub fn cross_matrix(a: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -a.z, a.y, a.z, 0.0, -a.x, -a.y, a.x, 0.0)
 }
 
-/// Of a rotation vector w: `exp(w + dw) = exp(J dw) exp(w)` to first order.
+/// Returns the left Jacobian J of a rotation vector w: `exp(w + dw) = exp(J dw) exp(w)` to first order.
 pub fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle2 = w.norm_squared();
     let k = cross_matrix(w);

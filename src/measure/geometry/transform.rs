@@ -5,81 +5,78 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::cross_matrix;
 
-/// `target = scale * rotation * source + translation`; scale 1 for a rigid transform.
+/// Similarity transform `target = scale * rotation * source + translation`; scale 1 for a rigid transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// Scale, target over source.
     pub scale: f64,
-    /// target_from_source.
+    /// Rotation target_from_source.
     pub rotation: Rotation3<f64>,
-    /// m, target frame.
+    /// Translation in the target frame, m.
     pub translation_m: Vector3<f64>,
 }
 
 impl Similarity {
-    /// A point of the source frame in the target frame, m.
+    /// Transforms a point of the source frame to the target frame, m.
     pub fn apply(&self, source_m: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * source_m * self.scale + self.translation_m
     }
 }
 
-/// A fitted transform with its quality.
+/// Fitted transform with its quality.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransformFit {
-    /// The estimate.
     pub transform: Similarity,
-    /// 7 x 7, a priori: small rotation (target frame, left perturbation, rad), translation (m),
-    /// scale; the scale's row and column are 0 for a rigid transform.
+    /// 7 x 7, a priori: small rotation (target frame, left perturbation, rad), translation (m), scale; the scale's row and
+    /// column are 0 for a rigid transform.
     pub covariance: DMatrix<f64>,
-    /// target - transform(source) per point, m.
+    /// Residuals target - transform(source) of the points, m.
     pub residuals_m: Vec<Vector3<f64>>,
-    /// Conditions less parameters.
+    /// Number of conditions less that of parameters.
     pub redundancy: usize,
     /// Weighted squared residuals over the redundancy; `None` at redundancy 0.
     pub variance_factor: Option<f64>,
 }
 
-/// Why no transform was found.
+/// Reason why no transform was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {
     /// Fewer than three points, or all on one line.
-    #[error("at least three corresponding points that are not on one line are needed")]
+    #[error("at least three corresponding points that are not collinear are needed")]
     Degenerate,
     /// Only a reflection would map the points.
-    #[error("the points are mirror images of each other; one axis of one frame has the wrong sign")]
+    #[error("the two point sets are mirror images of each other; one axis of one frame has the wrong sign")]
     Mirrored,
     /// A coordinate or a standard deviation cannot be used.
     #[error("tie point coordinates must be finite and standard deviations positive")]
     Input,
 }
 
-/// A point in both frames with the standard deviation of each coordinate of the source, m.
+/// Point in both frames with the standard deviation of each coordinate of the source, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointPair {
-    /// m.
     pub source_m: Vector3<f64>,
-    /// m.
     pub target_m: Vector3<f64>,
-    /// m.
     pub sigma_m: f64,
 }
 
-/// An extent across the points' main line below this part of that along it is a line.
+/// Ratio of the second to the largest extent of the points below which they count as collinear.
 const LINE_RATIO: f64 = 1e-4;
-/// Gauss-Newton steps after the closed form; one is enough but for rounding.
+/// Number of Gauss-Newton steps after the closed form; one is enough except for rounding.
 const REFINEMENTS: usize = 2;
 
 type Matrix7 = SMatrix<f64, 7, 7>;
 type Vector7 = SVector<f64, 7>;
 
 impl TransformFit {
-    /// Weighted least squares: the closed form (Umeyama 1991, with the determinant guard), then
-    /// Gauss-Newton for the last digits and the covariance.
+    /// Estimates by weighted least squares: the closed form (Umeyama 1991, with the determinant guard), then Gauss-Newton
+    /// for the last digits and the covariance.
+    ///
+    /// # Errors
+    /// Returns an error if the points are invalid, collinear or mirrored.
     pub fn estimate(points: &[PointPair], with_scale: bool) -> Result<Self, FitError> {
         let usable = |p: &PointPair| {
-            (p.source_m + p.target_m).iter().all(|c| c.is_finite())
-                && p.sigma_m > 0.0
-                && p.sigma_m.is_finite()
+            (p.source_m + p.target_m).iter().all(|c| c.is_finite()) && p.sigma_m > 0.0 && p.sigma_m.is_finite()
         };
         if !points.iter().all(usable) {
             return Err(FitError::Input);
@@ -116,15 +113,15 @@ impl TransformFit {
         }
     }
 
-    /// Chi-square test of the variance factor against 1, one-sided: `Some(true)` where it holds at
-    /// the significance `alpha`; `None` without redundancy.
+    /// Tests the variance factor against 1, one-sided chi-square: `Some(true)` if it is accepted at the significance
+    /// `alpha`; `None` without redundancy.
     pub fn passes_test(&self, alpha: f64) -> Option<bool> {
         let freedom = self.redundancy as f64;
         let limit = ChiSquared::new(freedom).ok()?.inverse_cdf(1.0 - alpha);
         Some(self.variance_factor? * freedom <= limit)
     }
 
-    /// A point and its covariance in the target frame, the transform's own uncertainty included.
+    /// Returns a point and its covariance in the target frame, including the transform's own uncertainty.
     pub fn apply_with_covariance(
         &self,
         source_m: &Vector3<f64>,
@@ -164,8 +161,8 @@ fn fit_closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity,
     Ok(Similarity { scale, rotation, translation_m: target - rotation * source * scale })
 }
 
-/// Points in a plane give either sign of the determinant by noise alone; a third extent above this
-/// part of the second is a solid, and its reflection no noise.
+/// Ratio of the third to the second extent above which a reflection is not caused by noise: points in a plane give either
+/// sign of the determinant.
 const MIRROR_RATIO: f64 = 0.01;
 
 fn check_not_collinear(centred: impl Iterator<Item = Vector3<f64>>) -> Result<(), FitError> {
@@ -175,7 +172,7 @@ fn check_not_collinear(centred: impl Iterator<Item = Vector3<f64>>) -> Result<()
     if line { Err(FitError::Degenerate) } else { Ok(()) }
 }
 
-/// d(target)/d(small rotation, translation, scale) at a rotated source point.
+/// Returns d(target)/d(small rotation, translation, scale) at a rotated source point.
 fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SMatrix<f64, 3, 7> {
     let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
     jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-cross_matrix(turned) * scale));
@@ -186,12 +183,8 @@ fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SM
     jacobian
 }
 
-/// One step and the cofactor matrix, both in (rotation, translation, scale).
-fn gauss_newton_step(
-    points: &[PointPair],
-    t: &Similarity,
-    with_scale: bool,
-) -> Result<(Vector7, Matrix7), FitError> {
+/// Returns one step and the cofactor matrix, both in (rotation, translation, scale).
+fn gauss_newton_step(points: &[PointPair], t: &Similarity, with_scale: bool) -> Result<(Vector7, Matrix7), FitError> {
     let (mut normal, mut right) = (Matrix7::zeros(), Vector7::zeros());
     for p in points {
         let jacobian = parameter_jacobian(&(t.rotation * p.source_m), t.scale, with_scale);
@@ -220,11 +213,7 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(seed);
         (0..n)
             .map(|_| {
-                Vector3::new(
-                    rng.random_range(-15.0..15.0),
-                    rng.random_range(-3.0..30.0),
-                    rng.random_range(-2.0..4.0),
-                )
+                Vector3::new(rng.random_range(-15.0..15.0), rng.random_range(-3.0..30.0), rng.random_range(-2.0..4.0))
             })
             .collect()
     }
@@ -281,8 +270,7 @@ mod tests {
         let pair = |source_m: Vector3<f64>, target_m| PointPair { source_m, target_m, sigma_m: 0.002 };
         let mirrored: Vec<_> = cloud(1, 8).iter().map(|p| pair(*p, mirror(p))).collect();
         assert_eq!(TransformFit::estimate(&mirrored, false).unwrap_err(), FitError::Mirrored);
-        let line: Vec<_> =
-            (0..5).map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k)).map(|p| pair(p, p)).collect();
+        let line: Vec<_> = (0..5).map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k)).map(|p| pair(p, p)).collect();
         assert_eq!(TransformFit::estimate(&line, false).unwrap_err(), FitError::Degenerate);
         assert_eq!(TransformFit::estimate(&mirrored[..2], false).unwrap_err(), FitError::Degenerate);
         let same = vec![mirrored[0]; 4];
@@ -305,7 +293,7 @@ mod tests {
                 .collect();
             let fit = TransformFit::estimate(&points, false).unwrap();
             assert!((fit.transform.rotation.matrix().determinant() - 1.0).abs() < 1e-9);
-            // The library's angle_to is not a number for equal rotations.
+            // The library's angle_to returns NaN for equal rotations.
             assert!((fit.transform.rotation.matrix() - rotation.matrix()).amax() < 5e-3);
         }
     }
@@ -324,10 +312,8 @@ mod tests {
         let runs = 1000;
         let mut predicted = Matrix3::zeros();
         for _ in 0..runs {
-            let noisy: Vec<_> = clean
-                .iter()
-                .map(|p| PointPair { source_m: p.source_m + gauss(&mut rng) * p.sigma_m, ..*p })
-                .collect();
+            let noisy: Vec<_> =
+                clean.iter().map(|p| PointPair { source_m: p.source_m + gauss(&mut rng) * p.sigma_m, ..*p }).collect();
             let fit = TransformFit::estimate(&noisy, false).unwrap();
             let (position, covariance) = fit.apply_with_covariance(&tip, &Matrix3::zeros());
             let error = position - truth.apply(&tip);

@@ -1,9 +1,9 @@
-//! The frame of the adjustment.
+//! Wing frame, the frame of the adjustment.
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
-/// X along the wing's horizontal span direction, outboard; Y up; Z = X x Y; m; origin in the
-/// projection centre. Right wing: Z points aft; left wing: forward (docs/model.md).
+/// Wing frame: X along the wing's horizontal span direction, outboard; Y up; Z = X x Y; m; origin in the projection centre.
+/// Right wing: Z points aft; left wing: forward (docs/model.md).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WingFrame {
     /// Origin, survey frame, m.
@@ -13,7 +13,7 @@ pub struct WingFrame {
 }
 
 impl WingFrame {
-    /// From the projection centre (survey frame, m) and a horizontal direction of any length.
+    /// Creates the frame from the projection centre (survey frame, m) and a horizontal direction of any length.
     pub fn new(origin_m: Vector3<f64>, span_direction: Vector2<f64>) -> Self {
         let x = Vector3::new(span_direction.x, span_direction.y, 0.0).normalize();
         let y = Vector3::z();
@@ -22,12 +22,12 @@ impl WingFrame {
         Self { origin_m, wing_from_survey: Rotation3::from_matrix_unchecked(rows) }
     }
 
-    /// Survey point to wing point, m.
+    /// Transforms a survey point to the wing frame, m.
     pub fn wing_point(&self, survey_m: &Vector3<f64>) -> Vector3<f64> {
         self.wing_from_survey * (survey_m - self.origin_m)
     }
 
-    /// Wing point to survey point, m.
+    /// Transforms a wing point to the survey frame, m.
     pub fn survey_point(&self, wing_m: &Vector3<f64>) -> Vector3<f64> {
         self.wing_from_survey.inverse() * wing_m + self.origin_m
     }

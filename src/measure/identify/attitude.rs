@@ -1,15 +1,15 @@
-//! Rotations from directions: two matched ones, or many (Arun, Huang and Blostein 1987).
+//! Rotations from matched directions: two, or many (Arun, Huang and Blostein 1987).
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// The rotation that takes `source` to `target`, exact for the first direction and for the plane
-/// of both; `None` for parallel directions.
+/// Returns the rotation that takes `source` to `target`, exact for the plane of both directions and their mean; `None` for
+/// parallel directions.
 pub(super) fn rotation_from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f64>; 2]) -> Option<Rotation3<f64>> {
     let (a, b) = (orthonormal_triad(source)?, orthonormal_triad(target)?);
     Some(Rotation3::from_matrix_unchecked(b * a.transpose()))
 }
 
-/// Axes along the mean of two directions, across their plane, and the third.
+/// Returns orthonormal axes: along the mean of two directions, in their plane across the mean, and normal to the plane.
 fn orthonormal_triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
     let across = a.cross(b);
     if across.norm() < 1e-6 {
@@ -19,9 +19,9 @@ fn orthonormal_triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
 }
 
-/// Weighted least-squares rotation target_from_source over (source, target, weight) of unit
-/// directions, by Arun's singular value decomposition; the determinant guard keeps a reflection
-/// from coming out. `None` for fewer than two distinct directions.
+/// Returns the weighted least-squares rotation `target_from_source` over (source, target, weight) of unit directions, by
+/// Arun's singular value decomposition. The determinant guard excludes a reflection. Returns `None` for fewer than two
+/// distinct directions.
 pub(super) fn rotation_from_many(
     directions: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>, f64)>,
 ) -> Option<Rotation3<f64>> {

@@ -1,37 +1,38 @@
-//! Where the markers are when the wing bends and twists: rigid sections on an axis that keeps its
-//! length (docs/model.md), as fine as telling markers apart needs it.
+//! Positions of the markers on a bent and twisted wing: rigid sections on an axis of constant length (docs/model.md), as
+//! fine as identification needs.
 
 use nalgebra::{SVector, Vector2, Vector3};
 
-use super::skin::Skin;
+use super::skin::SkinSurface;
 use crate::geometry::WingFrame;
 use crate::setup::{Setup, SurveyMarker};
 
-/// Curvature (3 terms, 1/m), twist (2 terms, rad), mount (3 small rotations, camera frame, rad).
-pub(super) type State = SVector<f64, 8>;
+/// State of wing and camera: curvature (3 terms, 1/m), twist (2 terms, rad), camera mount (3 small rotations, camera frame,
+/// rad).
+pub(super) type WingState = SVector<f64, 8>;
 
 const INTERVALS: usize = 32;
-/// The axis is drawn on beyond the outermost marker, m.
+/// Length of the axis beyond the outermost marker, m.
 const MARGIN_M: f64 = 0.5;
 
-/// A marker held by its section: foot on the axis and arm.
+/// A marker's offset from its section of the axis.
 #[derive(Clone, Copy, Debug)]
 struct Arm {
-    /// Arc length of the foot from the bending root, m; negative inboard of it, where nothing moves: minus infinity
-    /// for a mark that is rigid to the cabin.
+    /// Arc length of the section from the bending root, m; negative inboard of it, which does not move; minus infinity for
+    /// a target that is rigid to the cabin.
     foot_m: f64,
-    /// Along the axis, normal to it, chordwise; m.
+    /// Offset along the axis, normal to it, and chordwise, m.
     arm_m: Vector3<f64>,
 }
 
-/// The wing on ground, ready to be bent.
+/// The wing on the ground and its bending axis.
 #[derive(Clone, Debug)]
-pub(super) struct Beam {
-    /// The frame of everything here.
+pub(super) struct CoarseBeam {
+    /// Wing frame of all coordinates.
     pub(super) frame: WingFrame,
-    /// The skin on ground.
-    pub(super) skin: Skin,
-    /// Markers on ground, wing frame, m.
+    /// Skin on the ground.
+    pub(super) skin: SkinSurface,
+    /// Markers on the ground, wing frame, m.
     pub(super) ground_m: Vec<Vector3<f64>>,
     /// Arc length of the axis, m.
     pub(super) length_m: f64,
@@ -41,28 +42,27 @@ pub(super) struct Beam {
     arms: Vec<Arm>,
 }
 
-/// A section in flight.
-struct Section {
+/// A section of the bent axis.
+struct BentSection {
     axis: Vector2<f64>,
     slope: f64,
 }
 
 impl Arm {
-    /// Of a mark that is rigid to the cabin.
+    /// Arm of a target that is rigid to the cabin.
     const NONE: Self = Self { foot_m: f64::NEG_INFINITY, arm_m: Vector3::new(0.0, 0.0, 0.0) };
 }
 
-impl Beam {
-    /// From the survey; `may_shape`: per marker, whether it may shape the skin.
+impl CoarseBeam {
+    /// Creates the beam from the survey; `may_shape`: for each marker, whether it may shape the skin.
     pub(super) fn new(setup: &Setup, may_shape: &[bool]) -> Self {
         let frame = setup.wing_frame();
         let ground_m: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        let points: Vec<_> = setup.on_the_wing().into_iter().map(|(_, point)| point).collect();
-        let shaping =
-            setup.on_the_wing().into_iter().filter(|(k, _)| may_shape.get(*k).copied().unwrap_or(true));
+        let points: Vec<_> = setup.wing_markers().into_iter().map(|(_, point)| point).collect();
+        let shaping = setup.wing_markers().into_iter().filter(|(k, _)| may_shape.get(*k).copied().unwrap_or(true));
         let (shaping, on_skin): (Vec<usize>, Vec<_>) = shaping.unzip();
         let sigma_m: Vec<_> = shaping.iter().map(|k| setup.markers[*k].sigma_m).collect();
-        let skin = Skin::fit(&on_skin, &sigma_m);
+        let skin = SkinSurface::fit(&on_skin, &sigma_m);
         let count = points.len().max(1) as f64;
         let mean_z = points.iter().map(|p| p.z).sum::<f64>() / count;
         let chord_axis_m = setup.axis_chord_offset_m.unwrap_or(mean_z);
@@ -77,7 +77,7 @@ impl Beam {
         beam
     }
 
-    /// Foot and arm of a ground point.
+    /// Returns section and offset of a point on the ground, wing frame, m.
     fn arm_to(&self, p: &Vector3<f64>) -> Arm {
         let nodes = self.axis_nodes(&self.slopes, 1.0);
         let target = Vector2::new(p.x, p.y);
@@ -93,8 +93,8 @@ impl Beam {
         Arm { foot_m, arm_m }
     }
 
-    /// Markers in flight, wing frame, m. `scale`: thermal.
-    pub(super) fn marker_positions(&self, state: &State, scale: f64) -> Vec<Vector3<f64>> {
+    /// Returns the markers in flight, wing frame, m. `scale`: thermal expansion.
+    pub(super) fn marker_positions(&self, state: &WingState, scale: f64) -> Vec<Vector3<f64>> {
         let slopes = self.bent_slopes(state);
         let nodes = self.axis_nodes(&slopes, scale);
         self.arms
@@ -115,18 +115,18 @@ impl Beam {
             .collect()
     }
 
-    /// Displacement of each marker when the wing bends as a cantilever under a load at its tip does, wing frame, m per m at
+    /// Returns the displacement of each marker if the wing bends as a cantilever loaded at its tip, wing frame, m per m at
     /// the tip.
     pub(super) fn bend_displacements(&self) -> Vec<Vector3<f64>> {
         const RISE_M: f64 = 1e-3;
-        let mut state = State::zeros();
+        let mut state = WingState::zeros();
         state[0] = 3.0 * RISE_M / self.length_m.powi(2);
-        let (bent, still) = (self.marker_positions(&state, 1.0), self.marker_positions(&State::zeros(), 1.0));
+        let (bent, still) = (self.marker_positions(&state, 1.0), self.marker_positions(&WingState::zeros(), 1.0));
         bent.iter().zip(&still).map(|(bent, still)| (bent - still) / RISE_M).collect()
     }
 
-    /// Normal and chordwise direction of the skin at a marker in flight, wing frame.
-    pub(super) fn skin_attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    /// Returns normal and chordwise direction of the skin at a marker in flight, wing frame.
+    pub(super) fn skin_attitude(&self, state: &WingState, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);
         if arm.foot_m == f64::NEG_INFINITY {
             return facing_attitude(ground);
@@ -140,21 +140,21 @@ impl Beam {
         Some((turn * normal, turn * chord))
     }
 
-    /// Slope that bending adds at arc length s, rad.
-    fn added_slope(&self, state: &State, s_m: f64) -> f64 {
+    /// Returns the slope that bending adds at an arc length, rad.
+    fn added_slope(&self, state: &WingState, s_m: f64) -> f64 {
         let x = s_m / self.length_m;
         let x2 = x * x;
         let integrals = [x - 0.5 * x2, 0.5 * x2, 0.5 * x2 - x2 * x / 3.0];
         self.length_m * (state[0] * integrals[0] + state[1] * integrals[1] + state[2] * integrals[2])
     }
 
-    /// Twist at arc length s, rad; raises the side of positive Z.
-    fn twist_at(&self, state: &State, s_m: f64) -> f64 {
+    /// Returns the twist at an arc length, rad; positive twist raises the side of positive Z.
+    fn twist_at(&self, state: &WingState, s_m: f64) -> f64 {
         let x = (s_m / self.length_m).clamp(0.0, 1.0);
         x * (state[3] + x * state[4])
     }
 
-    fn bent_slopes(&self, state: &State) -> [f64; INTERVALS + 1] {
+    fn bent_slopes(&self, state: &WingState) -> [f64; INTERVALS + 1] {
         let step = self.length_m / INTERVALS as f64;
         std::array::from_fn(|i| self.slopes[i] + self.added_slope(state, i as f64 * step))
     }
@@ -168,27 +168,26 @@ impl Beam {
         nodes
     }
 
-    /// `s_m` counts on ground; the axis is straight beyond both ends.
+    /// Returns the section at arc length `s_m` on the ground; beyond both ends the axis is straight.
     fn section_at(
         &self,
         nodes: &[Vector2<f64>; INTERVALS + 1],
         slopes: &[f64; INTERVALS + 1],
         s_m: f64,
         scale: f64,
-    ) -> Section {
+    ) -> BentSection {
         let at = s_m / self.length_m * INTERVALS as f64;
         let i = (at.max(0.0) as usize).min(INTERVALS - 1);
         let fraction = at - i as f64;
         let inside = fraction.clamp(0.0, 1.0);
         let step = scale * self.length_m / INTERVALS as f64;
         let slope = slopes[i] + (slopes[i + 1] - slopes[i]) * inside;
-        let axis =
-            nodes[i] + (nodes[i + 1] - nodes[i]) * inside + unit_tangent(slope) * ((fraction - inside) * step);
-        Section { axis, slope }
+        let axis = nodes[i] + (nodes[i + 1] - nodes[i]) * inside + unit_tangent(slope) * ((fraction - inside) * step);
+        BentSection { axis, slope }
     }
 }
 
-/// Normal and a direction across it of a mark that faces the camera, as fixed marks are put up.
+/// Returns the normal of a target that faces the camera, as fixed targets do, and a direction across it.
 fn facing_attitude(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let normal = -point_m.try_normalize(1e-6)?;
     let across = (Vector3::y() - normal * normal.y).try_normalize(1e-6).unwrap_or_else(Vector3::x);
@@ -200,7 +199,7 @@ fn unit_tangent(slope: f64) -> Vector2<f64> {
     Vector2::new(cos, sin)
 }
 
-/// Skin above the bending axis, m.
+/// Returns the height of the skin above the bending axis, m.
 fn skin_height_at(setup: &Setup, span_m: f64) -> f64 {
     setup.skin_height.map_or(0.0, |h| {
         let fraction = if h.tip_span_m > 0.0 { span_m / h.tip_span_m } else { 0.0 };
@@ -208,7 +207,7 @@ fn skin_height_at(setup: &Setup, span_m: f64) -> f64 {
     })
 }
 
-/// Length and slopes of the axis between two stations, at equal arc lengths.
+/// Returns length and slopes of the axis between two stations, at equal arc lengths.
 fn ground_axis(height: &impl Fn(f64) -> f64, root_x: f64, tip_x: f64) -> (f64, [f64; INTERVALS + 1]) {
     let fine = 4 * INTERVALS;
     let dx = (tip_x - root_x) / fine as f64;

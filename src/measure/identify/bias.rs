@@ -1,28 +1,27 @@
-//! From the ellipse's centre to the image of the disc's centre (docs/model.md).
+//! Correction from the ellipse's centre to the image of the disc's centre (docs/model.md).
 
 use nalgebra::Vector2;
 
 use super::Identities;
-use super::beam::State;
-use super::outline::Disc;
-use super::scene::Scene;
-use crate::detect::{Detection, CovarianceSource};
+use super::beam::WingState;
+use super::outline::SkinDisc;
+use super::scene::WingView;
+use crate::detect::{CovarianceSource, Detection};
 use crate::geometry::Lens;
 use crate::setup::Shape;
 
-/// Standard deviation of the local normal about each axis: the smooth skin and the fitted bending
-/// and twist against the true ones, rad.
+/// Standard deviation of the local normal about each axis, rad: deviation of the smooth skin and of the fitted bending and
+/// twist.
 const NORMAL_SIGMA: f64 = 0.015;
-/// Standard deviation of the skin's warp, 1/m: 2 degrees of twist over 20 m, a crown that grows along
-/// the span. Seen at a grazing angle it shifts the ellipse along its major axis.
+/// Standard deviation of the skin's warp, 1/m: 2 degrees of twist over 20 m, a crown that grows along the span. At grazing
+/// incidence it shifts the ellipse along its major axis.
 const WARP_SIGMA_PER_M: f64 = 0.002;
 
-/// Detections with their centres at the discs' centres. A quadrant target's saddle is where two
-/// straight edges through its centre meet: on a curved skin too they meet at the centre's image,
-/// so nothing is due.
+/// Moves the centres of circle detections to the images of the discs' centres. Quadrant targets need no correction: two
+/// straight edges through the centre meet at the centre's image, also on a curved skin.
 pub(super) fn correct_centres(
-    scene: &Scene<'_>,
-    state: &State,
+    scene: &WingView<'_>,
+    state: &WingState,
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Detection> {
@@ -33,16 +32,15 @@ pub(super) fn correct_centres(
         .map(|(detection, marker)| {
             let circle = marker.filter(|_| detection.shape == Shape::Circle);
             let disc = circle.and_then(|j| scene.marker_disc(state, j));
-            disc.and_then(|d| correct_centre(&scene.setup.lens, detection, &d))
-                .unwrap_or_else(|| detection.clone())
+            disc.and_then(|d| correct_centre(&scene.setup.lens, detection, &d)).unwrap_or_else(|| detection.clone())
         })
         .collect()
 }
 
-fn correct_centre(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detection> {
+fn correct_centre(lens: &Lens, detection: &Detection, disc: &SkinDisc) -> Option<Detection> {
     let bias = disc.centre_bias_px(lens)?;
     let outboard = disc.normal.cross(&disc.chord);
-    let warped = Disc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
+    let warped = SkinDisc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
     let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&outboard, NORMAL_SIGMA), warped];
     let mut covariance_px2 = detection.covariance_px2.clone();
     for other in others {

@@ -1,54 +1,57 @@
-//! A ground frame's rotation with no initial guess: two matched directions fix one, the others vote.
+//! Rotation of a ground frame without an initial guess: two matched directions determine a rotation, the others vote for
+//! it.
 
 use nalgebra::{Rotation3, Vector3};
 
 use super::IdentifyError;
 use super::attitude::{rotation_from_many, rotation_from_two};
-use super::fit::{Pair, SEEN_ODDS, clutter_per_px2};
-use super::scene::{looks_like, is_usable};
+use super::fit::{MatchedPair, SEEN_ODDS, clutter_per_px2};
+use super::scene::{is_usable, looks_like};
 use crate::detect::Detection;
 use crate::setup::Setup;
 
-/// Directions nearer than this to each other fix no rotation well, rad: errors about the line between them are magnified
-/// thirtyfold.
+/// Smallest angle between two directions that determine a rotation, rad: errors about the line between them are magnified
+/// 30 times.
 const MIN_ANGLE_RAD: f64 = 0.03;
-/// Standard deviations allowed between a pair's angles: 6 of 100,000 true pairs are lost, of some hundred that vote.
+/// Largest difference between the angles of a pair, in standard deviations: 6 of 100,000 true pairs are lost, of some
+/// hundred that vote.
 const ANGLE_GATE: f64 = 4.0;
-/// Standard deviations allowed between a vote and its prediction, in two directions: as many are lost.
+/// Largest distance between a vote and its prediction, in standard deviations of two directions: 4 of 100,000 true votes
+/// are lost.
 const VOTE_GATE: f64 = 4.5;
-/// Perspective bias and a coarse outline, standard deviation, px.
+/// Additional standard deviation for perspective bias and a coarse outline, px.
 const EXTRA_PX: f64 = 1.0;
-/// Hypotheses kept, one per neighbourhood. An assumption: more than a symmetric layout has readings.
+/// Maximum number of hypotheses, one per neighbourhood (assumption: more than the ambiguities of a symmetric layout).
 const MAX_HYPOTHESES: usize = 24;
-/// Hypotheses nearer to each other than this are one neighbourhood, rad: less than a marker's size at 5 m.
+/// Distance below which two hypotheses are in one neighbourhood, rad: less than a marker's size at 5 m.
 const NEIGHBOURHOOD_RAD: f64 = 3e-3;
-/// Refined solutions nearer than this are one, rad.
+/// Distance below which two refined solutions are equal, rad.
 const SAME_RAD: f64 = 5e-3;
-/// Fewest pairs of a hypothesis: the two that fix the rotation and one that votes.
+/// Minimum number of pairs of a hypothesis: two that determine the rotation and one vote.
 const MIN_VOTES: usize = 3;
-/// By how much a rotation from two directions errs more than they, times the angle between them, rad: votes from it are
-/// allowed as much more. An assumption.
+/// Error of a rotation from two directions over their errors, times the angle between them, rad: the tolerance of its votes
+/// grows by it (assumption).
 const TWO_DIRECTIONS_RAD: f64 = 0.1;
-/// The same in the rounds in which it is refined from all pairs, as a factor.
+/// Factors on the tolerance in the rounds in which the rotation is refined from all pairs.
 const REFINEMENT_SLACK: [f64; 4] = [1.5, 1.0, 1.0, 1.0];
-/// ln of the odds that a reading must have over the next: 160,000 to 1.
+/// Minimum log odds against the next solution: 160,000 to 1.
 const MIN_LOG_ODDS_RIVAL: f64 = 12.0;
-/// ln of the odds that it must have over chance: 8,000 to 1.
+/// Minimum log odds against chance: 8,000 to 1.
 const MIN_LOG_ODDS_CHANCE: f64 = 9.0;
-/// Least that a perfect hit counts, ln of odds: a coarse one in much clutter still tells something.
+/// Minimum log odds of a perfect match: a coarse one among many false detections still counts.
 const MIN_GAIN: f64 = 0.5;
 
-/// Directions of both sides with their standard deviations.
+/// Directions of markers and detections with their standard deviations.
 struct Directions<'a> {
     detections: &'a [Detection],
     setup: &'a Setup,
-    /// Per detection: ray, camera frame; `None` where there is none.
+    /// Ray of each detection, camera frame; `None` if it has none.
     rays: Vec<Option<Vector3<f64>>>,
-    /// Per marker: direction, survey frame, and its sigma, rad.
+    /// Direction of each marker, survey frame, with its standard deviation, rad.
     targets: Vec<(Vector3<f64>, f64)>,
-    /// Per marker: detections that look like it.
-    alike: Vec<Vec<usize>>,
-    /// Sigma of a detection's ray, rad.
+    /// Similar detections of each marker.
+    similar: Vec<Vec<usize>>,
+    /// Standard deviation of each detection's ray, rad.
     rays_sigma: Vec<f64>,
 }
 
@@ -56,11 +59,14 @@ struct Directions<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Consensus {
     pub(super) camera_from_survey: Rotation3<f64>,
-    pub(super) pairs: Vec<Pair>,
+    pub(super) pairs: Vec<MatchedPair>,
     score: f64,
 }
 
-/// The rotation most detections agree on; refuses what could be told in two ways.
+/// Finds the rotation on which most detections agree.
+///
+/// # Errors
+/// Returns an error if too few markers are found, none or more than one solution fits.
 pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<Consensus, IdentifyError> {
     let found = detections.iter().filter(|d| is_usable(d)).count();
     if found < super::flight::MIN_IDENTIFIED {
@@ -82,33 +88,37 @@ pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<
     let Some(best) = refined.first() else {
         return Err(IdentifyError::NoConsensus { matched: 0, found });
     };
-    // Two pairs are used up by the rotation; every hypothesis is a chance for a false one.
+    // Two pairs determine the rotation; every trial is a chance for a false solution.
     let per_pair = best.score / best.pairs.len().max(1) as f64;
     if best.pairs.len() < super::flight::MIN_IDENTIFIED
         || best.score - 2.0 * per_pair - (tried as f64).max(1.0).ln() < MIN_LOG_ODDS_CHANCE
     {
         return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
     }
-    let alike = refined.iter().filter(|c| c.score > best.score - MIN_LOG_ODDS_RIVAL).count();
-    if alike > 1 {
-        return Err(IdentifyError::Ambiguous { solutions: alike });
+    let rivals = refined.iter().filter(|c| c.score > best.score - MIN_LOG_ODDS_RIVAL).count();
+    if rivals > 1 {
+        return Err(IdentifyError::Ambiguous { solutions: rivals });
     }
     Ok(best.clone())
 }
 
-/// Pairs of a frame under a rotation that another frame gave.
-pub(super) fn pairs_from_rotation(setup: &Setup, detections: &[Detection], rotation: &Rotation3<f64>) -> Vec<Pair> {
+/// Returns the pairs of a frame for a rotation from another frame.
+pub(super) fn pairs_from_rotation(
+    setup: &Setup,
+    detections: &[Detection],
+    rotation: &Rotation3<f64>,
+) -> Vec<MatchedPair> {
     let mut pairs = Directions::new(setup, detections).match_pairs(rotation, 1.0).pairs;
     pairs.sort_by_key(|p| p.1);
     pairs
 }
 
-/// Whether two solutions are one: nearly the same rotation.
+/// Returns true if two solutions have nearly equal rotations.
 fn is_same_rotation(a: &Consensus, b: &Consensus) -> bool {
     rotation_distance(&a.camera_from_survey, &b.camera_from_survey) < SAME_RAD
 }
 
-/// Angle between two rotations, rad; safe where they are equal.
+/// Returns the angle between two rotations, rad; safe for equal ones.
 fn rotation_distance(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     (a.matrix() - b.matrix()).norm() / std::f64::consts::SQRT_2
 }
@@ -116,14 +126,10 @@ fn rotation_distance(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
 impl<'a> Directions<'a> {
     fn new(setup: &'a Setup, detections: &'a [Detection]) -> Self {
         let focal = setup.lens.focal_px();
-        let rays = detections
-            .iter()
-            .map(|d| if is_usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None })
-            .collect();
-        let rays_sigma = detections
-            .iter()
-            .map(|d| (0.5 * d.covariance_px2.trace() + EXTRA_PX * EXTRA_PX).sqrt() / focal)
-            .collect();
+        let rays =
+            detections.iter().map(|d| if is_usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None }).collect();
+        let rays_sigma =
+            detections.iter().map(|d| (0.5 * d.covariance_px2.trace() + EXTRA_PX * EXTRA_PX).sqrt() / focal).collect();
         let targets: Vec<_> = setup
             .markers
             .iter()
@@ -132,7 +138,7 @@ impl<'a> Directions<'a> {
                 (to.normalize(), m.sigma_m.hypot(setup.projection_centre_sigma_m) / to.norm())
             })
             .collect();
-        let alike = setup
+        let similar = setup
             .markers
             .iter()
             .map(|m| {
@@ -141,11 +147,11 @@ impl<'a> Directions<'a> {
                 (0..detections.len()).filter(|i| looks_like(&detections[*i], m.shape, major)).collect()
             })
             .collect();
-        Self { detections, setup, rays, targets, alike, rays_sigma }
+        Self { detections, setup, rays, targets, similar, rays_sigma }
     }
 
-    /// Rotations from pairs of markers and pairs of detections under the same angle, the most
-    /// voted first; and how many were tried.
+    /// Returns rotations from pairs of markers and pairs of detections with equal angles, ordered by score, and the number
+    /// of trials.
     fn find_hypotheses(&self) -> (Vec<Consensus>, usize) {
         let mut best: Vec<Consensus> = Vec::new();
         let mut tried = 0;
@@ -156,17 +162,16 @@ impl<'a> Directions<'a> {
                 if angle < MIN_ANGLE_RAD {
                     continue;
                 }
-                for &i in &self.alike[a] {
-                    for &k in &self.alike[b] {
+                for &i in &self.similar[a] {
+                    for &k in &self.similar[b] {
                         let (Some(ri), Some(rk)) = (self.rays[i], self.rays[k]) else { continue };
-                        let sigma2 =
-                            sa * sa + sb * sb + self.rays_sigma[i].powi(2) + self.rays_sigma[k].powi(2);
+                        let sigma2 = sa * sa + sb * sb + self.rays_sigma[i].powi(2) + self.rays_sigma[k].powi(2);
                         if i == k || (ri.angle(&rk) - angle).abs() > ANGLE_GATE * sigma2.sqrt() {
                             continue;
                         }
                         let Some(rotation) = rotation_from_two([&da, &db], [&ri, &rk]) else { continue };
                         tried += 1;
-                        // Errors of two near directions grow with the distance from them.
+                        // Errors of two directions near each other grow with the distance from them.
                         let slack = 1.0 + TWO_DIRECTIONS_RAD / angle;
                         keep_best(&mut best, self.match_pairs(&rotation, slack));
                     }
@@ -176,12 +181,12 @@ impl<'a> Directions<'a> {
         (best, tried)
     }
 
-    /// Pairs under a rotation, one-to-one, nearest first, with their score.
+    /// Pairs markers and detections for a rotation, one-to-one, nearest first, and computes their score.
     fn match_pairs(&self, rotation: &Rotation3<f64>, slack: f64) -> Consensus {
-        let mut all: Vec<(f64, Pair)> = Vec::new();
+        let mut all: Vec<(f64, MatchedPair)> = Vec::new();
         for (j, (target, sigma)) in self.targets.iter().enumerate() {
             let predicted = rotation * target;
-            for &i in &self.alike[j] {
+            for &i in &self.similar[j] {
                 let Some(ray) = self.rays[i] else { continue };
                 let off2 = (ray - predicted).norm_squared();
                 let sigma2 = (sigma * sigma + self.rays_sigma[i].powi(2)) * slack * slack;
@@ -191,7 +196,7 @@ impl<'a> Directions<'a> {
             }
         }
         all.sort_by(|x, y| x.0.total_cmp(&y.0));
-        let mut pairs: Vec<Pair> = Vec::with_capacity(all.len());
+        let mut pairs: Vec<MatchedPair> = Vec::with_capacity(all.len());
         let mut score = 0.0;
         for (off2, (i, j)) in all {
             if pairs.iter().all(|p| p.0 != i && p.1 != j) {
@@ -202,15 +207,15 @@ impl<'a> Directions<'a> {
         Consensus { camera_from_survey: *rotation, pairs, score }
     }
 
-    /// ln of the odds of a perfect hit against clutter.
-    fn log_odds_gain(&self, (i, j): Pair) -> f64 {
+    /// Returns the log odds of a perfect match against a false detection.
+    fn log_odds_gain(&self, (i, j): MatchedPair) -> f64 {
         let lens = &self.setup.lens;
         let density = clutter_per_px2(self.detections.len(), lens);
         let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
         (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(MIN_GAIN)
     }
 
-    /// Arun's rotation from all pairs and their vote, in turns.
+    /// Alternates between Arun's rotation from all pairs and new pairs for it.
     fn refine(&self, mut consensus: Consensus) -> Consensus {
         for slack in REFINEMENT_SLACK {
             let directions = consensus.pairs.iter().filter_map(|&(i, j)| {
@@ -225,12 +230,14 @@ impl<'a> Directions<'a> {
     }
 }
 
-/// Keeps the best hypotheses, one per neighbourhood.
+/// Adds a hypothesis to the best ones, of which each neighbourhood has one.
 fn keep_best(best: &mut Vec<Consensus>, next: Consensus) {
     if next.pairs.len() < MIN_VOTES || (best.len() == MAX_HYPOTHESES && best[MAX_HYPOTHESES - 1].score >= next.score) {
         return;
     }
-    match best.iter().position(|c| rotation_distance(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
+    match best
+        .iter()
+        .position(|c| rotation_distance(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
     {
         Some(at) if best[at].score >= next.score => return,
         Some(at) => best[at] = next,

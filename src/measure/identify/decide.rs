@@ -1,38 +1,37 @@
-//! Pairs that could be told otherwise: decided by likelihood ratio, or reported as undecided.
+//! Ambiguous pairs: decided by likelihood ratio, or reported as undecided.
 
-use super::fit::Pair;
-use super::matching::{GATE, Problem, Refined, shift_predictions};
+use super::fit::MatchedPair;
+use super::matching::{GATE, MatchingProblem, RefinedMatch, shift_predictions};
 
-/// ln of the odds that one reading must have over any other.
+/// Minimum log odds of a match against any alternative.
 pub(super) const MIN_LOG_ODDS: f64 = 9.0;
-/// Other readings are looked at within this squared distance: the gate, and what a wrong
-/// neighbour pulls the fit by.
+/// Squared distance within which alternatives are examined: the gate, extended by the pull of a wrong neighbour on the fit.
 const NEIGHBOURHOOD: f64 = 6.0 * GATE;
 
-/// A set of pairs with those that are not beyond doubt.
-pub(super) struct Decision {
-    pub(super) refined: Refined,
-    /// Markers that cannot be decided, with the other reading's marker or detection.
-    pub(super) doubtful: Vec<(usize, Doubt)>,
+/// Matched pairs, and the markers that are ambiguous.
+pub(super) struct MatchDecision {
+    pub(super) refined: RefinedMatch,
+    /// Ambiguous markers, with the alternative marker or detection.
+    pub(super) ambiguous: Vec<(usize, Ambiguity)>,
 }
 
-/// What stands against a pair.
+/// Alternative to a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Doubt {
+pub(super) enum Ambiguity {
     /// Another marker explains the detection as well.
     Marker(usize),
     /// Another detection fits the marker as well.
     Detection,
 }
 
-/// Another reading: the pairs, which markers it concerns, and what it is.
-struct Reading {
-    pairs: Vec<Pair>,
-    concerns: Vec<(usize, Doubt)>,
+/// Alternative pairs, and the markers that they concern.
+struct AlternativeMatch {
+    pairs: Vec<MatchedPair>,
+    concerns: Vec<(usize, Ambiguity)>,
 }
 
-/// Takes up better readings until there is none, then lists the doubtful ones.
-pub(super) fn decide_pairs(problem: &Problem<'_>, mut refined: Refined) -> Decision {
+/// Accepts better alternatives until there is none, then lists the ambiguous markers.
+pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMatch) -> MatchDecision {
     for _ in 0..4 {
         let better = list_alternatives(problem, &refined)
             .into_iter()
@@ -46,27 +45,28 @@ pub(super) fn decide_pairs(problem: &Problem<'_>, mut refined: Refined) -> Decis
         }
         refined = next;
     }
-    let mut doubtful: Vec<(usize, Doubt)> = Vec::new();
+    let mut ambiguous: Vec<(usize, Ambiguity)> = Vec::new();
     for reading in list_alternatives(problem, &refined) {
-        let close = pair_evidence(problem, &refined, &reading.pairs).is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
+        let close =
+            pair_evidence(problem, &refined, &reading.pairs).is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
         if close {
             for concern in reading.concerns {
-                if !doubtful.iter().any(|d| d.0 == concern.0) {
-                    doubtful.push(concern);
+                if !ambiguous.iter().any(|d| d.0 == concern.0) {
+                    ambiguous.push(concern);
                 }
             }
         }
     }
-    Decision { refined, doubtful }
+    MatchDecision { refined, ambiguous }
 }
 
-fn pair_evidence(problem: &Problem<'_>, refined: &Refined, pairs: &[Pair]) -> Option<f64> {
+fn pair_evidence(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pairs: &[MatchedPair]) -> Option<f64> {
     problem.solve_step(pairs, &refined.predicted, &refined.prior, &refined.state).map(|s| s.evidence)
 }
 
-/// Every reading one exchange away: a detection given to another marker, two detections swapped,
-/// a marker given another detection.
-fn list_alternatives(problem: &Problem<'_>, refined: &Refined) -> Vec<Reading> {
+/// Lists all matches that differ by one exchange: a detection given to another marker, two detections swapped, or a marker
+/// given another detection.
+fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> Vec<AlternativeMatch> {
     let mut all = Vec::new();
     let pairs = &refined.pairs;
     for (k, &(i, j)) in pairs.iter().enumerate() {
@@ -77,16 +77,16 @@ fn list_alternatives(problem: &Problem<'_>, refined: &Refined) -> Vec<Reading> {
             let mut changed = pairs.clone();
             changed[k] = (i, other);
             match pairs.iter().position(|p| p.1 == other) {
-                None => all.push(Reading { pairs: changed, concerns: vec![(j, Doubt::Marker(other))] }),
+                None => all.push(AlternativeMatch { pairs: changed, concerns: vec![(j, Ambiguity::Marker(other))] }),
                 Some(at) => {
                     let mut stolen = changed.clone();
                     stolen.remove(at);
-                    let concerns = vec![(j, Doubt::Marker(other)), (other, Doubt::Marker(j))];
+                    let concerns = vec![(j, Ambiguity::Marker(other)), (other, Ambiguity::Marker(j))];
                     if is_near(problem, refined, (pairs[at].0, j)) {
                         changed[at] = (pairs[at].0, j);
-                        all.push(Reading { pairs: changed, concerns: concerns.clone() });
+                        all.push(AlternativeMatch { pairs: changed, concerns: concerns.clone() });
                     }
-                    all.push(Reading { pairs: stolen, concerns });
+                    all.push(AlternativeMatch { pairs: stolen, concerns });
                 }
             }
         }
@@ -94,14 +94,14 @@ fn list_alternatives(problem: &Problem<'_>, refined: &Refined) -> Vec<Reading> {
             if other != i && !pairs.iter().any(|p| p.0 == other) && is_near(problem, refined, (other, j)) {
                 let mut changed = pairs.clone();
                 changed[k] = (other, j);
-                all.push(Reading { pairs: changed, concerns: vec![(j, Doubt::Detection)] });
+                all.push(AlternativeMatch { pairs: changed, concerns: vec![(j, Ambiguity::Detection)] });
             }
         }
     }
     all
 }
 
-fn is_near(problem: &Problem<'_>, refined: &Refined, pair: Pair) -> bool {
+fn is_near(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pair: MatchedPair) -> bool {
     let covariance = refined.covariance * 4.0;
     problem.candidates(pair.1).contains(&pair.0)
         && problem.outline_fits(pair, &refined.outlines)
@@ -109,14 +109,14 @@ fn is_near(problem: &Problem<'_>, refined: &Refined, pair: Pair) -> bool {
             < NEIGHBOURHOOD
 }
 
-impl Problem<'_> {
-    /// The same solution with other pairs.
-    pub(super) fn refit_pairs(&self, refined: &Refined, pairs: Vec<Pair>) -> Option<Refined> {
+impl MatchingProblem<'_> {
+    /// Refits a solution with other pairs.
+    pub(super) fn refit_pairs(&self, refined: &RefinedMatch, pairs: Vec<MatchedPair>) -> Option<RefinedMatch> {
         let first = self.solve_step(&pairs, &refined.predicted, &refined.prior, &refined.state)?;
         let state = refined.state + first.delta;
         let predicted = self.scene.linearise(&state);
         let step = self.solve_step(&pairs, &predicted, &refined.prior, &state)?;
-        Some(Refined {
+        Some(RefinedMatch {
             state: state + step.delta,
             covariance: step.covariance,
             evidence: step.evidence,

@@ -1,23 +1,23 @@
-//! Least squares of the state for given pairs, and the evidence for a set of pairs.
+//! Least squares of the wing state for given pairs, and the evidence for a set of pairs.
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::beam::State;
-use super::scene::{Matrix8, Predicted, mahalanobis_squared};
+use super::beam::WingState;
+use super::scene::{Matrix8, PredictedImage, mahalanobis_squared};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 
-/// Detection and marker.
-pub(super) type Pair = (usize, usize);
+/// Indices of a detection and its marker.
+pub(super) type MatchedPair = (usize, usize);
 
-/// What is believed of the state before looking.
+/// Prior of the wing state.
 #[derive(Clone, Debug)]
-pub(super) struct Prior {
-    pub(super) mean: State,
-    pub(super) sigma: State,
+pub(super) struct StatePrior {
+    pub(super) mean: WingState,
+    pub(super) sigma: WingState,
 }
 
-impl Prior {
+impl StatePrior {
     pub(super) fn precision(&self) -> Matrix8 {
         Matrix8::from_diagonal(&self.sigma.map(|s| 1.0 / (s * s)))
     }
@@ -27,57 +27,57 @@ impl Prior {
     }
 }
 
-/// Odds that a marker of the survey is seen: an assumption, two of three.
+/// Odds that a marker of the survey is detected: 2 to 1 (assumption).
 pub(super) const SEEN_ODDS: f64 = 2.0;
-/// Candidates crowd along the wing, a tenth of the frame: times as many per area.
+/// Density of false candidates along the wing, which covers 10 % of the frame, over the mean density.
 const CROWDING: f64 = 10.0;
-/// False candidates where there are none: as many as hardly any frame is without.
+/// Assumed number of false candidates if there are none: hardly any frame has fewer.
 const MIN_CLUTTER: f64 = 3.0;
 
-/// False candidates per area in a frame of so many detections, 1/px^2.
+/// Returns the density of false candidates in a frame with a number of detections, 1/px^2.
 pub(super) fn clutter_per_px2(detections: usize, lens: &Lens) -> f64 {
     let area = f64::from(lens.width) * f64::from(lens.height);
     CROWDING * (detections as f64 + MIN_CLUTTER) / area.max(1.0)
 }
 
-/// Frequency of markers and of false candidates in a frame.
+/// Density of false candidates in a frame, relative to the odds of a detected marker.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clutter {
-    /// ln(odds that a marker is seen / (clutter per px^2 * 2 pi)).
+    /// Value of `ln(odds that a marker is detected / (false candidates per px^2 * 2 pi))`.
     gain: f64,
 }
 
 impl Clutter {
-    /// For so many detections.
+    /// Creates the density for a number of detections.
     pub(super) fn new(detections: usize, lens: &Lens) -> Self {
         Self { gain: (SEEN_ODDS / (clutter_per_px2(detections, lens) * std::f64::consts::TAU)).ln() }
     }
 }
 
-/// One linear least-squares step.
+/// Result of one linear least-squares step.
 #[derive(Clone, Debug)]
-pub(super) struct Step {
-    pub(super) delta: State,
+pub(super) struct StateStep {
+    pub(super) delta: WingState,
     pub(super) covariance: Matrix8,
     /// Weighted squares after the step, prior included.
     pub(super) cost: f64,
-    /// ln of the evidence for the pairs against "all are clutter".
+    /// Log evidence for the pairs against false candidates alone.
     pub(super) evidence: f64,
 }
 
-fn pair_covariance(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
+fn pair_covariance(detection: &Detection, predicted: &PredictedImage) -> Matrix2<f64> {
     predicted.covariance + *detection.covariance_px2
 }
 
-/// Solves for the change of the state; `None` where a pair has no prediction.
+/// Solves for the change of the state; `None` if a pair has no prediction.
 pub(super) fn solve_step(
-    pairs: &[Pair],
-    predicted: &[Option<Predicted>],
+    pairs: &[MatchedPair],
+    predicted: &[Option<PredictedImage>],
     detections: &[Detection],
-    prior: &Prior,
-    state: &State,
+    prior: &StatePrior,
+    state: &WingState,
     clutter: Clutter,
-) -> Option<Step> {
+) -> Option<StateStep> {
     let mut normal = prior.precision();
     let mut right = normal * (prior.mean - state);
     let mut cost = right.dot(&(prior.mean - state));
@@ -100,14 +100,14 @@ pub(super) fn solve_step(
     let log_determinant = 2.0 * cholesky.l_dirty().diagonal().map(f64::ln).sum();
     let prior_log = -2.0 * prior.sigma.map(f64::ln).sum();
     evidence += 0.5 * (prior_log - log_determinant) - 0.5 * cost;
-    Some(Step { delta, covariance: cholesky.inverse(), cost, evidence })
+    Some(StateStep { delta, covariance: cholesky.inverse(), cost, evidence })
 }
 
-/// Squared distance of a pair in units of what is known: `covariance` of the state, the pair's own
-/// noise. For a pair that took part in the fit, `took_part` gives the test of its residual.
+/// Returns the squared normalised distance of a pair, given the `covariance` of the state and the pair's noise. If
+/// `took_part`, the pair is part of the fit and the value is the test of its residual.
 pub(super) fn squared_distance(
-    (i, j): Pair,
-    predicted: &[Option<Predicted>],
+    (i, j): MatchedPair,
+    predicted: &[Option<PredictedImage>],
     detections: &[Detection],
     covariance: &Matrix8,
     took_part: bool,

@@ -1,26 +1,29 @@
-//! Identities in flight: scan, refine, decide, report.
+//! Identities in flight: scan, refinement, decision, report.
 
-use super::decide::{MIN_LOG_ODDS, Decision, Doubt, decide_pairs};
-use super::fit::Pair;
-use super::matching::{Problem, Refined};
-use super::scan::{Guess, scan_deflections};
-use super::scene::{Scene, is_usable};
+use super::decide::{Ambiguity, MIN_LOG_ODDS, MatchDecision, decide_pairs};
+use super::fit::MatchedPair;
+use super::matching::{MatchingProblem, RefinedMatch};
+use super::scan::{StateGuess, scan_deflections};
+use super::scene::{WingView, is_usable};
 use super::{IdentifyError, Identities};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 
-/// Fewer pairs leave nothing to check a solution with.
+/// Minimum number of pairs; fewer leave no redundancy.
 pub(super) const MIN_IDENTIFIED: usize = 4;
-/// ln of the odds against "nothing but clutter", over some hundred guesses.
+/// Minimum log odds against false candidates alone, for some hundred guesses.
 const MIN_LOG_ODDS_CHANCE: f64 = 16.0;
 
-/// Identities of one frame, and the fitted state they stand on.
-pub(super) fn identify_frame(scene: &Scene<'_>, detections: &[Detection]) -> Result<Identities, IdentifyError> {
+/// Identifies the markers of one frame.
+///
+/// # Errors
+/// Returns an error if too few markers are found, or none or more than one solution fits.
+pub(super) fn identify_frame(scene: &WingView<'_>, detections: &[Detection]) -> Result<Identities, IdentifyError> {
     let found = detections.iter().filter(|d| is_usable(d)).count();
     if found < MIN_IDENTIFIED {
         return Err(IdentifyError::TooFew { found, needed: MIN_IDENTIFIED });
     }
-    let problem = Problem::new(scene, detections);
+    let problem = MatchingProblem::new(scene, detections);
     let solutions = find_solutions(&problem);
     let Some(best) = solutions.first() else {
         return Err(IdentifyError::NoConsensus { matched: 0, found });
@@ -38,9 +41,9 @@ pub(super) fn identify_frame(scene: &Scene<'_>, detections: &[Detection]) -> Res
     Ok(identities)
 }
 
-/// Refined guesses, the strongest evidence first.
-pub(super) fn find_solutions(problem: &Problem<'_>) -> Vec<Refined> {
-    let mut solutions: Vec<Refined> = Vec::new();
+/// Returns refined guesses, strongest evidence first.
+pub(super) fn find_solutions(problem: &MatchingProblem<'_>) -> Vec<RefinedMatch> {
+    let mut solutions: Vec<RefinedMatch> = Vec::new();
     for guess in scan_deflections(problem) {
         let most = solutions.iter().map(|s| s.pairs.len()).max().unwrap_or(0);
         if 2 * guess.pairs.len() < most || solutions.iter().any(|s| leads_to_solution(&guess, s)) {
@@ -53,24 +56,25 @@ pub(super) fn find_solutions(problem: &Problem<'_>) -> Vec<Refined> {
     solutions
 }
 
-/// Whether a guess is but another start to a solution that is already there. A reading that could
-/// rival it contradicts it in many pairs; a few are looked at one by one later.
-fn leads_to_solution(guess: &Guess, solution: &Refined) -> bool {
+/// Returns true if a guess is another start to a known solution. A rival contradicts it in many pairs; a few differences
+/// are examined one by one later.
+fn leads_to_solution(guess: &StateGuess, solution: &RefinedMatch) -> bool {
     let against = guess.pairs.iter().filter(|p| find_contradiction(&solution.pairs, **p).is_some()).count();
     against < 3 || 10 * against < 3 * solution.pairs.len()
 }
 
-/// Other solutions with about the same evidence put in doubt what they tell otherwise.
-fn mark_ambiguous(decision: &mut Decision, solutions: &[Refined]) -> usize {
+/// Marks as ambiguous the markers for which other solutions of similar evidence differ. Returns the number of such
+/// solutions.
+fn mark_ambiguous(decision: &mut MatchDecision, solutions: &[RefinedMatch]) -> usize {
     let limit = decision.refined.evidence - MIN_LOG_ODDS;
     let mut rivals = 0;
     for rival in solutions.iter().filter(|s| s.evidence > limit) {
         let mut differs = false;
         for &(i, j) in &decision.refined.pairs {
-            if let Some(doubt) = find_contradiction(&rival.pairs, (i, j)) {
+            if let Some(ambiguity) = find_contradiction(&rival.pairs, (i, j)) {
                 differs = true;
-                if !decision.doubtful.iter().any(|d| d.0 == j) {
-                    decision.doubtful.push((j, doubt));
+                if !decision.ambiguous.iter().any(|d| d.0 == j) {
+                    decision.ambiguous.push((j, ambiguity));
                 }
             }
         }
@@ -79,15 +83,15 @@ fn mark_ambiguous(decision: &mut Decision, solutions: &[Refined]) -> usize {
     rivals
 }
 
-fn find_contradiction(pairs: &[Pair], (i, j): Pair) -> Option<Doubt> {
+fn find_contradiction(pairs: &[MatchedPair], (i, j): MatchedPair) -> Option<Ambiguity> {
     pairs.iter().find_map(|&(a, b)| match (a == i, b == j) {
-        (true, false) => Some(Doubt::Marker(b)),
-        (false, true) => Some(Doubt::Detection),
+        (true, false) => Some(Ambiguity::Marker(b)),
+        (false, true) => Some(Ambiguity::Detection),
         _ => None,
     })
 }
 
-pub(super) fn build_identities(problem: &Problem<'_>, decision: &Decision) -> Identities {
+pub(super) fn build_identities(problem: &MatchingProblem<'_>, decision: &MatchDecision) -> Identities {
     let refined = &decision.refined;
     let mut identities = Identities {
         marker_of: vec![None; problem.detections.len()],
@@ -96,10 +100,10 @@ pub(super) fn build_identities(problem: &Problem<'_>, decision: &Decision) -> Id
     };
     for j in 0..problem.scene.setup.markers.len() {
         let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);
-        let doubt = decision.doubtful.iter().find(|d| d.0 == j).map(|d| d.1);
-        match (detection, doubt) {
+        let ambiguity = decision.ambiguous.iter().find(|d| d.0 == j).map(|d| d.1);
+        match (detection, ambiguity) {
             (Some(i), None) => identities.marker_of[i] = Some(j),
-            (_, Some(doubt)) => identities.missing.push((j, ambiguity_text(problem, doubt))),
+            (_, Some(ambiguity)) => identities.missing.push((j, ambiguity_text(problem, ambiguity))),
             (None, None) => {
                 let pixel = refined.predicted.get(j).copied().flatten().map(|p| p.pixel);
                 identities.missing.push((j, absence_text(&problem.scene.setup.lens, pixel)));
@@ -109,17 +113,17 @@ pub(super) fn build_identities(problem: &Problem<'_>, decision: &Decision) -> Id
     identities
 }
 
-fn ambiguity_text(problem: &Problem<'_>, doubt: Doubt) -> String {
-    match doubt {
-        Doubt::Detection => "two detections fit alike".to_string(),
-        Doubt::Marker(other) => {
+fn ambiguity_text(problem: &MatchingProblem<'_>, ambiguity: Ambiguity) -> String {
+    match ambiguity {
+        Ambiguity::Detection => "two detections fit equally well".to_string(),
+        Ambiguity::Marker(other) => {
             let id = problem.scene.setup.markers.get(other).map_or("another marker", |m| m.id.as_str());
-            format!("its detection fits {id} alike")
+            format!("its detection fits {id} equally well")
         }
     }
 }
 
-/// Why a marker without a detection has none.
+/// Explains a marker without a detection.
 pub(super) fn absence_text(lens: &Lens, pixel: Option<nalgebra::Vector2<f64>>) -> String {
     match pixel {
         None => "behind the camera".to_string(),

@@ -1,31 +1,32 @@
-//! From a first guess to pairs: gated one-to-one matching and fitting in turns.
+//! Pairs from a first guess: gated one-to-one matching and fitting in turns.
 
-use super::beam::State;
-use super::fit::{Clutter, Pair, Prior, Step, squared_distance, solve_step};
-use super::outline::Outline;
-use super::scene::{Matrix8, Predicted, Scene, looks_like, outline_fits, is_usable};
+use super::beam::WingState;
+use super::fit::{Clutter, MatchedPair, StatePrior, StateStep, solve_step, squared_distance};
+use super::outline::DiscOutline;
+use super::scene::{Matrix8, PredictedImage, WingView, is_usable, looks_like, outline_fits};
 use crate::detect::Detection;
 
-/// Chi-square of two degrees of freedom, 1e-4: beyond this a pair is none.
+/// Gate of a pair: chi-square of two degrees of freedom, 1e-4.
 pub(super) const GATE: f64 = 18.4;
-/// What is accepted in the end, chi-square of two degrees of freedom, 1 %: the predictions' stated noise is generous.
+/// Gate of a pair's residual after the fit: chi-square of two degrees of freedom, 1 %; the noise of the predictions is
+/// generous.
 const RESIDUAL_GATE: f64 = 9.2;
-/// Rounds of matching and fitting at most; pairs settle in two or three.
+/// Maximum number of rounds of matching and fitting; pairs settle in two or three.
 const MAX_ROUNDS: usize = 8;
-/// Linear steps of a fit at most; bending settles in three.
+/// Maximum number of linear steps of a fit; bending settles in three.
 const MAX_STEPS: usize = 8;
-/// Below this a linear step is exact, px: less than the predictions' own noise.
+/// Step below which the fit is linear, px: less than the predictions' noise.
 const SETTLED_PX: f64 = 2.0;
-/// Bounds of the variance factor by which the state is taken to be known less while pairs are sought.
+/// Bounds of the variance factor that scales the covariance of the state during matching.
 const INFLATION: (f64, f64) = (1.0, 9.0);
-/// A pair keeps its place up to so many times the gate: without it two pairs may take turns.
+/// Factor on the gate for an existing pair, so that two pairs do not alternate.
 const KEEP_FACTOR: f64 = 1.5;
-/// Fewest pairs of a fit: as many leave one that checks, with what is known before.
+/// Minimum number of pairs of a fit: leaves redundancy, given the prior.
 const MIN_PAIRS: usize = 4;
 
-/// One frame in flight.
-pub(super) struct Problem<'a> {
-    pub(super) scene: &'a Scene<'a>,
+/// Matching of one frame in flight.
+pub(super) struct MatchingProblem<'a> {
+    pub(super) scene: &'a WingView<'a>,
     pub(super) detections: &'a [Detection],
     pub(super) clutter: Clutter,
     candidates: Vec<Vec<usize>>,
@@ -33,29 +34,28 @@ pub(super) struct Problem<'a> {
 
 /// A fitted set of pairs.
 #[derive(Clone, Debug)]
-pub(super) struct Refined {
-    pub(super) state: State,
+pub(super) struct RefinedMatch {
+    pub(super) state: WingState,
     pub(super) covariance: Matrix8,
-    pub(super) pairs: Vec<Pair>,
+    pub(super) pairs: Vec<MatchedPair>,
     pub(super) evidence: f64,
-    pub(super) prior: Prior,
-    pub(super) predicted: Vec<Option<Predicted>>,
-    pub(super) outlines: Vec<Option<Outline>>,
+    pub(super) prior: StatePrior,
+    pub(super) predicted: Vec<Option<PredictedImage>>,
+    pub(super) outlines: Vec<Option<DiscOutline>>,
 }
 
 /// A state fitted to pairs.
-struct Fit {
-    state: State,
+struct StateFit {
+    state: WingState,
     covariance: Matrix8,
     cost: f64,
-    predicted: Vec<Option<Predicted>>,
+    predicted: Vec<Option<PredictedImage>>,
 }
 
-impl<'a> Problem<'a> {
-    pub(super) fn new(scene: &'a Scene<'a>, detections: &'a [Detection]) -> Self {
+impl<'a> MatchingProblem<'a> {
+    pub(super) fn new(scene: &'a WingView<'a>, detections: &'a [Detection]) -> Self {
         let lens = &scene.setup.lens;
-        // The major axis of a disc's image hangs on distance and size alone, and distance changes
-        // little by bending.
+        // The major axis of a disc's image depends on distance and size alone, and bending changes the distance little.
         let candidates = scene
             .setup
             .markers
@@ -70,24 +70,24 @@ impl<'a> Problem<'a> {
         Self { scene, detections, clutter: Clutter::new(detections.len(), lens), candidates }
     }
 
-    /// Detections that look like a marker.
+    /// Returns detections that are similar to a marker.
     pub(super) fn candidates(&self, marker: usize) -> &[usize] {
         self.candidates.get(marker).map_or(&[], Vec::as_slice)
     }
 
     pub(super) fn solve_step(
         &self,
-        pairs: &[Pair],
-        predicted: &[Option<Predicted>],
-        prior: &Prior,
-        state: &State,
-    ) -> Option<Step> {
+        pairs: &[MatchedPair],
+        predicted: &[Option<PredictedImage>],
+        prior: &StatePrior,
+        state: &WingState,
+    ) -> Option<StateStep> {
         solve_step(pairs, predicted, self.detections, prior, state, self.clutter)
     }
 
-    /// Matches and fits in turns until nothing changes, from the first pairs as they are and, where
-    /// that differs, from those that a walk from marker to marker makes of them; the better one.
-    pub(super) fn refine(&self, prior: &Prior, start: &[Pair]) -> Option<Refined> {
+    /// Matches and fits in turns until nothing changes, from the first pairs as given and, if different, from sequentially
+    /// chosen ones. Returns the better result.
+    pub(super) fn refine(&self, prior: &StatePrior, start: &[MatchedPair]) -> Option<RefinedMatch> {
         let as_given = self.refine_from(prior, start.to_vec());
         let mut walked = self.pair_sequentially(prior, &self.scene.linearise(&prior.mean), start);
         walked.sort_by_key(|p| p.1);
@@ -98,8 +98,8 @@ impl<'a> Problem<'a> {
         [as_given, other].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
-    /// Matches and fits in turns until nothing changes; `None` below [`LEAST_PAIRS`].
-    fn refine_from(&self, prior: &Prior, mut pairs: Vec<Pair>) -> Option<Refined> {
+    /// Matches and fits in turns until nothing changes; `None` below [`MIN_PAIRS`].
+    fn refine_from(&self, prior: &StatePrior, mut pairs: Vec<MatchedPair>) -> Option<RefinedMatch> {
         let mut fit = self.fit_pairs(&pairs, prior, &prior.mean)?;
         let mut outlines = self.scene.marker_outlines(&fit.state);
         for _ in 0..MAX_ROUNDS {
@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
             outlines = self.scene.marker_outlines(&fit.state);
         }
         let (pairs, step) = self.remove_outliers(pairs, &fit.predicted, prior, &fit.state)?;
-        (pairs.len() >= MIN_PAIRS).then_some(Refined {
+        (pairs.len() >= MIN_PAIRS).then_some(RefinedMatch {
             state: fit.state + step.delta,
             covariance: step.covariance,
             pairs,
@@ -124,8 +124,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Fits given pairs to convergence, before any of them is judged: bending is not linear.
-    fn fit_pairs(&self, pairs: &[Pair], prior: &Prior, start: &State) -> Option<Fit> {
+    /// Fits given pairs to convergence without rejecting any, because bending is not linear.
+    fn fit_pairs(&self, pairs: &[MatchedPair], prior: &StatePrior, start: &WingState) -> Option<StateFit> {
         let mut state = *start;
         for _ in 0..MAX_STEPS {
             let predicted = self.scene.linearise(&state);
@@ -133,25 +133,30 @@ impl<'a> Problem<'a> {
             state += step.delta;
             if max_shift_px(&predicted, &step) < SETTLED_PX {
                 let predicted = shift_predictions(&predicted, &step);
-                return Some(Fit { state, covariance: step.covariance, cost: step.cost, predicted });
+                return Some(StateFit { state, covariance: step.covariance, cost: step.cost, predicted });
             }
         }
         None
     }
 
-    /// First pairs, one marker after the other, the surest prediction first, each one sharpening
-    /// the next.
-    fn pair_sequentially(&self, prior: &Prior, predicted: &[Option<Predicted>], start: &[Pair]) -> Vec<Pair> {
+    /// Chooses first pairs marker by marker, the most precise prediction first; each pair improves the next prediction.
+    fn pair_sequentially(
+        &self,
+        prior: &StatePrior,
+        predicted: &[Option<PredictedImage>],
+        start: &[MatchedPair],
+    ) -> Vec<MatchedPair> {
         let mut covariance = prior.covariance();
-        let mut shift = State::zeros();
+        let mut shift = WingState::zeros();
         let mut order: Vec<usize> = start.iter().map(|p| p.1).collect();
         let area = |j: usize| {
-            predicted.get(j).and_then(Option::as_ref).map_or(f64::MAX, |p| {
-                (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant()
-            })
+            predicted
+                .get(j)
+                .and_then(Option::as_ref)
+                .map_or(f64::MAX, |p| (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant())
         };
         order.sort_by(|a, b| area(*a).total_cmp(&area(*b)));
-        let mut pairs: Vec<Pair> = Vec::new();
+        let mut pairs: Vec<MatchedPair> = Vec::new();
         for j in order {
             let Some(Some(p)) = predicted.get(j) else { continue };
             let expected = p.jacobian * covariance * p.jacobian.transpose() + p.covariance;
@@ -161,8 +166,7 @@ impl<'a> Problem<'a> {
                 (v, v.dot(&(inverse * v)))
             };
             let free = |i: &&usize| pairs.iter().all(|q| q.0 != **i);
-            let best =
-                self.candidates(j).iter().filter(free).min_by(|a, b| off(**a).1.total_cmp(&off(**b).1));
+            let best = self.candidates(j).iter().filter(free).min_by(|a, b| off(**a).1.total_cmp(&off(**b).1));
             let Some(&i) = best.filter(|i| off(**i).1 < GATE) else { continue };
             let gain = covariance * p.jacobian.transpose() * inverse;
             shift += gain * off(i).0;
@@ -172,15 +176,15 @@ impl<'a> Problem<'a> {
         pairs
     }
 
-    /// One-to-one, nearest first, within the gate; `old` pairs are held against their residual's test.
+    /// Pairs one-to-one, nearest first, within the gate; existing pairs have a wider gate.
     fn nearest_pairs(
         &self,
-        predicted: &[Option<Predicted>],
-        outlines: &[Option<Outline>],
+        predicted: &[Option<PredictedImage>],
+        outlines: &[Option<DiscOutline>],
         covariance: &Matrix8,
-        old: &[Pair],
-    ) -> Vec<Pair> {
-        let mut all: Vec<(f64, Pair)> = Vec::new();
+        old: &[MatchedPair],
+    ) -> Vec<MatchedPair> {
+        let mut all: Vec<(f64, MatchedPair)> = Vec::new();
         for j in 0..predicted.len() {
             for &i in self.candidates(j) {
                 if self.outline_fits((i, j), outlines) {
@@ -193,7 +197,7 @@ impl<'a> Problem<'a> {
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut pairs: Vec<Pair> = Vec::new();
+        let mut pairs: Vec<MatchedPair> = Vec::new();
         for (_, (i, j)) in all {
             if pairs.iter().all(|p| p.0 != i && p.1 != j) {
                 pairs.push((i, j));
@@ -203,7 +207,7 @@ impl<'a> Problem<'a> {
         pairs
     }
 
-    pub(super) fn outline_fits(&self, (i, j): Pair, outlines: &[Option<Outline>]) -> bool {
+    pub(super) fn outline_fits(&self, (i, j): MatchedPair, outlines: &[Option<DiscOutline>]) -> bool {
         let (Some(marker), Some(Some(outline)), Some(detection)) =
             (self.scene.setup.markers.get(j), outlines.get(j), self.detections.get(i))
         else {
@@ -212,20 +216,19 @@ impl<'a> Problem<'a> {
         outline_fits(detection, marker.shape, outline)
     }
 
-    /// Takes the worst pair out while its residual fails the test.
+    /// Removes the worst pair until all residuals pass the test.
     pub(super) fn remove_outliers(
         &self,
-        mut pairs: Vec<Pair>,
-        predicted: &[Option<Predicted>],
-        prior: &Prior,
-        state: &State,
-    ) -> Option<(Vec<Pair>, Step)> {
+        mut pairs: Vec<MatchedPair>,
+        predicted: &[Option<PredictedImage>],
+        prior: &StatePrior,
+        state: &WingState,
+    ) -> Option<(Vec<MatchedPair>, StateStep)> {
         loop {
             let step = self.solve_step(&pairs, predicted, prior, state)?;
             let shifted = shift_predictions(predicted, &step);
-            let test = |pair: Pair| squared_distance(pair, &shifted, self.detections, &step.covariance, true);
-            let worst =
-                pairs.iter().enumerate().map(|(k, pair)| (test(*pair), k)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let test = |pair: MatchedPair| squared_distance(pair, &shifted, self.detections, &step.covariance, true);
+            let worst = pairs.iter().enumerate().map(|(k, pair)| (test(*pair), k)).max_by(|a, b| a.0.total_cmp(&b.0));
             match worst {
                 Some((t, k)) if t > RESIDUAL_GATE => drop(pairs.remove(k)),
                 _ => return Some((pairs, step)),
@@ -234,11 +237,11 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Predictions after a linear step.
-pub(super) fn shift_predictions(predicted: &[Option<Predicted>], step: &Step) -> Vec<Option<Predicted>> {
-    predicted.iter().map(|p| p.map(|p| Predicted { pixel: p.pixel + p.jacobian * step.delta, ..p })).collect()
+/// Returns the predictions after a linear step.
+pub(super) fn shift_predictions(predicted: &[Option<PredictedImage>], step: &StateStep) -> Vec<Option<PredictedImage>> {
+    predicted.iter().map(|p| p.map(|p| PredictedImage { pixel: p.pixel + p.jacobian * step.delta, ..p })).collect()
 }
 
-fn max_shift_px(predicted: &[Option<Predicted>], step: &Step) -> f64 {
+fn max_shift_px(predicted: &[Option<PredictedImage>], step: &StateStep) -> f64 {
     predicted.iter().flatten().map(|p| (p.jacobian * step.delta).norm()).fold(0.0, f64::max)
 }

@@ -1,5 +1,4 @@
-//! The image of a disc: its ellipse, and by how much the ellipse's centre misses the image of the
-//! disc's centre.
+//! The image of a disc: its ellipse, and the offset between the ellipse's centre and the image of the disc's centre.
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vector2, Vector3};
 
@@ -7,41 +6,36 @@ use crate::geometry::Lens;
 
 /// A disc on a slightly warped skin, camera frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Disc {
-    /// Centre, m.
+pub(super) struct SkinDisc {
     pub(super) centre_m: Vector3<f64>,
-    /// Unit normal.
     pub(super) normal: Vector3<f64>,
     /// Unit chordwise direction, in the disc's plane.
     pub(super) chord: Vector3<f64>,
-    /// m.
     pub(super) radius_m: f64,
-    /// Warp of the skin, d2(normal)/d(outboard)d(chordwise), 1/m. Its crown is not here: it bends
-    /// the image's axis about the disc's centre, and the detector fits that bend.
+    /// Warp of the skin, d2(normal)/d(outboard)d(chordwise), 1/m. The crown is omitted: it bends the image's axis about the
+    /// disc's centre, and the detector fits that bend.
     pub(super) warp_per_m: f64,
 }
 
-/// The disc's image.
+/// Image of a disc.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Outline {
+pub(super) struct DiscOutline {
     /// Image of the disc's centre, px.
     pub(super) point_px: Vector2<f64>,
     /// Centre of the ellipse, px.
     pub(super) ellipse_px: Vector2<f64>,
-    /// px.
     pub(super) semi_major_px: f64,
-    /// px.
     pub(super) semi_minor_px: f64,
-    /// From u towards v, rad, in (-pi/2, pi/2].
+    /// Angle of the major axis from u towards v, rad, in (-pi/2, pi/2].
     pub(super) angle_rad: f64,
 }
 
-/// An ellipse is exact from five points on; more average the lens distortion.
+/// Number of boundary points: five determine an ellipse, more average the lens distortion.
 const BOUNDARY_POINTS: usize = 24;
 
-impl Disc {
-    /// `None` where a part is behind the camera or the disc is seen edge-on.
-    pub(super) fn outline(&self, lens: &Lens) -> Option<Outline> {
+impl SkinDisc {
+    /// Returns the outline; `None` if a part is behind the camera or the disc is seen edge-on.
+    pub(super) fn outline(&self, lens: &Lens) -> Option<DiscOutline> {
         let outboard = self.normal.cross(&self.chord);
         let mut points = [Vector2::zeros(); BOUNDARY_POINTS];
         for (i, point) in points.iter_mut().enumerate() {
@@ -64,7 +58,7 @@ impl Disc {
         } else {
             angle
         };
-        Some(Outline {
+        Some(DiscOutline {
             point_px: lens.project(&self.centre_m)?,
             ellipse_px,
             semi_major_px: eigen.eigenvalues[large].max(0.0).sqrt(),
@@ -73,19 +67,19 @@ impl Disc {
         })
     }
 
-    /// Ellipse's centre less the centre's image, px.
+    /// Returns the offset of the ellipse's centre from the image of the disc's centre, px.
     pub(super) fn centre_bias_px(&self, lens: &Lens) -> Option<Vector2<f64>> {
         self.outline(lens).map(|o| o.ellipse_px - o.point_px)
     }
 
-    /// The same disc with its normal turned about an axis of its plane.
+    /// Returns the disc with its normal turned about an axis of its plane.
     pub(super) fn tilted(&self, axis: &Vector3<f64>, angle_rad: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle_rad);
         Self { normal: turn * self.normal, chord: turn * self.chord, ..*self }
     }
 }
 
-/// Conic through points, as centre and shape matrix: (p - c)' shape^-1 (p - c) = 1.
+/// Fits a conic to points. Returns its centre c and its shape matrix: (p - c)' shape^-1 (p - c) = 1.
 fn fit_ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;

@@ -1,21 +1,21 @@
-//! Least squares of the ground frames: rotation, with survey and projection centre as uncertain as
-//! they are stated. Their errors are common to all frames, so that more frames do not hide them.
+//! Least squares of the ground frames for the rotation; survey and projection centre have their configured standard
+//! deviations. Their errors are common to all frames, so more frames do not reduce them.
 
 use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, Vector2, Vector3};
 
 use super::scene::mahalanobis_squared;
 use crate::environment::Plate;
-use crate::estimation::{Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve};
-use crate::geometry::{left_jacobian, cross_matrix};
+use crate::estimation::{Block, BlockPoint, EstimationError, Fit, Group, Linearised, Prior, Problem, solve};
+use crate::geometry::{cross_matrix, left_jacobian};
 use crate::observation::Estimate;
 use crate::setup::{GroundObservation, Orientation, Setup};
 
-/// Chi-square of two degrees of freedom, 1e-4.
+/// Gate of a residual: chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;
-/// A survey that claims no error at all is taken at this, m.
+/// Smallest standard deviation of a surveyed point, m.
 const MIN_SIGMA_M: f64 = 1e-5;
 
-/// One marker seen in one ground frame, perspective bias removed.
+/// A marker's image in a ground frame, perspective bias removed.
 #[derive(Clone, Debug)]
 pub(super) struct GroundImage {
     pub(super) frame: usize,
@@ -31,49 +31,53 @@ impl GroundImage {
     }
 }
 
-/// The adjusted orientation.
-pub(super) struct Adjusted {
+/// An adjusted orientation.
+pub(super) struct AdjustedOrientation {
     pub(super) orientation: Orientation,
     pub(super) variance_factor: f64,
     pub(super) redundancy: usize,
-    /// With residuals against the survey as given, observed - computed, px.
+    /// Images used, with residuals relative to the survey as given (observed minus computed), px.
     pub(super) used: Vec<(GroundImage, Vector2<f64>)>,
-    pub(super) taken_out: Vec<GroundImage>,
+    pub(super) rejected: Vec<GroundImage>,
 }
 
-/// First columns of the unknowns: small rotation, correction of the projection centre, of every marker.
+/// First columns of the unknowns after the small rotation: corrections of the projection centre and of every marker.
 const CENTRE: usize = 3;
 const MARKERS: usize = 6;
-const MISSING: &str = "the markers at hand do not tell the rotation";
+const MISSING: &str = "the identified markers do not determine the rotation";
 
-/// The ground frames' least squares.
+/// Least-squares adjustment of the ground frames.
 struct OrientationAdjustment<'a> {
     setup: &'a Setup,
-    /// Rotation that the small one is counted from, camera from survey.
+    /// Rotation from survey to camera frame to which the small rotation is added.
     start: Rotation3<f64>,
-    /// Per marker, survey frame: displacement by a bend of the wing, m per m at the tip; nothing where it is not sought.
+    /// Displacement of each marker by a bend of the wing, survey frame, m per m at the tip; empty if no bend is estimated.
     bend: &'a [Vector3<f64>],
     list: Vec<GroundImage>,
 }
 
-/// Adjusts, taking out the worst sight while its residual fails the test.
-pub(super) fn adjust_orientation(setup: &Setup, start: &Rotation3<f64>, list: Vec<GroundImage>) -> Option<Adjusted> {
-    let mut sights = OrientationAdjustment { setup, start: *start, bend: &[], list };
-    let (fit, taken_out) = sights.solve_without_outliers()?;
-    Some(sights.into_adjusted(&fit, taken_out))
+/// Adjusts the orientation and rejects the worst image until all residuals pass the test.
+pub(super) fn adjust_orientation(
+    setup: &Setup,
+    start: &Rotation3<f64>,
+    list: Vec<GroundImage>,
+) -> Option<AdjustedOrientation> {
+    let mut adjustment = OrientationAdjustment { setup, start: *start, bend: &[], list };
+    let (fit, rejected) = adjustment.solve_without_outliers()?;
+    Some(adjustment.into_adjusted(&fit, rejected))
 }
 
-/// A bend of the wing since the survey, at the tip, with its standard deviation, m: one unknown more, of which nothing is
-/// known beforehand. `by_bend`: per marker, survey frame, m per m.
+/// Estimates a bend of the wing since the survey with its standard deviation, at the tip, m: an additional unknown without
+/// a prior. `by_bend`: displacement of each marker, survey frame, m per m.
 pub(super) fn estimate_bend(
     setup: &Setup,
     start: &Rotation3<f64>,
     by_bend: &[Vector3<f64>],
     list: Vec<GroundImage>,
 ) -> Option<Estimate> {
-    let mut sights = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
-    let (fit, _) = sights.solve_without_outliers()?;
-    let column = sights.bend_column();
+    let mut adjustment = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
+    let (fit, _) = adjustment.solve_without_outliers()?;
+    let column = adjustment.bend_column();
     let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
     let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
     Some(Estimate { value: fit.global[column], sigma: Some(sigma) })
@@ -81,18 +85,18 @@ pub(super) fn estimate_bend(
 
 impl OrientationAdjustment<'_> {
     fn solve_without_outliers(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
-        let mut taken_out = Vec::new();
+        let mut rejected = Vec::new();
         loop {
             let fit = self.solve_images()?;
             let tests = (0..self.list.len()).map(|k| (self.residual_test(&fit, k), k));
             match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                Some((t, k)) if t > GATE && self.list.len() > 2 => taken_out.push(self.list.remove(k)),
-                _ => return Some((fit, taken_out)),
+                Some((t, k)) if t > GATE && self.list.len() > 2 => rejected.push(self.list.remove(k)),
+                _ => return Some((fit, rejected)),
             }
         }
     }
 
-    /// Behind all others.
+    /// Returns the column of the bend, the last one.
     fn bend_column(&self) -> usize {
         MARKERS + 3 * self.setup.markers.len()
     }
@@ -100,9 +104,9 @@ impl OrientationAdjustment<'_> {
     fn solve_images(&self) -> Option<Fit> {
         let Self { setup, list, .. } = self;
         let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
-        let block = |sight: &GroundImage| Block {
-            observed: DVector::from_column_slice(sight.pixel.as_slice()),
-            covariance: DMatrix::from_column_slice(2, 2, sight.covariance_px2.as_slice()),
+        let block = |image: &GroundImage| Block {
+            observed: DVector::from_column_slice(image.pixel.as_slice()),
+            covariance: DMatrix::from_column_slice(2, 2, image.covariance_px2.as_slice()),
         };
         let known = |name, first: usize, sigma_m: f64| {
             let variance = sigma_m.max(MIN_SIGMA_M).powi(2);
@@ -116,11 +120,7 @@ impl OrientationAdjustment<'_> {
             missing: vec![MISSING; unknowns],
             priors: markers.chain([centre]).collect(),
             known: None,
-            groups: vec![Group {
-                local: DVector::zeros(0),
-                priors: vec![],
-                blocks: list.iter().map(block).collect(),
-            }],
+            groups: vec![Group { local: DVector::zeros(0), priors: vec![], blocks: list.iter().map(block).collect() }],
         };
         solve(&problem, |at| self.linearise(at)).ok()
     }
@@ -131,9 +131,9 @@ impl OrientationAdjustment<'_> {
         rotation
     }
 
-    fn linearise(&self, at: &Point) -> Result<Linearised, EstimationError> {
+    fn linearise(&self, at: &BlockPoint) -> Result<Linearised, EstimationError> {
         let Self { setup, list, .. } = self;
-        let behind = || EstimationError::Input("a marker comes to lie behind the camera".into());
+        let behind = || EstimationError::Input("a marker is behind the camera".into());
         let marker = list[at.block].marker;
         let first = MARKERS + 3 * marker;
         let turn = at.global.fixed_rows::<3>(0).into_owned();
@@ -160,14 +160,14 @@ impl OrientationAdjustment<'_> {
         Ok(out)
     }
 
-    /// v' Qv^-1 v of a sight: chi-square with two degrees of freedom where it is no blunder.
+    /// Returns `v' Qv^-1 v` of an image: chi-square with two degrees of freedom unless it is an outlier.
     fn residual_test(&self, fit: &Fit, k: usize) -> f64 {
         let residual = &fit.groups[0].blocks[k].residuals;
         let adjusted = fit.adjusted_covariance(0, k).fixed_view::<2, 2>(0, 0).into_owned();
         mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
     }
 
-    fn into_adjusted(self, fit: &Fit, taken_out: Vec<GroundImage>) -> Adjusted {
+    fn into_adjusted(self, fit: &Fit, rejected: Vec<GroundImage>) -> AdjustedOrientation {
         let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
         let residual = |s: &GroundImage| {
             let ground = setup.markers[s.marker].position_m;
@@ -176,11 +176,11 @@ impl OrientationAdjustment<'_> {
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
         let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        Adjusted {
+        AdjustedOrientation {
             orientation: Orientation {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
-                ground: GroundObservation::means(
+                ground: GroundObservation::mean_observations(
                     setup.markers.len(),
                     self.list.iter().map(GroundImage::to_observation),
                 ),
@@ -188,12 +188,13 @@ impl OrientationAdjustment<'_> {
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
             redundancy: fit.redundancy,
             used: self.list.iter().map(|s| (s.clone(), residual(s))).collect(),
-            taken_out,
+            rejected,
         }
     }
 }
 
-/// Where the camera sees a surveyed point on ground, through the window where that is stated; camera frame.
+/// Returns the point at which the camera sees a surveyed point on the ground, through the window if it is configured;
+/// camera frame, m.
 fn apparent_point(
     setup: &Setup,
     rotation: &Rotation3<f64>,

@@ -1,58 +1,56 @@
-//! First guesses in flight: one family of deflections, any shift of the mount.
+//! First guesses in flight: deflections of a family of shapes, with any shift of the mount.
 
 use nalgebra::Vector2;
 
-use super::beam::State;
-use super::fit::{Pair, Prior};
-use super::matching::Problem;
+use super::beam::WingState;
+use super::fit::{MatchedPair, StatePrior};
+use super::matching::MatchingProblem;
 
-/// Cells of the vote over the image shift, px; a vote counts in a block of 3 x 3.
+/// Cell size of the vote over the image shift, px; a vote counts in a block of 3 x 3 cells.
 const CELL_PX: f64 = 20.0;
 const MAX_CELLS: usize = 31;
 /// Motion of the outermost marker between two deflections of the scan, px.
 const STEP_PX: f64 = 30.0;
-/// Tip deflection over span.
+/// Range of the tip deflection over span.
 pub(super) const DEFLECTION_RANGE: (f64, f64) = (-0.11, 0.22);
-/// Curvature over the span as coefficients, and L^2 * curvature / tip deflection: (1 - x)(1 + 3x) for a
-/// strong taper, 1, 1 - x, (1 - x)^2.
+/// Curvature over the span as coefficients, and L^2 * curvature / tip deflection: (1 - x)(1 + 3x) for a strong taper, 1, 1
+/// - x, (1 - x)^2.
 pub(super) const FAMILY: [([f64; 3], f64); 4] =
     [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
 const MAX_GUESSES: usize = 8;
 
-/// A deflection and a shift with the pairs that agree on it.
+/// A deflection and a shift, with the pairs that agree on it.
 #[derive(Clone, Debug)]
-pub(super) struct Guess {
-    pub(super) prior: Prior,
-    pub(super) pairs: Vec<Pair>,
+pub(super) struct StateGuess {
+    pub(super) prior: StatePrior,
+    pub(super) pairs: Vec<MatchedPair>,
     cell: usize,
 }
 
-/// Half width of the vote: mounts shift by 40 px, more where the installation says so.
+/// Returns the half width of the vote, px: mounts shift by 40 px, or more if the installation says so.
 fn window_px(mount_repeatability_px: f64) -> f64 {
     (3.0 * mount_repeatability_px).clamp(60.0, 0.5 * CELL_PX * (MAX_CELLS - 3) as f64)
 }
 
-/// The best guesses, best first.
-pub(super) fn scan_deflections(problem: &Problem<'_>) -> Vec<Guess> {
+/// Returns the best guesses, best first.
+pub(super) fn scan_deflections(problem: &MatchingProblem<'_>) -> Vec<StateGuess> {
     let beam = &problem.scene.beam;
     let setup = problem.scene.setup;
     let tip = problem.scene.outermost_marker();
     let span_m = beam.length_m;
     let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
     let step_m = STEP_PX * range_m / setup.lens.focal_px();
-    let steps =
-        (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
+    let steps = (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
     let window = window_px(setup.mount_repeatability_px);
-    let mut guesses: Vec<Guess> = Vec::new();
+    let mut guesses: Vec<StateGuess> = Vec::new();
     for step in 0..=steps {
         let fraction = step as f64 / steps as f64;
-        let deflection_m =
-            span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
+        let deflection_m = span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
         let best = FAMILY
             .iter()
             .filter_map(|(shape, unit)| {
                 let amplitude = unit * deflection_m / (span_m * span_m);
-                let mut state = State::zeros();
+                let mut state = WingState::zeros();
                 for (k, s) in shape.iter().enumerate() {
                     state[k] = s * amplitude;
                 }
@@ -64,23 +62,29 @@ pub(super) fn scan_deflections(problem: &Problem<'_>) -> Vec<Guess> {
     select_apart(guesses)
 }
 
-/// The best guesses that are not each other's neighbours in deflection.
-fn select_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
+/// Selects the best guesses that are not neighbours in deflection.
+fn select_apart(mut guesses: Vec<StateGuess>) -> Vec<StateGuess> {
     guesses.sort_by_key(|g| (std::cmp::Reverse(g.pairs.len()), g.cell));
-    let mut kept: Vec<Guess> = Vec::new();
+    let mut selected: Vec<StateGuess> = Vec::new();
     for guess in guesses {
-        if kept.iter().all(|k| k.cell.abs_diff(guess.cell) > 1) {
-            kept.push(guess);
+        if selected.iter().all(|k| k.cell.abs_diff(guess.cell) > 1) {
+            selected.push(guess);
         }
-        if kept.len() == MAX_GUESSES {
+        if selected.len() == MAX_GUESSES {
             break;
         }
     }
-    kept
+    selected
 }
 
-/// The shift that most markers agree on.
-fn vote_shift(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell: usize) -> Option<Guess> {
+/// Finds the shift on which most markers agree.
+fn vote_shift(
+    problem: &MatchingProblem<'_>,
+    state: &WingState,
+    amplitude: f64,
+    window: f64,
+    cell: usize,
+) -> Option<StateGuess> {
     let pixels = problem.scene.project_markers(state);
     let cells = (2.0 * window / CELL_PX).ceil() as usize + 2;
     let cells = cells.min(MAX_CELLS);
@@ -104,7 +108,11 @@ fn vote_shift(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64,
     }
     let coordinate = |cell: usize| (cell as f64 - 0.5) * CELL_PX - window;
     let centre = Vector2::new(coordinate(best / cells), coordinate(best % cells));
-    Some(Guess { prior: guess_prior(problem, state, amplitude), pairs: agreeing_pairs(problem, &pixels, &centre), cell })
+    Some(StateGuess {
+        prior: guess_prior(problem, state, amplitude),
+        pairs: agreeing_pairs(problem, &pixels, &centre),
+        cell,
+    })
 }
 
 fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, usize)> {
@@ -116,8 +124,12 @@ fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, us
     (a + 1 < cells.max(3) && b + 1 < cells.max(3)).then_some((a, b))
 }
 
-/// Per marker the detection nearest to the common shift, each detection once.
-fn agreeing_pairs(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vector2<f64>) -> Vec<Pair> {
+/// Pairs each marker with the detection nearest to the common shift, each detection once.
+fn agreeing_pairs(
+    problem: &MatchingProblem<'_>,
+    pixels: &[Option<Vector2<f64>>],
+    shift: &Vector2<f64>,
+) -> Vec<MatchedPair> {
     let mut pairs = Vec::new();
     for (j, pixel) in pixels.iter().enumerate() {
         let Some(pixel) = pixel else { continue };
@@ -127,8 +139,8 @@ fn agreeing_pairs(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift:
             pairs.push((off(&i), (i, j)));
         }
     }
-    pairs.sort_by(|a: &(f64, Pair), b| a.0.total_cmp(&b.0));
-    let mut once: Vec<Pair> = Vec::new();
+    pairs.sort_by(|a: &(f64, MatchedPair), b| a.0.total_cmp(&b.0));
+    let mut once: Vec<MatchedPair> = Vec::new();
     for (_, pair) in pairs {
         if once.iter().all(|p| p.0 != pair.0) {
             once.push(pair);
@@ -138,9 +150,9 @@ fn agreeing_pairs(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift:
     once
 }
 
-fn guess_prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
+fn guess_prior(problem: &MatchingProblem<'_>, state: &WingState, amplitude: f64) -> StatePrior {
     let a = amplitude.abs();
     let [x, y, z] = problem.scene.turn_sigmas();
-    let sigma = State::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, x, y, z]);
-    Prior { mean: *state, sigma }
+    let sigma = WingState::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, x, y, z]);
+    StatePrior { mean: *state, sigma }
 }

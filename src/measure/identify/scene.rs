@@ -1,9 +1,9 @@
-//! From a state of wing and mount to pixels, linearised.
+//! Projection of the markers for a state of wing and mount, linearised.
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 
-use super::beam::{Beam, State};
-use super::outline::{Disc, Outline};
+use super::beam::{CoarseBeam, WingState};
+use super::outline::{DiscOutline, SkinDisc};
 use crate::detect::Detection;
 use crate::environment::Plate;
 use crate::geometry::cross_matrix;
@@ -12,72 +12,76 @@ use crate::setup::{Orientation, Setup, Shape};
 pub(super) type Matrix8 = SMatrix<f64, 8, 8>;
 pub(super) type Jacobian = SMatrix<f64, 2, 8>;
 
-/// What the simple beam leaves unexplained at a marker, m.
+/// Standard deviation of the simple beam at a marker, m.
 const MODEL_SIGMA_M: f64 = 0.004;
-/// What outline centres and a lens of few terms leave, px.
+/// Standard deviation of outline centres and of a lens of few terms, px.
 const PIXEL_FLOOR_PX: f64 = 0.6;
-/// The camera may have turned by this at least, standard deviation, px.
+/// Smallest standard deviation of the camera's rotation across its axis, px.
 const MIN_TURN_PX: f64 = 20.0;
-/// And about its axis by this, rad: a mounting repeats it less well.
+/// Smallest standard deviation of the camera's rotation about its axis, rad: a mounting repeats it less well.
 const MIN_ROLL_RAD: f64 = 5e-3;
-/// Differences for the wing's part of the Jacobian: 1/m, rad.
+/// Steps of the differences for the wing's part of the Jacobian: 1/m, rad.
 const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
-/// A wing, a camera and its attitude.
-pub(super) struct Scene<'a> {
+/// A wing seen by a camera of known attitude.
+pub(super) struct WingView<'a> {
     pub(super) setup: &'a Setup,
-    pub(super) beam: Beam,
+    pub(super) beam: CoarseBeam,
     camera_from_wing: Rotation3<f64>,
-    /// What the frame is seen through, camera frame.
+    /// Window pane, camera frame.
     pane: Option<Plate>,
     scale: f64,
 }
 
-/// A marker's predicted image.
+/// Predicted image of a marker.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Predicted {
+pub(super) struct PredictedImage {
     pub(super) pixel: Vector2<f64>,
-    /// By the state.
+    /// Derivative with respect to the state.
     pub(super) jacobian: Jacobian,
-    /// From survey, projection centre and the model's coarseness, px^2; the detection's not in it.
+    /// Covariance from survey, projection centre and the coarse model, px^2, without the detection's.
     pub(super) covariance: Matrix2<f64>,
 }
 
-impl<'a> Scene<'a> {
-    /// In flight, or on ground (no thermal expansion).
+impl<'a> WingView<'a> {
+    /// Creates the view in flight, or on the ground (no thermal expansion).
     pub(super) fn new(setup: &'a Setup, orientation: &Orientation, in_flight: bool) -> Self {
-        let beam = Beam::new(setup, &orientation.may_shape(setup.markers.len()));
+        let beam = CoarseBeam::new(setup, &orientation.shaping_markers(setup.markers.len()));
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
         Self { setup, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
     }
 
-    /// How far the camera may have turned since the ground frames, about its own axes, standard deviations, rad.
+    /// Returns standard deviations of the camera's rotation since the ground frames, about its own axes, rad.
     pub(super) fn turn_sigmas(&self) -> [f64; 3] {
         let turn = self.setup.mount_repeatability_px.max(MIN_TURN_PX) / self.setup.lens.focal_px();
         [turn, turn, turn.max(MIN_ROLL_RAD)]
     }
 
-    /// Where the camera sees a point of the wing frame, camera frame.
+    /// Returns the point at which the camera sees a point of the wing frame, camera frame, m.
     fn apparent_point(&self, rotation: &Rotation3<f64>, point_m: &Vector3<f64>) -> Vector3<f64> {
         let p = rotation * point_m;
         self.pane.map_or(p, |pane| pane.apparent_point(&p))
     }
 
-    fn camera_from_wing(&self, state: &State) -> Rotation3<f64> {
+    fn camera_from_wing(&self, state: &WingState) -> Rotation3<f64> {
         Rotation3::new(Vector3::new(state[5], state[6], state[7])) * self.camera_from_wing
     }
 
-    /// Pixels of all markers; `None` behind the camera.
-    pub(super) fn project_markers(&self, state: &State) -> Vec<Option<Vector2<f64>>> {
+    /// Returns the pixels of all markers; `None` behind the camera.
+    pub(super) fn project_markers(&self, state: &WingState) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
-        self.beam.marker_positions(state, self.scale).iter().map(|p| lens.project(&self.apparent_point(&rotation, p))).collect()
+        self.beam
+            .marker_positions(state, self.scale)
+            .iter()
+            .map(|p| lens.project(&self.apparent_point(&rotation, p)))
+            .collect()
     }
 
-    /// Pixels of all markers with Jacobians and covariances; `None` behind the camera.
-    pub(super) fn linearise(&self, state: &State) -> Vec<Option<Predicted>> {
+    /// Returns the predicted images of all markers, with Jacobians and covariances; `None` behind the camera.
+    pub(super) fn linearise(&self, state: &WingState) -> Vec<Option<PredictedImage>> {
         let rotation = self.camera_from_wing(state);
         let placed = self.beam.marker_positions(state, self.scale);
         let stepped: [Vec<Vector3<f64>>; 5] = std::array::from_fn(|k| {
@@ -100,13 +104,13 @@ impl<'a> Scene<'a> {
                 let sigma = self.setup.markers[j].sigma_m;
                 let covariance = by_point * by_point.transpose() * (sigma * sigma + common)
                     + Matrix2::identity() * (PIXEL_FLOOR_PX * PIXEL_FLOOR_PX);
-                Some(Predicted { pixel, jacobian, covariance })
+                Some(PredictedImage { pixel, jacobian, covariance })
             })
             .collect()
     }
 
-    /// The disc of a marker, camera frame.
-    pub(super) fn marker_disc(&self, state: &State, marker: usize) -> Option<Disc> {
+    /// Returns the disc of a marker, camera frame.
+    pub(super) fn marker_disc(&self, state: &WingState, marker: usize) -> Option<SkinDisc> {
         let rotation = self.camera_from_wing(state);
         let surveyed = self.setup.markers.get(marker)?;
         let position = self.beam.marker_positions(state, self.scale).get(marker).copied()?;
@@ -115,14 +119,14 @@ impl<'a> Scene<'a> {
 
     fn disc_at(
         &self,
-        state: &State,
+        state: &WingState,
         marker: usize,
         rotation: &Rotation3<f64>,
         position: &Vector3<f64>,
         diameter_m: f64,
-    ) -> Option<Disc> {
+    ) -> Option<SkinDisc> {
         let (normal, chord) = self.beam.skin_attitude(state, marker)?;
-        Some(Disc {
+        Some(SkinDisc {
             centre_m: self.apparent_point(rotation, position),
             normal: rotation * normal,
             chord: rotation * chord,
@@ -135,8 +139,8 @@ impl<'a> Scene<'a> {
         self.setup.markers.get(marker).is_some_and(|m| m.fixed)
     }
 
-    /// The discs' images for all markers.
-    pub(super) fn marker_outlines(&self, state: &State) -> Vec<Option<Outline>> {
+    /// Returns the outlines of all markers.
+    pub(super) fn marker_outlines(&self, state: &WingState) -> Vec<Option<DiscOutline>> {
         let rotation = self.camera_from_wing(state);
         let placed = self.beam.marker_positions(state, self.scale);
         let markers = self.setup.markers.iter().zip(&placed).enumerate();
@@ -147,8 +151,8 @@ impl<'a> Scene<'a> {
             .collect()
     }
 
-    /// Position in flight, survey frame, m.
-    pub(super) fn deflection_m(&self, state: &State, marker: usize) -> f64 {
+    /// Returns the vertical deflection of a marker relative to the ground, wing frame, m.
+    pub(super) fn deflection_m(&self, state: &WingState, marker: usize) -> f64 {
         let placed = self.beam.marker_positions(state, self.scale);
         match (placed.get(marker), self.beam.ground_m.get(marker)) {
             (Some(flight), Some(ground)) => flight.y - ground.y,
@@ -156,7 +160,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The marker farthest out along the span.
+    /// Returns the index of the outermost marker along the span.
     pub(super) fn outermost_marker(&self) -> usize {
         let span = |j: usize| match self.beam.ground_m.get(j) {
             Some(p) if !self.is_fixed(j) => p.x,
@@ -166,8 +170,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Whether a detection can be the image of a marker of this kind and major axis, told from its
-/// distance on ground alone.
+/// Returns true if kind and major axis of a detection fit a marker at its distance on the ground.
 pub(super) fn looks_like(detection: &Detection, shape: Shape, semi_major_px: f64) -> bool {
     let limit = match shape {
         Shape::Circle => 1.35,
@@ -180,11 +183,11 @@ fn is_within_factor(a: f64, b: f64, limit: f64) -> bool {
     a < b * limit && b < a * limit
 }
 
-/// Whether the whole outline can be the predicted one. The major axis hangs on size and distance,
-/// both known to a few per cent; quadrant targets have white fields at their rim and are less
-/// sure, and blur takes the thin tips off their black, more of a flatter one. The minor axis of a
-/// grazing view hangs on a degree of slope and is given room.
-pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outline) -> bool {
+/// Returns true if the whole outline fits the predicted one. The major axis depends on size and distance, both known to a
+/// few per cent. Quadrant targets have white fields at their rim and are less certain, and blur removes the thin tips of
+/// their black fields, more from a flatter one. The minor axis at grazing incidence depends on a degree of slope and has a
+/// wider tolerance.
+pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &DiscOutline) -> bool {
     let minor = detection.semi_minor_px;
     let (longer, shorter) = match shape {
         Shape::Circle => (1.15, 1.15),
@@ -198,10 +201,11 @@ pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outlin
         && minor > predicted / 1.4 - 2.0
 }
 
-/// Relative loss of a quadrant target's major axis times its minor axis, at the widest blur (2 px).
+/// Relative loss of a quadrant target's major axis times its minor axis, at the widest blur (2 px), px.
 const TIPS_PX: f64 = 2.4;
 
-/// A finite detection: what the input may not hold back.
+/// Returns true if the numbers of a detection are finite and its covariance is positive definite; the detections are not
+/// checked otherwise.
 pub(super) fn is_usable(detection: &Detection) -> bool {
     let c = &detection.covariance_px2;
     detection.centre_px.iter().all(|v| v.is_finite())
@@ -212,7 +216,7 @@ pub(super) fn is_usable(detection: &Detection) -> bool {
         && detection.semi_minor_px.is_finite()
 }
 
-/// v' S^-1 v; infinite where S is singular.
+/// Returns `v' S^-1 v`; infinite if S is singular.
 pub(super) fn mahalanobis_squared(v: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
     covariance.try_inverse().map_or(f64::INFINITY, |inverse| v.dot(&(inverse * v)))
 }

@@ -1,45 +1,42 @@
-//! With the identities known: the state of the wing, and what follows from it.
+//! State of the wing for known identities, and predictions from it.
 
 use nalgebra::Vector2;
 
-use super::beam::State;
+use super::beam::WingState;
 use super::bias::correct_centres;
-use super::fit::{Clutter, Pair, Prior, solve_step};
-use super::outline::Outline;
-use super::scene::{Scene, is_usable};
+use super::fit::{Clutter, MatchedPair, StatePrior, solve_step};
+use super::outline::DiscOutline;
+use super::scene::{WingView, is_usable};
 use super::{Identities, PredictedMarker};
 use crate::detect::{Detection, ExpectedMarker, MarkerPrediction};
 use crate::observation::Observation;
 use crate::setup::Shape;
 
-/// What a wing may do where its markers are known, standard deviations: three terms of the curvature, 1/m, two of the twist,
-/// rad. Wider than any wing bends.
+/// Prior standard deviations of the wing state if the identities are known: three terms of the curvature, 1/m, two of the
+/// twist, rad. Larger than any wing bends.
 const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
-/// Linear steps at most; they settle in four or five.
+/// Maximum number of linear steps; four or five are typical.
 const MAX_STEPS: usize = 15;
-/// A step of the state that no longer matters, 1/m and rad: 0.001 px.
+/// Step of the state at convergence, 1/m and rad: 0.001 px.
 const SETTLED: f64 = 1e-7;
 
-/// How far the image may shift, px.
+/// Largest shift of the image until the next frame, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
 
-/// The state that fits identified detections, and `None` where they are too few or do not fit.
-pub(super) fn fit_state(
-    scene: &Scene<'_>,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Option<State> {
+/// Fits the state to identified detections; `None` if they are too few or do not fit.
+pub(super) fn fit_state(scene: &WingView<'_>, detections: &[Detection], identities: &Identities) -> Option<WingState> {
     fit_state_from(scene, detections, identities, super::flight::MIN_IDENTIFIED)
 }
 
-/// The same from so many detections at least: names that nobody guessed need none to check them by.
+/// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
+/// marks, need no redundancy.
 fn fit_state_from(
-    scene: &Scene<'_>,
+    scene: &WingView<'_>,
     detections: &[Detection],
     identities: &Identities,
     least: usize,
-) -> Option<State> {
-    let pairs: Vec<Pair> = identities
+) -> Option<WingState> {
+    let pairs: Vec<MatchedPair> = identities
         .marker_of
         .iter()
         .enumerate()
@@ -51,8 +48,8 @@ fn fit_state_from(
     }
     let [a, b, c, d, e] = WING_SIGMAS;
     let [x, y, z] = scene.turn_sigmas();
-    let sigma = State::from([a, b, c, d, e, x, y, z]);
-    let prior = Prior { mean: State::zeros(), sigma };
+    let sigma = WingState::from([a, b, c, d, e, x, y, z]);
+    let prior = StatePrior { mean: WingState::zeros(), sigma };
     let mut state = prior.mean;
     for _ in 0..MAX_STEPS {
         let predicted = scene.linearise(&state);
@@ -65,12 +62,8 @@ fn fit_state_from(
     state.iter().all(|v| v.is_finite()).then_some(state)
 }
 
-/// See [`super::remove_perspective_bias`].
-pub(super) fn remove_bias(
-    scene: &Scene<'_>,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<Detection> {
+/// Removes the perspective bias; see [`super::remove_perspective_bias`].
+pub(super) fn remove_bias(scene: &WingView<'_>, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
     let Some(first) = fit_state(scene, detections, identities) else { return detections.to_vec() };
     let once = correct_centres(scene, &first, detections, identities);
     match fit_state(scene, &once, identities) {
@@ -79,9 +72,9 @@ pub(super) fn remove_bias(
     }
 }
 
-/// See [`super::expect`].
+/// Predicts the markers for a second pass; see [`super::predict_second_pass`].
 pub(super) fn predict_second_pass(
-    scene: &Scene<'_>,
+    scene: &WingView<'_>,
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<ExpectedMarker> {
@@ -98,23 +91,23 @@ pub(super) fn predict_second_pass(
     expected.collect()
 }
 
-/// See [`super::foretell`].
-pub(super) fn predict_markers(scene: &Scene<'_>, observations: &[Observation]) -> Vec<PredictedMarker> {
+/// Predicts the markers from observations; see [`super::predict_markers`].
+pub(super) fn predict_markers(scene: &WingView<'_>, observations: &[Observation]) -> Vec<PredictedMarker> {
     let (seen, identities) = identified_detections(observations);
-    let state = fit_state_from(scene, &seen, &identities, 1).unwrap_or_else(State::zeros);
+    let state = fit_state_from(scene, &seen, &identities, 1).unwrap_or_else(WingState::zeros);
     let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).enumerate();
-    let foretold = markers.filter_map(|(marker, (surveyed, outline))| {
+    let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
         let outline = outline?;
         let seen = observations.iter().any(|o| o.marker == marker);
         let prediction = visible_prediction(scene, surveyed.shape, &outline, Vector2::zeros(), seen)?;
         Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
     });
-    foretold.collect()
+    predicted.collect()
 }
 
-/// See [`super::centre_of`].
+/// Corrects a marker's centre; see [`super::correct_marker_centre`].
 pub(super) fn correct_marker_centre(
-    scene: &Scene<'_>,
+    scene: &WingView<'_>,
     observations: &[Observation],
     marker: usize,
     found: &Detection,
@@ -127,7 +120,8 @@ pub(super) fn correct_marker_centre(
     correct_centres(scene, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
 }
 
-/// Observations as detections with names. They are centres already: as crossings no bias is taken from them.
+/// Converts observations to detections with identities. They have the shape of quadrant targets, for which no perspective
+/// bias is removed.
 fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Identities) {
     let detection = |o: &Observation| Detection {
         shape: Shape::Quadrant,
@@ -143,11 +137,11 @@ fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Ident
     (observations.iter().map(detection).collect(), Identities { marker_of, ..Identities::default() })
 }
 
-/// A marker's image, if it lies in the frame.
+/// Returns the prediction of a marker if its image is in the frame.
 pub(super) fn visible_prediction(
-    scene: &Scene<'_>,
+    scene: &WingView<'_>,
     shape: Shape,
-    outline: &Outline,
+    outline: &DiscOutline,
     search_px: Vector2<f64>,
     seen: bool,
 ) -> Option<MarkerPrediction> {
@@ -162,16 +156,16 @@ pub(super) fn visible_prediction(
     })
 }
 
-/// See [`super::predict_within`].
+/// Predicts the markers of the next frame; see [`super::predict_next_frame_within`].
 pub(super) fn predict_next_frame(
-    scene: &Scene<'_>,
+    scene: &WingView<'_>,
     detections: &[Detection],
     identities: &Identities,
     deflection_m: f64,
 ) -> Vec<MarkerPrediction> {
     let Some(state) = fit_state(scene, detections, identities) else { return Vec::new() };
     let mut deflected = state;
-    // Curvature that falls to 0 at the tip: the usual change of a load.
+    // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
     deflected[0] += 3.0 * deflection_m / scene.beam.length_m.powi(2);
     let moved = scene.project_markers(&deflected);
     let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).zip(moved);

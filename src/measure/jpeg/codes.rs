@@ -1,20 +1,20 @@
-//! The Huffman codes of a scan (ITU-T T.81, F.2.2); of a sequential one those of blocks that are wanted, and of those that are
-//! passed over only where each ends, and luma's mean, on which the next block's rests.
+//! Reader of the Huffman codes of a scan (ITU-T T.81, F.2.2). In a sequential scan only selected blocks are decoded; of the
+//! others it finds the end and luma's mean, from which the next block's mean is coded.
 
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
 
-/// Coefficients of a block.
+/// Number of coefficients of a block.
 const ALL: usize = 64;
-/// Bits of the coded data that are looked at together.
-const AHEAD: u32 = 12;
-/// No code and its number together have more bits.
+/// Number of coded bits that are looked up together.
+const LOOKAHEAD_BITS: u32 = 12;
+/// Maximum number of bits of a code and its number together.
 const MAX_CODE_BITS: u32 = 32;
-/// Of a symbol that is no coefficient: so many zeros. Any other ends the block.
+/// Symbol for 16 zeros. Any other symbol without a coefficient ends the block.
 const ZEROS: u8 = 0xf0;
 
-/// Adds coded bytes without what is stuffed between them.
+/// Appends coded bytes without the stuffed bytes between them.
 pub fn remove_stuffing(coded: &[u8], into: &mut Vec<u8>) {
     let mut rest = coded;
     while let Some(at) = memchr::memchr(0xff, rest) {
@@ -25,34 +25,37 @@ pub fn remove_stuffing(coded: &[u8], into: &mut Vec<u8>) {
     into.extend_from_slice(rest);
 }
 
-/// The codes of a component's coefficients, with what several of them come to.
+/// Huffman table of a component's coefficients, with a lookup table for groups of codes.
 pub struct CodeTable {
-    one: HuffmanTable,
-    several: Vec<CodeGroup>,
+    codes: HuffmanTable,
+    groups: Vec<CodeGroup>,
 }
 
-/// Whole codes at the head of some bits: how many bits they and their numbers have, how many coefficients they tell, and whether
-/// the block ends then. Without any bits where the first is not whole.
+/// Complete codes at the beginning of some bits: number of bits with their numbers, number of coefficients they code, and
+/// true if the block ends with them. Zero bits if the first code is incomplete.
 #[derive(Clone, Copy, Default)]
 struct CodeGroup {
     bits: u8,
-    told: u8,
+    coefficients: u8,
     ends: bool,
 }
 
 impl CodeTable {
-    /// For a scan.
+    /// Builds the lookup table for a scan.
     pub fn new(one: &HuffmanTable) -> Self {
-        Self { one: one.clone(), several: (0..1 << AHEAD).map(|bits| CodeGroup::from_bits(one, bits)).collect() }
+        Self {
+            codes: one.clone(),
+            groups: (0..1 << LOOKAHEAD_BITS).map(|bits| CodeGroup::from_bits(one, bits)).collect(),
+        }
     }
 }
 
 impl CodeGroup {
     fn from_bits(table: &HuffmanTable, bits: u32) -> Self {
         let mut out = Self::default();
-        let known = AHEAD as u8;
+        let known = LOOKAHEAD_BITS as u8;
         while !out.ends && out.bits < known {
-            let ahead = (bits << (16 - AHEAD) << out.bits) as u16;
+            let ahead = (bits << (16 - LOOKAHEAD_BITS) << out.bits) as u16;
             let Ok((symbol, length)) = table.lookup(ahead) else { break };
             let (zeros, size) = (symbol >> 4, symbol & 15);
             let bits = out.bits + length + size;
@@ -60,31 +63,30 @@ impl CodeGroup {
                 break;
             }
             (out.bits, out.ends) = (bits, size == 0 && symbol != ZEROS);
-            out.told += if out.ends { 0 } else { zeros + 1 };
+            out.coefficients += if out.ends { 0 } else { zeros + 1 };
         }
         out
     }
 }
 
-/// Coded data that are read; ones follow their end. No code is all ones (ITU-T T.81, C), so that data which end early are an
-/// error and not grey blocks.
+/// Bit reader over coded data, followed by ones. No code consists of ones only (ITU-T T.81, C), so data that end early give
+/// an error and no grey blocks.
 pub struct CodeReader<'a> {
     data: &'a [u8],
-    /// Bytes that were taken, also beyond the end.
+    /// Number of bytes taken, also beyond the end.
     at: usize,
-    /// The bits that were taken and not read, the first in the highest place, and how many they are; what stands after them is
-    /// taken once more.
+    /// Bits taken and not yet read, the first in the highest place, and their number; the bits after them are taken again.
     ahead: u64,
     left: u32,
 }
 
 impl<'a> CodeReader<'a> {
-    /// From the start of an interval's data, without stuffed bytes.
+    /// Reads from the start of an interval's data, without stuffed bytes.
     pub fn new(data: &'a [u8]) -> Self {
         Self { data, at: 0, ahead: 0, left: 0 }
     }
 
-    /// From a bit on.
+    /// Reads from a bit position.
     pub fn from_bit(data: &'a [u8], bit: usize) -> Self {
         let mut out = Self { at: bit / 8, ..Self::new(data) };
         out.fill();
@@ -92,17 +94,17 @@ impl<'a> CodeReader<'a> {
         out
     }
 
-    /// The bit that is read next.
+    /// Returns the position of the next bit.
     pub fn bit_position(&self) -> usize {
         8 * self.at - self.left as usize
     }
 
-    /// Bits that were not read; negative beyond the end.
+    /// Returns the number of unread bits; negative beyond the end.
     pub fn bits_left(&self) -> i64 {
         8 * (self.data.len() as i64 - self.at as i64) + i64::from(self.left)
     }
 
-    /// At least [`LONGEST`] bits.
+    /// Makes at least [`MAX_CODE_BITS`] bits available.
     #[inline(always)]
     fn fill(&mut self) {
         if self.left < MAX_CODE_BITS {
@@ -132,7 +134,7 @@ impl<'a> CodeReader<'a> {
         self.left -= bits;
     }
 
-    /// The next symbol.
+    /// Reads the next symbol.
     #[inline(always)]
     pub fn read_symbol(&mut self, table: &HuffmanTable) -> Result<u8, JpegError> {
         self.fill();
@@ -141,14 +143,14 @@ impl<'a> CodeReader<'a> {
         Ok(symbol)
     }
 
-    /// The next `size` bits, at most 16.
+    /// Reads the next `size` bits, at most 16.
     #[inline(always)]
     pub fn read_bits(&mut self, size: u8) -> u16 {
         self.fill();
         self.take_bits(size)
     }
 
-    /// The same of bits that are there.
+    /// Reads `size` bits that are already available.
     #[inline(always)]
     fn take_bits(&mut self, size: u8) -> u16 {
         let bits = (self.ahead >> 48 >> (16 - u32::from(size))) as u16;
@@ -156,13 +158,13 @@ impl<'a> CodeReader<'a> {
         bits
     }
 
-    /// The number of `size` bits that follows its symbol.
+    /// Reads the signed number of `size` bits that follows its symbol.
     #[inline(always)]
     fn take_number(&mut self, size: u8) -> i16 {
         extend_sign(self.take_bits(size), size)
     }
 
-    /// By how much the block's mean differs from the last one's.
+    /// Reads the difference of the block's mean from that of the previous block.
     #[inline(always)]
     pub fn read_mean_change(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
         match self.read_symbol(table)? {
@@ -172,21 +174,21 @@ impl<'a> CodeReader<'a> {
         }
     }
 
-    /// The block's other coefficients.
+    /// Reads the block's other coefficients.
     #[inline(always)]
     pub fn read_coefficients(&mut self, table: &CodeTable, block: &mut [i16; ALL]) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
             self.fill();
             let ahead = (self.ahead >> 48) as u16;
-            let (whole, mut symbol, mut length) = table.one.lookup_combined(ahead);
-            // Code and number at once: total bits, zeros, the number.
+            let (whole, mut symbol, mut length) = table.codes.lookup_combined(ahead);
+            // Code and number in one lookup: total bits, zeros, the number.
             let (zeros, number) = if whole != 0 {
                 self.skip_bits((whole & 15) as u32);
                 (usize::from((whole >> 4) as u16 & 15), whole >> 8)
             } else {
                 if length == 0 {
-                    (symbol, length) = table.one.lookup(ahead)?;
+                    (symbol, length) = table.codes.lookup(ahead)?;
                 }
                 self.skip_bits(u32::from(length));
                 match symbol & 15 {
@@ -205,21 +207,21 @@ impl<'a> CodeReader<'a> {
         if k == ALL { Ok(()) } else { Err(out_of_step_error()) }
     }
 
-    /// The same, of which nothing is wanted.
+    /// Skips the block's other coefficients.
     #[inline(always)]
     pub fn skip_coefficients(&mut self, table: &CodeTable) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
             self.fill();
-            let CodeGroup { bits, told, ends } = table.several[(self.ahead >> (64 - AHEAD)) as usize];
-            let then = k + usize::from(told);
-            // Whole codes of this block alone.
+            let CodeGroup { bits, coefficients, ends } = table.groups[(self.ahead >> (64 - LOOKAHEAD_BITS)) as usize];
+            let then = k + usize::from(coefficients);
+            // Complete codes of this block only.
             if bits > 0 && then + usize::from(ends) <= ALL {
                 self.skip_bits(u32::from(bits));
                 k = if ends { ALL } else { then };
                 continue;
             }
-            let symbol = self.read_symbol(&table.one)?;
+            let symbol = self.read_symbol(&table.codes)?;
             self.skip_bits(u32::from(symbol & 15));
             k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
         }
@@ -227,12 +229,13 @@ impl<'a> CodeReader<'a> {
     }
 }
 
-/// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
+/// Converts `size` bits to a signed number (ITU-T T.81, F.2.2.1).
 pub fn extend_sign(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
     (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
 }
 
+/// Builds the error for codes read out of step.
 pub fn out_of_step_error() -> JpegError {
     JpegError::CorruptData("codes are out of step".into())
 }

@@ -1,49 +1,49 @@
-//! The coefficients of a block, and an error where no encoder writes such codes: libjpeg lets that pass, but nothing tells
-//! better that codes are read out of step (ITU-T T.81, F.2.2 and G.1.2).
+//! Decoder of the coefficients of a block. Codes that no encoder writes are errors: libjpeg accepts them, but they are the
+//! best sign of codes read out of step (ITU-T T.81, F.2.2 and G.1.2).
 
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
 
-use super::codes::{CodeReader, out_of_step_error, extend_sign};
+use super::codes::{CodeReader, extend_sign, out_of_step_error};
 
-/// Coefficients in the order of their rows.
+/// Coefficients of a block, row by row.
 pub type CoefficientBlock = [i16; 64];
 
-/// Which coefficients a scan tells, in the order of coding, and from which bit on.
+/// Coefficients coded in a scan, in coding order, and their lowest bit.
 #[derive(Clone, Copy)]
 pub struct SpectralBand {
     pub first: u8,
     pub last: u8,
     pub low: u8,
-    /// Whether the bits above are known.
+    /// Refinement scan: the higher bits are known.
     pub refines: bool,
 }
 
-/// Blocks of a scan that end together, in one code.
+/// State of the end-of-block runs of a scan: blocks that end together, in one code.
 #[derive(Default)]
 pub struct BlockRuns {
-    /// Blocks of this one to come.
+    /// Remaining blocks of the run.
     pub left: u16,
-    /// Blocks of this one, and bits in them that refine.
+    /// Blocks of the run, and refinement bits in them.
     length: u16,
     refined: usize,
-    /// Whether the last one could have gone on: it was not cut by its encoder's limits.
+    /// True if the last run could have been continued within the encoder's limits.
     open: bool,
-    /// Whether any has several blocks, and any follows on one that could have gone on.
+    /// True if any run has several blocks, and if any follows one that could have been continued.
     joined: bool,
-    parted: bool,
+    split: bool,
 }
 
-/// Bits that refine, of a run, and blocks of one, from which on libjpeg's encoder begins another: its buffer of 1000 is
-/// to hold those of one more block.
+/// Refinement bits and blocks of a run after which libjpeg's encoder begins another: its buffer of 1000 bits must hold
+/// those of one more block.
 const MAX_REFINED_BITS: usize = 937;
 const MAX_RUN: u16 = 0x7fff;
 
 impl BlockRuns {
     fn begin_run(&mut self, length: u16, at_start: bool) {
         self.joined |= length > 1;
-        self.parted |= at_start && self.open;
+        self.split |= at_start && self.open;
         (self.left, self.length, self.refined) = (length, length, 0);
     }
 
@@ -58,14 +58,15 @@ impl BlockRuns {
         (self.left, self.open) = (0, false);
     }
 
-    /// Of all scans: an encoder that joins blocks in runs never parts what it could join. Its codes are read out of step,
-    /// as after a stretch that was lost; no other sign remains where refined bits fall into step again.
+    /// Checks the runs of all scans: an encoder that joins blocks in runs never splits a run that it could continue. A
+    /// split means that codes are read out of step, as after missing data; if refinement bits fall into step again, there
+    /// is no other sign.
     pub fn is_out_of_step(&self) -> bool {
-        self.joined && self.parted
+        self.joined && self.split
     }
 }
 
-/// Takes up the band's part of a block.
+/// Decodes the band of a block.
 pub fn decode_band(
     codes: &mut CodeReader,
     table: &HuffmanTable,
@@ -80,7 +81,7 @@ pub fn decode_band(
         let (run, size) = (symbol >> 4, symbol & 15);
         let value = match size {
             0 if run == 15 => None,
-            // Sixteen zeros are only told of where more follows.
+            // Sixteen zeros are only coded if another coefficient follows.
             0 if zeros => return Err(out_of_step_error()),
             0 => {
                 runs.begin_run((1 << run) + codes.read_bits(run), k == start);
@@ -106,7 +107,8 @@ pub fn decode_band(
     Ok(())
 }
 
-/// The place after `run` zeros, the band's end where there are fewer; what is not zero on the way is refined, and counted.
+/// Returns the position after `run` zeros, or the end of the band if there are fewer, and the number of refined
+/// coefficients; refines the non-zero ones on the way.
 fn skip_zeros(
     codes: &mut CodeReader,
     band: SpectralBand,

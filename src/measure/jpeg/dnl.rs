@@ -1,19 +1,18 @@
-//! A JPEG whose number of lines stands behind its first scan, in a DNL marker (ITU-T T.81, B.2.5): line cameras and scanners
-//! begin a picture without knowing its height.
+//! JPEG files with the number of lines after the first scan, in a DNL marker (ITU-T T.81, B.2.5): line cameras and scanners
+//! begin an image without knowing its height.
 
 use super::JpegFault;
 
-/// Markers.
 const SCAN: u8 = 0xda;
 const LINES: u8 = 0xdc;
 const RESTARTS: std::ops::Range<u8> = 0xd0..0xd8;
-/// Bytes of the whole DNL segment: marker, length, lines.
+/// Number of bytes of a DNL segment: marker, length, lines.
 const SEGMENT: usize = 6;
 
-/// The same file with its height where it usually stands, and without the DNL marker; `None` where it has none.
+/// Moves the height to the frame header and removes the DNL marker; `None` if there is no such marker.
 ///
 /// # Errors
-/// Where the marker's height is none, or another than the header's.
+/// Returns an error if the marker's height is 0 or differs from that of the header.
 pub fn resolve_height(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
     let (height_at, scan) = find_height_and_scan(bytes)?;
     let at = find_marker(bytes, scan)?;
@@ -22,19 +21,19 @@ pub fn resolve_height(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
     if [high, low] == [0, 0] || (own != [0, 0] && own != [high, low]) {
         let number = |two: &[u8]| two.iter().fold(0, |sum, b| 256 * sum + u32::from(*b));
         let (header, marker) = (number(own), number(&[high, low]));
-        let what = format!("its header says {header} lines, its DNL marker {marker}");
-        return Some(Err(JpegFault::Damaged(what)));
+        let problem = format!("the header gives {header} lines, the DNL marker {marker}");
+        return Some(Err(JpegFault::Damaged(problem)));
     }
-    let mut whole = [&bytes[..at], &bytes[at + SEGMENT..]].concat();
-    whole[height_at..height_at + 2].copy_from_slice(&[high, low]);
-    Some(Ok(whole))
+    let mut rebuilt = [&bytes[..at], &bytes[at + SEGMENT..]].concat();
+    rebuilt[height_at..height_at + 2].copy_from_slice(&[high, low]);
+    Some(Ok(rebuilt))
 }
 
-/// Where the frame header's height stands, and where the first scan's data begin.
+/// Returns the offsets of the frame header's height and of the first scan's data.
 fn find_height_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
     let (mut at, mut height) = (2, None);
     loop {
-        // Fill bytes may stand before a marker.
+        // Fill bytes may precede a marker.
         at += bytes.get(at..)?.iter().take_while(|b| **b == 0xff).count();
         let code = *bytes.get(at)?;
         let length = usize::from(u16::from_be_bytes(bytes.get(at + 1..at + 3)?.try_into().ok()?));
@@ -49,7 +48,7 @@ fn find_height_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
     }
 }
 
-/// The first marker in a scan that is none of its own: no stuffed zero, no restart.
+/// Finds the first marker in a scan that is neither a stuffed zero nor a restart.
 fn find_marker(bytes: &[u8], scan: usize) -> Option<usize> {
     let mut at = scan;
     loop {

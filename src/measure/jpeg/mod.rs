@@ -1,56 +1,56 @@
-//! A JPEG's bytes to its grey values.
+//! JPEG decoder: bytes in, grey values out.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `kind` | which JPEGs are read; a header that is sound |
-//! | `part` | what is wanted of a picture, now and later |
+//! | `header` | supported kinds of JPEG; plausibility of the header |
+//! | `partial` | image of which selected tiles are decoded, now and later |
 //! | `sequential` | one sequential scan, as cameras write it |
-//! | `codes` | its codes, read or passed over |
-//! | `scans` | progressive pictures, and scans of one component each |
-//! | `coefficients` | what scans have given until the last of them is read |
-//! | `dnl` | a height that stands behind the first scan |
-//! | `intervals` | a scan, cut at its restart markers |
+//! | `codes` | its codes, read or skipped |
+//! | `scans` | progressive images, and scans of one component each |
+//! | `coefficients` | coefficients collected until the last scan |
+//! | `dnl` | height given after the first scan |
+//! | `intervals` | scan split at its restart markers |
 
 mod codes;
 mod coefficients;
 mod dnl;
+pub mod header;
 mod intervals;
-pub mod kind;
-mod part;
+mod partial;
 pub mod scans;
 mod sequential;
 
-pub use part::PartialImage;
+pub use partial::PartialImage;
 
 use crate::tiles::Tiles;
 
-/// Why a JPEG is not read.
+/// Reason why a JPEG cannot be decoded.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum JpegFault {
-    /// It is cut short or damaged.
+    /// Truncated or damaged file.
     #[error("damaged or cut short ({0})")]
     Damaged(String),
-    /// It is whole, and of a kind that is not read.
-    #[error("of a kind that is not read ({0})")]
-    Kind(String),
+    /// Complete file of an unsupported kind.
+    #[error("unsupported kind of JPEG ({0})")]
+    Unsupported(String),
 }
 
-/// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
+/// Largest side that is decoded, px: larger ones are more likely a damaged header than a camera.
 pub const MAX_SIDE: usize = 30_000;
 
-/// What is wanted of a picture of some width and height, px.
+/// Function that selects the tiles to decode for an image of some width and height, px.
 pub type TileSelection<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 
-/// The picture, of which what is `wanted` is decoded; all is read, and damage anywhere noticed.
+/// Decodes the tiles selected by `wanted`. All data are read, so that damage anywhere is detected.
 ///
 /// # Errors
-/// Where it is damaged, or of a kind that is not read.
+/// Returns an error if the file is damaged or of an unsupported kind.
 pub fn decode_partial(bytes: &[u8], wanted: &TileSelection) -> Result<PartialImage, JpegFault> {
-    let read = PartialImage::from_jpeg(bytes, wanted);
-    let damaged = matches!(read, Err(JpegFault::Damaged(_)));
-    // Where it cannot be read as it is, perhaps its height stands behind its first scan.
+    let image = PartialImage::from_jpeg(bytes, wanted);
+    let damaged = matches!(image, Err(JpegFault::Damaged(_)));
+    // If it cannot be read as it is, its height may be given after the first scan.
     match if damaged { dnl::resolve_height(bytes) } else { None } {
         Some(whole) => PartialImage::from_jpeg(&whole?, wanted),
-        None => read,
+        None => image,
     }
 }

@@ -1,5 +1,5 @@
-//! The grey values of a JPEG in several scans (progressive, or a component each), and of red, green and blue: every
-//! coefficient is kept until the last scan (ITU-T T.81, annex G).
+//! Decoder of JPEGs in several scans (progressive, or one component each) and of red, green and blue: all coefficients are
+//! kept until the last scan (ITU-T T.81, annex G).
 
 use std::ops::Range;
 
@@ -10,26 +10,26 @@ use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
 use super::codes::{CodeReader, remove_stuffing};
-use super::coefficients::{self, SpectralBand, CoefficientBlock, BlockRuns};
+use super::coefficients::{self, BlockRuns, CoefficientBlock, SpectralBand};
+use super::header::FirstComponent;
 use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
-use super::kind::FirstComponent;
 use crate::raster::Raster;
 use crate::tiles;
 
-/// A component's coefficients, and how far they are known.
+/// Coefficients of a component, and the bits known of them.
 struct ComponentPlane {
     /// Blocks of a unit (the blocks that are coded together), across and down.
-    unit: [usize; 2],
-    /// Blocks that hold picture, across and down: what a scan of this component alone codes.
-    own: [usize; 2],
-    /// Blocks of a row with those that fill up the last unit.
-    across: usize,
+    unit_blocks: [usize; 2],
+    /// Blocks that contain image, across and down, as coded in a scan of this component alone.
+    used_blocks: [usize; 2],
+    /// Blocks of a row, including those that fill up the last unit.
+    row_blocks: usize,
     blocks: Vec<CoefficientBlock>,
-    /// Of each coefficient, in the order of coding, the lowest bit that is known; `None` before its first scan.
+    /// Lowest known bit of each coefficient, in coding order; `None` before its first scan.
     lowest_bit: [Option<u8>; BLOCK * BLOCK],
 }
 
-/// The picture of all scans.
+/// Decodes the grey values from all scans.
 pub fn decode_luma(bytes: &[u8], header: &JpegMetadata, colour: FirstComponent) -> Result<Raster, JpegFault> {
     let mut planes = allocate_planes(header);
     let units = unit_counts(header);
@@ -50,10 +50,10 @@ pub fn decode_luma(bytes: &[u8], header: &JpegMetadata, colour: FirstComponent) 
         FirstComponent::Luma => pixels(0)?,
         FirstComponent::Red => luma_from_rgb(&pixels(0)?, &pixels(1)?, &pixels(2)?),
     };
-    Raster::new(width, height, luma).ok_or_else(|| damaged_error("it has no pixels"))
+    Raster::new(width, height, luma).ok_or_else(|| damaged_error("the image has no pixels"))
 }
 
-/// Luma of ITU-R BT.601, rounded as libjpeg rounds it: factors times 2^16.
+/// Converts to luma of ITU-R BT.601, rounded as libjpeg rounds it: factors times 2^16.
 fn luma_from_rgb(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
     let sum = |((r, g), b): ((&u8, &u8), &u8)| {
         19_595 * u32::from(*r) + 38_470 * u32::from(*g) + 7_471 * u32::from(*b) + 32_768
@@ -61,14 +61,14 @@ fn luma_from_rgb(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
     red.iter().zip(green).zip(blue).map(|rgb| (sum(rgb) >> 16) as u8).collect()
 }
 
-/// Finest sampling, across and down.
+/// Returns the finest sampling, across and down.
 fn finest_sampling(header: &JpegMetadata) -> [usize; 2] {
     let parts = &header.frame.components;
     let across = parts.iter().map(|c| usize::from(c.horizontal_sampling)).max();
     [across.unwrap_or(1), parts.iter().map(|c| usize::from(c.vertical_sampling)).max().unwrap_or(1)]
 }
 
-/// Units of the picture, across and down.
+/// Returns the number of units of the image, across and down.
 fn unit_counts(header: &JpegMetadata) -> [usize; 2] {
     let [across, down] = finest_sampling(header);
     [header.frame.width().div_ceil(BLOCK * across), header.frame.height().div_ceil(BLOCK * down)]
@@ -82,16 +82,22 @@ fn allocate_planes(header: &JpegMetadata) -> Vec<ComponentPlane> {
         let own = [0, 1].map(|k| (size[k] * unit[k]).div_ceil(finest[k]).div_ceil(BLOCK));
         let across = units[0] * unit[0];
         let blocks = vec![[0; BLOCK * BLOCK]; across * units[1] * unit[1]];
-        ComponentPlane { unit, own, across, blocks, lowest_bit: [None; BLOCK * BLOCK] }
+        ComponentPlane {
+            unit_blocks: unit,
+            used_blocks: own,
+            row_blocks: across,
+            blocks,
+            lowest_bit: [None; BLOCK * BLOCK],
+        }
     };
     header.frame.components.iter().map(plane).collect()
 }
 
-/// The steps of component `k` as they were when its first scan began: a later scan may bring others.
+/// Returns the quantisation steps of component `k` at the begin of its first scan: a later scan may change the table.
 fn quantisation_steps(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[u16; BLOCK * BLOCK], JpegFault> {
     let component = &header.frame.components[k];
-    let of_it = |s: &&ScanInfo| s.header.components.iter().any(|c| c.component_id == component.id);
-    let first = header.scans.iter().find(of_it).ok_or_else(|| damaged_error("a component is missing"))?;
+    let has_component = |s: &&ScanInfo| s.header.components.iter().any(|c| c.component_id == component.id);
+    let first = header.scans.iter().find(has_component).ok_or_else(|| damaged_error("a component is missing"))?;
     let until = [&bytes[..first.data_offset], &[0xff, END]].concat();
     let then = MarkerReader::new(&until).read_markers().map_err(|e| JpegFault::Damaged(e.to_string()))?;
     let table = then.quant_tables.into_iter().nth(usize::from(component.quant_table_index)).flatten();
@@ -99,47 +105,49 @@ fn quantisation_steps(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[
 }
 
 impl ComponentPlane {
-    /// Grey values of the picture; the component is as fine as the picture.
+    /// Returns the grey values; the component must have the full resolution.
     fn pixels(&self, steps: &[u16; BLOCK * BLOCK], width: usize, height: usize) -> Vec<u8> {
         let transform = simd::detect().idct_islow;
-        let mut picture = vec![0; width * height];
+        let mut image = vec![0; width * height];
         let mut pixels = [0; BLOCK * BLOCK];
-        for (row, blocks) in self.blocks.chunks_exact(self.across).enumerate().take(height.div_ceil(BLOCK)) {
+        for (row, blocks) in self.blocks.chunks_exact(self.row_blocks).enumerate().take(height.div_ceil(BLOCK)) {
             for (column, block) in blocks.iter().enumerate().take(width.div_ceil(BLOCK)) {
                 transform(block, steps, &mut pixels);
-                tiles::put(&pixels, [column, row], &mut picture, width);
+                tiles::copy_tile(&pixels, [column, row], &mut image, width);
             }
         }
-        picture
+        image
     }
 
-    /// Takes down what a scan tells of this component; an error where it cannot follow on what is known.
+    /// Records the bits that a scan codes.
+    ///
+    /// # Errors
+    /// Returns an error if the scan does not continue the bits already known.
     fn record_scan(&mut self, band: Range<usize>, high: u8, low: u8) -> Result<(), JpegFault> {
         let before = if high == 0 { None } else { Some(high) };
         if (high != 0 && high != low + 1) || self.lowest_bit[band.clone()].iter().any(|bit| *bit != before) {
-            return Err(damaged_error("its scans do not follow on each other"));
+            return Err(damaged_error("the scans do not continue each other"));
         }
         self.lowest_bit[band].fill(Some(low));
         Ok(())
     }
 }
 
-/// A component in a scan.
+/// Component in a scan.
 struct ScanComponent<'a> {
     plane: &'a mut ComponentPlane,
     dc: Option<&'a HuffmanTable>,
     ac: Option<&'a HuffmanTable>,
-    /// The last DC coefficient.
     last: i16,
 }
 
-/// A scan that is being decoded.
+/// Scan being decoded.
 struct CoefficientScan<'a> {
     parts: Vec<ScanComponent<'a>>,
     band: SpectralBand,
     progressive: bool,
     runs: &'a mut BlockRuns,
-    /// Units across and down: blocks, where the scan holds one component.
+    /// Units across and down; blocks if the scan has one component.
     units: [usize; 2],
     interval: usize,
     offset: usize,
@@ -155,14 +163,13 @@ impl<'a> CoefficientScan<'a> {
     ) -> Result<Self, JpegFault> {
         let h = &scan.header;
         let progressive = header.frame.is_progressive;
-        let (first, last, low) =
-            if progressive { (h.spec_start, h.spec_end, h.succ_low) } else { (0, 63, 0) };
+        let (first, last, low) = if progressive { (h.spec_start, h.spec_end, h.succ_low) } else { (0, 63, 0) };
         let refines = progressive && h.succ_high > 0;
         let band = SpectralBand { first, last, low, refines };
-        let one_part = h.components.len() == 1;
+        let single = h.components.len() == 1;
         let in_order = first <= last && last < 64 && low < 14;
-        if progressive && (!in_order || if first == 0 { last != 0 } else { !one_part }) {
-            return Err(damaged_error("a scan's header is wrong"));
+        if progressive && (!in_order || if first == 0 { last != 0 } else { !single }) {
+            return Err(damaged_error("the header of a scan is wrong"));
         }
         let high = if progressive { h.succ_high } else { 0 };
         let mut parts = Vec::with_capacity(h.components.len());
@@ -178,9 +185,9 @@ impl<'a> CoefficientScan<'a> {
             }
         }
         if parts.is_empty() || parts.len() != h.components.len() {
-            return Err(damaged_error("a scan's header is wrong"));
+            return Err(damaged_error("the header of a scan is wrong"));
         }
-        let units = if one_part { parts[0].plane.own } else { units };
+        let units = if single { parts[0].plane.used_blocks } else { units };
         let interval = usize::from(scan.restart_interval);
         Ok(Self { parts, band, progressive, runs, units, interval, offset: scan.data_offset })
     }
@@ -192,16 +199,16 @@ impl<'a> CoefficientScan<'a> {
             self.runs.restart();
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
-            let near = |what: String| JpegFault::Damaged(format!("{what} near block row {row}"));
+            let near = |problem: String| JpegFault::Damaged(format!("{problem} near block row {row}"));
             data.clear();
             remove_stuffing(intervals.coded(), &mut data);
             let mut codes = CodeReader::new(&data);
             for unit in units {
                 self.decode_unit(&mut codes, unit).map_err(|e| near(e.to_string()))?;
             }
-            // Neither more nor less than the last byte's rest: nothing is missing between.
+            // Exactly the padding of the last byte is left, so no data are missing in between.
             if self.runs.left > 0 || !(0..8).contains(&codes.bits_left()) {
-                return Err(near("data are missing or in the wrong place".into()));
+                return Err(near("data are missing or misplaced".into()));
             }
         }
         Ok(())
@@ -209,11 +216,11 @@ impl<'a> CoefficientScan<'a> {
 
     fn decode_unit(&mut self, codes: &mut CodeReader, unit: usize) -> Result<(), JpegError> {
         let (column, row) = (unit % self.units[0], unit / self.units[0]);
-        let alone = self.parts.len() == 1;
+        let is_single = self.parts.len() == 1;
         for k in 0..self.parts.len() {
             let plane = &self.parts[k].plane;
-            let [wide, high] = if alone { [1, 1] } else { plane.unit };
-            let across = plane.across;
+            let [wide, high] = if is_single { [1, 1] } else { plane.unit_blocks };
+            let across = plane.row_blocks;
             for b in 0..wide * high {
                 let at = (row * high + b / wide) * across + column * wide + b % wide;
                 self.decode_block(codes, k, at)?;
@@ -240,7 +247,7 @@ impl<'a> CoefficientScan<'a> {
             coefficients::decode_band(codes, ac.ok_or_else(missing)?, band, self.runs, block)?;
         }
         if !self.progressive {
-            // Each block ends for itself.
+            // In a sequential scan each block ends on its own.
             if self.runs.left > 0 {
                 return Err(JpegError::CorruptData("codes are out of step".into()));
             }

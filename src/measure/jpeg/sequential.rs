@@ -1,6 +1,6 @@
-//! A sequential JPEG in one scan, as cameras write it. Header, tables and transform come from a library, no colour is made,
-//! nothing that is not wanted, and no code of a missing stretch is taken for picture. What is wanted later is found by places
-//! that are taken down on the way.
+//! Decoder of a sequential JPEG in one scan, as cameras write it. A library provides header, tables and transform. No
+//! colour and no unselected block is decoded, and missing data are not decoded as image. Bit positions recorded on the way
+//! allow other blocks to be decoded later.
 
 use std::ops::Range;
 
@@ -12,66 +12,67 @@ use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
 use super::codes::{CodeReader, CodeTable, remove_stuffing};
+use super::header::FirstComponent;
 use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
-use super::kind::FirstComponent;
 use crate::raster::Raster;
 use crate::tiles::{self, Tiles};
 
-/// Bits after the last block that are taken for padding: webcams are known to leave a few bytes before the end marker.
+/// Maximum number of bits after the last block that count as padding: webcams are known to leave a few bytes before the end
+/// marker.
 const PADDING_BITS: i64 = 64;
-/// Units from one place that is taken down to the next at most: so many are passed over at most to come to one.
+/// Maximum number of units between recorded positions, and so of units skipped to reach one.
 const STRIDE: usize = 16;
 
-/// How a component's blocks are coded: how many there are in a unit, and the codes of their coefficients.
+/// Coding of a component: number of blocks in a unit, and the codes of their coefficients.
 struct ComponentCodes {
     blocks: usize,
     means: HuffmanTable,
     others: CodeTable,
 }
 
-/// How a picture's blocks lie and are coded.
+/// Layout and coding of an image's blocks.
 pub struct SequentialScan {
     width: usize,
     height: usize,
     /// Luma blocks of a unit (the blocks that are coded together), across and down.
     across: usize,
     down: usize,
-    /// Units of a row, and rows of them.
+    /// Units of a row, and number of rows.
     columns: usize,
     rows: usize,
-    /// Units between restart markers, 0 without any.
+    /// Units between restart markers, 0 for none.
     interval: usize,
     luma: ComponentCodes,
     colour: Vec<ComponentCodes>,
-    /// Luma's quantisation, and the inverse transform.
+    /// Quantisation steps of luma, and the inverse transform.
     steps: [u16; BLOCK * BLOCK],
     transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
 }
 
-/// Where a unit begins: its first bit, and luma's mean before it.
+/// Start of a unit: its first bit, and the mean of luma before it.
 struct ResumePoint {
     bit: usize,
     mean: i16,
 }
 
-/// A picture that was read, and of which more may be decoded.
+/// Image data that were read, of which more blocks may be decoded.
 pub struct ResumableScan {
     scan: SequentialScan,
-    /// The coded bytes, without what is stuffed between them.
+    /// Coded bytes, without stuffed ones.
     data: Vec<u8>,
-    /// Of every [`Scan::stride`]th unit.
-    places: Vec<ResumePoint>,
+    /// Position of every [`SequentialScan::stride`]th unit.
+    resume_points: Vec<ResumePoint>,
 }
 
 impl SequentialScan {
-    /// Of a sequential picture in one scan, grey or luma with colour; `None` where it is of another kind.
+    /// Prepares a sequential image in one scan, grey or luma with colour; `None` if it is of another kind.
     pub fn from_header(header: &JpegMetadata, colour: FirstComponent) -> Option<Self> {
         let frame = &header.frame;
         if frame.is_progressive || header.scans.len() > 1 || colour != FirstComponent::Luma {
             return None;
         }
         let (across, down) = match &frame.components[..] {
-            // One component: its blocks row by row, whatever its sampling says (ITU-T T.81, A.2.2).
+            // One component: its blocks row by row, regardless of its sampling (ITU-T T.81, A.2.2).
             [_] => (1, 1),
             [first, ..] => (usize::from(first.horizontal_sampling), usize::from(first.vertical_sampling)),
             [] => return None,
@@ -104,19 +105,19 @@ impl SequentialScan {
         })
     }
 
-    /// Width and height, px.
+    /// Returns width and height, px.
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
-    /// Units from one place that is taken down to the next; none crosses a restart marker on the way to another.
+    /// Returns the number of units between recorded positions; no stride crosses a restart marker.
     fn stride(&self) -> usize {
         let whole = |stride: &usize| self.interval.is_multiple_of(*stride);
         (1..=STRIDE).rev().find(whole).unwrap_or(1)
     }
 
-    /// The wanted grey values, from the scan's coded bytes and what follows them: every interval between restart markers (the
-    /// whole scan where there are none).
+    /// Decodes the wanted grey values from the scan's coded bytes and the bytes after them, interval by interval (or the
+    /// whole scan if it has no restart markers).
     pub fn decode(self, coded: &[u8], wanted: &Tiles) -> Result<(Raster, ResumableScan), JpegFault> {
         let mut luma = vec![0; self.width * self.height];
         let units = self.columns * self.rows;
@@ -129,11 +130,16 @@ impl SequentialScan {
             let mut codes = CodeReader::from_bit(&data, 8 * start);
             self.decode_interval(units, &mut codes, &mut places, wanted, &mut luma)?;
         }
-        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| damaged_error("it has no pixels"))?;
-        Ok((raster, ResumableScan { scan: self, data, places }))
+        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| {
+            damaged_error(
+                "the image has \
+                                                                                             no pixels",
+            )
+        })?;
+        Ok((raster, ResumableScan { scan: self, data, resume_points: places }))
     }
 
-    /// The units of one interval.
+    /// Decodes the units of one interval.
     fn decode_interval(
         &self,
         units: Range<usize>,
@@ -159,12 +165,12 @@ impl SequentialScan {
             }
         }
         if codes.bits_left() > PADDING_BITS {
-            return Err(damaged_error("data are missing or in the wrong place"));
+            return Err(damaged_error("data are missing or misplaced"));
         }
         Ok(())
     }
 
-    /// The blocks of a unit, of which luma's that are wanted come to their places.
+    /// Decodes the blocks of a unit and writes the wanted ones of luma to their positions.
     #[inline(always)]
     fn decode_unit(
         &self,
@@ -183,7 +189,7 @@ impl SequentialScan {
                     coefficients[0] = *mean;
                     codes.read_coefficients(&self.luma.others, &mut coefficients)?;
                     (self.transform)(&coefficients, &self.steps, &mut pixels);
-                    tiles::put(&pixels, [column, row], luma, self.width);
+                    tiles::copy_tile(&pixels, [column, row], luma, self.width);
                 } else {
                     codes.skip_coefficients(&self.luma.others)?;
                 }
@@ -198,7 +204,7 @@ impl SequentialScan {
         if codes.bits_left() < 0 { Err(JpegError::UnexpectedEof) } else { Ok(()) }
     }
 
-    /// Of a row of units those that hold wanted blocks.
+    /// Returns the units in a row that hold wanted blocks.
     fn selected_units(&self, row: usize, wanted: &Tiles) -> Vec<usize> {
         let mut units = Vec::new();
         for row in row * self.down..(row + 1) * self.down {
@@ -212,7 +218,7 @@ impl SequentialScan {
 }
 
 impl ResumableScan {
-    /// Decodes what is wanted. That the codes are sound was seen when they were read.
+    /// Decodes the wanted blocks. The codes were checked when they were read.
     pub fn decode(&self, wanted: &Tiles, luma: &mut [u8]) {
         let (scan, stride) = (&self.scan, self.scan.stride());
         for row in 0..scan.rows {
@@ -221,9 +227,9 @@ impl ResumableScan {
             for column in scan.selected_units(row, wanted) {
                 let unit = row * scan.columns + column;
                 let from = unit / stride;
-                // What came last may end at a restart marker, behind which the bits begin anew.
+                // The previous unit may end at a restart marker, after which the bits restart.
                 if next > unit || next <= from * stride {
-                    let Some(place) = self.places.get(from) else { return };
+                    let Some(place) = self.resume_points.get(from) else { return };
                     (codes, mean, next) = (CodeReader::from_bit(&self.data, place.bit), place.mean, from * stride);
                 }
                 for unit in next..=unit {

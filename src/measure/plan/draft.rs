@@ -1,67 +1,67 @@
-//! A layout of markers for a wing of which only its main dimensions are known.
+//! A layout of markers for a wing of known main dimensions.
 
 use nalgebra::Vector3;
 
-use super::{PlanOptions, fixed_marks, want};
+use super::{PlanOptions, fixed_targets, requirement};
 use crate::adjust::AdjustError;
 use crate::geometry::Lens;
 use crate::setup::{Setup, Shape, SurveyMarker, TorsionPair};
 
-/// A wing and what is to be glued on it. The survey frame has its origin in the projection centre, x outboard along the span,
-/// z up; a right wing, whose trailing edge is at negative y.
+/// Dimensions of a wing and numbers of its markers. The survey frame has its origin in the projection centre, x outboard
+/// along the span, z up; the wing is a right one, with its trailing edge at negative y.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Draft {
-    /// From the camera to the wing tip along the span, m.
+pub struct LayoutDraft {
+    /// Span from the camera to the wing tip, m.
     pub span_m: f64,
-    /// Camera above the skin at the root, m; the wing is taken to lie level.
+    /// Height of the camera above the skin at the root, m; the wing is taken as level.
     pub height_m: f64,
     /// Chord at the root, m.
     pub chord_m: f64,
     /// Interior orientation.
     pub lens: Lens,
-    /// Markers on the wing, the pair at the tip included.
+    /// Number of markers on the wing, including the pair at the tip.
     pub markers: usize,
-    /// Marks that are rigid to the cabin, 4 at most.
+    /// Number of fixed targets, rigid to the cabin; 4 at most.
     pub fixed: usize,
 }
 
-/// Chord at the tip over that at the root: of most transport wings 0.25 to 0.45.
+/// Chord at the tip over that at the root: 0.25 to 0.45 for most transport wings.
 const TAPER: f64 = 0.35;
-/// Share of the half chord at which markers stand: on the box, clear of flaps and slats.
-const CHORD_SHARE: f64 = 0.6;
+/// Chordwise position of the markers as a fraction of the half chord: on the box, clear of flaps and slats.
+const CHORD_FRACTION: f64 = 0.6;
 /// Outermost station over the span.
-const OUTERMOST: f64 = 0.975;
-/// Share of the half picture that is used across the span and along the height.
-const USED: f64 = 0.9;
-/// Quadrants out to this share of the span, discs beyond.
-const QUADRANTS: f64 = 0.45;
-/// Least image of a disc along the view that is measured well, px; and what a print may measure, m.
+const OUTERMOST_FRACTION: f64 = 0.975;
+/// Used fraction of the half image, across the span and along the height.
+const USED_FRACTION: f64 = 0.9;
+/// Fraction of the span out to which markers are quadrant targets; beyond it they are discs.
+const QUADRANT_FRACTION: f64 = 0.45;
+/// Smallest image of a disc along the view that is measured well, px; then the smallest and largest size of a print, m.
 const MIN_IMAGE_PX: f64 = 6.0;
-const PRINTS_M: (f64, f64) = (0.2, 0.6);
-/// Prints come in steps, m.
+const PRINT_RANGE_M: (f64, f64) = (0.2, 0.6);
+/// Step of the prints' sizes, m.
 const PRINT_STEP_M: f64 = 0.05;
 /// Standard deviation of a survey by total station, m.
 const SURVEY_SIGMA_M: f64 = 0.002;
-/// Exponents of the stations' spacing that are tried: markers crowded at the root, even, crowded at the tip.
-const CROWDING: [f64; 3] = [1.4, 1.0, 0.7];
+/// Trial exponents of the stations' spacing: markers dense at the root, even, dense at the tip.
+const SPACING_EXPONENTS: [f64; 3] = [1.4, 1.0, 0.7];
 
-/// Of the spacings that are tried the one that is worth most, put into an installation of the same wing.
+/// Creates an installation with the most precise of the trial layouts for this wing.
 ///
 /// # Errors
-/// Where none of them gives an adjustment.
-pub fn best(
-    draft: &Draft,
+/// Returns an error if no layout gives an adjustment.
+pub fn best_layout(
+    draft: &LayoutDraft,
     installation: &Setup,
     options: &PlanOptions,
     frames: usize,
 ) -> Result<Setup, AdjustError> {
     let mut best: Option<(f64, Setup)> = None;
-    let mut failure = AdjustError::Input("no layout can be made of these numbers".into());
-    for crowding in CROWDING {
-        let setup = laid_out(draft, installation, options, crowding)?;
-        match want::predict_precision(&setup, None, options, frames, None) {
-            Ok(worth) if best.as_ref().is_none_or(|(sigma, _)| worth.sigma_tip_deflection_m < *sigma) => {
-                best = Some((worth.sigma_tip_deflection_m, setup));
+    let mut failure = AdjustError::Input("no layout fits these dimensions".into());
+    for crowding in SPACING_EXPONENTS {
+        let setup = build_setup(draft, installation, options, crowding)?;
+        match requirement::predict_precision(&setup, None, options, frames, None) {
+            Ok(precision) if best.as_ref().is_none_or(|(sigma, _)| precision.sigma_tip_deflection_m < *sigma) => {
+                best = Some((precision.sigma_tip_deflection_m, setup));
             }
             Ok(_) => {}
             Err(error) => failure = error,
@@ -70,57 +70,57 @@ pub fn best(
     best.map(|(_, setup)| setup).ok_or(failure)
 }
 
-fn laid_out(
-    draft: &Draft,
+fn build_setup(
+    draft: &LayoutDraft,
     installation: &Setup,
     options: &PlanOptions,
     crowding: f64,
 ) -> Result<Setup, AdjustError> {
     let mut setup = installation.clone();
-    setup.markers = markers(draft, options.tip_deflection_m, crowding);
+    setup.markers = place_markers(draft, options.tip_deflection_m, crowding);
     let count = setup.markers.len();
     setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
     if draft.fixed > 0 {
         let attitude = super::prediction::SimulatedFlight::new(&setup, None, options)?.orientation;
-        let wanted = (0, draft.fixed, options.pixel_sigma);
-        if let Some((with, _)) = fixed_marks::with_marks(&setup, &attitude, wanted) {
-            setup = with;
+        let request = (0, draft.fixed, options.pixel_sigma);
+        if let Some((with_targets, _)) = fixed_targets::add_fixed_targets(&setup, &attitude, request) {
+            setup = with_targets;
         }
     }
     Ok(setup)
 }
 
-/// A first layout, evenly spaced.
-pub fn layout(draft: &Draft, tip_deflection_m: f64) -> Vec<SurveyMarker> {
-    markers(draft, tip_deflection_m, 1.0)
+/// Creates a first layout, evenly spaced.
+pub fn even_layout(draft: &LayoutDraft, tip_deflection_m: f64) -> Vec<SurveyMarker> {
+    place_markers(draft, tip_deflection_m, 1.0)
 }
 
-/// The markers on the wing, leading and trailing edge in turn, at least five of them.
-fn markers(draft: &Draft, tip_deflection_m: f64, crowding: f64) -> Vec<SurveyMarker> {
+/// Places at least five markers on the wing, alternating between leading and trailing edge.
+fn place_markers(draft: &LayoutDraft, tip_deflection_m: f64, crowding: f64) -> Vec<SurveyMarker> {
     let count = draft.markers.max(5);
     let single = count - 2;
-    let first = nearest_m(draft, tip_deflection_m);
-    let last = OUTERMOST * draft.span_m;
+    let first = nearest_station_m(draft, tip_deflection_m);
+    let last = OUTERMOST_FRACTION * draft.span_m;
     let station = |k: usize| first + (last - first) * (k as f64 / (single - 1) as f64).powf(crowding);
-    // Clear of the prints on both sides.
+    // The pair is clear of the prints on both sides.
     let pair = 0.5 * (station(single - 2) + station(single - 1));
-    let place = |k: usize| match k.checked_sub(single) {
+    let position = |k: usize| match k.checked_sub(single) {
         None => (station(k), k.is_multiple_of(2)),
         Some(of_pair) => (pair, of_pair == 0),
     };
-    (0..count).map(|k| (k, place(k))).map(|(k, (along, leading))| marker(draft, k, along, leading)).collect()
+    (0..count).map(|k| (k, position(k))).map(|(k, (along, leading))| make_marker(draft, k, along, leading)).collect()
 }
 
-fn marker(draft: &Draft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {
+fn make_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {
     let half_chord = 0.5 * draft.chord_m * (1.0 - (1.0 - TAPER) * (along_m / draft.span_m).min(1.0));
-    let in_view = USED * 0.5 * f64::from(draft.lens.width) / draft.lens.fx * along_m;
-    let aside = (CHORD_SHARE * half_chord).min(in_view);
-    let (shape, diameter_m) = print(draft, along_m);
+    let in_view = USED_FRACTION * 0.5 * f64::from(draft.lens.width) / draft.lens.fx * along_m;
+    let offset_m = (CHORD_FRACTION * half_chord).min(in_view);
+    let (shape, diameter_m) = choose_print(draft, along_m);
     SurveyMarker {
         id: format!("M{:02}", k + 1),
         shape,
         diameter_m,
-        position_m: Vector3::new(along_m, if leading { aside } else { -aside }, -draft.height_m),
+        position_m: Vector3::new(along_m, if leading { offset_m } else { -offset_m }, -draft.height_m),
         sigma_m: SURVEY_SIGMA_M,
         fixed: false,
         flight_motion_m: 0.0,
@@ -128,18 +128,18 @@ fn marker(draft: &Draft, k: usize, along_m: f64, leading: bool) -> SurveyMarker 
     }
 }
 
-/// Kind and size of a marker: large enough for its image along the view.
-fn print(draft: &Draft, along_m: f64) -> (Shape, f64) {
-    let shape = if along_m < QUADRANTS * draft.span_m { Shape::Quadrant } else { Shape::Circle };
+/// Chooses kind and size of a marker, large enough for its image along the view.
+fn choose_print(draft: &LayoutDraft, along_m: f64) -> (Shape, f64) {
+    let shape = if along_m < QUADRANT_FRACTION * draft.span_m { Shape::Quadrant } else { Shape::Circle };
     let least = MIN_IMAGE_PX * along_m * along_m / (draft.height_m * draft.lens.fy);
-    let steps = (least.clamp(PRINTS_M.0, PRINTS_M.1) / PRINT_STEP_M - 1e-9).ceil();
+    let steps = (least.clamp(PRINT_RANGE_M.0, PRINT_RANGE_M.1) / PRINT_STEP_M - 1e-9).ceil();
     (shape, steps * PRINT_STEP_M)
 }
 
-/// The nearest station that the picture shows together with the deflected tip, m from the camera.
-fn nearest_m(draft: &Draft, tip_deflection_m: f64) -> f64 {
+/// Returns the nearest station that the image can show together with the deflected tip, m from the camera.
+fn nearest_station_m(draft: &LayoutDraft, tip_deflection_m: f64) -> f64 {
     let top = (tip_deflection_m.max(0.0) - draft.height_m).atan2(draft.span_m);
-    let view = 2.0 * USED * (0.5 * f64::from(draft.lens.height) / draft.lens.fy).atan();
+    let view = 2.0 * USED_FRACTION * (0.5 * f64::from(draft.lens.height) / draft.lens.fy).atan();
     let bottom = (top - view).max(-1.4);
     let nearest = if bottom < 0.0 { draft.height_m / (-bottom).tan() } else { draft.span_m };
     nearest.clamp(1.0, 0.5 * draft.span_m)

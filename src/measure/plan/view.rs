@@ -1,17 +1,17 @@
-//! The wing bent by a deflection, and a camera that looks at all of it.
+//! The wing bent by a deflection, and a camera directed at all of it.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::adjust::beam::{Bending, Grid, Mount, Section};
+use crate::adjust::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
 use crate::adjust::ground::{GroundShape, Station};
 use crate::environment::Plate;
 use crate::setup::Setup;
 
-/// Steps to the curvature of a tip deflection; each leaves a hundredth of the error.
-const PROPORTIONS: usize = 4;
+/// Number of steps to the curvature of a tip deflection; each reduces the error to 1 %.
+const MAX_PROPORTION_STEPS: usize = 4;
 
-/// Where the camera sees a point (from the projection centre, survey frame, m); camera frame.
-pub(super) fn seen(
+/// Returns the point at which the camera sees a point (from the projection centre, survey frame, m); camera frame, m.
+pub(super) fn apparent_point(
     setup: &Setup,
     turn: &Rotation3<f64>,
     point_m: &Vector3<f64>,
@@ -21,25 +21,24 @@ pub(super) fn seen(
     Plate::from_window(setup.window.as_ref(), turn, in_flight).map_or(p, |pane| pane.apparent_point(&p))
 }
 
-/// Markers in flight, wing frame, m: one coefficient of curvature, found by the rule of proportion.
-pub(super) fn bent(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) -> Vec<Vector3<f64>> {
+/// Returns the markers in flight, wing frame, m, for one coefficient of curvature, found by proportion.
+pub(super) fn bend_markers(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) -> Vec<Vector3<f64>> {
     let arcs: Vec<f64> = shape.stations.iter().map(|s| s.arc_m).collect();
-    let grid = Grid::new(shape, &arcs);
-    let mounts = grid.mounts(&shape.stations);
+    let grid = BeamGrid::new(shape, &arcs);
+    let mounts = grid.marker_arms(&shape.stations);
     let scale = setup.thermal.map_or(1.0, |t| t.scale());
     let place = |curvature: f64| -> Vec<Vector3<f64>> {
-        let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::NONE });
+        let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::UNBENT });
         let carried = sections.iter().zip(&mounts).zip(&shape.stations);
-        let place = |((section, mount), s): ((&Section, &Mount), &Station)| {
+        let position = |((section, mount), s): ((&BeamSection, &MarkerArm), &Station)| {
             mount.carry(section, &s.surveyed_m, scale).position_m
         };
-        carried.zip(&setup.markers).map(|(of, m)| if m.fixed { of.1.surveyed_m } else { place(of) }).collect()
+        carried.zip(&setup.markers).map(|(at, m)| if m.fixed { at.1.surveyed_m } else { position(at) }).collect()
     };
     let outermost = (0..arcs.len()).max_by(|&a, &b| arcs[a].total_cmp(&arcs[b]));
-    let deflection =
-        |points: &[Vector3<f64>]| outermost.map_or(0.0, |k| points[k].y - shape.stations[k].surveyed_m.y);
+    let deflection = |points: &[Vector3<f64>]| outermost.map_or(0.0, |k| points[k].y - shape.stations[k].surveyed_m.y);
     let mut curvature = 2.0 * tip_deflection_m / shape.axis.length_m.powi(2);
-    for _ in 0..PROPORTIONS {
+    for _ in 0..MAX_PROPORTION_STEPS {
         let reached = deflection(&place(curvature)) - deflection(&place(0.0));
         if reached.abs() > 1e-9 {
             curvature *= (tip_deflection_m - deflection(&place(0.0))) / reached;
@@ -48,8 +47,8 @@ pub(super) fn bent(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) ->
     place(curvature)
 }
 
-/// Middle of the wing on ground and in flight; the camera upright.
-pub(super) fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64> {
+/// Returns the attitude of an upright camera directed at the middle of the wing on the ground and in flight.
+pub(super) fn camera_attitude(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64> {
     let mut range = [(f64::INFINITY, f64::NEG_INFINITY); 2];
     for p in ground.iter().chain(flight) {
         for (r, angle) in range.iter_mut().zip([p.z.atan2(p.x), p.y.atan2(p.x.hypot(p.z))]) {
@@ -57,8 +56,7 @@ pub(super) fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Ro
         }
     }
     let [azimuth, elevation] = range.map(|(low, high)| if low <= high { 0.5 * (low + high) } else { 0.0 });
-    let forward =
-        Vector3::new(elevation.cos() * azimuth.cos(), elevation.sin(), elevation.cos() * azimuth.sin());
+    let forward = Vector3::new(elevation.cos() * azimuth.cos(), elevation.sin(), elevation.cos() * azimuth.sin());
     let right = forward.cross(&Vector3::y()).normalize();
     let down = forward.cross(&right);
     let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);

@@ -1,25 +1,24 @@
-//! The tapered cantilever that bends the rendered wing: physics, not the polynomial that
-//! [`crate::adjust`] fits.
+//! Tapered cantilever that bends the rendered wing: physics, not the polynomial that [`crate::adjust`] fits.
 //!
-//! Euler and Bernoulli: curvature = M / EI with EI ~ chord^p. The net load (lift less the relief of
-//! the fuel) is vertical, the lever arm is the horizontal one of the bent axis, and the axis keeps
-//! its length. The amplitude is the one that gives the wanted deflection of the tip.
+//! Euler and Bernoulli: curvature = M / EI with EI ~ chord^p. The net load (lift less the relief of the fuel) is vertical,
+//! the lever arm is the horizontal one of the bent axis, and the axis keeps its length. The amplitude is chosen for the
+//! given tip deflection.
 
-/// Intervals along the beam.
+/// Number of intervals along the beam.
 const INTERVALS: usize = 800;
 const ITERATIONS: usize = 60;
 
 /// Distribution of the net load along the span.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadShape {
-    /// Share of a triangular load in an otherwise elliptic lift, 0 to 1.
+    /// Fraction of a triangular load in an otherwise elliptic lift, 0 to 1.
     pub triangular: f64,
-    /// Weight of the fuel that relieves the inner wing, as a share of the lift at the root.
+    /// Weight of the fuel that relieves the inner wing, as a fraction of the lift at the root.
     pub relief: f64,
 }
 
 impl LoadShape {
-    /// Load per length at the relative span `eta`, any unit.
+    /// Returns the load per length at the relative span `eta`, any unit.
     pub fn load(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
         let lift = (1.0 - self.triangular) * elliptic + self.triangular * (1.0 - eta);
@@ -29,7 +28,7 @@ impl LoadShape {
     }
 }
 
-/// A cantilever with linear taper.
+/// Cantilever with linear taper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CantileverBeam {
     /// Length of the axis, m.
@@ -40,10 +39,10 @@ pub struct CantileverBeam {
     pub stiffness_power: f64,
 }
 
-/// A bent beam at equally spaced stations, root to tip.
+/// Bent beam at equally spaced stations, root to tip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BentBeam {
-    /// Between stations, m.
+    /// Distance between stations, m.
     pub step_m: f64,
     /// Change of slope against the unbent axis, rad.
     pub slope_rad: Vec<f64>,
@@ -54,12 +53,12 @@ pub struct BentBeam {
 }
 
 impl CantileverBeam {
-    /// Stations along the beam.
+    /// Returns the number of stations along the beam.
     pub fn stations(&self) -> usize {
         INTERVALS + 1
     }
 
-    /// Between stations, m.
+    /// Returns the distance between stations, m.
     pub fn step_m(&self) -> f64 {
         self.length_m / INTERVALS as f64
     }
@@ -68,9 +67,9 @@ impl CantileverBeam {
         1.0 - (1.0 - self.taper) * eta
     }
 
-    /// Curvature of a uniform cantilever that swings in its second mode, per metre of its tip, 1/m2.
+    /// Returns the curvature of the second mode of a uniform cantilever per metre of tip displacement, 1/m2.
     fn second_mode(&self) -> Vec<f64> {
-        /// Wave number times length of that mode, and what its end that is free asks for: the second root of cos b cosh b = -1,
+        /// Wave number times length of that mode, the second root of cos b cosh b = -1. The free end requires the factor
         /// (cosh b + cos b) / (sinh b + sin b).
         const ROOT: f64 = 4.694_091_132_974_175;
         let free = (ROOT.cosh() + ROOT.cos()) / (ROOT.sinh() + ROOT.sin());
@@ -83,17 +82,11 @@ impl CantileverBeam {
         (0..=INTERVALS).map(|i| unit(i) / tip).collect()
     }
 
-    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the load raises the tip by `tip_deflection_m`; beside that it
-    /// swings in its second mode, by `second_m` at the tip.
-    pub fn bend(
-        &self,
-        ground_slope_rad: &[f64],
-        load: &LoadShape,
-        tip_deflection_m: f64,
-        second_m: f64,
-    ) -> BentBeam {
+    /// Bends the axis of unbent slope `ground_slope_rad` so that the load raises the tip by `tip_deflection_m`, and adds
+    /// the second mode with `second_m` at the tip.
+    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_deflection_m: f64, second_m: f64) -> BentBeam {
         let step = self.step_m();
-        let swing: Vec<f64> = match second_m {
+        let second_curvature: Vec<f64> = match second_m {
             0.0 => vec![0.0; INTERVALS + 1],
             _ => self.second_mode().into_iter().map(|curvature| second_m * curvature).collect(),
         };
@@ -107,12 +100,12 @@ impl CantileverBeam {
             let unit =
                 |i: usize| moment[i] / self.relative_chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
             if amplitude == 0.0 {
-                // First guess by small slopes; the loop sets it right.
+                // First guess for small slopes; the loop refines it.
                 let mut unit_slope = running_integral(step, (0..=INTERVALS).map(unit));
                 unit_slope = running_integral(step, unit_slope.into_iter());
                 amplitude = tip_deflection_m / unit_slope[INTERVALS];
             }
-            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + swing[i]).collect();
+            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + second_curvature[i]).collect();
             slope = running_integral(step, curvature.iter().copied());
             let deflection = tip_deflection(step, ground_slope_rad, &slope) - second_m;
             if (deflection - tip_deflection_m).abs() < 1e-12 || deflection == 0.0 {
@@ -123,8 +116,7 @@ impl CantileverBeam {
         BentBeam { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
     }
 
-    /// Twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to
-    /// `tip_rad`.
+    /// Returns the twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to `tip_rad`.
     pub fn twist(&self, tip_rad: f64) -> Vec<f64> {
         let torque = self.integral_from_tip(|i| self.relative_chord(i as f64 / INTERVALS as f64).powi(2));
         let rate = |i: usize| torque[i] / self.relative_chord(i as f64 / INTERVALS as f64).powi(3);
@@ -140,7 +132,7 @@ impl CantileverBeam {
     }
 }
 
-/// Trapezoidal running integral, starting with 0.
+/// Returns the trapezoidal running integral, starting with 0.
 pub fn running_integral(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut last = None;
     let mut sum = 0.0;
@@ -172,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tip_rises_as_asked_and_its_end_is_free_of_moment() {
+    fn the_tip_rises_as_given_and_has_no_moment() {
         let beam = beam(0.3);
         for deflection in [3.1, -0.8, 0.0] {
             let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, deflection, 0.0);
@@ -185,24 +177,24 @@ mod tests {
     }
 
     #[test]
-    fn the_second_mode_has_a_node_at_four_fifths_and_is_free_at_the_tip() {
-        // A uniform cantilever: node at 0.783 of the length (any text book of vibrations).
+    fn the_second_mode_has_a_node_near_80_percent_and_a_free_tip() {
+        // A uniform cantilever: node at 0.783 of the length (any textbook on vibrations).
         let beam = beam(0.3);
         let load = LoadShape { triangular: 0.3, relief: 0.2 };
         let rise = |second_m: f64| {
             let bent = beam.bend(&flat(&beam), &load, 2.0, second_m);
             running_integral(bent.step_m, bent.slope_rad.iter().map(|t| t.sin()))
         };
-        let swing: Vec<f64> = rise(0.01).iter().zip(rise(0.0)).map(|(a, b)| a - b).collect();
-        assert!((swing[INTERVALS] - 0.01).abs() < 1e-9, "{}", swing[INTERVALS]);
-        let node = swing.iter().skip(10).position(|w| *w > 0.0).unwrap() + 10;
+        let mode: Vec<f64> = rise(0.01).iter().zip(rise(0.0)).map(|(a, b)| a - b).collect();
+        assert!((mode[INTERVALS] - 0.01).abs() < 1e-9, "{}", mode[INTERVALS]);
+        let node = mode.iter().skip(10).position(|w| *w > 0.0).unwrap() + 10;
         assert!((node as f64 / INTERVALS as f64 - 0.783).abs() < 0.02, "{node}");
         let curvature = beam.second_mode();
         assert!(curvature[INTERVALS].abs() < 1e-9 * curvature[0].abs());
     }
 
     #[test]
-    fn a_uniform_beam_under_a_triangular_load_follows_the_text_book() {
+    fn a_uniform_beam_under_a_triangular_load_matches_the_textbook() {
         // EI w = q0 L^4 (10 x^2 - 10 x^3 + 5 x^4 - x^5) / 120 for q = q0 (1 - x): slope at the tip
         // over tip deflection times L is 5/4.
         let beam = CantileverBeam { taper: 1.0, ..beam(1.0) };
@@ -212,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn twist_grows_from_nothing_to_the_tip() {
+    fn twist_increases_from_zero_to_the_tip() {
         let twist = beam(0.3).twist(0.05);
         assert_eq!(twist[0], 0.0);
         assert!((twist.last().unwrap() - 0.05).abs() < 1e-15);

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::beam::{CantileverBeam, LoadShape};
-use super::decals::SkinClutter;
+use super::clutter::SkinClutter;
 use super::light::Light;
 use super::markers::SceneMarker;
 use super::random::SeededRandom;
@@ -11,19 +11,17 @@ use super::scene::Scene;
 use super::wing::{LinearTaper, SceneSide, SceneWing};
 use crate::geometry::{Lens, WingFrame};
 use crate::setup::{
-    self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty, fixed_mark,
+    self, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, fixed_target,
 };
 
-/// What of a random scene is wanted.
+/// Options of a random scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Left or right wing.
     pub side: SceneSide,
-    /// The camera.
     pub lens: Lens,
     /// Quadrants near the fuselage; the rest are circles.
     pub quadrants: usize,
-    /// All markers, the pair for torsion at the tip included.
+    /// Number of markers, including the torsion pair at the tip.
     pub markers: usize,
     /// Length of the wing, m.
     pub length_m: f64,
@@ -35,14 +33,14 @@ pub struct SceneOptions {
     pub camera_height_m: f64,
     /// Diameter of the markers, m.
     pub diameter_m: f64,
-    /// Clutter; 1 is usual, 0 none.
+    /// Density of the clutter; 1 is typical, 0 none.
     pub clutter: f64,
-    /// Marks rigid to the cabin, at most those of [`fixed_mark::PLACES`].
-    pub fixed_marks: usize,
+    /// Number of fixed targets, at most those of [`fixed_target::POSITIONS`].
+    pub fixed_targets: usize,
 }
 
 impl SceneOptions {
-    /// A usual installation that differs with the seed.
+    /// Samples the options of a typical installation.
     pub fn random(seed: u64, side: SceneSide) -> Self {
         let mut random = SeededRandom::new(seed, 10);
         let (width, height) = (4000, 3000);
@@ -74,20 +72,19 @@ impl SceneOptions {
             camera_height_m: random.uniform(1.6, 2.2),
             diameter_m: random.uniform(0.28, 0.38),
             clutter: 1.0,
-            fixed_marks: 0,
+            fixed_targets: 0,
         }
     }
 }
 
 impl Scene {
-    /// A scene that follows from its seed.
+    /// Samples a scene from a seed.
     pub fn random(seed: u64, options: &SceneOptions) -> Self {
         let mut random = SeededRandom::new(seed, 11);
         let wing = random_wing(&mut random, options);
         let heading = random.uniform(0.0, std::f64::consts::TAU);
         let span = round_vector(Vector3::new(heading.cos(), heading.sin(), 0.0), 8).xy();
-        let origin =
-            Vector3::new(random.uniform(-60.0, 60.0), random.uniform(-60.0, 60.0), random.uniform(2.0, 6.0));
+        let origin = Vector3::new(random.uniform(-60.0, 60.0), random.uniform(-60.0, 60.0), random.uniform(2.0, 6.0));
         let frame = WingFrame::new(origin, span);
         let camera_from_wing = aim_camera(&mut random, &wing, options);
         let load = LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) };
@@ -99,8 +96,7 @@ impl Scene {
             frame,
             camera_from_survey: camera_from_wing * frame.wing_from_survey,
             load,
-            twist_rad_per_m: (random.uniform(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 })
-                .to_radians(),
+            twist_rad_per_m: (random.uniform(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 }).to_radians(),
         };
         let fixed = scene.fixed_targets(options);
         scene.place_markers(&mut random, options, &fixed);
@@ -109,7 +105,8 @@ impl Scene {
         scene
     }
 
-    /// Places markers one after another where ground frame and highest deflection show them whole.
+    /// Places markers one after another so that they are completely visible in the ground frame and at the highest
+    /// deflection.
     fn place_markers(&mut self, random: &mut SeededRandom, options: &SceneOptions, fixed: &[SceneMarker]) {
         let single = options.markers.saturating_sub(2);
         let length = self.wing.beam.length_m;
@@ -119,9 +116,7 @@ impl Scene {
             for attempt in 0..80 {
                 let spread = 1.0 - attempt as f64 / 100.0;
                 let (s, outer) = match i.checked_sub(single) {
-                    None => {
-                        (first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64, i % 2 == 0)
-                    }
+                    None => (first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64, i % 2 == 0),
                     Some(k) => (0.93 * length + random.uniform(-0.5, 0.5), k == 0),
                 };
                 let (low, high) = self.wing.edges(s);
@@ -151,7 +146,7 @@ impl Scene {
         }
     }
 
-    /// The last two markers are the pair for torsion; which of them leads follows from the side.
+    /// Makes the last two markers the torsion pair; the side determines which one leads.
     fn name_torsion_pair(&mut self, count: usize) {
         for (i, marker) in self.markers.iter_mut().enumerate() {
             marker.id = format!("M{:02}", i + 1);
@@ -162,7 +157,7 @@ impl Scene {
         self.setup.torsion = vec![TorsionPair { name: "tip".into(), leading, trailing }];
     }
 
-    /// First station whose middle is well above the frame's lower edge.
+    /// Returns the first station whose middle is well above the frame's lower edge.
     fn nearest_station(&self, options: &SceneOptions) -> f64 {
         let pose = self.wing.deform(&self.ground_shot(0).state);
         let camera_from_wing = self.camera_from_wing(&self.ground_shot(0));
@@ -173,7 +168,7 @@ impl Scene {
         (10..).map(|i| 0.2 * f64::from(i)).take(200).find(inside).unwrap_or(6.0)
     }
 
-    /// Marks rigid to the cabin in the corners of the frame, the upper ones first: on brackets a few metres outboard.
+    /// Returns fixed targets in the corners of the frame, the upper ones first: on brackets a few metres outboard.
     fn fixed_targets(&self, options: &SceneOptions) -> Vec<SceneMarker> {
         let wing_from_camera = self.camera_from_wing(&self.ground_shot(0)).inverse();
         let (width, height) = (f64::from(options.lens.width), f64::from(options.lens.height));
@@ -182,15 +177,15 @@ impl Scene {
             Some(SceneMarker {
                 id: format!("F{}", k + 1),
                 shape: Shape::Quadrant,
-                diameter_m: fixed_mark::DIAMETER_M,
+                diameter_m: fixed_target::DIAMETER_M,
                 s_m: 0.0,
                 z_m: 0.0,
                 rotation_rad: std::f64::consts::FRAC_PI_4,
                 height_m: 0.0,
-                fixed_m: Some(wing_from_camera * ray * fixed_mark::DISTANCE_M),
+                fixed_m: Some(wing_from_camera * ray * fixed_target::DISTANCE_M),
             })
         };
-        fixed_mark::PLACES.iter().take(options.fixed_marks).enumerate().filter_map(mark).collect()
+        fixed_target::POSITIONS.iter().take(options.fixed_targets).enumerate().filter_map(mark).collect()
     }
 
     fn fits_last_marker(&self, options: &SceneOptions, fixed: &[SceneMarker]) -> bool {
@@ -206,13 +201,13 @@ impl Scene {
                 && pixel.x < f64::from(options.lens.width) - margin - 0.5 * size.x;
             let plates = fixed.iter().map(|m| self.marker_image(shot, &pose, &m.disc_on_wing(&pose)));
             let plates: Vec<_> = plates.map(|(pixel, size, _)| (pixel, 2.0 * size, true)).collect();
-            let apart = seen[..seen.len() - 1].iter().chain(&plates).all(|(other, other_size, _)| {
+            let is_separate = seen[..seen.len() - 1].iter().chain(&plates).all(|(other, other_size, _)| {
                 other.is_none_or(|other| {
                     let gap = (other - pixel).abs() - 0.5 * (other_size + size);
                     gap.x > 12.0 || gap.y > 6.0
                 })
             });
-            visible && framed && apart
+            visible && framed && is_separate
         })
     }
 
@@ -261,7 +256,7 @@ fn random_wing(random: &mut SeededRandom, options: &SceneOptions) -> SceneWing {
     }
 }
 
-/// Looks along the wing so that the highest tip is near the frame's upper edge.
+/// Aims the camera along the wing so that the highest tip is near the frame's upper edge.
 pub(super) fn aim_camera(random: &mut SeededRandom, wing: &SceneWing, options: &SceneOptions) -> Rotation3<f64> {
     let load = LoadShape { triangular: 0.3, relief: 0.1 };
     let state =
@@ -295,9 +290,9 @@ fn bare_setup(
         projection_centre_sigma_m: options.survey_sigma_m,
         mount_repeatability_px: 10.0,
         span_direction: span,
-        stated_side: Some(match wing.side {
-            SceneSide::Left => setup::Side::Left,
-            SceneSide::Right => setup::Side::Right,
+        configured_side: Some(match wing.side {
+            SceneSide::Left => setup::WingSide::Left,
+            SceneSide::Right => setup::WingSide::Right,
         }),
         root_offset_m: round_to(wing.root_x_m, 4),
         axis_chord_offset_m: Some(round_to(wing.axis_z_m, 4)),
@@ -306,7 +301,7 @@ fn bare_setup(
             tip_m: round_to(wing.skin_m.tip, 4),
             tip_span_m: round_to(wing.beam.length_m, 4),
         }),
-        uncertainty: Uncertainty::of_drawings(),
+        uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23.0e-6,
             expansion_sigma_per_k: None,
@@ -331,7 +326,7 @@ fn round_vector(value: Vector3<f64>, digits: i32) -> Vector3<f64> {
     value.map(|x| round_to(x, digits))
 }
 
-/// As a camera file holds it.
+/// Rounds a lens as a camera file does.
 fn round_lens(lens: &Lens) -> Lens {
     Lens {
         fx: round_to(lens.fx, 1),

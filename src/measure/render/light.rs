@@ -6,18 +6,18 @@ use super::random::{SeededRandom, value_noise};
 use super::trace::Hit;
 use super::wing::DeformedWing;
 
-/// Kinds of light that a flight meets.
+/// Kind of illumination in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Light {
-    /// Even.
+    /// Even light.
     Plain,
     /// Falls off along and across the wing.
     Gradient,
     /// Edges of shadows across the wing.
     Shadow,
-    /// The sun mirrored in the skin, saturating.
+    /// Saturating reflection of the sun in the skin.
     Glare,
-    /// Dark.
+    /// Low light.
     Dusk,
     /// Sun behind the wing: dark skin, bright sky, stray light.
     Backlight,
@@ -26,11 +26,11 @@ pub enum Light {
 }
 
 impl Light {
-    /// All kinds.
+    /// List of the kinds.
     pub const ALL: [Self; 7] =
         [Self::Plain, Self::Gradient, Self::Shadow, Self::Glare, Self::Dusk, Self::Backlight, Self::Haze];
 
-    /// The word used in files.
+    /// Returns the word used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Plain => "plain",
@@ -43,7 +43,7 @@ impl Light {
         }
     }
 
-    /// The kind of that name.
+    /// Returns the kind of that name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|light| light.name() == name)
     }
@@ -60,7 +60,7 @@ struct ShadowBands {
     seed: u64,
 }
 
-/// A mirror image of the sun, drawn out along the span as by brushed metal.
+/// Reflection of the sun, stretched along the span as by brushed metal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Specular {
     gain: f64,
@@ -68,7 +68,7 @@ struct Specular {
     spread_across: f64,
 }
 
-/// The light of one frame.
+/// Illumination of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Illumination {
     exposure: f64,
@@ -85,17 +85,17 @@ pub struct Illumination {
     cloud_seed: u64,
 }
 
-/// What the light does at one point of the skin.
+/// Light at one point of the skin.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct SkinLight {
     /// Radiance of a reflectance of 1.
     pub diffuse: f64,
-    /// Radiance added by mirroring, air and stray light.
+    /// Radiance added by reflection, air and stray light.
     pub added: f64,
 }
 
 impl Illumination {
-    /// Draws the details of a kind of light.
+    /// Samples the details of a kind of light.
     pub fn random(light: Light, random: &mut SeededRandom, pose: &DeformedWing) -> Self {
         let side = if random.unit() < 0.5 { -1.0 } else { 1.0 };
         let high = Vector3::new(random.uniform(-0.4, 0.4), 1.0, side * random.uniform(0.1, 0.5));
@@ -132,11 +132,8 @@ impl Illumination {
                 lit.ambient = 0.8;
                 lit.sky = random.uniform(0.9, 1.3);
                 lit.stray = random.uniform(0.04, 0.10);
-                lit.specular = Some(Specular {
-                    gain: random.uniform(0.08, 0.2),
-                    spread_along: 0.5,
-                    spread_across: 0.25,
-                });
+                lit.specular =
+                    Some(Specular { gain: random.uniform(0.08, 0.2), spread_along: 0.5, spread_across: 0.25 });
                 lit.sun = Vector3::new(1.0, 0.35, side * 0.2).normalize();
             }
             Light::Haze => {
@@ -147,7 +144,7 @@ impl Illumination {
         lit
     }
 
-    /// Puts the sun where it is mirrored towards the camera at some place of the wing.
+    /// Puts the sun at a direction that some point of the wing reflects to the camera.
     fn mirror_sun(&mut self, random: &mut SeededRandom, pose: &DeformedWing) {
         let s = random.uniform(0.4, 0.8) * pose.wing.beam.length_m;
         let (low, high) = pose.wing.edges(s);
@@ -163,7 +160,7 @@ impl Illumination {
         });
     }
 
-    /// The light at a point of the skin.
+    /// Returns the light at a point of the skin.
     pub fn light_at(&self, pose: &DeformedWing, hit: &Hit) -> SkinLight {
         let point = pose.skin_point(hit.s, hit.z);
         let (along, across, normal) = pose.tangents(hit.s, hit.z);
@@ -171,7 +168,7 @@ impl Illumination {
         let shadow = self.bands.map_or(1.0, |bands| bands.factor(hit));
         let slope = self.gradient_s * (2.0 * pose.wing.eta(hit.s) - 1.0) + self.gradient_z * hit.z / 4.0;
         let direct = normal.dot(&self.sun).max(0.0) * shadow;
-        // Shadowed places get less of the sky too: the cloud takes part of it.
+        // Shadowed points receive less sky light too, as the cloud covers part of the sky.
         let ambient = self.ambient * (0.6 + 0.4 * shadow);
         let diffuse = self.exposure * (ambient + (1.0 - self.ambient) * direct) * (1.0 + slope).max(0.15);
         let mirrored = self.specular.map_or(0.0, |specular| {
@@ -185,7 +182,7 @@ impl Illumination {
         }
     }
 
-    /// Radiance of the sky in a direction of the wing frame.
+    /// Returns the radiance of the sky in a direction of the wing frame.
     pub fn sky(&self, direction: &Vector3<f64>) -> f64 {
         let (azimuth, elevation) = (direction.z / direction.x, direction.y / direction.x);
         let coarse = value_noise(azimuth * 9.0, elevation * 16.0, self.cloud_seed);

@@ -1,7 +1,7 @@
 //! Markers as thin discs that follow the skin.
 //!
-//! A crowned skin bends the disc: at the tip of a wing the centre of its image lies up to a pixel
-//! beside the image of a flat disc's centre.
+//! A crowned skin bends the disc: at the tip of a wing the centre of its image is up to a pixel away from the image of a
+//! flat disc's centre.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -12,34 +12,31 @@ use crate::setup::Shape;
 const BLACK: f64 = 0.045;
 /// Reflectance of the white print.
 const WHITE: f64 = 0.82;
-/// Reflectance of the plate that a fixed mark is on.
+/// Reflectance of the plate of a fixed target.
 const PLATE: f64 = 0.45;
-/// Half a side of that plate over the mark's radius.
+/// Half side of that plate over the target's radius.
 const PLATE_OVER_RADIUS: f64 = 1.7;
 
-/// A marker on the wing at rest, material coordinates.
+/// Marker on the wing at rest, material coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneMarker {
-    /// As in the survey.
     pub id: String,
-    /// Quadrant or circle.
     pub shape: Shape,
-    /// m.
     pub diameter_m: f64,
-    /// Along the axis, m.
+    /// Position along the axis, m.
     pub s_m: f64,
-    /// Across it, m.
+    /// Position across the axis, m.
     pub z_m: f64,
-    /// Of the pattern in its plane, rad.
+    /// Rotation of the pattern in its plane, rad.
     pub rotation_rad: f64,
-    /// Of the disc above the smooth skin, m.
+    /// Height of the disc above the smooth skin, m.
     pub height_m: f64,
-    /// Where it is, wing frame, m, if it is rigid to the cabin and not on the wing: on a plate that faces the camera.
+    /// Position in the wing frame, m, if the marker is a fixed target on a plate that faces the camera; `None` on the wing.
     pub fixed_m: Option<Vector3<f64>>,
 }
 
 impl SceneMarker {
-    /// The marker on a deformed wing.
+    /// Returns the marker's disc on a deformed wing.
     pub fn disc_on_wing(&self, pose: &DeformedWing) -> MarkerDisc {
         if let Some(point) = self.fixed_m {
             return self.disc_on_plate(&(point + pose.cabin_m));
@@ -81,37 +78,36 @@ impl SceneMarker {
     }
 }
 
-/// A disc in space, wing frame.
+/// Disc in space, wing frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerDisc {
-    /// Along the axis, m, material.
+    /// Material coordinate along the axis, m.
     pub s_m: f64,
-    /// m.
     pub centre_m: Vector3<f64>,
-    /// Outward, unit.
+    /// Outward unit normal.
     pub normal: Vector3<f64>,
     first: Vector3<f64>,
     second: Vector3<f64>,
     /// Curvature of the skin along the pattern's axes, 1/m.
     form: Matrix2<f64>,
-    /// m.
     pub radius_m: f64,
     shape: Shape,
-    /// Half a side of the plate that it is on, m, which hides what is behind it; `None` on the wing.
+    /// Half side of its plate, m, which hides the background; `None` on the wing.
     pub plate_m: Option<f64>,
 }
 
 impl MarkerDisc {
-    /// Whether skin at `s` can be under the disc; if not, it hides it or is hidden by it.
+    /// Returns true if skin at `s` can be under the disc; other skin hides the disc or is hidden by it.
     pub fn covers(&self, s: f64) -> bool {
         (s - self.s_m).abs() < 1.5 * self.radius_m + 0.3
     }
 
-    /// Where a ray from the origin meets the disc, along the pattern's axes, m.
+    /// Returns the intersection of a ray from the origin with the disc, along the pattern's axes, m.
     pub fn pattern_point(&self, direction: &Vector3<f64>) -> (f64, f64) {
         let (distance, sink) = (self.centre_m.dot(&self.normal), direction.dot(&self.normal));
         let mut at = Vector2::zeros();
-        // The skin leaves its tangent plane by millimetres: this converges by a factor of 20 or more.
+        // The skin deviates from its tangent plane by millimetres: each round reduces the error by a factor
+        // of 20 or more.
         for _ in 0..5 {
             let arm = direction * ((distance + self.surface_rise(&at)) / sink) - self.centre_m;
             at = Vector2::new(arm.dot(&self.first), arm.dot(&self.second));
@@ -119,12 +115,12 @@ impl MarkerDisc {
         (at.x, at.y)
     }
 
-    /// Of the skin over its tangent plane, m.
+    /// Returns the height of the skin over its tangent plane, m.
     fn surface_rise(&self, at: &Vector2<f64>) -> f64 {
         0.5 * at.dot(&(self.form * at))
     }
 
-    /// Reflectance at a point of the pattern; `None` beside the disc.
+    /// Returns the reflectance at a point of the pattern; `None` outside the disc.
     pub fn reflectance(&self, (a, b): (f64, f64)) -> Option<f64> {
         if a * a + b * b > self.radius_m * self.radius_m {
             return None;
@@ -133,36 +129,35 @@ impl MarkerDisc {
         Some(if white { WHITE } else { BLACK })
     }
 
-    /// Reflectance of the plate with its print; `None` beside the plate and for what is on the wing.
+    /// Returns the reflectance of the plate with its print; `None` outside the plate and for markers on the wing.
     pub fn plate_reflectance(&self, at: (f64, f64)) -> Option<f64> {
         let half = self.plate_m?;
         let on = at.0.abs() < half && at.1.abs() < half;
         on.then(|| self.reflectance(at).unwrap_or(PLATE))
     }
 
-    /// Whether plate or pattern have an edge within `reach_m` of a point.
+    /// Returns true if plate or pattern have an edge within `reach_m` of a point.
     pub fn plate_edge_within(&self, at: (f64, f64), reach_m: f64) -> bool {
         let side = at.0.abs().max(at.1.abs());
         self.edge_within(at, reach_m) || self.plate_m.is_some_and(|half| (side - half).abs() <= reach_m)
     }
 
-    /// Corners of its plate, m; none on the wing.
+    /// Returns the corners of the plate, m; none on the wing.
     pub fn plate_corners(&self) -> Vec<Vector3<f64>> {
         let corner = |(a, b): (f64, f64), half: f64| self.surface_point(&(Vector2::new(a, b) * half));
         let all = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         self.plate_m.map_or(vec![], |half| all.map(|c| corner(c, half)).to_vec())
     }
 
-    /// Whether the pattern has an edge within `reach_m` of a point.
+    /// Returns true if the pattern has an edge within `reach_m` of a point.
     pub fn edge_within(&self, (a, b): (f64, f64), reach_m: f64) -> bool {
         let r = a.hypot(b);
         let rim = (r - self.radius_m).abs() <= reach_m;
-        let inner =
-            self.shape == Shape::Quadrant && r < self.radius_m && (a.abs() <= reach_m || b.abs() <= reach_m);
+        let inner = self.shape == Shape::Quadrant && r < self.radius_m && (a.abs() <= reach_m || b.abs() <= reach_m);
         rim || inner
     }
 
-    /// Points of the outline, m.
+    /// Returns points of the outline, m.
     pub fn outline(&self, count: usize) -> impl Iterator<Item = Vector3<f64>> + '_ {
         (0..count).map(move |i| {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / count as f64).sin_cos();
@@ -170,14 +165,20 @@ impl MarkerDisc {
         })
     }
 
-    /// A point of the disc from its place along the pattern's axes, m.
+    /// Returns the point of the disc at a position along the pattern's axes, m.
     pub fn surface_point(&self, at: &Vector2<f64>) -> Vector3<f64> {
         self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.surface_rise(at)
     }
 }
 
-/// Second fundamental form of the skin at a marker, along axes turned by the marker's rotation.
-fn second_fundamental_form(pose: &DeformedWing, marker: &SceneMarker, normal: &Vector3<f64>, cos: f64, sin: f64) -> Matrix2<f64> {
+/// Returns the second fundamental form of the skin at a marker, along axes rotated by the marker's rotation.
+fn second_fundamental_form(
+    pose: &DeformedWing,
+    marker: &SceneMarker,
+    normal: &Vector3<f64>,
+    cos: f64,
+    sin: f64,
+) -> Matrix2<f64> {
     const H: f64 = 0.15;
     let at = |i: f64, j: f64| pose.skin_point(marker.s_m + i * H, marker.z_m + j * H);
     let (centre, before, after) = (at(0.0, 0.0), at(-1.0, 0.0), at(1.0, 0.0));
@@ -185,14 +186,13 @@ fn second_fundamental_form(pose: &DeformedWing, marker: &SceneMarker, normal: &V
     let along = (after - before) / (2.0 * H);
     let across = (right - left) / (2.0 * H);
     let twice = (at(1.0, 1.0) - at(1.0, -1.0) - at(-1.0, 1.0) + at(-1.0, -1.0)) / 4.0;
-    let bend = |v: Vector3<f64>| v.dot(normal) / (H * H);
-    let mixed = bend(twice);
+    let curvature = |v: Vector3<f64>| v.dot(normal) / (H * H);
+    let mixed = curvature(twice);
     let material =
-        Matrix2::new(bend(after + before - centre * 2.0), mixed, mixed, bend(left + right - centre * 2.0));
+        Matrix2::new(curvature(after + before - centre * 2.0), mixed, mixed, curvature(left + right - centre * 2.0));
     let first = (along - normal * along.dot(normal)).normalize();
     let second = normal.cross(&first);
-    let tangent =
-        Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
+    let tangent = Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
     let turn = Matrix2::new(cos, sin, -sin, cos);
     match tangent.try_inverse() {
         Some(inverse) => turn * inverse.transpose() * material * inverse * turn.transpose(),

@@ -1,12 +1,12 @@
-//! Radiance of every pixel: tiles of rays, sampled finely where edges are.
+//! Radiance of every pixel: tiles of rays, sampled finely at edges.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::decals::SkinClutter;
+use super::clutter::SkinClutter;
 use super::light::{Illumination, SkinLight};
 use super::markers::MarkerDisc;
-use super::tile::{TileCorner, Patch, TILE, Tile, interpolate_bilinear, tile_edge};
+use super::tile::{Patch, TILE, Tile, TileCorner, interpolate_bilinear, tile_edge};
 use super::trace::Hit;
 use super::wing::DeformedWing;
 use crate::geometry::Lens;
@@ -16,23 +16,19 @@ const FINE: (usize, usize) = (233, 144);
 /// Samples of a pixel at the wing's outline.
 const COARSE: (usize, usize) = (13, 8);
 
-/// Everything that one frame shows.
+/// Scene of one frame.
 pub struct RenderView<'a> {
-    /// The deformed wing.
     pub pose: &'a DeformedWing,
-    /// The camera.
     pub lens: &'a Lens,
-    /// Its attitude.
+    /// Attitude of the camera.
     pub wing_from_camera: Rotation3<f64>,
-    /// Markers that are there.
+    /// Visible markers.
     pub markers: &'a [MarkerDisc],
-    /// Everything else on the skin.
     pub clutter: &'a SkinClutter,
-    /// The light.
     pub light: &'a Illumination,
 }
 
-/// Markers with the box of their image, px.
+/// Marker with the box of its image, px.
 struct BoxedMarker<'a> {
     marker: &'a MarkerDisc,
     low: Vector2<f64>,
@@ -40,7 +36,7 @@ struct BoxedMarker<'a> {
 }
 
 impl RenderView<'_> {
-    /// Radiance row by row; 1 saturates.
+    /// Returns the radiance row by row; 1 saturates.
     pub fn radiance(&self) -> Vec<f32> {
         let (width, height) = (self.lens.width as usize, self.lens.height as usize);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
@@ -103,7 +99,7 @@ impl RenderView<'_> {
         });
     }
 
-    /// A tile with the wing's outline or a crest: rays one by one, finely where they differ.
+    /// Fills a tile with the wing's outline or a crest: ray by ray, with fine sampling at differences.
     fn fill_outline(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let sheets: Vec<Option<Hit>> = (0..(TILE + 1) * (TILE + 1))
             .map(|i| self.pose.first_hit(&tile.ray_direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64)))
@@ -121,7 +117,7 @@ impl RenderView<'_> {
         });
     }
 
-    /// A tile with plates that stand before everything else, in the light of the wing's root.
+    /// Fills a tile with plates in front of everything else, in the light of the wing's root.
     fn fill_plates(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let lit = tile.mean_lit();
         let on_plates = self.light.light_at(self.pose, &Hit { s: 0.0, z: 0.0 });
@@ -143,17 +139,14 @@ impl RenderView<'_> {
         });
     }
 
-    /// One ray with all that it meets.
+    /// Returns the radiance of one ray.
     fn ray_radiance(&self, tile: &Tile, lit: &SkinLight, x: f64, y: f64) -> f64 {
         let direction = tile.ray_direction(x, y);
         let Some(hit) = self.pose.first_hit(&direction) else {
             return interpolate_bilinear(&tile.sky, x, y);
         };
-        let printed = tile
-            .markers
-            .iter()
-            .filter(|m| m.covers(hit.s))
-            .find_map(|m| m.reflectance(m.pattern_point(&direction)));
+        let printed =
+            tile.markers.iter().filter(|m| m.covers(hit.s)).find_map(|m| m.reflectance(m.pattern_point(&direction)));
         let reflectance = printed.unwrap_or_else(|| self.clutter.paint_reflectance(hit.s, hit.z));
         reflectance * lit.diffuse + lit.added
     }
@@ -176,7 +169,7 @@ impl RenderView<'_> {
     }
 }
 
-/// Whether rays meet different sheets of skin, or some meet none.
+/// Returns true if the rays meet different sheets of skin, or some of them none.
 fn spans_sheets(hits: &[Option<Hit>; 4]) -> bool {
     match hits {
         [None, None, None, None] => false,
@@ -185,7 +178,7 @@ fn spans_sheets(hits: &[Option<Hit>; 4]) -> bool {
     }
 }
 
-/// Reflectance of a pixel of a marker over the paint `below`.
+/// Returns the reflectance of a pixel of a marker over the paint `below`.
 fn print_reflectance(marker: &MarkerDisc, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
     let at = |x: f64, y: f64| marker.pattern_point(&tile.ray_direction(x, y));
     let centre = at(x, y);
@@ -195,7 +188,7 @@ fn print_reflectance(marker: &MarkerDisc, below: f64, tile: &Tile, patch: &Patch
     lattice_mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
 }
 
-/// Mean over a pixel by a rank-1 lattice, whose projections are even in every direction.
+/// Averages over a pixel by a rank-1 lattice, whose projections are even in every direction.
 fn lattice_mean((count, generator): (usize, usize), value: impl Fn(f64, f64) -> f64) -> f64 {
     let n = count as f64;
     let place = |i: usize| (i as f64 + 0.5) / n - 0.5;
@@ -219,7 +212,7 @@ fn touching_markers<'a>(boxes: &[BoxedMarker<'a>], u: f64, v: f64) -> Vec<&'a Ma
     boxes.iter().filter(near).map(|b| b.marker).collect()
 }
 
-/// Box of a marker's image, px; `None` where part of it is behind the camera.
+/// Returns the box of a marker's image, px; `None` if part of it is behind the camera.
 pub fn outline_box(
     marker: &MarkerDisc,
     camera_from_wing: &Rotation3<f64>,
@@ -239,7 +232,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::light::Light;
     use super::super::random::SeededRandom;
-    use super::super::{SceneOptions, Scene, SceneShot, SceneSide};
+    use super::super::{Scene, SceneOptions, SceneShot, SceneSide};
     use super::*;
     use crate::setup::Shape;
 
@@ -287,7 +280,7 @@ mod tests {
     fn expected(scene: &Scene, shot: &SceneShot, placed: &MarkerDisc, shape: Shape) -> [f64; 3] {
         let camera_from_wing = scene.camera_from_wing(shot);
         let project = |p: Vector3<f64>| scene.setup.lens.project(&(camera_from_wing * p)).unwrap();
-        // Edges are curved with the skin: polar coordinates of each sector's outline.
+        // Edges follow the curved skin: polar coordinates of each sector's outline.
         let polar = |share: f64, angle: f64| {
             project(placed.surface_point(&(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m))))
         };
@@ -308,26 +301,25 @@ mod tests {
     }
 
     #[test]
-    fn every_marker_is_drawn_where_the_truth_says() {
+    fn markers_are_rendered_at_their_true_positions() {
         let scene = scene();
         for shot in [scene.ground_shot(1), scene.flight_shot(2.0, Light::Plain, 2)] {
             let pose = scene.wing.deform(&shot.state);
             for (marker, placed) in scene.markers.iter().zip(scene.marker_discs(&pose, &[])).step_by(3) {
                 let image = reflectance(&scene, &shot, std::slice::from_ref(&placed));
-                let mut drawn = [0.0; 3];
+                let mut rendered = [0.0; 3];
                 for (i, value) in image.iter().enumerate() {
                     let (x, y) = ((i % 1600) as f64, (i / 1600) as f64);
-                    [1.0, x, y].iter().zip(&mut drawn).for_each(|(m, sum)| *sum += m * value);
+                    [1.0, x, y].iter().zip(&mut rendered).for_each(|(m, sum)| *sum += m * value);
                 }
                 let expected = expected(&scene, &shot, &placed, marker.shape);
-                // Displacement of the whole marker that would explain the first moments.
-                let pixel =
-                    scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
+                // Displacement of the marker that corresponds to the first moments.
+                let pixel = scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
                 let area = std::f64::consts::PI
                     * scene.marker_image(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
                 let off = |k: usize| {
                     let about = |sums: &[f64; 3]| sums[k] - pixel[k - 1] * sums[0];
-                    (about(&drawn) - about(&expected)) / area
+                    (about(&rendered) - about(&expected)) / area
                 };
                 assert!(off(1).abs() < 0.005 && off(2).abs() < 0.005, "{} {} {}", marker.id, off(1), off(2));
             }

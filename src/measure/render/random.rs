@@ -1,45 +1,45 @@
-//! Seeded random numbers: the same on every machine and at every thread count.
+//! Seeded random numbers, identical on every machine and for every number of threads.
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
+/// Random number generator SplitMix64 (Steele, Lea, Flood 2014).
 #[derive(Clone, Debug)]
 pub struct SeededRandom(u64);
 
 impl SeededRandom {
-    /// A stream of its own for every pair of seed and purpose.
+    /// Creates a separate stream for every pair of seed and purpose.
     pub fn new(seed: u64, purpose: u64) -> Self {
         let mut start = Self(seed ^ purpose.wrapping_mul(0xD1B5_4A32_D192_ED03));
         let state = start.bits();
         Self(state)
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         mix_bits(self.0)
     }
 
-    /// Uniform in [0, 1).
+    /// Returns a uniform number in [0, 1).
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Uniform between two bounds.
+    /// Returns a uniform number between two bounds.
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// Uniform integer, both bounds included.
+    /// Returns a uniform integer, both bounds included.
     pub fn integer(&mut self, low: usize, high: usize) -> usize {
         low + (self.bits() % (high.saturating_sub(low) as u64 + 1)) as usize
     }
 
-    /// Standard normal (Box and Muller).
+    /// Returns a standard normal number (Box and Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }
 
-    /// Nearly normal, unit variance, from 64 bits: the sum of four 16-bit uniforms. For noise.
+    /// Returns a nearly normal number of unit variance from 64 bits, the sum of four 16-bit uniforms: for noise.
     pub fn quick_normal(&mut self) -> f32 {
         let bits = self.bits();
         let sum = (bits & 0xffff) + (bits >> 16 & 0xffff) + (bits >> 32 & 0xffff) + (bits >> 48);
@@ -54,7 +54,7 @@ fn mix_bits(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Smooth value noise in -1..1 with a lattice of one unit.
+/// Returns smooth value noise in -1..1 with a lattice of one unit.
 pub fn value_noise(x: f64, y: f64, seed: u64) -> f64 {
     let (i, j) = (x.floor(), y.floor());
     let ease = |t: f64| t * t * t * (t * (6.0 * t - 15.0) + 10.0);

@@ -1,4 +1,4 @@
-//! From radiance to grey values: blur, tone curve, noise.
+//! Sensor model, radiance to grey values: blur, tone curve, noise.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::random::SeededRandom;
 use crate::raster::Raster;
 
-/// How the camera makes grey values.
+/// Parameters of the conversion from radiance to grey values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorModel {
     /// Standard deviation of the point spread, px.
@@ -15,15 +15,15 @@ pub struct SensorModel {
     pub motion_px: Vector2<f64>,
     /// Standard deviation of the noise at white, grey levels.
     pub noise: f64,
-    /// Share of the noise's variance that stays in the dark.
-    pub read_share: f64,
+    /// Fraction of the noise variance that remains in the dark.
+    pub read_fraction: f64,
     /// Exponent of the tone curve.
     pub gamma: f64,
 }
 
 impl Default for SensorModel {
     fn default() -> Self {
-        Self { blur_px: 0.8, motion_px: Vector2::zeros(), noise: 1.5, read_share: 0.3, gamma: 2.2 }
+        Self { blur_px: 0.8, motion_px: Vector2::zeros(), noise: 1.5, read_fraction: 0.3, gamma: 2.2 }
     }
 }
 
@@ -32,13 +32,13 @@ const TONES: usize = 4096;
 impl SensorModel {
     /// Develops `radiance` (row by row, 1 saturates).
     pub fn develop(&self, radiance: Vec<f32>, width: usize, height: usize, seed: u64) -> Option<Raster> {
-        let moved = smear_image(radiance, width, &self.motion_px);
-        let blurred = blur_image(moved, width, self.blur_px);
+        let smeared = smear_image(radiance, width, &self.motion_px);
+        let blurred = blur_image(smeared, width, self.blur_px);
         let tones: Vec<f32> =
             (0..=TONES).map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32).collect();
         let mut luma = vec![0; width * height];
         luma.par_chunks_mut(width).zip(blurred.par_chunks(width)).enumerate().for_each(|(y, (out, row))| {
-            // A stream per row: the same at any number of threads.
+            // A stream per row, so that the result does not depend on the number of threads.
             let mut random = SeededRandom::new(seed, 1000 + y as u64);
             for (grey, &value) in out.iter_mut().zip(row) {
                 *grey = self.sample_grey(apply_tone(&tones, value), &mut random);
@@ -48,7 +48,7 @@ impl SensorModel {
     }
 
     fn sample_grey(&self, level: f32, random: &mut SeededRandom) -> u8 {
-        let read = self.read_share as f32;
+        let read = self.read_fraction as f32;
         let sigma = self.noise as f32 * (read + (1.0 - read) * level / 255.0).sqrt();
         (level + sigma * random.quick_normal() + 0.5).clamp(0.0, 255.0) as u8
     }
@@ -61,7 +61,7 @@ fn apply_tone(tones: &[f32], value: f32) -> f32 {
     tones[i] + fraction * (tones[i + 1] - tones[i])
 }
 
-/// Weights of a Gaussian over whole pixels, its integral over each; odd in number.
+/// Returns the weights of a Gaussian, sampled at whole pixels; odd in number.
 fn gaussian_kernel(sigma: f64) -> Vec<f32> {
     let radius = (4.0 * sigma).ceil() as i64;
     let weight = |x: i64| (-0.5 * (x as f64 / sigma).powi(2)).exp();
@@ -77,8 +77,7 @@ fn blur_image(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     let radius = kernel.len() / 2;
     let mut across = vec![0.0; image.len()];
     across.par_chunks_mut(width).zip(image.par_chunks(width)).for_each(|(out, row)| {
-        let padded: Vec<f32> =
-            (0..width + 2 * radius).map(|x| row[x.saturating_sub(radius).min(width - 1)]).collect();
+        let padded: Vec<f32> = (0..width + 2 * radius).map(|x| row[x.saturating_sub(radius).min(width - 1)]).collect();
         for (k, weight) in kernel.iter().enumerate() {
             out.iter_mut().zip(&padded[k..]).for_each(|(o, p)| *o += weight * p);
         }
@@ -96,7 +95,7 @@ fn blur_image(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     down
 }
 
-/// Smears along a straight line whose middle is the pixel, so that centres stay.
+/// Smears along a straight line centred on the pixel, so that centres do not move.
 fn smear_image(image: Vec<f32>, width: usize, motion: &Vector2<f64>) -> Vec<f32> {
     if motion.norm() < 0.05 {
         return image;
@@ -125,12 +124,7 @@ fn bilinear_weights(dx: f64, dy: f64) -> [(f32, i64, i64); 4] {
     let (x, y) = (dx.floor(), dy.floor());
     let (a, b) = ((dx - x) as f32, (dy - y) as f32);
     let (x, y) = (x as i64, y as i64);
-    [
-        ((1.0 - a) * (1.0 - b), x, y),
-        (a * (1.0 - b), x + 1, y),
-        ((1.0 - a) * b, x, y + 1),
-        (a * b, x + 1, y + 1),
-    ]
+    [((1.0 - a) * (1.0 - b), x, y), (a * (1.0 - b), x + 1, y), ((1.0 - a) * b, x, y + 1), (a * b, x + 1, y + 1)]
 }
 
 #[cfg(test)]
@@ -157,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn blur_keeps_the_centre_and_has_its_width() {
+    fn blur_keeps_the_centre_and_has_its_sigma() {
         let (mx, my, vx, vy) = moments(&blur_image(point(), 41, 1.5));
         assert!((mx - 20.0).abs() < 1e-5 && (my - 20.0).abs() < 1e-5);
         assert!((vx.sqrt() - 1.5).abs() < 0.01 && (vy.sqrt() - 1.5).abs() < 0.01);
@@ -172,7 +166,7 @@ mod tests {
 
     #[test]
     fn noise_has_its_size_and_repeats() {
-        let sensor = SensorModel { noise: 4.0, read_share: 1.0, ..SensorModel::default() };
+        let sensor = SensorModel { noise: 4.0, read_fraction: 1.0, ..SensorModel::default() };
         let develop = || sensor.develop(vec![0.25; 200 * 200], 200, 200, 9).unwrap();
         let image = develop();
         assert_eq!(image, develop());

@@ -1,32 +1,32 @@
-//! A small patch of the picture: what its corners see, and what lies between.
+//! Small patch of the image: values at its corners, and interpolation between them.
 
 use nalgebra::Vector3;
 
-use super::decals::{SkinClutter, PixelFootprint, NearbyClutter};
+use super::clutter::{NearbyClutter, PixelFootprint, SkinClutter};
 use super::light::SkinLight;
 use super::markers::MarkerDisc;
 use super::trace::{Hit, HitRates};
 use super::wing::DeformedWing;
 
-/// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
+/// Side of a tile, px. Directions within it are bilinear to 1e-4 px.
 pub const TILE: usize = 8;
 
-/// What one ray sees.
+/// Values of one ray.
 #[derive(Clone, Copy)]
 pub struct TileCorner {
-    /// Of the ray, wing frame, not of unit length.
+    /// Direction of the ray, wing frame, not of unit length.
     pub direction: Vector3<f64>,
-    /// Where it meets the skin.
+    /// Intersection with the skin.
     pub hit: Option<Hit>,
-    /// The light there.
+    /// Light at the intersection.
     pub lit: SkinLight,
-    /// The reflectance of the paint there.
+    /// Reflectance of the paint at the intersection.
     pub paint: f64,
     /// Radiance of the sky in this direction.
     pub sky: f64,
 }
 
-/// The patch of the picture that is being filled: its corners' values (as in [`Corner`]), row by row.
+/// Patch of the image being filled: its corners' values (as in [`TileCorner`]), row by row.
 pub struct Tile<'a> {
     pub hits: [Option<Hit>; 4],
     pub directions: [Vector3<f64>; 4],
@@ -34,12 +34,12 @@ pub struct Tile<'a> {
     pub added: [f64; 4],
     pub paint: [f64; 4],
     pub sky: [f64; 4],
-    /// Those that may reach into it.
+    /// Markers that may reach into the tile.
     pub markers: Vec<&'a MarkerDisc>,
 }
 
 impl<'a> Tile<'a> {
-    /// From its corners, row by row.
+    /// Creates a tile from its corners, row by row.
     pub fn new(corners: [&TileCorner; 4], markers: Vec<&'a MarkerDisc>) -> Self {
         Self {
             hits: corners.map(|corner| corner.hit),
@@ -52,7 +52,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Mean light of the corners on the skin.
+    /// Returns the mean light of the corners on the skin.
     pub fn mean_lit(&self) -> SkinLight {
         let mut sum = SkinLight::default();
         let mut count = 0.0;
@@ -64,7 +64,7 @@ impl<'a> Tile<'a> {
         SkinLight { diffuse: sum.diffuse / count, added: sum.added / count }
     }
 
-    /// Of the ray at (`x`, `y`) px from the first corner.
+    /// Returns the direction of the ray at (`x`, `y`) px from the first corner.
     pub fn ray_direction(&self, x: f64, y: f64) -> Vector3<f64> {
         let [a, b, c, d] = &self.directions;
         let (p, q) = (x / TILE as f64, y / TILE as f64);
@@ -73,7 +73,7 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// Between the values of the corners; `x` and `y` in px from the first.
+/// Interpolates between the values of the corners; `x` and `y` in px from the first.
 pub fn interpolate_bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
     let (p, q) = (x / TILE as f64, y / TILE as f64);
     let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
@@ -84,20 +84,19 @@ pub fn interpolate_bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
 pub struct Patch {
     /// Arc length at the corners, m.
     pub s: [f64; 4],
-    /// What a pixel covers on the skin.
     pub footprint: PixelFootprint,
-    /// Furthest a point of a pixel can be from its centre, with a margin.
+    /// Largest distance of a point of a pixel from its centre, with a margin.
     pub half_pixel_m: f64,
-    /// How far a ray's hit may lie from the bilinear guess, along the wing.
+    /// Largest distance of a ray's hit from the bilinear guess along the wing.
     pub reach_m: f64,
-    /// How the hit moves with the ray.
+    /// Rates of the hit along a ray.
     pub rates: HitRates,
-    /// What lies on the skin about here.
+    /// Clutter near the tile.
     pub near: NearbyClutter,
 }
 
 impl Patch {
-    /// `None` where the corners are not on one sheet of the skin.
+    /// Creates the patch; `None` if the corners are not on one sheet of the skin.
     pub fn new(pose: &DeformedWing, clutter: &SkinClutter, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
         let [a, b, c, d] = hits;
         let n = 2.0 * TILE as f64;
@@ -108,9 +107,9 @@ impl Patch {
             values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
         };
         let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
-        // A sheet is nearly flat over a tile: opposite sides have the same length.
-        let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
-        if torn {
+        // A sheet is nearly flat over a tile: opposite sides are equally long.
+        let spans_sheets = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
+        if spans_sheets {
             return None;
         }
         let footprint = PixelFootprint { s: su + sv, z: zu + zv };
@@ -125,7 +124,7 @@ impl Patch {
     }
 }
 
-/// Pixel coordinate of a tile's edge.
+/// Returns the pixel coordinate of a tile's edge.
 pub fn tile_edge(index: usize) -> f64 {
     (index * TILE) as f64 - 0.5
 }

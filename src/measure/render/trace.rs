@@ -1,4 +1,4 @@
-//! Where a ray meets the skin first.
+//! Intersection of rays with the skin.
 
 use nalgebra::Vector3;
 
@@ -7,19 +7,17 @@ use super::wing::DeformedWing;
 /// A point of the skin, material coordinates, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Along the axis.
     pub s: f64,
-    /// Across it.
     pub z: f64,
 }
 
-/// Stations of the first search; a crest narrower than this may be cut.
+/// Step of the first search along the wing; a narrower crest may be missed.
 const SEARCH_STEP_M: f64 = 0.6;
 const BISECTIONS: usize = 40;
 
 impl DeformedWing {
-    /// The first point of the skin on a ray from the origin, with hidden parts behind crests left
-    /// out; `None` where it passes the wing.
+    /// Returns the first point of the skin on a ray from the origin, so that parts behind crests are hidden; `None` if the
+    /// ray misses the wing.
     pub fn first_hit(&self, direction: &Vector3<f64>) -> Option<Hit> {
         let length = self.wing.beam.length_m;
         let steps = (length / SEARCH_STEP_M).ceil() as usize;
@@ -35,7 +33,7 @@ impl DeformedWing {
                         return Some(hit);
                     }
                 }
-                // From the side, through an edge.
+                // The ray enters from the side, through an edge.
                 if self.is_inside(s, direction) {
                     return Some(self.bisect(before, s, direction, |s| self.is_inside(s, direction)));
                 }
@@ -45,14 +43,14 @@ impl DeformedWing {
         None
     }
 
-    /// Whether the ray is below the skin and between the edges.
+    /// Returns true if the ray is below the skin and between the edges.
     fn is_inside(&self, s: f64, direction: &Vector3<f64>) -> bool {
         let (gap, z) = self.skin_gap(s, direction);
         let (low, high) = self.wing.edges(s);
         gap <= 0.0 && z >= low && z <= high
     }
 
-    /// The place where `entered` turns true.
+    /// Returns the point at which `entered` turns true.
     fn bisect(
         &self,
         mut outside: f64,
@@ -71,22 +69,15 @@ impl DeformedWing {
         Hit { s: inside, z: self.skin_gap(inside, direction).1 }
     }
 
-    /// How gap and z change along s near a hit; `None` where the ray does not sink towards the skin.
+    /// Returns the rates of gap and z along s near a hit; `None` if the ray does not approach the skin.
     pub fn hit_rates(&self, s: f64, direction: &Vector3<f64>) -> Option<HitRates> {
         let ((g0, z0), (g1, z1)) = (self.skin_gap(s - 0.02, direction), self.skin_gap(s + 0.02, direction));
         let rates = HitRates { gap: (g1 - g0) / 0.04, z: (z1 - z0) / 0.04 };
         (rates.gap < 0.0).then_some(rates)
     }
 
-    /// The hit near a guess, by two chord steps; `None` where it moves further than `reach_m` or
-    /// leaves the skin.
-    pub fn near_hit(
-        &self,
-        guess_s: f64,
-        rates: &HitRates,
-        reach_m: f64,
-        direction: &Vector3<f64>,
-    ) -> Option<Hit> {
+    /// Returns the hit near a guess, by two chord steps; `None` if it moves further than `reach_m` or leaves the skin.
+    pub fn near_hit(&self, guess_s: f64, rates: &HitRates, reach_m: f64, direction: &Vector3<f64>) -> Option<Hit> {
         let s = guess_s - self.skin_gap(guess_s, direction).0 / rates.gap;
         let (rest, z) = self.skin_gap(s, direction);
         let correction = -rest / rates.gap;
@@ -100,9 +91,8 @@ impl DeformedWing {
 /// Derivatives along s on one ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitRates {
-    /// Of the height above the skin.
+    /// Rate of the height above the skin.
     pub gap: f64,
-    /// Of z.
     pub z: f64,
 }
 
@@ -129,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_the_crest_of_a_drooping_wing_is_hidden() {
+    fn skin_behind_the_crest_of_a_drooping_wing_is_hidden() {
         let wing = super::super::wing::SceneWing { slope_rad: LinearTaper { root: 0.1, tip: -0.25 }, ..wing() };
         let pose = wing.deform(&SceneState::ground(LOAD));
         let hit = pose.first_hit(&pose.skin_point(31.0, 0.0).normalize());

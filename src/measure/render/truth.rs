@@ -1,4 +1,4 @@
-//! What a perfect measurement of a shot would say.
+//! Truth of a shot: the result of a perfect measurement.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
@@ -17,28 +17,26 @@ pub struct FrameTruth {
     pub tip_deflection_m: f64,
     /// Attitude in this frame.
     pub camera_from_survey: Rotation3<f64>,
-    /// Of the installation's first pair, as the paper computes it, rad.
+    /// Torsion of the installation's first pair, as defined in the paper, rad.
     pub torsion_rad: Option<f64>,
-    /// In the survey's order.
+    /// Markers, in the survey's order.
     pub markers: Vec<MarkerTruth>,
 }
 
 /// Truth of one marker in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerTruth {
-    /// As in the survey.
     pub id: String,
-    /// Quadrant or circle.
     pub shape: Shape,
     /// Image of the centre, px; `None` behind the camera.
     pub pixel: Option<Vector2<f64>>,
     /// Width and height of the outline's box, px.
     pub size_px: Vector2<f64>,
-    /// Whole, in the frame, not hidden and not saturated by glare.
+    /// True if the marker is complete, in the frame, not hidden and not saturated by glare.
     pub visible: bool,
     /// Centre, survey frame, m.
     pub position_m: Vector3<f64>,
-    /// Against the true place on ground, m.
+    /// Deflection from the true position on ground, m.
     pub deflection_m: f64,
 }
 
@@ -46,14 +44,14 @@ pub struct MarkerTruth {
 const SATURATED: f64 = 0.9;
 
 impl Scene {
-    /// The truth of a shot.
+    /// Computes the truth of a shot.
     pub fn truth(&self, shot: &SceneShot) -> FrameTruth {
         let ground = self.survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
         let pose = self.wing.deform(&shot.state);
-        let flight = self.survey_positions(&pose, &shot.marks_m);
+        let flight = self.survey_positions(&pose, &shot.target_shifts_m);
         let deflection: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
-        let placed = self.marker_discs(&pose, &shot.marks_m);
+        let placed = self.marker_discs(&pose, &shot.target_shifts_m);
         let plates = self.plate_boxes(shot, &placed);
         let markers = self.markers.iter().zip(&placed).enumerate();
         FrameTruth {
@@ -87,23 +85,23 @@ impl Scene {
         }
     }
 
-    /// Boxes of the plates that fixed marks are on, px.
+    /// Returns the image boxes of the plates of fixed targets, px.
     fn plate_boxes(&self, shot: &SceneShot, placed: &[MarkerDisc]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
         let camera_from_wing = self.camera_from_wing(shot);
-        let of = |(k, p): (usize, &MarkerDisc)| {
+        let plate_box = |(k, p): (usize, &MarkerDisc)| {
             let (low, high) = outline_box(p, &camera_from_wing, &self.lens(shot))?;
             p.plate_m.map(|_| (k, low, high))
         };
-        placed.iter().enumerate().filter_map(of).collect()
+        placed.iter().enumerate().filter_map(plate_box).collect()
     }
 
-    fn survey_positions(&self, pose: &DeformedWing, marks_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        // Where the camera was at the ground frame is the origin.
+    fn survey_positions(&self, pose: &DeformedWing, target_shifts_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        // The origin is the camera's position at the ground frame.
         let still = |placed: &MarkerDisc| placed.centre_m - pose.cabin_m;
-        self.marker_discs(pose, marks_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
+        self.marker_discs(pose, target_shifts_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
     }
 
-    /// Image of the centre, box of the outline, and whether all of it can be seen.
+    /// Returns the image of the centre, the size of the outline's box, and true if all of it is visible.
     pub(super) fn marker_image(
         &self,
         shot: &SceneShot,
@@ -121,7 +119,7 @@ impl Scene {
         let in_frame = lens.contains(&low) && lens.contains(&high);
         let clear = |point: &Vector3<f64>| placed.plate_m.is_some() || clear(point);
         let visible = facing && in_frame && clear(&placed.centre_m) && placed.outline(16).all(|p| clear(&p));
-        // Of the print: a plate is as much larger as its outline's box.
+        // The box contains the plate, which is larger than the print by this ratio.
         let share = placed.plate_m.map_or(1.0, |half| placed.radius_m / half);
         (pixel, (high - low) * share, visible)
     }

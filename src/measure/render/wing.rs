@@ -1,24 +1,23 @@
-//! The wing: planform and skin on ground, and the same in flight.
+//! Wing geometry: planform and skin on ground and in flight.
 //!
-//! Material coordinates: `s` along the bending axis from its root and `z` across it, m, at ground
-//! temperature. Sections across the axis are rigid. Points are in the wing frame (docs/conventions.md),
-//! origin in the projection centre.
+//! Material coordinates: `s` along the bending axis from its root and `z` across it, m, at ground temperature. Sections
+//! across the axis are rigid. Points are in the wing frame (docs/conventions.md), origin in the projection centre.
 
 use nalgebra::Vector3;
 
 use super::beam::{CantileverBeam, LoadShape, running_integral};
 
-/// Which side the wing is on, seen by the pilot.
+/// Side of the wing, seen by the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneSide {
-    /// Z points forward.
+    /// Left wing: Z points forward.
     Left,
-    /// Z points aft.
+    /// Right wing: Z points aft.
     Right,
 }
 
 impl SceneSide {
-    /// +1 where Z points aft.
+    /// Returns +1 if Z points aft, else -1.
     pub fn aft_sign(self) -> f64 {
         match self {
             Self::Left => -1.0,
@@ -27,26 +26,23 @@ impl SceneSide {
     }
 }
 
-/// A value that changes linearly from the root to the tip.
+/// Value that changes linearly from the root to the tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearTaper {
-    /// At the root.
     pub root: f64,
-    /// At the tip.
     pub tip: f64,
 }
 
 impl LinearTaper {
-    /// At the relative span `eta`.
+    /// Returns the value at the relative span `eta`.
     pub fn value_at(&self, eta: f64) -> f64 {
         self.root + (self.tip - self.root) * eta
     }
 }
 
-/// A wing at rest.
+/// Wing at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneWing {
-    /// Left or right.
     pub side: SceneSide,
     /// X of the bending root, m.
     pub root_x_m: f64,
@@ -66,23 +62,23 @@ pub struct SceneWing {
     pub crown: f64,
     /// Waviness of the skin, m.
     pub wave_m: f64,
-    /// Bending.
+    /// Beam that bends the axis.
     pub beam: CantileverBeam,
 }
 
 impl SceneWing {
-    /// Relative span of a station.
+    /// Returns the relative span of a station.
     pub fn eta(&self, s: f64) -> f64 {
         s / self.beam.length_m
     }
 
-    /// Both edges at a station, m from the axis.
+    /// Returns both edges at a station, m from the axis.
     pub fn edges(&self, s: f64) -> (f64, f64) {
         let eta = self.eta(s);
         (self.edge_low_m.value_at(eta), self.edge_high_m.value_at(eta))
     }
 
-    /// Height of the skin above the axis, m.
+    /// Returns the height of the skin above the axis, m.
     pub fn skin_height(&self, s: f64, z: f64) -> f64 {
         let (low, high) = self.edges(s);
         let chord = high - low;
@@ -92,18 +88,17 @@ impl SceneWing {
         self.skin_m.value_at(self.eta(s)) - drop + self.wave_m * (1.1 * s + 0.7 * z).sin()
     }
 
-    /// The wing in flight.
+    /// Deforms the wing by a state.
     pub fn deform(&self, state: &SceneState) -> DeformedWing {
         let step = self.beam.step_m();
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
         let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.value_at(i as f64 / last)).collect();
         let bent = self.beam.bend(&ground, &state.load, state.tip_deflection_m, state.second_mode_m);
-        let SceneMotion { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
+        let SceneMotion { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.motion;
         let twist = self.beam.twist(state.tip_twist_rad);
-        let slope: Vec<f64> =
-            ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b + root_slope_rad).collect();
-        // Points are counted from the camera.
+        let slope: Vec<f64> = ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b + root_slope_rad).collect();
+        // Coordinates are relative to the camera.
         let (cabin_m, wing_m) = (-camera_m, root_m - camera_m);
         let x = running_integral(step, slope.iter().map(|t| t.cos()));
         let y = running_integral(step, slope.iter().map(|t| t.sin()));
@@ -122,12 +117,12 @@ impl SceneWing {
     }
 }
 
-/// What changes between ground and flight.
+/// Changes between ground and flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneState {
     /// Rise of the axis at its tip by bending, m.
     pub tip_deflection_m: f64,
-    /// Swing in the second bending mode, at the tip, m; beside `tip_deflection_m`.
+    /// Amplitude of the second bending mode at the tip, m, in addition to `tip_deflection_m`.
     pub second_mode_m: f64,
     /// Shape of the load.
     pub load: LoadShape,
@@ -135,61 +130,54 @@ pub struct SceneState {
     pub tip_twist_rad: f64,
     /// Length over length on ground.
     pub thermal_scale: f64,
-    /// What moved since the ground frame.
-    pub moved: SceneMotion,
+    /// Motion since the ground frame.
+    pub motion: SceneMotion,
 }
 
-/// How wing and camera moved against the cabin since the ground frame; wing frame.
+/// Motion of wing and camera relative to the cabin since the ground frame; wing frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneMotion {
-    /// The projection centre, m.
+    /// Translation of the projection centre, m.
     pub camera_m: Vector3<f64>,
-    /// The wing's root, m.
+    /// Translation of the wing's root, m.
     pub root_m: Vector3<f64>,
-    /// The root about the span, nose up positive, rad.
+    /// Rotation of the root about the span, nose up positive, rad.
     pub root_pitch_rad: f64,
-    /// The root in the plane of bending, up positive, rad.
+    /// Rotation of the root in the plane of bending, up positive, rad.
     pub root_slope_rad: f64,
 }
 
 impl SceneState {
-    /// At rest, at the temperature of the survey.
+    /// Returns the wing at rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
         let moved = SceneMotion::default();
-        Self {
-            tip_deflection_m: 0.0,
-            second_mode_m: 0.0,
-            load,
-            tip_twist_rad: 0.0,
-            thermal_scale: 1.0,
-            moved,
-        }
+        Self { tip_deflection_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, motion: moved }
     }
 }
 
-/// A section of the deformed wing.
+/// Section of the deformed wing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeformedSection {
-    /// Axis, m.
+    /// X of the axis, m.
     pub x: f64,
-    /// Axis, m.
+    /// Y of the axis, m.
     pub y: f64,
-    /// Of the slope.
+    /// Cosine of the slope.
     pub cos: f64,
-    /// Of the slope.
+    /// Sine of the slope.
     pub sin: f64,
-    /// Of the twist.
+    /// Cosine of the twist.
     pub twist_cos: f64,
-    /// Of the twist, positive from Y towards Z: nose up on a right wing, nose down on a left one.
+    /// Sine of the twist, positive from Y towards Z: nose up on a right wing, nose down on a left one.
     pub twist_sin: f64,
 }
 
-/// A deformed wing.
+/// Deformed wing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeformedWing {
-    /// The wing at rest, where its root is.
+    /// Wing at rest, at the present position of its root.
     pub wing: SceneWing,
-    /// By how much what is rigid to the cabin is seen moved, m.
+    /// Apparent translation of points rigid to the cabin, m.
     pub cabin_m: Vector3<f64>,
     /// Length over length on ground.
     pub scale: f64,
@@ -198,7 +186,7 @@ pub struct DeformedWing {
 }
 
 impl DeformedWing {
-    /// The section at `s`, linear between stations; held beyond the ends.
+    /// Returns the section at `s`, linear between stations; extrapolated beyond the ends.
     pub fn section_at(&self, s: f64) -> DeformedSection {
         let last = self.sections.len() - 2;
         let position = s / self.step_m;
@@ -216,7 +204,7 @@ impl DeformedWing {
         }
     }
 
-    /// The skin at material coordinates, wing frame, m.
+    /// Returns the skin at material coordinates, wing frame, m.
     pub fn skin_point(&self, s: f64, z: f64) -> Vector3<f64> {
         let section = self.section_at(s);
         let n = self.wing.skin_height(s, z);
@@ -226,17 +214,17 @@ impl DeformedWing {
         Vector3::new(section.x - section.sin * up, section.y + section.cos * up, self.wing.axis_z_m + across)
     }
 
-    /// Derivatives of the skin's point along s and z, and the outward unit normal.
+    /// Returns the derivatives of the skin's point along s and z, and the outward unit normal.
     pub fn tangents(&self, s: f64, z: f64) -> (Vector3<f64>, Vector3<f64>, Vector3<f64>) {
-        // One station wide, so that the table's kinks do not show.
+        // The difference spans one station, so that the table's kinks have no effect.
         let h = self.step_m;
         let ds = (self.skin_point(s + h, z) - self.skin_point(s - h, z)) / (2.0 * h);
         let dz = (self.skin_point(s, z + 1e-4) - self.skin_point(s, z - 1e-4)) / 2e-4;
         (ds, dz, dz.cross(&ds).normalize())
     }
 
-    /// Height above the skin (m, ground scale) and z where the ray `direction * t` from the
-    /// origin crosses the section plane at `s`.
+    /// Returns height above the skin (m, ground scale) and z at the crossing of the ray `direction * t` from the origin
+    /// with the section plane at `s`.
     pub fn skin_gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
         let section = self.section_at(s);
         let towards = direction.x * section.cos + direction.y * section.sin;
@@ -293,7 +281,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_gap_is_nothing_on_the_skin() {
+    fn the_gap_is_zero_on_the_skin() {
         let state = SceneState {
             tip_deflection_m: 2.0,
             tip_twist_rad: 0.03,

@@ -1,26 +1,26 @@
 //! Rainflow counting by ASTM E1049-85 (2017), 5.4.4, for a history that is not repeated.
 
-/// A cycle, or half of one.
+/// A load cycle, or half of one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cycle {
-    /// From the lowest point to the highest.
+pub struct LoadCycle {
+    /// Range from the lowest point to the highest.
     pub range: f64,
-    /// Half-way between them.
+    /// Mean of the lowest and the highest point.
     pub mean: f64,
-    /// 1, or 0.5 for a half cycle.
+    /// Number of cycles: 1, or 0.5 for a half cycle.
     pub count: f64,
-    /// Where the two points stand in the history.
+    /// Indices of both points in the history.
     pub ends: [usize; 2],
 }
 
-impl Cycle {
+impl LoadCycle {
     fn new(a: (usize, f64), b: (usize, f64), count: f64) -> Self {
         Self { range: (a.1 - b.1).abs(), mean: 0.5 * (a.1 + b.1), count, ends: [a.0, b.0] }
     }
 }
 
-/// The first point, the last, and every point between where the history turns; a plateau turns at its first point.
-pub fn reversals(history: &[f64]) -> Vec<(usize, f64)> {
+/// Returns the first point, the last, and all turning points between them; a plateau turns at its first point.
+pub fn find_reversals(history: &[f64]) -> Vec<(usize, f64)> {
     let mut turns: Vec<(usize, f64)> = Vec::new();
     for (at, &value) in history.iter().enumerate() {
         match turns.as_slice() {
@@ -35,11 +35,11 @@ pub fn reversals(history: &[f64]) -> Vec<(usize, f64)> {
     turns
 }
 
-/// The cycles of a history of finite numbers, in the order in which they close; what is left at the end counts as halves.
-pub fn cycles(history: &[f64]) -> Vec<Cycle> {
+/// Counts the cycles of a history of finite numbers, in the order in which they close; the open rest counts as half cycles.
+pub fn count_cycles(history: &[f64]) -> Vec<LoadCycle> {
     let mut open: Vec<(usize, f64)> = Vec::new();
     let mut found = Vec::new();
-    for point in reversals(history) {
+    for point in find_reversals(history) {
         open.push(point);
         while let [.., a, b, c] = open.as_slice() {
             let (a, b, c) = (*a, *b, *c);
@@ -47,17 +47,17 @@ pub fn cycles(history: &[f64]) -> Vec<Cycle> {
                 break;
             }
             if open.len() == 3 {
-                // The range holds the starting point: half a cycle, and the start moves on.
-                found.push(Cycle::new(a, b, 0.5));
+                // The range contains the starting point: half a cycle, and the start moves on.
+                found.push(LoadCycle::new(a, b, 0.5));
                 open.remove(0);
             } else {
-                found.push(Cycle::new(a, b, 1.0));
+                found.push(LoadCycle::new(a, b, 1.0));
                 open.truncate(open.len() - 3);
                 open.push(c);
             }
         }
     }
-    found.extend(open.iter().zip(open.iter().skip(1)).map(|(a, b)| Cycle::new(*a, *b, 0.5)));
+    found.extend(open.iter().zip(open.iter().skip(1)).map(|(a, b)| LoadCycle::new(*a, *b, 0.5)));
     found
 }
 
@@ -66,11 +66,11 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    /// The example of the standard's figure 6.
+    /// Reproduces the example of the standard's figure 6.
     #[test]
     fn the_standards_example() {
         let history = [-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0];
-        let mut found: Vec<(f64, f64)> = cycles(&history).iter().map(|c| (c.range, c.count)).collect();
+        let mut found: Vec<(f64, f64)> = count_cycles(&history).iter().map(|c| (c.range, c.count)).collect();
         found.sort_by(|a, b| a.partial_cmp(b).unwrap());
         let expected = [(3.0, 0.5), (4.0, 0.5), (4.0, 1.0), (6.0, 0.5), (8.0, 0.5), (8.0, 0.5), (9.0, 0.5)];
         assert_eq!(found, expected);
@@ -79,11 +79,11 @@ mod tests {
     #[test]
     fn a_history_without_a_turn_is_half_a_cycle_and_one_without_a_change_none() {
         assert_eq!(
-            cycles(&[0.0, 1.0, 1.0, 2.0]),
-            [Cycle { range: 2.0, mean: 1.0, count: 0.5, ends: [0, 3] }]
+            count_cycles(&[0.0, 1.0, 1.0, 2.0]),
+            [LoadCycle { range: 2.0, mean: 1.0, count: 0.5, ends: [0, 3] }]
         );
         for none in [&[][..], &[1.0], &[1.0, 1.0, 1.0]] {
-            assert_eq!(cycles(none), []);
+            assert_eq!(count_cycles(none), []);
         }
     }
 
@@ -91,8 +91,8 @@ mod tests {
         #[test]
         fn every_range_is_counted_once(history in proptest::collection::vec(-10i32..10, 0..60)) {
             let history: Vec<f64> = history.into_iter().map(f64::from).collect();
-            let turns = reversals(&history).len();
-            let halves: f64 = cycles(&history).iter().map(|c| 2.0 * c.count).sum();
+            let turns = find_reversals(&history).len();
+            let halves: f64 = count_cycles(&history).iter().map(|c| 2.0 * c.count).sum();
             proptest::prop_assert_eq!(halves, turns.saturating_sub(1) as f64);
         }
     }

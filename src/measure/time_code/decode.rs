@@ -1,62 +1,61 @@
-//! Cells -> the time shown.
+//! Decoder of the time code: cells in, displayed time out.
 
 use std::collections::BTreeSet;
 
-use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, gray_code, code_word};
+use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, code_word, gray_code};
 
-/// Most bits of a count that one exposure may mix: each doubles what is tried.
+/// Maximum number of count bits that one exposure may mix: each doubles the candidates.
 const MAX_MIXED_FRACTION: u32 = 5;
-/// Most ticks in a row that one exposure may mix: so many change five bits.
+/// Maximum number of consecutive ticks in one exposure: 16 ticks change five bits.
 const MAX_TICKS: u32 = 16;
-/// Counts before the code begins anew.
+/// Number of counts after which the code repeats.
 const COUNTS: u32 = 1 << COUNT_BITS;
-/// Up to so many ticks a picture may show new rows above old ones: a screen is written row by row.
-const TORN: u32 = 2;
+/// Maximum number of ticks in which an image may show new rows above old ones: a screen is updated row by row.
+const MAX_TORN_TICKS: u32 = 2;
 
-/// What a picture shows: bits that are one, bits that are mixed, the others zero.
+/// Cells of an image: bits that are one, bits that are mixed; the others are zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CellPattern {
-    pub one: u32,
+    pub ones: u32,
     pub mixed: u32,
 }
 
-/// The time that a picture shows.
+/// Time displayed in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisplayedTime {
-    /// Middle of the ticks that the exposure saw, ms of UTC, whole turns of the code left out.
+    /// Middle of the ticks visible in the exposure, ms of UTC, modulo the period of the code.
     pub middle_ms: f64,
-    /// The middle may lie anywhere in this width, ms: a tick, and what mixed bits leave open.
+    /// Length of the interval in which the middle lies, ms: a tick, plus the ambiguity of mixed bits.
     pub width_ms: f64,
-    /// Ticks that the exposure saw, at least.
+    /// Minimum number of ticks visible in the exposure.
     pub ticks: u32,
 }
 
-/// The shortest runs of ticks that show bits that are one, bits that are mixed, and the others zero; `None` where there are
-/// none, or several that are no neighbours.
+/// Finds the shortest runs of ticks that show these ones and mixed bits; `None` if there are none, or several that are not
+/// adjacent.
 pub fn decode_time(one: u32, mixed: u32) -> Option<DisplayedTime> {
-    let pattern = CellPattern { one, mixed };
+    let pattern = CellPattern { ones: one, mixed };
     if !has_parity(&pattern) {
         return None;
     }
     let seen = candidate_counts(&pattern)?;
     (1..=MAX_TICKS).find_map(|ticks| {
-        let starts =
-            seen.iter().flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
+        let starts = seen.iter().flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
         let starts: BTreeSet<u32> = starts.filter(|&start| explains_pattern(start, ticks, &pattern)).collect();
         (!starts.is_empty()).then(|| time_from_runs(&starts, ticks))
     })?
 }
 
-/// Whether the bits of the count have the parity that is shown, where none of them is mixed: a run of two ticks would explain
-/// any one that is turned. A picture that is torn between the two is turned down too.
+/// Checks the parity of the count's bits if none of them is mixed; otherwise a run of two ticks would explain any wrong
+/// bit. An image torn between two ticks is rejected too.
 fn has_parity(pattern: &CellPattern) -> bool {
     let shown = COUNT_MASK | PARITY;
-    pattern.mixed & shown != 0 || (pattern.one & shown).count_ones().is_multiple_of(2)
+    pattern.mixed & shown != 0 || (pattern.ones & shown).count_ones().is_multiple_of(2)
 }
 
-/// Counts that agree with all bits that are not mixed.
+/// Returns the counts that agree with all bits that are not mixed.
 fn candidate_counts(pattern: &CellPattern) -> Option<Vec<u32>> {
-    let (one, mixed) = (gray_code(pattern.one), gray_code(pattern.mixed));
+    let (one, mixed) = (gray_code(pattern.ones), gray_code(pattern.mixed));
     if mixed.count_ones() > MAX_MIXED_FRACTION {
         return None;
     }
@@ -73,20 +72,20 @@ fn count_from_gray(gray: u32) -> u32 {
     (0..COUNT_BITS).fold(0, |count, shift| count ^ gray >> shift)
 }
 
-/// Whether a run shows the pattern: a mixed bit changes in it, another one has its value in it. In longer runs than those of
-/// a torn picture no other bit of the count changes.
+/// Returns true if a run shows the pattern: every mixed bit changes in it, every other bit has its value in it. In runs
+/// longer than those of a torn image no other bit of the count changes.
 fn explains_pattern(start: u32, ticks: u32, pattern: &CellPattern) -> bool {
     let words = (0..ticks).map(|k| code_word(start.wrapping_add(k)));
     let (all, any) = words.fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
     let shown = (1 << BITS) - 1;
-    let zero = shown & !pattern.one & !pattern.mixed;
+    let zero = shown & !pattern.ones & !pattern.mixed;
     let changes = any & !all & shown;
-    let there = pattern.one & !any == 0 && zero & all == 0 && pattern.mixed & !changes == 0;
-    there && (ticks <= TORN || changes & COUNT_MASK & !pattern.mixed == 0)
+    let there = pattern.ones & !any == 0 && zero & all == 0 && pattern.mixed & !changes == 0;
+    there && (ticks <= MAX_TORN_TICKS || changes & COUNT_MASK & !pattern.mixed == 0)
 }
 
 fn time_from_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<DisplayedTime> {
-    // Neighbours, also about the end of the code.
+    // Neighbours, including those across the end of the code.
     let first = *starts.iter().find(|start| !starts.contains(&(start.wrapping_sub(1) % COUNTS)))?;
     let more = starts.len() as u32 - 1;
     if !(0..=more).all(|k| starts.contains(&((first + k) % COUNTS))) {
@@ -100,11 +99,11 @@ fn time_from_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<DisplayedTime> {
     })
 }
 
-/// The moment nearest to `about_ms` (ms of UTC) at which the code shows this.
+/// Returns the time nearest to `about_ms` (ms of UTC) at which the code is displayed.
 pub fn nearest_time(shown: &DisplayedTime, about_ms: f64) -> f64 {
     let turn = f64::from(COUNTS) * f64::from(TICK_MS);
-    let apart = (shown.middle_ms - about_ms).rem_euclid(turn);
-    about_ms + if apart > 0.5 * turn { apart - turn } else { apart }
+    let offset = (shown.middle_ms - about_ms).rem_euclid(turn);
+    about_ms + if offset > 0.5 * turn { offset - turn } else { offset }
 }
 
 #[cfg(test)]
@@ -126,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exposure_over_several_ticks_has_its_middle_within_what_is_stated() {
+    fn the_middle_of_a_long_exposure_is_within_its_interval() {
         for start in (0..COUNTS).step_by(13) {
             for ticks in 1..10u32 {
                 let Some(shown) = shown_by(start..start + ticks) else { continue };
@@ -139,8 +138,8 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_picture_is_read_and_what_is_no_word_is_not() {
-        // One bit of the check is the next tick's already.
+    fn torn_images_are_read_and_invalid_words_rejected() {
+        // One bit of the check already belongs to the next tick.
         let before = (1 << 12) - 1;
         let turned = (code_word(before) ^ code_word(before + 1)) & 0b11110;
         let lowest = 1 << turned.trailing_zeros();
@@ -150,13 +149,13 @@ mod tests {
         // A slow bit alone.
         assert_eq!(decode_time(code_word(5000) ^ 1 << 20, 0), None);
         assert_eq!(decode_time(code_word(5000) & !(1 << 20), 1 << 20), None);
-        // Upside down: the opposites in the opposite order.
+        // Upside down: the complements in reverse order.
         let upside = |word: u32| (0..BITS).map(|bit| (!word >> (BITS - 1 - bit) & 1) << bit).sum::<u32>();
         assert!((0..COUNTS).all(|count| decode_time(upside(code_word(count)), 0).is_none()));
     }
 
     #[test]
-    fn one_turned_bit_of_the_count_or_its_parity_is_turned_down() {
+    fn one_inverted_bit_of_the_count_or_its_parity_is_rejected() {
         for count in (0..COUNTS).step_by(61) {
             for bit in (0..BITS).filter(|bit| (COUNT_MASK | PARITY) >> bit & 1 == 1) {
                 assert_eq!(decode_time(code_word(count) ^ 1 << bit, 0), None, "{count} {bit}");

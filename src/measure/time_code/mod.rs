@@ -1,15 +1,15 @@
-//! A clock that is photographed: its code on a screen, and the instant of exposure read from a picture of it.
+//! Time code on a screen, which is photographed to measure the instant of exposure.
 //!
 //! | stage | in | out | file |
 //! |---|---|---|---|
 //! | code | count of ticks | bits | this one |
 //! | picture | frame, discs found in it | cells: one, zero, mixed | `picture` |
-//! | decode | cells | time shown, and what it leaves open | `decode` |
-//! | delay | differences of many pictures | mean, scatter, what a delay is known to | `delay` |
+//! | decode | cells | time displayed, with its ambiguity | `decode` |
+//! | delay | differences of many images | mean, scatter, standard deviation | `delay` |
 //!
-//! The screen shows the count of whole ticks of UTC in Gray's code, in which neighbours differ by one bit, with its parity and
-//! a check of its slow bits (Hamming 1950). Each bit is two cells side by side, itself and its opposite, so that uneven
-//! light, glare and shade cannot turn one.
+//! The screen shows the count of whole ticks of UTC in Gray code, in which neighbours differ by one bit, with its parity
+//! and a check of its slow bits (Hamming 1950). Each bit is two adjacent cells, itself and its complement, so that uneven
+//! light, glare and shade cannot invert one.
 
 mod decode;
 mod delay;
@@ -19,33 +19,33 @@ pub use decode::{DisplayedTime, decode_time, nearest_time};
 pub use delay::{DelayEstimate, Screen, estimate_delay};
 pub use picture::{TimeCodeError, read_time};
 
-/// A tick, ms. Longer than a frame of a screen at 60 Hz, so that no count is left out; a prime number, so that pictures at a round
-/// rate meet it in every phase.
+/// Tick of the code, ms. Longer than a frame of a screen at 60 Hz, so that no count is skipped; a prime number, so that
+/// images at a round rate meet it in every phase.
 pub const TICK_MS: u32 = 19;
-/// Bits of the count: it begins anew every 41.5 minutes.
+/// Number of bits of the count, which repeats every 41.5 minutes.
 pub const COUNT_BITS: usize = 17;
-/// Bits that are shown: one, parity, check, count, one.
+/// Number of bits displayed: one, parity, check, count, one.
 pub const BITS: usize = 24;
-/// Bits of the count, fastest first, that the check leaves to parity.
+/// Number of the count's fastest bits, which parity covers instead of the check.
 pub const FAST_BITS: usize = 6;
-/// Columns of the check, Hamming's (15, 11) code: for each slow bit of Gray's code the bits of the check that it turns.
+/// Columns of the check, Hamming's (15, 11) code: for each slow bit of the Gray code the check bits that it inverts.
 pub const HAMMING: [u32; 11] = [3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15];
 
-/// Width and height of the picture on the screen, in units of its own.
+/// Width and height of the page on the screen, in its own units.
 pub const SIZE: [f64; 2] = [16.0, 9.0];
 /// Centres of the discs, clockwise from the top left.
 pub const DISCS: [[f64; 2]; 4] = [[1.0, 1.0], [15.0, 1.0], [15.0, 8.0], [1.0, 8.0]];
-/// Their radius: larger than a cell, so that they are the largest discs.
+/// Radius of the discs: larger than a cell, so that they are the largest discs.
 pub const DISC_RADIUS: f64 = 0.75;
 
-/// Cells side by side and above each other.
+/// Number of cells across and down.
 const CELLS: [usize; 2] = [8, 6];
-/// Left, top, right and bottom of them all.
+/// Left, top, right and bottom of the field of cells.
 const FIELD: [f64; 4] = [2.2, 0.6, 13.8, 8.4];
-/// Share of its place that a cell fills; the rest is white.
+/// Fraction of its field that a cell fills; the rest is white.
 const FILLED: f64 = 0.8;
 
-/// The place of a bit's cell, or of its opposite: left, top, width, height.
+/// Returns the rectangle of a bit's cell, or of its complement's: left, top, width, height.
 pub fn cell_rectangle(bit: usize, opposite: bool) -> [f64; 4] {
     let pairs = CELLS[0] / 2;
     let (column, row) = (2 * (bit % pairs) + usize::from(opposite), bit / pairs);
@@ -59,31 +59,31 @@ pub fn cell_rectangle(bit: usize, opposite: bool) -> [f64; 4] {
     ]
 }
 
-/// The bits of a count of ticks, the first one lowest; white cells are one.
+/// Returns the bits displayed for a count of ticks, the first one lowest; white cells are one.
 pub fn code_word(count: u32) -> u32 {
     let count = count % (1 << COUNT_BITS);
     let gray = count ^ (count >> 1);
     let slow = gray >> FAST_BITS;
-    let check =
-        HAMMING.iter().enumerate().filter(|(bit, _)| slow >> bit & 1 == 1).fold(0, |sum, (_, c)| sum ^ c);
-    // Of the ends, which are one, the picture's attitude is told: upside down they are zero. The fastest bits and parity
-    // share a row near the middle: a screen lights a row at a time.
+    let check = HAMMING.iter().enumerate().filter(|(bit, _)| slow >> bit & 1 == 1).fold(0, |sum, (_, c)| sum ^ c);
+    // The ends are one, and zero if the image is upside down. The fastest bits and parity share a row near
+    // the middle, as a screen is updated row by row.
     1 | check << 1 | gray >> LOW_BITS << 5 | (count & 1) << 8 | (gray & LOW) << FASTEST | 1 << (BITS - 1)
 }
 
-/// So many bits of Gray's code stand together, the fastest one in the tenth bit of the word; the slowest ones before them.
+/// Number of adjacent bits of the Gray code in the word, from the fastest one at the tenth bit; the slowest ones are before
+/// them.
 const LOW_BITS: usize = 14;
-/// These bits of a count in Gray's code.
+/// Mask of these bits in a Gray code.
 const LOW: u32 = (1 << LOW_BITS) - 1;
-/// The bit of the word that is the count's fastest.
+/// Index in the word of the count's fastest bit.
 pub const FASTEST: usize = 9;
-/// The bits of the count in Gray's code.
+/// Mask of the Gray code's bits in the word.
 const COUNT_MASK: u32 = LOW << FASTEST | ((1 << (COUNT_BITS - LOW_BITS)) - 1) << 5;
 
-/// The bit of a word that is the count's parity.
+/// Mask of the parity bit in the word.
 const PARITY: u32 = 1 << 8;
 
-/// Gray's code in the bits of a word.
+/// Extracts the Gray code from a word.
 fn gray_code(word: u32) -> u32 {
     word >> FASTEST & LOW | (word & COUNT_MASK & 0xff) >> 5 << LOW_BITS
 }
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn one_turned_bit_is_no_word_nor_are_two_slow_ones() {
+    fn words_with_one_inverted_bit_or_two_slow_ones_are_invalid() {
         let words: std::collections::BTreeSet<u32> = (0..1 << COUNT_BITS).map(code_word).collect();
         assert_eq!(words.len(), 1 << COUNT_BITS);
         let slow: Vec<usize> = (5..8).chain(FASTEST + FAST_BITS..BITS - 1).collect();

@@ -1,4 +1,4 @@
-//! Frame and its discs -> the code's cells.
+//! Reader of the time code in a frame: discs in, cells out.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -9,47 +9,48 @@ use crate::estimation::robust::median;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
-/// Of the discs that a picture shows so many are tried, the largest first.
-const TRIED: usize = 8;
-/// Least difference of white and black cells, grey levels.
+/// Maximum number of discs that are tried, the largest first.
+const MAX_DISCS: usize = 8;
+/// Minimum difference of white and black cells, grey levels.
 const MIN_CONTRAST: f64 = 20.0;
-/// Least side of a cell, px: below it blur mixes neighbours.
+/// Minimum side of a cell, px: below it blur mixes neighbours.
 const MIN_SIDE_PX: f64 = 6.0;
-/// A bit is told where its cells differ by this share of the contrast: a tenth of the light is another one's, with a tone
-/// curve of 2.2.
-const TOLD: f64 = 0.6;
-/// Both cells of a mixed bit lie within these shares of the contrast; beyond, glare or shade hides them.
-const MIXED: [f64; 2] = [0.1, 0.93];
-/// Samples along each side of the middle half of a cell.
+/// Fraction of the contrast by which the cells of a bit must differ to be read: with a tone curve of 2.2, 10 % of the light
+/// is then of the other value.
+const MIN_BIT_CONTRAST: f64 = 0.6;
+/// Range of the cells of a mixed bit, fractions of the contrast; outside it, glare or shade hides them.
+const MIXED_RANGE: [f64; 2] = [0.1, 0.93];
+/// Number of samples along each side of the middle half of a cell.
 const SAMPLES: usize = 7;
 
-/// Why a picture tells no time; a clause for a person.
+/// Reason why an image gives no time, as a clause for the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TimeCodeError {
     /// Fewer than four discs.
-    #[error("{0} of the clock's four discs are found; show the whole page, in focus and not over-exposed")]
+    #[error("{0} of the clock's four discs found; show the complete page, in focus and not over-exposed")]
     NoDiscs(usize),
-    /// No four of them have a code between them.
+    /// No code between any four discs.
     #[error(
-        "no four discs have a time between them; show the whole page, expose for at most 60 ms, avoid reflections"
+        "no time code found between four discs; show the complete page, expose for at most 60 ms, avoid \
+         reflections"
     )]
     NoCode,
-    /// The cells are too small.
-    #[error("the cells are less than {MIN_SIDE_PX} px wide; go nearer to the screen")]
+    /// Cells too small.
+    #[error("the cells are less than {MIN_SIDE_PX} px wide; move the camera closer to the screen")]
     TooSmall,
     /// Glare or shade hides a bit.
-    #[error("glare or shade hides a bit of the clock; turn the screen")]
+    #[error("glare or shade hides a bit of the time code; turn the screen")]
     Hidden,
 }
 
-/// The time that a frame shows of the clock's page.
+/// Reads the time that a frame shows of the clock's page.
 ///
 /// # Errors
-/// Where it shows none that can be told for sure.
+/// Returns an error if the time cannot be read unambiguously.
 pub fn read_time(image: &Raster, found: &Detections) -> Result<DisplayedTime, TimeCodeError> {
     let mut discs: Vec<_> = found.markers.iter().filter(|m| m.shape == Shape::Circle).collect();
     discs.sort_by(|a, b| (b.semi_major_px * b.semi_minor_px).total_cmp(&(a.semi_major_px * a.semi_minor_px)));
-    discs.truncate(TRIED);
+    discs.truncate(MAX_DISCS);
     let centres: Vec<Vector2<f64>> = discs.iter().map(|d| d.centre_px).collect();
     let mut why = if centres.len() < 4 { TimeCodeError::NoDiscs(centres.len()) } else { TimeCodeError::NoCode };
     for corners in convex_quadrangles(&centres) {
@@ -66,7 +67,7 @@ pub fn read_time(image: &Raster, found: &Detections) -> Result<DisplayedTime, Ti
     Err(why)
 }
 
-/// Every four of the points that are corners of a convex quadrangle, clockwise in the picture.
+/// Returns every four of the points that form a convex quadrangle, clockwise in the image.
 fn convex_quadrangles(points: &[Vector2<f64>]) -> Vec<[Vector2<f64>; 4]> {
     let n = points.len();
     let choices = (0u32..1 << n).filter(|set| set.count_ones() == 4);
@@ -85,7 +86,7 @@ fn is_convex(corners: &[Vector2<f64>; 4]) -> bool {
     (0..4).all(|k| side(k).perp(&side(k + 1)) > 0.0)
 }
 
-/// Pixel from the page's units, by the images of the discs (Heckbert 1989); `None` where they lie on a line.
+/// Returns the map from page units to pixels by the images of the discs (Heckbert 1989); `None` if they are collinear.
 fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
     let [a, b, c, d] = corners;
     let (right, down, sum) = (b - c, d - c, a - b + c - d);
@@ -95,20 +96,22 @@ fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
     let pixel_from_unit = Matrix3::new(x.x, y.x, a.x, x.y, y.y, a.y, g, h, 1.0);
     let [[left, top], [end, _], [_, bottom], _] = DISCS;
     let (width, height) = (end - left, bottom - top);
-    let unit_from_page =
-        Matrix3::new(1.0 / width, 0.0, -left / width, 0.0, 1.0 / height, -top / height, 0.0, 0.0, 1.0);
+    let unit_from_page = Matrix3::new(1.0 / width, 0.0, -left / width, 0.0, 1.0 / height, -top / height, 0.0, 0.0, 1.0);
     let all = pixel_from_unit * unit_from_page;
     all.iter().all(|v| v.is_finite()).then_some(all)
 }
 
-/// The time in the cells between four discs.
+/// Reads the time in the cells between four discs.
+///
+/// # Errors
+/// Returns an error if they contain no code, or one that is too small or hidden.
 fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<DisplayedTime, TimeCodeError> {
     let pairs: Vec<[f64; 2]> = (0..BITS)
         .map(|bit| [false, true].map(|opposite| cell_level(image, pixel_from_page, cell_rectangle(bit, opposite))))
         .collect();
-    let usual = |values: Vec<f64>| median(values).ok_or(TimeCodeError::NoCode);
-    let white = usual(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
-    let black = usual(pairs.iter().map(|[a, b]| a.min(*b)).collect())?;
+    let median_level = |values: Vec<f64>| median(values).ok_or(TimeCodeError::NoCode);
+    let white = median_level(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
+    let black = median_level(pairs.iter().map(|[a, b]| a.min(*b)).collect())?;
     let contrast = white - black;
     if contrast < MIN_CONTRAST {
         return Err(TimeCodeError::NoCode);
@@ -116,15 +119,15 @@ fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Displaye
     let (mut one, mut mixed, mut hidden) = (0, 0, false);
     for (bit, pair) in pairs.iter().enumerate() {
         let [share, opposite] = pair.map(|level| (level - black) / contrast);
-        if share - opposite > TOLD {
+        if share - opposite > MIN_BIT_CONTRAST {
             one |= 1 << bit;
-        } else if opposite - share <= TOLD {
+        } else if opposite - share <= MIN_BIT_CONTRAST {
             mixed |= 1 << bit;
-            hidden |= [share, opposite].iter().any(|s| !(MIXED[0]..=MIXED[1]).contains(s))
-                && (share - opposite).abs() < 0.5 * TOLD;
+            hidden |= [share, opposite].iter().any(|s| !(MIXED_RANGE[0]..=MIXED_RANGE[1]).contains(s))
+                && (share - opposite).abs() < 0.5 * MIN_BIT_CONTRAST;
         }
     }
-    // The ends tell that this is the code at all.
+    // The ends show that this is a time code.
     let ends = 1 | 1 << (BITS - 1);
     if one & ends != ends {
         return Err(TimeCodeError::NoCode);
@@ -139,15 +142,14 @@ fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Displaye
     Ok(shown)
 }
 
-/// Mean grey level of the middle half of a cell.
+/// Returns the mean grey level of the middle half of a cell.
 fn cell_level(image: &Raster, pixel_from_page: &Matrix3<f64>, [x, y, width, height]: [f64; 4]) -> f64 {
     let step = |k: usize| 0.25 + 0.5 * (k as f64 + 0.5) / SAMPLES as f64;
-    let places =
-        (0..SAMPLES * SAMPLES).map(|k| (x + width * step(k % SAMPLES), y + height * step(k / SAMPLES)));
+    let places = (0..SAMPLES * SAMPLES).map(|k| (x + width * step(k % SAMPLES), y + height * step(k / SAMPLES)));
     let sum: f64 = places
         .map(|(x, y)| {
             let p = project_point(pixel_from_page, x, y);
-            f64::from(image.nearest(p.x, p.y))
+            f64::from(image.nearest_value(p.x, p.y))
         })
         .sum();
     sum / (SAMPLES * SAMPLES) as f64
@@ -158,7 +160,7 @@ fn project_point(pixel_from_page: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64>
     p.xy() / p.z
 }
 
-/// The shortest side of any cell, px.
+/// Returns the shortest side of any cell, px.
 fn min_cell_side(pixel_from_page: &Matrix3<f64>) -> f64 {
     let sides = (0..BITS).flat_map(|bit| {
         let [x, y, width, height] = cell_rectangle(bit, false);
@@ -176,15 +178,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_discs_images_are_those_of_the_discs() {
-        let corners =
-            [(100.0, 80.0), (900.0, 120.0), (860.0, 600.0), (140.0, 500.0)].map(|(x, y)| Vector2::new(x, y));
+    fn the_homography_maps_the_discs_to_their_images() {
+        let corners = [(100.0, 80.0), (900.0, 120.0), (860.0, 600.0), (140.0, 500.0)].map(|(x, y)| Vector2::new(x, y));
         let h = pixel_from_page(&corners).unwrap();
         for (corner, [x, y]) in corners.iter().zip(DISCS) {
             assert!((project_point(&h, x, y) - corner).norm() < 1e-9);
         }
         let all = [corners.as_slice(), &[Vector2::new(500.0, 300.0)]].concat();
-        // With the one inside there are four triangles, of which none is convex in all four corners.
+        // Quadrangles with the inner point are not convex.
         assert_eq!(convex_quadrangles(&all).iter().filter(|four| corners.iter().all(|c| four.contains(c))).count(), 1);
         assert!(convex_quadrangles(&[Vector2::zeros(); 4]).is_empty());
     }

@@ -1,16 +1,16 @@
-//! Each shot becomes one JSON object: when and where it was taken, and its whole record.
+//! Export of shots as JSON objects, each with time, aircraft data and full record.
 
 use std::io::{self, Write};
 
 use serde_json::json;
 
 use super::super::SeriesData;
-use crate::aircraft::named;
+use crate::aircraft::state_to_json;
 
-/// Writes the shots of a series, those without a frame or result too (`record` is `null`).
-pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
+/// Writes the shots of a series, including those without a frame or result (`record` is `null`).
+pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
     for shot in &series.shots {
-        let record = series.record_of(shot);
+        let record = series.record_for_shot(shot);
         let stamp = shot.stamp.as_ref();
         let line = json!({
             "schema_version": super::columns::SCHEMA_VERSION,
@@ -26,7 +26,7 @@ pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
             "exposure": shot.exposure,
-            "aircraft": named(&shot.aircraft),
+            "aircraft": state_to_json(&shot.aircraft),
             "camera_failures": shot.failures,
             "inputs": record.and(series.inputs.as_ref()),
             "record": record,

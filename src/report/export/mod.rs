@@ -1,4 +1,4 @@
-//! Other tools get results as CSV or Parquet tables, as JSON Lines of records and as VTK shapes.
+//! Export of results as CSV or Parquet tables, JSON Lines and VTK shapes.
 
 mod columns;
 mod lines;
@@ -11,21 +11,21 @@ mod vtk_xml;
 
 use std::io::Write;
 
-pub use columns::{Column, Common, SCHEMA_VERSION, Table, Values, columns};
-pub use lines::lines;
-pub use live::{LiveColumns, json_rows};
+pub use columns::{ColumnValues, ExportColumn, ExportContext, ExportTable, SCHEMA_VERSION, table_columns};
+pub use lines::write_json_lines;
+pub use live::{LiveColumns, write_json_rows};
 pub use live_facts::LiveFacts;
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
-pub use vtk::vtk;
-pub use vtk_xml::{Shape, collection, frame_shape, ground_shape, series_shape};
+pub use vtk::series_vtk;
+pub use vtk_xml::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
 
-/// The table as CSV; what is missing is an empty field.
-pub struct Csv<W: Write>(csv::Writer<W>);
+/// Writer of a table as CSV; a missing value is an empty field.
+pub struct CsvWriter<W: Write>(csv::Writer<W>);
 
-impl<W: Write> Csv<W> {
-    /// Writes the heading line and these rows.
-    pub fn begin(output: W, columns: &[Column]) -> Result<Self, csv::Error> {
+impl<W: Write> CsvWriter<W> {
+    /// Writes the heading line and the first rows.
+    pub fn begin(output: W, columns: &[ExportColumn]) -> Result<Self, csv::Error> {
         let mut writer = csv::Writer::from_writer(output);
         writer.write_record(columns.iter().map(|c| c.name.as_str()))?;
         let mut csv = Self(writer);
@@ -34,12 +34,12 @@ impl<W: Write> Csv<W> {
     }
 
     /// Adds rows of the same columns.
-    pub fn add(&mut self, columns: &[Column]) -> Result<(), csv::Error> {
+    pub fn add(&mut self, columns: &[ExportColumn]) -> Result<(), csv::Error> {
         let rows = columns.first().map_or(0, |c| c.values.len());
-        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| c.values.text(row))))
+        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| c.values.value_text(row))))
     }
 
-    /// Writes what is left.
+    /// Flushes the output.
     pub fn end(mut self) -> Result<(), csv::Error> {
         Ok(self.0.flush()?)
     }
@@ -51,12 +51,12 @@ mod tests {
     use super::super::{SeriesData, sample};
     use super::*;
 
-    fn text(table: Table, series: &[SeriesData]) -> String {
-        let common = Common::of(Some("ab".to_owned()), series);
+    fn text(table: ExportTable, series: &[SeriesData]) -> String {
+        let common = ExportContext::from_series(Some("ab".to_owned()), series);
         let mut bytes = Vec::new();
-        let mut csv = Csv::begin(&mut bytes, &columns(table, &SeriesData::default(), &common)).unwrap();
+        let mut csv = CsvWriter::begin(&mut bytes, &table_columns(table, &SeriesData::default(), &common)).unwrap();
         for one in series {
-            csv.add(&columns(table, one, &common)).unwrap();
+            csv.add(&table_columns(table, one, &common)).unwrap();
         }
         csv.end().unwrap();
         String::from_utf8(bytes).unwrap()
@@ -72,7 +72,7 @@ mod tests {
     fn csv_reads_back_with_every_marker_of_every_image() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
         series.records.push(sample::failed("x.jpg", "dark, \"quoted\"\nand broken"));
-        let text = text(Table::Markers, &[series]);
+        let text = text(ExportTable::Markers, &[series]);
         let (heading, rows) = rows(&text);
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!(rows.len(), 2 * 4 + 1, "four markers twice, and the failed image");
@@ -92,20 +92,16 @@ mod tests {
     #[test]
     fn the_other_tables_have_points_parameters_and_shots() {
         let mut series = sample::series("s000001", 0, &[2.9]);
-        let lost = super::super::ShotData {
-            number: 2,
-            failures: vec!["gone: unplugged".into()],
-            ..Default::default()
-        };
+        let lost = super::super::ShotData { number: 2, failures: vec!["gone: unplugged".into()], ..Default::default() };
         series.shots.push(lost);
         let series = [series];
-        let (heading, span) = rows(&text(Table::Span, &series));
+        let (heading, span) = rows(&text(ExportTable::Span, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("deflection_m")]), (13, "36", "2.9"));
-        let (heading, parameters) = rows(&text(Table::Parameters, &series));
+        let (heading, parameters) = rows(&text(ExportTable::Parameters, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((&parameters[0][at("parameter")], &parameters[0][at("value")]), ("a_per_m", "0.00219"));
-        let (heading, shots) = rows(&text(Table::Shots, &series));
+        let (heading, shots) = rows(&text(ExportTable::Shots, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((shots.len(), &shots[1][at("status")]), (2, "no frame"));
         assert_eq!(&shots[1][at("camera_failures")], "gone: unplugged");
@@ -113,6 +109,6 @@ mod tests {
 
     #[test]
     fn an_empty_store_gives_the_heading_alone() {
-        assert_eq!(text(Table::Markers, &[]).lines().count(), 1);
+        assert_eq!(text(ExportTable::Markers, &[]).lines().count(), 1);
     }
 }

@@ -1,4 +1,4 @@
-//! A Parquet file has row groups of bounded size, optional columns, Snappy, and times as UTC timestamps.
+//! Parquet files with bounded row groups, optional columns, Snappy compression, and times as UTC timestamps.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -11,30 +11,30 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type};
 
-use super::columns::{Column, Values};
+use super::columns::{ColumnValues, ExportColumn};
 
-/// Rows of a group at most, about: a group is kept in memory while it fills, some 1 kB a row.
-const GROUP_ROWS: usize = 16_384;
+/// Approximate maximum number of rows of a row group. A group is kept in memory, about 1 kB per row, until it is written.
+const MAX_GROUP_ROWS: usize = 16_384;
 
-/// A file that is being written.
+/// Writer of a Parquet file.
 pub struct ParquetFile<W: Write + Send> {
     writer: SerializedFileWriter<W>,
-    /// The group that fills.
-    columns: Vec<Column>,
+    /// Row group in memory.
+    columns: Vec<ExportColumn>,
 }
 
 impl<W: Write + Send> ParquetFile<W> {
-    /// A file with these columns; their rows are its first. `notes` go into its metadata.
-    pub fn begin(output: W, columns: Vec<Column>, notes: &[(String, String)]) -> Result<Self, ParquetError> {
-        let fields = columns.iter().map(|c| field(c).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
+    /// Begins a file with these columns and their rows as the first ones. `notes` are written to the metadata.
+    pub fn begin(output: W, columns: Vec<ExportColumn>, notes: &[(String, String)]) -> Result<Self, ParquetError> {
+        let fields = columns.iter().map(|c| schema_field(c).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
         let schema = Type::group_type_builder("wingd").with_fields(fields).build()?;
         let notes = notes.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone())).collect();
         let mut properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_created_by(format!("wingd {}", env!("CARGO_PKG_VERSION")))
             .set_key_value_metadata(Some(notes));
-        // Measured numbers hardly repeat: a dictionary of them is the column once more, with an index for each value.
-        for column in columns.iter().filter(|c| matches!(c.values, Values::Number(_) | Values::Single(_))) {
+        // Measured numbers hardly repeat: a dictionary would hold the full column, plus an index per value.
+        for column in columns.iter().filter(|c| matches!(c.values, ColumnValues::Number(_) | ColumnValues::Single(_))) {
             let path = ColumnPath::from(column.name.as_str());
             properties = properties.set_column_dictionary_enabled(path, false);
         }
@@ -43,12 +43,12 @@ impl<W: Write + Send> ParquetFile<W> {
     }
 
     /// Adds rows of the same columns.
-    pub fn add(&mut self, more: Vec<Column>) -> Result<(), ParquetError> {
+    pub fn add(&mut self, more: Vec<ExportColumn>) -> Result<(), ParquetError> {
         for (column, more) in self.columns.iter_mut().zip(more) {
             column.values.append(more.values);
         }
         let rows = self.columns.first().map_or(0, |c| c.values.len());
-        if rows >= GROUP_ROWS { self.flush() } else { Ok(()) }
+        if rows >= MAX_GROUP_ROWS { self.flush() } else { Ok(()) }
     }
 
     fn flush(&mut self) -> Result<(), ParquetError> {
@@ -57,51 +57,53 @@ impl<W: Write + Send> ParquetFile<W> {
         }
         let mut group = self.writer.next_row_group()?;
         for column in &mut self.columns {
-            write(&mut group, &column.values)?;
+            write_column(&mut group, &column.values)?;
             column.values.clear();
         }
         group.close().map(drop)
     }
 
-    /// Writes the rest and the footer.
+    /// Writes the remaining rows and the footer.
     pub fn end(mut self) -> Result<W, ParquetError> {
         self.flush()?;
         self.writer.into_inner()
     }
 }
 
-fn field(column: &Column) -> Result<Type, ParquetError> {
+fn schema_field(column: &ExportColumn) -> Result<Type, ParquetError> {
     let utc = LogicalType::timestamp(true, TimeUnit::MICROS);
     let (physical, logical) = match column.values {
-        Values::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-        Values::Number(_) => (Physical::DOUBLE, None),
-        Values::Single(_) => (Physical::FLOAT, None),
-        Values::Count(_) => (Physical::INT64, None),
-        Values::Flag(_) => (Physical::BOOLEAN, None),
-        Values::Time(_) => (Physical::INT64, Some(utc)),
+        ColumnValues::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        ColumnValues::Number(_) => (Physical::DOUBLE, None),
+        ColumnValues::Single(_) => (Physical::FLOAT, None),
+        ColumnValues::Count(_) => (Physical::INT64, None),
+        ColumnValues::Flag(_) => (Physical::BOOLEAN, None),
+        ColumnValues::Time(_) => (Physical::INT64, Some(utc)),
     };
     let builder = Type::primitive_type_builder(&column.name, physical);
     builder.with_repetition(Repetition::OPTIONAL).with_logical_type(logical).build()
 }
 
-type Group<'a, W> = SerializedRowGroupWriter<'a, W>;
+type ParquetRowGroup<'a, W> = SerializedRowGroupWriter<'a, W>;
 
-fn write<W: Write + Send>(group: &mut Group<W>, values: &Values) -> Result<(), ParquetError> {
+fn write_column<W: Write + Send>(group: &mut ParquetRowGroup<W>, values: &ColumnValues) -> Result<(), ParquetError> {
     match values {
-        Values::Text(v) => put::<W, ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str())),
-        Values::Number(v) => put::<W, DoubleType, _>(group, v, |n| *n),
-        Values::Single(v) => put::<W, FloatType, _>(group, v, |n| *n),
-        Values::Count(v) | Values::Time(v) => put::<W, Int64Type, _>(group, v, |n| *n),
-        Values::Flag(v) => put::<W, BoolType, _>(group, v, |b| *b),
+        ColumnValues::Text(v) => {
+            write_values::<W, ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str()))
+        }
+        ColumnValues::Number(v) => write_values::<W, DoubleType, _>(group, v, |n| *n),
+        ColumnValues::Single(v) => write_values::<W, FloatType, _>(group, v, |n| *n),
+        ColumnValues::Count(v) | ColumnValues::Time(v) => write_values::<W, Int64Type, _>(group, v, |n| *n),
+        ColumnValues::Flag(v) => write_values::<W, BoolType, _>(group, v, |b| *b),
     }
 }
 
-fn put<W: Write + Send, T: DataType, V>(
-    group: &mut Group<W>,
+fn write_values<W: Write + Send, T: DataType, V>(
+    group: &mut ParquetRowGroup<W>,
     values: &[Option<V>],
-    of: impl Fn(&V) -> T::T,
+    convert: impl Fn(&V) -> T::T,
 ) -> Result<(), ParquetError> {
-    let present: Vec<T::T> = values.iter().flatten().map(of).collect();
+    let present: Vec<T::T> = values.iter().flatten().map(convert).collect();
     let levels: Vec<i16> = values.iter().map(|v| i16::from(v.is_some())).collect();
     let missing = || ParquetError::General("the schema has fewer columns than the table".to_owned());
     let mut column = group.next_column()?.ok_or_else(missing)?;
@@ -116,16 +118,16 @@ mod tests {
     use parquet::record::Field;
 
     use super::super::super::{SeriesData, sample};
-    use super::super::{Common, Table, columns};
+    use super::super::{ExportContext, ExportTable, table_columns};
     use super::*;
 
-    fn file(table: Table, series: &[SeriesData]) -> SerializedFileReader<axum::body::Bytes> {
-        let common = Common::of(Some("ab".to_owned()), series);
+    fn file(table: ExportTable, series: &[SeriesData]) -> SerializedFileReader<axum::body::Bytes> {
+        let common = ExportContext::from_series(Some("ab".to_owned()), series);
         let empty = SeriesData::default();
         let notes = [("store_id".to_owned(), "ab".to_owned())];
-        let mut file = ParquetFile::begin(Vec::new(), columns(table, &empty, &common), &notes).unwrap();
+        let mut file = ParquetFile::begin(Vec::new(), table_columns(table, &empty, &common), &notes).unwrap();
         for one in series {
-            file.add(columns(table, one, &common)).unwrap();
+            file.add(table_columns(table, one, &common)).unwrap();
         }
         SerializedFileReader::new(axum::body::Bytes::from(file.end().unwrap())).unwrap()
     }
@@ -135,7 +137,7 @@ mod tests {
         let mut series = sample::series("s000001", 0, &[2.9]);
         series.records.push(sample::failed("x.jpg", "dark"));
         let utc = series.shots[0].stamp.as_ref().unwrap().utc;
-        let reader = file(Table::Markers, &[series]);
+        let reader = file(ExportTable::Markers, &[series]);
         let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
         assert_eq!(rows.len(), 5);
         let value = |row: usize, name: &str| {
@@ -158,10 +160,10 @@ mod tests {
         let rows = 10_000_u32;
         let noise = |k: u32| f64::from(k.wrapping_mul(2_654_435_761)) / f64::from(k + 3);
         let number = |k| (k % 10 != 0).then_some(noise(k));
-        let column = |name: &str, values| Column { name: name.to_owned(), values };
+        let column = |name: &str, values| ExportColumn { name: name.to_owned(), values };
         let columns = vec![
-            column("deflection_m", Values::Number((0..rows).map(number).collect())),
-            column("sigma_m", Values::Single((0..rows).map(|k| number(k).map(|v| v as f32)).collect())),
+            column("deflection_m", ColumnValues::Number((0..rows).map(number).collect())),
+            column("sigma_m", ColumnValues::Single((0..rows).map(|k| number(k).map(|v| v as f32)).collect())),
         ];
         let bytes = ParquetFile::begin(Vec::new(), columns, &[]).unwrap().end().unwrap();
         let plain = 0.9 * f64::from(rows) * (8.0 + 4.0);
@@ -169,21 +171,20 @@ mod tests {
         let reader = SerializedFileReader::new(axum::body::Bytes::from(bytes)).unwrap();
         for (k, row) in (0..rows).zip(reader.get_row_iter(None).unwrap()) {
             let read: Vec<Field> = row.unwrap().get_column_iter().map(|(_, field)| field.clone()).collect();
-            let expected =
-                number(k).map_or([Field::Null, Field::Null], |v| [Field::Double(v), Field::Float(v as f32)]);
+            let expected = number(k).map_or([Field::Null, Field::Null], |v| [Field::Double(v), Field::Float(v as f32)]);
             assert_eq!(read, expected, "row {k}");
         }
     }
 
     #[test]
     fn an_empty_table_is_a_readable_file() {
-        assert_eq!(file(Table::Span, &[]).metadata().file_metadata().num_rows(), 0);
+        assert_eq!(file(ExportTable::Span, &[]).metadata().file_metadata().num_rows(), 0);
     }
 
     #[test]
     fn row_groups_are_bounded() {
         let series: Vec<SeriesData> = (0..40).map(|k| sample::series("s", k, &[2.9; 150])).collect();
-        let reader = file(Table::Markers, &series);
+        let reader = file(ExportTable::Markers, &series);
         assert_eq!(reader.metadata().file_metadata().num_rows(), 40 * 150 * 4);
         assert!(reader.num_row_groups() == 2, "{}", reader.num_row_groups());
     }

@@ -1,75 +1,74 @@
-//! Shapes as VTK XML files: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series.
+//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series.
 //!
-//! Arrays are base64 with a 64-bit length before them: a number that is not known is NaN, which the text form
-//! cannot say.
+//! Arrays are base64 with a 64-bit length prefix: an unknown number is NaN, which the text form cannot represent.
 
 use std::fmt::Write;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::super::summary::{Mean, solved};
+use super::super::summary::{Mean, solved_records};
 use super::super::{GroundMarker, SeriesData};
-use super::vtk::points;
+use super::vtk::mean_points;
 use crate::record::{ImageRecord, MarkerRecord};
 
-/// Points with their data.
+/// Points with their data arrays and marker ids.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shape {
+pub struct VtkShape {
     points_m: Vec<[f64; 3]>,
-    /// Name, components, values.
+    /// Data arrays: name, number of components, values.
     arrays: Vec<(&'static str, usize, Vec<f64>)>,
     ids: Vec<String>,
 }
 
-impl Shape {
-    /// No points.
+impl VtkShape {
+    /// Returns true if there are no points.
     pub fn is_empty(&self) -> bool {
         self.points_m.is_empty()
     }
 
-    fn vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
+    fn add_vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
         self.arrays.push((name, 3, values.into_iter().flatten().collect()));
     }
 
-    fn scalar(&mut self, name: &'static str, values: Vec<f64>) {
+    fn add_scalar(&mut self, name: &'static str, values: Vec<f64>) {
         self.arrays.push((name, 1, values));
     }
 
-    /// PolyData (`.vtp`); `time_s` goes into its field data.
-    pub fn vtp(&self, time_s: Option<f64>) -> String {
+    /// Returns the shape as PolyData (`.vtp`); `time_s` is written to its field data.
+    pub fn to_vtp(&self, time_s: Option<f64>) -> String {
         let n = self.points_m.len();
-        let cells = format!("<Verts>{}{}</Verts>", index("connectivity", 0..n), index("offsets", 1..n + 1));
+        let cells = format!("<Verts>{}{}</Verts>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
         let head = format!(
             "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{n}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">"
         );
-        self.file("PolyData", &head, &cells, time_s)
+        self.to_xml("PolyData", &head, &cells, time_s)
     }
 
-    /// Unstructured grid of single points (`.vtu`), for readers that know no PolyData.
-    pub fn vtu(&self) -> String {
+    /// Returns the shape as an unstructured grid of single points (`.vtu`), for readers without PolyData.
+    pub fn to_vtu(&self) -> String {
         let n = self.points_m.len();
-        let types = array("UInt8", "types", 1, &vec![1; n]);
+        let types = data_array("UInt8", "types", 1, &vec![1; n]);
         let cells =
-            format!("<Cells>{}{}{types}</Cells>", index("connectivity", 0..n), index("offsets", 1..n + 1));
+            format!("<Cells>{}{}{types}</Cells>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
         let head = format!("<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">");
-        self.file("UnstructuredGrid", &head, &cells, None)
+        self.to_xml("UnstructuredGrid", &head, &cells, None)
     }
 
-    fn file(&self, kind: &str, piece: &str, cells: &str, time_s: Option<f64>) -> String {
+    fn to_xml(&self, kind: &str, piece: &str, cells: &str, time_s: Option<f64>) -> String {
         let mut out = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<{kind}>\n"
         );
         if let Some(time_s) = time_s {
-            let time = array("Float64", "TimeValue", 1, &time_s.to_le_bytes());
+            let time = data_array("Float64", "TimeValue", 1, &time_s.to_le_bytes());
             let time = time.replace("<DataArray", "<DataArray NumberOfTuples=\"1\"");
             let _ = writeln!(out, "<FieldData>{time}</FieldData>");
         }
         let _ = writeln!(out, "{piece}\n<PointData>");
         for (name, components, values) in &self.arrays {
-            let _ = writeln!(out, "{}", array("Float64", name, *components, &bytes(values)));
+            let _ = writeln!(out, "{}", data_array("Float64", name, *components, &little_endian_bytes(values)));
         }
-        // Strings are the codes of their letters with a zero after each.
+        // A string is the codes of its letters, terminated by zero.
         let letters: Vec<u8> = self.ids.iter().flat_map(|id| id.bytes().chain([0])).collect();
         let codes: Vec<String> = letters.iter().map(u8::to_string).collect();
         if kind == "PolyData" {
@@ -81,92 +80,94 @@ impl Shape {
             );
         }
         let flat: Vec<f64> = self.points_m.iter().flatten().copied().collect();
-        let points = array("Float64", "Points", 3, &bytes(&flat));
-        let _ = writeln!(
-            out,
-            "</PointData>\n<Points>{points}</Points>\n{cells}\n</Piece>\n</{kind}>\n</VTKFile>"
-        );
+        let points = data_array("Float64", "Points", 3, &little_endian_bytes(&flat));
+        let _ = writeln!(out, "</PointData>\n<Points>{points}</Points>\n{cells}\n</Piece>\n</{kind}>\n</VTKFile>");
         out
     }
 }
 
-fn bytes(values: &[f64]) -> Vec<u8> {
+fn little_endian_bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-fn index(name: &str, range: std::ops::Range<usize>) -> String {
+fn index_array(name: &str, range: std::ops::Range<usize>) -> String {
     let values: Vec<u8> = range.flat_map(|i| (i as i64).to_le_bytes()).collect();
-    array("Int64", name, 1, &values)
+    data_array("Int64", name, 1, &values)
 }
 
-fn array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
-    let whole = [&(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
-    // Said for one component too, some readers make a table of a list.
+fn data_array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
+    let data = [&(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
+    // If a single component were declared, some readers would create a 2-D array.
     let shape = if components == 1 { String::new() } else { format!(" NumberOfComponents=\"{components}\"") };
-    let text = STANDARD.encode(whole);
+    let text = STANDARD.encode(data);
     format!("<DataArray type=\"{kind}\" Name=\"{name}\"{shape} format=\"binary\">{text}</DataArray>")
 }
 
-const UNKNOWN: [f64; 3] = [f64::NAN; 3];
+const UNKNOWN_VECTOR: [f64; 3] = [f64::NAN; 3];
 
-/// From where a marker was on ground, where that is known.
-fn displacement(ground: &[GroundMarker], id: &str, at_m: [f64; 3]) -> [f64; 3] {
+/// Returns the displacement of a marker from its position on ground, m; NaN if that is unknown.
+fn displacement_from_ground(ground: &[GroundMarker], id: &str, at_m: [f64; 3]) -> [f64; 3] {
     let from = ground.iter().find(|g| g.id == id).map(|g| g.position_m);
-    from.map_or(UNKNOWN, |from| std::array::from_fn(|k| at_m[k] - from[k]))
+    from.map_or(UNKNOWN_VECTOR, |from| std::array::from_fn(|k| at_m[k] - from[k]))
 }
 
-/// One frame's markers in flight, with their whole displacement against the survey.
-pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> Shape {
+/// Returns the markers of one frame in flight, with their displacement relative to the survey.
+pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> VtkShape {
     let placed: Vec<(&MarkerRecord, [f64; 3])> =
         record.markers.iter().filter_map(|m| Some((m, m.position_m?))).collect();
     let one = |f: fn(&MarkerRecord) -> Option<f64>| {
         placed.iter().map(|(m, _)| f(m).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
     };
-    let mut shape = Shape {
+    let mut shape = VtkShape {
         points_m: placed.iter().map(|(_, p)| *p).collect(),
         ids: placed.iter().map(|(m, _)| m.id.clone()).collect(),
-        ..Shape::default()
+        ..VtkShape::default()
     };
-    shape.vector("displacement_m", placed.iter().map(|(m, p)| displacement(ground, &m.id, *p)).collect());
-    shape.vector(
-        "sigma_position_m",
-        placed.iter().map(|(m, _)| m.sigma_position_m.unwrap_or(UNKNOWN)).collect(),
+    shape.add_vector(
+        "displacement_m",
+        placed.iter().map(|(m, p)| displacement_from_ground(ground, &m.id, *p)).collect(),
     );
-    shape.scalar("deflection_m", one(|m| m.deflection_m));
-    shape.scalar("sigma_deflection_m", one(|m| m.sigma_deflection_m));
-    shape.scalar("used", placed.iter().map(|(m, _)| f64::from(u8::from(m.used))).collect());
+    shape.add_vector(
+        "sigma_position_m",
+        placed.iter().map(|(m, _)| m.sigma_position_m.unwrap_or(UNKNOWN_VECTOR)).collect(),
+    );
+    shape.add_scalar("deflection_m", one(|m| m.deflection_m));
+    shape.add_scalar("sigma_deflection_m", one(|m| m.sigma_deflection_m));
+    shape.add_scalar("used", placed.iter().map(|(m, _)| f64::from(u8::from(m.used))).collect());
     shape
 }
 
-/// The survey.
-pub fn ground_shape(ground: &[GroundMarker]) -> Shape {
-    Shape {
+/// Returns the surveyed markers.
+pub fn ground_shape(ground: &[GroundMarker]) -> VtkShape {
+    VtkShape {
         points_m: ground.iter().map(|g| g.position_m).collect(),
         ids: ground.iter().map(|g| g.id.clone()).collect(),
-        ..Shape::default()
+        ..VtkShape::default()
     }
 }
 
-/// Means over a series' solved frames.
-pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> Shape {
-    let points = points(&solved(series));
-    let mut shape = Shape {
+/// Returns the means over the solved frames of a series.
+pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> VtkShape {
+    let points = mean_points(&solved_records(series));
+    let mut shape = VtkShape {
         points_m: points.iter().map(|p| p.position_m).collect(),
         ids: points.iter().map(|p| p.id.clone()).collect(),
-        ..Shape::default()
+        ..VtkShape::default()
     };
     let deflection = |of: fn(Mean) -> Option<f64>| {
         points.iter().map(|p| p.deflection_m.and_then(of).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
     };
-    shape
-        .vector("displacement_m", points.iter().map(|p| displacement(ground, &p.id, p.position_m)).collect());
-    shape.scalar("deflection_m", deflection(|m| Some(m.value)));
-    shape.scalar("sigma_deflection_m", deflection(|m| m.sigma));
+    shape.add_vector(
+        "displacement_m",
+        points.iter().map(|p| displacement_from_ground(ground, &p.id, p.position_m)).collect(),
+    );
+    shape.add_scalar("deflection_m", deflection(|m| Some(m.value)));
+    shape.add_scalar("sigma_deflection_m", deflection(|m| m.sigma));
     shape
 }
 
-/// A `.pvd`: files with their times, s.
-pub fn collection(files: &[(f64, String)]) -> String {
+/// Returns a `.pvd` collection of files with their times, s.
+pub fn time_collection(files: &[(f64, String)]) -> String {
     let mut out = String::from(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n<Collection>\n",
     );
@@ -193,20 +194,20 @@ mod tests {
     }
 
     #[test]
-    fn displacement_is_the_whole_way_from_the_ground() {
+    fn displacement_is_relative_to_the_ground() {
         let series = sample::series("s000001", 0, &[2.9]);
         let record = &series.records[0];
         let at = record.markers[2].position_m.unwrap();
         let ground = [GroundMarker { id: "M03".into(), position_m: [at[0] - 0.1, at[1] + 0.2, at[2] - 2.8] }];
-        let text = frame_shape(record, &ground).vtp(Some(7.5));
-        assert!(text.contains("NumberOfPoints=\"3\""), "the hidden marker has no place");
+        let text = frame_shape(record, &ground).to_vtp(Some(7.5));
+        assert!(text.contains("NumberOfPoints=\"3\""), "the hidden marker has no position");
         assert_eq!(numbers(&text, "TimeValue"), [7.5]);
         assert_eq!(numbers(&text, "Points")[6..], at);
         let way = numbers(&text, "displacement_m");
         assert!(way[0].is_nan(), "a marker without ground has none");
         assert!([0.1, -0.2, 2.8].iter().zip(&way[6..]).all(|(a, b)| (a - b).abs() < 1e-12), "{way:?}");
-        let mean = series_shape(&series, &ground).vtu();
+        let mean = series_shape(&series, &ground).to_vtu();
         assert_eq!(numbers(&mean, "deflection_m")[2], 2.9);
-        assert!(collection(&[(0.0, "a.vtp".into())]).contains("timestep=\"0\""));
+        assert!(time_collection(&[(0.0, "a.vtp".into())]).contains("timestep=\"0\""));
     }
 }

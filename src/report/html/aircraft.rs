@@ -1,65 +1,65 @@
-//! This section of the report shows the aircraft's data beside the deflection.
+//! Section of the report with the aircraft data and the deflection as a function of them.
 
 use maud::{Markup, html};
 
 use super::super::grid::Grid;
-use super::super::number::{NONE, rounded};
+use super::super::number::{NONE, format_rounded};
 use super::super::{ReportData, SeriesData, summary};
-use super::chart::{Across, Chart, Trace, Upright, point};
-use super::plot::{Axis, Plot, drawing};
+use super::chart::{Chart, HorizontalAxis, Trace, VerticalAxis, chart_point};
+use super::plot::{Axis, Plot, svg_drawing};
 use crate::aircraft::Quantity;
 
 const WIDTH: f64 = 1040.0;
 const COLOUR: &str = "#17456f";
-/// What the deflection follows: more weight asks for more deflection, a wing's own fuel relieves it.
-const AGAINST: [(Quantity, &str, f64); 3] = [
+/// Quantities that affect the deflection: a higher weight increases it, fuel in the wing reduces it.
+const RELATED_QUANTITIES: [(Quantity, &str, f64); 3] = [
     (Quantity::WeightKg, "weight / t", 1e-3),
     (Quantity::FuelKg, "fuel on board / t", 1e-3),
     (Quantity::LoadFactor, "load factor / g", 1.0),
 ];
 
-/// The section; nothing where there are no aircraft data.
-pub fn section(data: &ReportData) -> Markup {
+/// Returns the section; empty without aircraft data.
+pub fn aircraft_section(data: &ReportData) -> Markup {
     let Some((unused, samples)) = data.feed else { return html! {} };
     html! {
-        h2 id="aircraft" { "The aircraft's data" }
-        @for (quantity, label, scale) in AGAINST {
-            @let points = points(data, quantity);
+        h2 id="aircraft" { "Aircraft data" }
+        @for (quantity, label, scale) in RELATED_QUANTITIES {
+            @let points = deflection_points(data, quantity);
             @if points.len() > 1 {
                 figure {
-                    (against(&points, label, scale))
-                    p.caption { "Deflection of the tip marker " (summary::reference(&data.series).words()) " of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
+                    (draw_deflection_against(&points, label, scale))
+                    p.caption { "Deflection of the tip marker " (summary::common_reference(&data.series).description()) " of each frame with its 1-sigma bar, as a function of " (label.split(" /").next().unwrap_or(label)) "." }
                 }
             }
         }
-        div.scroll { (table(data).html()) }
+        div.scroll { (aircraft_table(data).html()) }
         p.caption {
-            "At the first shot of each series that has them, joined by time tag, with 1 sigma. " (samples) " samples; lines not used: "
-            (unused.unread) " that are no data, " (unused.repeated) " repeated, " (unused.jumped) " whose time cannot be true."
+            "Values with 1 sigma at the first shot of each series that has aircraft data, interpolated by time tag. " (samples) " samples used; lines not used: "
+            (unused.unread) " without data, " (unused.repeated) " repeated, " (unused.jumped) " with an implausible time."
         }
     }
 }
 
-/// Quantity, deflection and its standard deviation of each frame that has both.
-fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
-    let reference = summary::reference(&data.series);
-    let of = |series: &SeriesData| {
+/// Returns quantity, deflection and its standard deviation of each frame that has both.
+fn deflection_points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
+    let reference = summary::common_reference(&data.series);
+    let series_points = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
             let (deflection_m, sigma_m) = record.tip.as_ref()?.deflection(reference)?;
-            let shot = series.shot_of(record)?;
+            let shot = series.shot_for_record(record)?;
             Some((shot.aircraft.get(&quantity)?.value, deflection_m, sigma_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
     };
-    data.series.iter().flat_map(of).collect()
+    data.series.iter().flat_map(series_points).collect()
 }
 
-fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Markup {
+fn draw_deflection_against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Markup {
     let ends = |p: &(f64, f64, Option<f64>)| [p.1 - p.2.unwrap_or(0.0), p.1 + p.2.unwrap_or(0.0)];
     let plot = Plot {
         area: [64.0, 12.0, WIDTH - 100.0, 240.0],
-        x: Axis::over(points.iter().map(|p| scale * p.0), label),
-        y: Axis::over(points.iter().flat_map(ends), "deflection of the tip marker / m"),
+        x: Axis::from_values(points.iter().map(|p| scale * p.0), label),
+        y: Axis::from_values(points.iter().flat_map(ends), "deflection of the tip marker / m"),
     };
     let content = html! {
         (plot.frame())
@@ -71,19 +71,19 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
     let chart = Chart {
         name: name.clone(),
         height: 300.0,
-        x: Across::plain(label),
-        y: Upright { label: "deflection of the tip marker / m".to_owned(), zero: false },
+        x: HorizontalAxis::from_label(label),
+        y: VerticalAxis { label: "deflection of the tip marker / m".to_owned(), zero: false },
         tracks: vec![Trace {
             name: "single frames".to_owned(),
             colour: COLOUR.to_owned(),
-            points: points.iter().map(|(x, y, sigma)| point(scale * x, *y, *sigma)).collect(),
+            points: points.iter().map(|(x, y, sigma)| chart_point(scale * x, *y, *sigma)).collect(),
             ..Trace::default()
         }],
     };
-    html! { (drawing(WIDTH, 300.0, &name, &content)) (chart.values(None)) }
+    html! { (svg_drawing(WIDTH, 300.0, &name, &content)) (chart.to_script(None)) }
 }
 
-fn table(data: &ReportData) -> Grid {
+fn aircraft_table(data: &ReportData) -> Grid {
     let joined: Vec<Quantity> = Quantity::ALL
         .into_iter()
         .filter(|q| data.series.iter().flat_map(|s| &s.shots).any(|shot| shot.aircraft.contains_key(q)))
@@ -96,7 +96,7 @@ fn table(data: &ReportData) -> Grid {
         let cell = |q: &Quantity| {
             let value = first.and_then(|shot| shot.aircraft.get(q));
             value.map_or(NONE.to_owned(), |j| {
-                let (value, sigma) = rounded(Some(j.value), Some(j.sigma), 2);
+                let (value, sigma) = format_rounded(Some(j.value), Some(j.sigma), 2);
                 format!("{value} ± {sigma}")
             })
         };

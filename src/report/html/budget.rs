@@ -1,57 +1,56 @@
-//! What the variance of the tip's deflection comes from, and what would help most.
+//! Variance budget of the tip deflection, and the source whose reduction would gain most.
 
 use maud::{Markup, html};
 
-use super::super::number::{count, fixed};
-use super::super::{ReportData, distinct, summary, table};
-use crate::record::{BudgetShare, GlobalTest, ImageRecord, Tip};
+use super::super::number::{count_text, format_fixed};
+use super::super::{ReportData, distinct_values, summary, table};
+use crate::record::{BudgetShare, GlobalTestVerdict, ImageRecord, Tip};
 
-/// The section; a sentence where no result has a budget.
-pub fn section(data: &ReportData) -> Markup {
-    let reference = summary::reference(&data.series);
-    let records = || data.series.iter().flat_map(summary::solved);
+/// Returns the section; a sentence if no result has a budget.
+pub fn budget_section(data: &ReportData) -> Markup {
+    let reference = summary::common_reference(&data.series);
+    let records = || data.series.iter().flat_map(summary::solved_records);
     let of_it = |r: &&ImageRecord| r.tip.as_ref().and_then(|tip| tip.reference) == Some(reference);
     let all: Vec<&ImageRecord> = records().filter(of_it).filter(|r| !r.budget.is_empty()).collect();
-    let split = accepted(&all);
-    let shares = mean(&split);
+    let split = accepted_frames(&all);
+    let shares = mean_budget(&split);
     html! {
-        h2 id="budget" { "What the uncertainty comes from" }
+        h2 id="budget" { "Uncertainty budget" }
         @if shares.is_empty() {
-            p { "No result says what its variance comes from: results of older programs have no budget; " code { "wingd solve STORE" } " adds new ones." }
+            p { "No result has a variance budget. Results of older program versions have none; " code { "wingd solve STORE" } " adds new results." }
         } @else {
-            p { (helps(&split, &shares)) }
-            div.scroll { (table::budget(&shares).html()) }
+            p { (largest_gain_text(&split, &shares)) }
+            div.scroll { (table::budget_table(&shares).html()) }
             p.caption {
-                "Shares of the variance of the tip marker's deflection " (reference.words()) ", by propagation through the adjustment as it was weighted; mean over "
-                (split.len()) " of " (count(records().count(), "solved frame"))
-                @if split.len() < all.len() { ", without those whose global test rejects the model" }
-                ". Beside a share stands the standard deviation that would be left if the source were known without error; images and survey are never that. It is not what the other shares add up to: a source that is known tells of the others, too."
+                "Contributions to the variance of the tip marker's deflection " (reference.description()) ", by propagation of the weighted observations and priors; mean over "
+                (split.len()) " of " (count_text(records().count(), "solved frame"))
+                @if split.len() < all.len() { ", excluding those whose global test rejects the model" }
+                ". The last column is the standard deviation that would remain if the source were known without error. It is smaller than the sum of the other contributions, because knowing one source also constrains the others. Image and survey errors cannot be eliminated."
             }
         }
     }
 }
 
-/// Frames whose standard deviations are those of the sources; all where there are no others. A rejected frame's are scaled by
-/// what its residuals say, which no source explains.
-fn accepted<'a>(all: &[&'a ImageRecord]) -> Vec<&'a ImageRecord> {
-    let passed: Vec<_> =
-        all.iter().filter(|r| r.global_test != Some(GlobalTest::Rejected)).copied().collect();
+/// Returns the frames not rejected by the global test, or all if there are none. A rejected frame's standard deviations are
+/// scaled by its residuals, which no source explains.
+fn accepted_frames<'a>(all: &[&'a ImageRecord]) -> Vec<&'a ImageRecord> {
+    let passed: Vec<_> = all.iter().filter(|r| r.global_test != Some(GlobalTestVerdict::Rejected)).copied().collect();
     if passed.is_empty() { all.to_vec() } else { passed }
 }
 
-/// Means over frames; a source that a frame does not have has no share there, and brings nothing.
-fn mean(records: &[&ImageRecord]) -> Vec<BudgetShare> {
+/// Averages the budgets over frames; a source missing in a frame contributes 0 there.
+fn mean_budget(records: &[&ImageRecord]) -> Vec<BudgetShare> {
     let n = records.len().max(1) as f64;
-    let names = distinct(records.iter().flat_map(|r| &r.budget).map(|one| one.source.as_str()));
+    let names = distinct_values(records.iter().flat_map(|r| &r.budget).map(|one| one.source.as_str()));
     let one = |name: &str| {
-        let of = |r: &&ImageRecord| r.budget.iter().find(|one| one.source == name).cloned();
+        let share_of_source = |r: &&ImageRecord| r.budget.iter().find(|one| one.source == name).cloned();
         let own = |r: &&ImageRecord| r.tip.as_ref().and_then(sigma_shown_m);
-        let measured = records.iter().filter_map(of).any(|one| one.sigma_if_known_m.is_some());
-        let known = |r: &&ImageRecord| of(r).and_then(|one| one.sigma_if_known_m).or_else(|| own(r));
+        let measured = records.iter().filter_map(share_of_source).any(|one| one.sigma_if_known_m.is_some());
+        let known = |r: &&ImageRecord| share_of_source(r).and_then(|one| one.sigma_if_known_m).or_else(|| own(r));
         let squares: Option<f64> = records.iter().map(|r| known(r).map(|sigma| sigma * sigma)).sum();
         BudgetShare {
             source: name.to_owned(),
-            share: records.iter().filter_map(of).map(|one| one.share).sum::<f64>() / n,
+            share: records.iter().filter_map(share_of_source).map(|one| one.share).sum::<f64>() / n,
             sigma_if_known_m: squares.filter(|_| measured).map(|sum| (sum / n).sqrt()),
         }
     };
@@ -60,25 +59,25 @@ fn mean(records: &[&ImageRecord]) -> Vec<BudgetShare> {
     shares
 }
 
-/// Of the deflection that a frame shows, m.
+/// Returns the standard deviation of the reported deflection of a frame, m.
 fn sigma_shown_m(tip: &Tip) -> Option<f64> {
     tip.deflection(tip.reference.unwrap_or_default())?.1
 }
 
-/// What would help most.
-fn helps(records: &[&ImageRecord], shares: &[BudgetShare]) -> String {
+/// Describes the source whose perfect knowledge would reduce the standard deviation most.
+fn largest_gain_text(records: &[&ImageRecord], shares: &[BudgetShare]) -> String {
     let sigmas = records.iter().filter_map(|r| r.tip.as_ref().and_then(sigma_shown_m));
     let (sum, count) = sigmas.fold((0.0, 0.0), |(sum, count), sigma| (sum + sigma * sigma, count + 1.0));
-    let mm = |metres: f64| fixed(Some(1e3 * metres), 1);
+    let mm = |metres: f64| format_fixed(Some(1e3 * metres), 1);
     let now = if count > 0.0 { format!(" of {} mm", mm(f64::sqrt(sum / count))) } else { String::new() };
     let known = shares.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
     match (known.min_by(|a, b| a.1.total_cmp(&b.1)), shares.first()) {
         (Some((one, sigma)), _) => format!(
-            "What would help most if it were known without error: {}. The standard deviation{now} of the tip's deflection would fall to {} mm.",
+            "Largest possible gain, if it were known without error: {}. The standard deviation{now} of the tip deflection would fall to {} mm.",
             one.source,
             mm(sigma)
         ),
-        (None, Some(first)) => format!("The largest share of the variance is of: {}.", first.source),
+        (None, Some(first)) => format!("Largest contribution to the variance: {}.", first.source),
         (None, None) => String::new(),
     }
 }

@@ -1,104 +1,105 @@
-//! A figure's values go into the page beside its drawing: the page's script draws them anew, zoomed, in part, or in the dark.
+//! Data of a figure, embedded next to its drawing: the script of the page redraws it zoomed, with selected tracks, or in
+//! dark mode.
 
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
-use super::axis::UNDATED;
+use super::axis::UNDATED_LABEL;
 
 /// Axes and tracks of a figure.
 #[derive(Clone, Debug, Serialize)]
 pub struct Chart {
-    /// What files of it are called.
+    /// Name, also of saved files.
     pub name: String,
-    /// Of its drawing, px.
+    /// Height of the drawing, px.
     pub height: f64,
     /// Horizontal axis.
-    pub x: Across,
+    pub x: HorizontalAxis,
     /// Vertical axis.
-    pub y: Upright,
-    /// One each that can be switched off.
+    pub y: VerticalAxis,
+    /// Tracks, which can be shown or hidden one by one.
     pub tracks: Vec<Trace>,
 }
 
-/// The horizontal axis.
+/// Horizontal axis of a chart.
 #[derive(Clone, Debug, Serialize)]
-pub struct Across {
-    /// With its unit.
+pub struct HorizontalAxis {
+    /// Label, with the unit.
     pub label: String,
-    /// The values are hours since this moment, ms since 1970; `None`: they are in the label's unit.
+    /// Start time if the values are hours, ms since 1970; `None` if they are in the unit of the label.
     pub zero: Option<i64>,
 }
 
-impl Across {
-    /// A length or another plain quantity.
-    pub fn plain(label: &str) -> Self {
+impl HorizontalAxis {
+    /// Creates the axis of a length or another plain quantity.
+    pub fn from_label(label: &str) -> Self {
         Self { label: label.to_owned(), zero: None }
     }
 
-    /// Hours since a moment, or by number where it is not known.
-    pub fn hours(zero: Option<jiff::Timestamp>) -> Self {
+    /// Creates the axis of hours since a start time; of series numbers if it is unknown.
+    pub fn from_start_time(zero: Option<jiff::Timestamp>) -> Self {
         match zero {
             Some(zero) => Self {
                 label: format!("UTC, from {}", zero.strftime("%Y-%m-%d %H:%M")),
                 zero: Some(zero.as_millisecond()),
             },
-            None => Self::plain(UNDATED),
+            None => Self::from_label(UNDATED_LABEL),
         }
     }
 }
 
-/// The vertical axis.
+/// Vertical axis of a chart.
 #[derive(Clone, Debug, Serialize)]
-pub struct Upright {
-    /// With its unit.
+pub struct VerticalAxis {
+    /// Label, with the unit.
     pub label: String,
-    /// It begins at 0 where it is not zoomed.
+    /// The axis includes 0 unless zoomed.
     pub zero: bool,
 }
 
-/// Points that belong together.
+/// Track of a chart: points that belong together.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Trace {
-    /// What its switch says.
+    /// Name in the legend.
     pub name: String,
-    /// The series that it is of.
+    /// Series of the track.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub series: Option<String>,
-    /// `#rrggbb`, on white.
+    /// Colour on white, `#rrggbb`.
     pub colour: String,
-    /// A line goes through the points.
+    /// Points joined by a line.
     pub joined: bool,
-    /// That line has gaps.
+    /// Dashed line.
     pub dashed: bool,
-    /// The points are drawn on the line, too.
+    /// Points drawn on the line.
     pub dots: bool,
-    /// The points are small and pale.
+    /// Small, pale points.
     pub small: bool,
     /// Abscissa, value, standard deviation.
     pub points: Vec<[Option<f64>; 3]>,
-    /// What else is said of each point; may be empty.
+    /// Additional text of each point; may be empty.
     pub texts: Vec<String>,
 }
 
-/// A point as it is written: seven digits; `None` for what is not finite.
-pub fn point(x: f64, y: f64, sigma: Option<f64>) -> [Option<f64>; 3] {
-    [brief(x), brief(y), sigma.and_then(brief)]
+/// Returns a point rounded to seven digits; `None` for values that are not finite.
+pub fn chart_point(x: f64, y: f64, sigma: Option<f64>) -> [Option<f64>; 3] {
+    [rounded_value(x), rounded_value(y), sigma.and_then(rounded_value)]
 }
 
-/// Seven digits; `None` for what is not finite.
-pub fn brief(value: f64) -> Option<f64> {
+/// Rounds a value to seven digits; `None` if it is not finite.
+pub fn rounded_value(value: f64) -> Option<f64> {
     let text = value.is_finite().then(|| format!("{value:.6e}"))?;
     text.parse().ok()
 }
 
-/// As JSON for a script: nothing in it ends the element that holds it.
-pub fn json(value: &impl Serialize) -> PreEscaped<String> {
+/// Formats a value as JSON for a script element, which its text cannot end.
+pub fn script_json(value: &impl Serialize) -> PreEscaped<String> {
     PreEscaped(serde_json::to_string(value).unwrap_or_default().replace('<', "\\u003c"))
 }
 
 impl Chart {
-    /// Beside the drawing of the same; `of` names what other figures take from it.
-    pub fn values(&self, of: Option<&str>) -> Markup {
-        html! { script.chart type="application/json" data-of=[of] { (json(self)) } }
+    /// Returns the data as a script element; `of` is the name under which other figures find it.
+    pub fn to_script(&self, of: Option<&str>) -> Markup {
+        html! { script.chart type="application/json" data-of=[of] { (script_json(self)) } }
     }
 }

@@ -1,58 +1,51 @@
-//! These figures show deflection and twist along the span, and deflection and torsion over time.
+//! Figures of deflection and twist along the span, and of deflection and torsion over time.
 
 use maud::{Markup, html};
 
 use super::super::SeriesData;
-use super::super::number::fixed;
-use super::super::summary::{Mean, SeriesSummary, hours_between, solved};
-use super::chart::{Across, Chart, Trace, Upright, point};
-use super::plot::{Axis, Plot, drawing, px, series_colour, set_apart};
+use super::super::number::format_fixed;
+use super::super::summary::{Mean, SeriesSummary, hours_between, solved_records};
+use super::chart::{Chart, HorizontalAxis, Trace, VerticalAxis, chart_point};
+use super::plot::{Axis, Plot, px, series_colour, spread_labels, svg_drawing};
 use crate::record::{CurveRecord, ImageRecord};
 
 const WIDTH: f64 = 1040.0;
 const LEFT: f64 = 64.0;
-/// From one name to the next.
-const LINE: f64 = 14.0;
-/// Room at the right for the series' names.
-const NAMES: f64 = 190.0;
+/// Spacing of the series names.
+const NAME_SPACING: f64 = 14.0;
+/// Width at the right for the series names.
+const NAMES_WIDTH: f64 = 190.0;
 
-/// The figure whose curves others show beside theirs.
+/// Name of the figure whose curves are also shown in other figures.
 const DEFLECTION: &str = "Deflection curves";
 
-type Column<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
+type CurveField<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
 
-/// Deflection of the bending axis along the span, one curve per series, with 1-sigma bands.
-pub fn deflection(summaries: &[SeriesSummary]) -> Markup {
+/// Draws the deflection of the bending axis along the span, one curve per series, with 1-sigma bands.
+pub fn draw_deflection(summaries: &[SeriesSummary]) -> Markup {
     let deflection = |p: &CurveRecord| (p.deflection_m, p.sigma_deflection_m);
-    curves(summaries, DEFLECTION, "deflection of the bending axis / m", 400.0, &deflection, 2)
+    draw_curves(summaries, DEFLECTION, "deflection of the bending axis / m", 400.0, &deflection, 2)
 }
 
-/// How sure the deflection is along the span, mm.
-pub fn uncertainty(summaries: &[SeriesSummary]) -> Markup {
+/// Draws the standard deviation of the deflection along the span, mm.
+pub fn draw_uncertainty(summaries: &[SeriesSummary]) -> Markup {
     let sigma = |p: &CurveRecord| (1e3 * p.sigma_deflection_m.unwrap_or(f64::NAN), None);
-    curves(
-        summaries,
-        "Standard deviation of the deflection",
-        "std. dev. of the deflection / mm",
-        170.0,
-        &sigma,
-        1,
-    )
+    draw_curves(summaries, "Standard deviation of the deflection", "std. dev. of the deflection / mm", 170.0, &sigma, 1)
 }
 
-/// Twist along the span, with 1-sigma bands; `None` where no frame has one.
-pub fn twist(summaries: &[SeriesSummary]) -> Option<Markup> {
+/// Draws the twist along the span with 1-sigma bands; `None` if no frame has a twist.
+pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
     let any = summaries.iter().flat_map(|s| &s.curve).any(|p| p.twist_deg.is_some());
     let twist = |p: &CurveRecord| (p.twist_deg.unwrap_or(f64::NAN), p.sigma_twist_deg);
-    any.then(|| curves(summaries, "Twist along the span", "twist, nose up / deg", 260.0, &twist, 2))
+    any.then(|| draw_curves(summaries, "Twist along the span", "twist, nose up / deg", 260.0, &twist, 2))
 }
 
-fn curves(
+fn draw_curves(
     summaries: &[SeriesSummary],
     name: &str,
     label: &str,
     height: f64,
-    column: Column,
+    column: CurveField,
     decimals: usize,
 ) -> Markup {
     let shown: Vec<&SeriesSummary> = summaries.iter().filter(|s| !s.curve.is_empty()).collect();
@@ -63,45 +56,45 @@ fn curves(
     let points = || shown.iter().flat_map(|s| &s.curve);
     let zero = std::iter::once(0.0);
     let plot = Plot {
-        area: [LEFT, 12.0, WIDTH - LEFT - NAMES, height],
-        x: Axis::over(points().map(|p| p.span_m), "span, outboard from the camera / m"),
-        y: Axis::over(points().flat_map(values).chain(zero), label),
+        area: [LEFT, 12.0, WIDTH - LEFT - NAMES_WIDTH, height],
+        x: Axis::from_values(points().map(|p| p.span_m), "span, outboard from the camera / m"),
+        y: Axis::from_values(points().flat_map(values).chain(zero), label),
     };
     let colour = |i: usize| series_colour(i, shown.len());
     let content = html! {
         (plot.frame())
         @for (i, s) in shown.iter().enumerate() {
-            (plot.band(&banded(s, column), &colour(i)))
-            (plot.line(&lined(s, column), &colour(i), false))
+            (plot.band(&band_points(s, column), &colour(i)))
+            (plot.line(&line_points(s, column), &colour(i), false))
         }
-        (names(&plot, &shown, column, decimals))
+        (draw_series_names(&plot, &shown, column, decimals))
     };
     html! {
-        (drawing(WIDTH, height + 60.0, name, &content))
-        (chart(&shown, name, label, height, column).values((name == DEFLECTION).then_some("deflection")))
+        (svg_drawing(WIDTH, height + 60.0, name, &content))
+        (curve_chart(&shown, name, label, height, column).to_script((name == DEFLECTION).then_some("deflection")))
     }
 }
 
-/// The same for the page's script.
-fn chart(shown: &[&SeriesSummary], name: &str, label: &str, height: f64, column: Column) -> Chart {
+/// Returns the curves as data for the script of the page.
+fn curve_chart(shown: &[&SeriesSummary], name: &str, label: &str, height: f64, column: CurveField) -> Chart {
     let trace = |(i, s): (usize, &&SeriesSummary)| Trace {
         name: short_name(shown, i),
         series: Some(s.name.clone()),
         colour: series_colour(i, shown.len()),
         joined: true,
-        points: banded(s, column).into_iter().map(|(x, y, sigma)| point(x, y, sigma)).collect(),
+        points: band_points(s, column).into_iter().map(|(x, y, sigma)| chart_point(x, y, sigma)).collect(),
         ..Trace::default()
     };
     Chart {
         name: name.to_owned(),
         height,
-        x: Across::plain("span, outboard from the camera / m"),
-        y: Upright { label: label.to_owned(), zero: true },
+        x: HorizontalAxis::from_label("span, outboard from the camera / m"),
+        y: VerticalAxis { label: label.to_owned(), zero: true },
         tracks: shown.iter().enumerate().map(trace).collect(),
     }
 }
 
-fn banded(s: &SeriesSummary, column: Column) -> Vec<(f64, f64, Option<f64>)> {
+fn band_points(s: &SeriesSummary, column: CurveField) -> Vec<(f64, f64, Option<f64>)> {
     let point = |p: &CurveRecord| {
         let (v, sigma) = column(p);
         (p.span_m, v, sigma)
@@ -109,41 +102,37 @@ fn banded(s: &SeriesSummary, column: Column) -> Vec<(f64, f64, Option<f64>)> {
     s.curve.iter().map(point).filter(|p| p.1.is_finite()).collect()
 }
 
-fn lined(s: &SeriesSummary, column: Column) -> Vec<(f64, f64)> {
+fn line_points(s: &SeriesSummary, column: CurveField) -> Vec<(f64, f64)> {
     s.curve.iter().map(|p| (p.span_m, column(p).0)).collect()
 }
 
-/// Each series' name and last value at the end of its curve; of more than have room, every second, third, ...
-fn names(plot: &Plot, shown: &[&SeriesSummary], column: Column, decimals: usize) -> Markup {
-    let last =
-        |s: &&SeriesSummary| s.curve.iter().rev().map(|p| (p.span_m, column(p).0)).find(|p| p.1.is_finite());
+/// Draws name and last value of each series at the end of its curve; if there is no room for all, of every second, third,
+/// ... series.
+fn draw_series_names(plot: &Plot, shown: &[&SeriesSummary], column: CurveField, decimals: usize) -> Markup {
+    let last = |s: &&SeriesSummary| s.curve.iter().rev().map(|p| (p.span_m, column(p).0)).find(|p| p.1.is_finite());
     let [left, top, width, height] = plot.area;
-    let room = ((height - 6.0) / LINE).floor().max(1.0) as usize;
+    let room = ((height - 6.0) / NAME_SPACING).floor().max(1.0) as usize;
     let every = shown.len().div_ceil(room);
     let named = |i: usize| i.is_multiple_of(every) || i + 1 == shown.len();
-    let ends: Vec<(usize, (f64, f64))> = shown
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| named(*i))
-        .filter_map(|(i, s)| Some((i, last(s)?)))
-        .collect();
-    let wanted: Vec<f64> = ends.iter().map(|(_, (x, y))| plot.at(*x, *y).1).collect();
-    let gap = (height / ends.len().max(1) as f64).min(LINE);
-    let placed = set_apart(&wanted, gap, top + 4.0, top + height - 2.0);
+    let ends: Vec<(usize, (f64, f64))> =
+        shown.iter().enumerate().filter(|(i, _)| named(*i)).filter_map(|(i, s)| Some((i, last(s)?))).collect();
+    let heights: Vec<f64> = ends.iter().map(|(_, (x, y))| plot.point_at(*x, *y).1).collect();
+    let gap = (height / ends.len().max(1) as f64).min(NAME_SPACING);
+    let placed = spread_labels(&heights, gap, top + 4.0, top + height - 2.0);
     let right = left + width;
     html! {
         @for ((i, (x, y)), at) in ends.iter().zip(&placed) {
             @let colour = series_colour(*i, shown.len());
-            @let (from, level) = plot.at(*x, *y);
+            @let (from, level) = plot.point_at(*x, *y);
             polyline.leader points=(format!("{},{} {},{} {},{}", px(from + 2.0), px(level), px(right + 4.0), px(*at), px(right + 10.0), px(*at))) {}
             text.name x=(px(right + 13.0)) y=(px(at + 4.0)) fill=(colour) {
-                (short_name(shown, *i)) ": " (fixed(Some(*y), decimals))
+                (short_name(shown, *i)) ": " (format_fixed(Some(*y), decimals))
             }
         }
     }
 }
 
-/// Hour of flight, and the series' number where it is short.
+/// Returns the name of a series, shortened, with its hour.
 fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
     shown.get(index).map_or(String::new(), |s| {
         let name: String = s.name.rsplit('/').next().unwrap_or(&s.name).chars().take(14).collect();
@@ -151,51 +140,38 @@ fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
     })
 }
 
-/// Deflection of the tip marker over time: shots, means with their standard deviations.
-pub fn tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
+/// Draws the deflection of the tip marker over time: single shots, and means with their standard deviations.
+pub fn draw_tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
     let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.deflection(reference)?.0);
     let mean = |s: &SeriesSummary| s.tip_deflection_m;
-    let track = Track { name: "tip deflection", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
-    over_time(
-        series,
-        summaries,
-        "Tip deflection over time",
-        "deflection of the tip marker / m",
-        260.0,
-        &[track],
-    )
+    let track = TimeTrack { name: "tip deflection", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
+    draw_over_time(series, summaries, "Tip deflection over time", "deflection of the tip marker / m", 260.0, &[track])
 }
 
-/// Torsion and twist of one pair over time.
-pub fn torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &str) -> Markup {
-    let of = |r: &ImageRecord| r.torsion.iter().find(|t| t.name == pair).cloned();
+/// Draws torsion and twist of one pair over time.
+pub fn draw_torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &str) -> Markup {
+    let pair_record = |r: &ImageRecord| r.torsion.iter().find(|t| t.name == pair).cloned();
     let mean_of = |s: &SeriesSummary| s.torsion.iter().find(|t| t.name == pair).cloned();
-    let angle = |r: &ImageRecord| of(r).and_then(|t| t.angle_deg);
-    let twist = |r: &ImageRecord| of(r).and_then(|t| t.twist_deg);
+    let angle = |r: &ImageRecord| pair_record(r).and_then(|t| t.angle_deg);
+    let twist = |r: &ImageRecord| pair_record(r).and_then(|t| t.twist_deg);
     let mean_angle = |s: &SeriesSummary| mean_of(s).and_then(|t| t.angle_deg);
     let mean_twist = |s: &SeriesSummary| mean_of(s).and_then(|t| t.twist_deg);
     let tracks = [
-        Track {
+        TimeTrack {
             name: "torsion from the two deflections",
             colour: "#b3541e",
             dashed: true,
             shot: &angle,
             mean: &mean_angle,
         },
-        Track {
-            name: "twist, free of bending",
-            colour: "#1d6b4f",
-            dashed: false,
-            shot: &twist,
-            mean: &mean_twist,
-        },
+        TimeTrack { name: "twist, free of bending", colour: "#1d6b4f", dashed: false, shot: &twist, mean: &mean_twist },
     ];
-    over_time(series, summaries, "Torsion over time", "nose up / deg", 240.0, &tracks)
+    draw_over_time(series, summaries, "Torsion over time", "nose up / deg", 240.0, &tracks)
 }
 
-/// One quantity over time.
-struct Track<'a> {
+/// Quantity over time.
+struct TimeTrack<'a> {
     name: &'a str,
     colour: &'a str,
     dashed: bool,
@@ -203,32 +179,27 @@ struct Track<'a> {
     mean: &'a dyn Fn(&SeriesSummary) -> Option<Mean>,
 }
 
-impl Track<'_> {
-    /// Each stands at the mean time of its frames.
+impl TimeTrack<'_> {
+    /// Returns the mean of each series at the mean time of its frames.
     fn means(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> Vec<(f64, Mean)> {
-        let of = |(s, summary): (&SeriesData, &SeriesSummary)| {
-            let with = solved(s).into_iter().filter(|r| (self.shot)(r).is_some());
-            let hours: Vec<(f64, _)> = with.map(|r| (hour(s, summary, &r.image), None)).collect();
-            Some((Mean::of(&hours).map_or(summary.hour, |at| at.value), (self.mean)(summary)?))
+        let series_mean = |(s, summary): (&SeriesData, &SeriesSummary)| {
+            let with = solved_records(s).into_iter().filter(|r| (self.shot)(r).is_some());
+            let hours: Vec<(f64, _)> = with.map(|r| (shot_hour(s, summary, &r.image), None)).collect();
+            Some((Mean::from_values(&hours).map_or(summary.hour, |at| at.value), (self.mean)(summary)?))
         };
-        series.iter().zip(summaries).filter_map(of).collect()
+        series.iter().zip(summaries).filter_map(series_mean).collect()
     }
 
     fn shots(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> Vec<(f64, f64, String)> {
-        let of = |(s, summary): (&SeriesData, &SeriesSummary)| {
-            let one = |r: &&ImageRecord| Some((hour(s, summary, &r.image), (self.shot)(r)?, r.image.clone()));
-            solved(s).iter().filter_map(one).collect::<Vec<_>>()
+        let series_shots = |(s, summary): (&SeriesData, &SeriesSummary)| {
+            let one = |r: &&ImageRecord| Some((shot_hour(s, summary, &r.image), (self.shot)(r)?, r.image.clone()));
+            solved_records(s).iter().filter_map(one).collect::<Vec<_>>()
         };
-        series.iter().zip(summaries).flat_map(of).collect()
+        series.iter().zip(summaries).flat_map(series_shots).collect()
     }
 
-    /// Means and single frames for the page's script.
-    fn traces(
-        &self,
-        summaries: &[SeriesSummary],
-        means: &[(f64, Mean)],
-        shots: &[(f64, f64, String)],
-    ) -> [Trace; 2] {
+    /// Returns the means and the single frames as data for the script of the page.
+    fn traces(&self, summaries: &[SeriesSummary], means: &[(f64, Mean)], shots: &[(f64, f64, String)]) -> [Trace; 2] {
         let named = summaries.iter().filter(|s| (self.mean)(s).is_some()).map(|s| s.name.clone());
         let mean = Trace {
             name: format!("{}, means of the series", self.name),
@@ -236,7 +207,7 @@ impl Track<'_> {
             joined: true,
             dashed: self.dashed,
             dots: true,
-            points: means.iter().map(|(h, m)| point(*h, m.value, m.sigma)).collect(),
+            points: means.iter().map(|(h, m)| chart_point(*h, m.value, m.sigma)).collect(),
             texts: named.collect(),
             ..Trace::default()
         };
@@ -244,7 +215,7 @@ impl Track<'_> {
             name: format!("{}, single frames", self.name),
             colour: self.colour.to_owned(),
             small: true,
-            points: shots.iter().map(|(h, v, _)| point(*h, *v, None)).collect(),
+            points: shots.iter().map(|(h, v, _)| chart_point(*h, *v, None)).collect(),
             texts: shots.iter().map(|(_, _, image)| image.clone()).collect(),
             ..Trace::default()
         };
@@ -265,8 +236,8 @@ impl Track<'_> {
     }
 }
 
-/// When a shot was taken, hours since the first series; its place among the shots where no time is known.
-fn hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
+/// Returns the time of a shot, hours since the first series; if no time is known, by its position among the shots.
+fn shot_hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
     let place = series.shots.iter().position(|s| s.image.as_deref() == Some(image));
     let Some(place) = place else { return summary.hour };
     match (&series.shots[place].stamp, &series.begun) {
@@ -275,42 +246,41 @@ fn hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
     }
 }
 
-fn over_time(
+fn draw_over_time(
     series: &[SeriesData],
     summaries: &[SeriesSummary],
     name: &str,
     label: &str,
     height: f64,
-    tracks: &[Track],
+    tracks: &[TimeTrack],
 ) -> Markup {
-    let drawn: Vec<_> =
-        tracks.iter().map(|t| (t, t.means(series, summaries), t.shots(series, summaries))).collect();
+    let drawn: Vec<_> = tracks.iter().map(|t| (t, t.means(series, summaries), t.shots(series, summaries))).collect();
     let ends = |(_, m): &(f64, Mean)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
     let means = || drawn.iter().flat_map(|d| d.1.iter());
     let shots = || drawn.iter().flat_map(|d| d.2.iter());
     let hours = means().map(|m| m.0).chain(shots().map(|s| s.0));
     let plot = Plot {
-        area: [LEFT, 12.0, WIDTH - LEFT - NAMES, height],
-        x: Axis::over_hours(hours, series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
-        y: Axis::over(means().flat_map(ends).chain(shots().map(|s| s.1)), label),
+        area: [LEFT, 12.0, WIDTH - LEFT - NAMES_WIDTH, height],
+        x: Axis::from_hours(hours, series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
+        y: Axis::from_values(means().flat_map(ends).chain(shots().map(|s| s.1)), label),
     };
     let content = html! {
         (plot.frame())
         @for (track, means, shots) in &drawn { (track.draw(&plot, means, shots)) }
-        (key(tracks))
+        (draw_key(tracks))
     };
     let chart = Chart {
         name: name.to_owned(),
         height: height + 60.0,
-        x: Across::hours(series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
-        y: Upright { label: label.to_owned(), zero: false },
+        x: HorizontalAxis::from_start_time(series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
+        y: VerticalAxis { label: label.to_owned(), zero: false },
         tracks: drawn.iter().flat_map(|(t, means, shots)| t.traces(summaries, means, shots)).collect(),
     };
-    html! { (drawing(WIDTH, height + 60.0, name, &content)) (chart.values(None)) }
+    html! { (svg_drawing(WIDTH, height + 60.0, name, &content)) (chart.to_script(None)) }
 }
 
-fn key(tracks: &[Track]) -> Markup {
-    let x = WIDTH - NAMES + 14.0;
+fn draw_key(tracks: &[TimeTrack]) -> Markup {
+    let x = WIDTH - NAMES_WIDTH + 14.0;
     html! {
         @for (i, t) in tracks.iter().enumerate() {
             @let y = 24.0 + 20.0 * i as f64;

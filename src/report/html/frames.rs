@@ -1,87 +1,87 @@
-//! Every frame to choose: its values go into the page, and the page's script shows the one that is chosen.
+//! Data of every frame for the script of the page, which shows the selected one.
 
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::super::{ReportData, SeriesData, Site, Whole, frame_ranking, summary};
-use super::chart::{brief, json, point};
-use super::views::{Placed, frame_of, placed};
-use crate::record::{GlobalTest, ImageRecord, MarkerRecord, Reference};
+use super::super::{FullRecord, ReportData, ReportSite, SeriesData, frame_ranking, summary};
+use super::chart::{chart_point, rounded_value, script_json};
+use super::views::{PlacedMarker, place_markers, wing_frame};
+use crate::record::{GlobalTestVerdict, ImageRecord, MarkerRecord, Reference};
 
-/// A frame as the script reads it.
+/// Frame as read by the script.
 #[derive(Serialize)]
-struct Frame<'a> {
+struct FrameValues<'a> {
     series: &'a str,
     image: &'a str,
     solved: bool,
     why: &'a str,
     doubt: Option<String>,
-    /// Of the tip with its sigma, m.
+    /// Tip deflection and its sigma, m.
     deflection: [Option<f64>; 2],
     factor: Option<f64>,
-    test: Option<GlobalTest>,
+    test: Option<GlobalTestVerdict>,
     /// Span, deflection, sigma, m.
     curve: Vec<[Option<f64>; 3]>,
-    markers: Vec<Marker<'a>>,
+    markers: Vec<MarkerValues<'a>>,
 }
 
 #[derive(Serialize)]
-struct Marker<'a> {
+struct MarkerValues<'a> {
     id: &'a str,
     used: bool,
     why: &'a str,
-    /// Image and residual, px.
+    /// Image position and residual, px.
     at: Option<[Option<f64>; 4]>,
-    /// In the wing frame, m.
+    /// Position on ground in the wing frame, m; the next field is the position in flight.
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
-    /// Against the survey with its sigma, m, as the curve's.
+    /// Deflection relative to the survey and its sigma, m, as in the curve.
     deflection: [Option<f64>; 2],
 }
 
-/// The section; without the script it says so.
-pub fn section(data: &ReportData) -> Markup {
-    let frames = frames(data);
+/// Returns the section, which only pages with a working script show.
+pub fn frames_section(data: &ReportData) -> Markup {
+    let frames = frame_values(data);
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
     html! {
         @if !frames.is_empty() {
             section.live {
                 h2 id="every" { "Every frame" }
                 @if data.frames.len() < total {
-                    p { "Of " (total) " frames with a result the " (data.frames.len()) " that are to be looked at first." }
+                    p { "The " (data.frames.len()) " frames ranked first, of " (total) " frames with a result." }
                 }
                 div id="frames" {}
-                script id="frames-data" type="application/json" { (json(&Frames { counted: summary::reference(&data.series).words(), surveyed: data.site.is_some(), frames })) }
+                script id="frames-data" type="application/json" { (script_json(&FrameList { counted: summary::common_reference(&data.series).description(), surveyed: data.site.is_some(), frames })) }
             }
         }
     }
 }
 
 #[derive(Serialize)]
-struct Frames<'a> {
-    /// Against what the tips' deflections are counted.
+struct FrameList<'a> {
+    /// Reference of the tip deflections.
     counted: &'static str,
-    /// Markers stand in the wing frame, as the curves do.
+    /// Marker positions are in the wing frame, as the curves are.
     surveyed: bool,
-    frames: Vec<Frame<'a>>,
+    frames: Vec<FrameValues<'a>>,
 }
 
-fn frames(data: &ReportData) -> Vec<Frame<'_>> {
+fn frame_values(data: &ReportData) -> Vec<FrameValues<'_>> {
     let unfinished = data.series.iter().flat_map(|s| {
         let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
         let open = move |image: &&str| !s.records.iter().any(|r| r.image == *image);
-        images.filter(open).map(|image| empty(s, image))
+        images.filter(open).map(|image| unsolved_frame(s, image))
     });
-    let reference = summary::reference(&data.series);
-    data.frames.iter().map(|frame| whole(frame, data.site.as_ref(), reference)).chain(unfinished).collect()
+    let reference = summary::common_reference(&data.series);
+    data.frames.iter().map(|frame| solved_frame(frame, data.site.as_ref(), reference)).chain(unfinished).collect()
 }
 
-fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
-    Frame {
+fn unsolved_frame<'a>(series: &'a SeriesData, image: &'a str) -> FrameValues<'a> {
+    FrameValues {
         series: &series.name,
         image,
         solved: false,
-        why: "it is not solved yet.",
+        why: "not solved yet.",
         doubt: None,
         deflection: [None; 2],
         factor: None,
@@ -91,33 +91,33 @@ fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
     }
 }
 
-fn whole<'a>(frame: &'a Whole, site: Option<&Site>, reference: Reference) -> Frame<'a> {
+fn solved_frame<'a>(frame: &'a FullRecord, site: Option<&ReportSite>, reference: Reference) -> FrameValues<'a> {
     let record = &frame.record;
     let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
-    Frame {
+    FrameValues {
         series: &frame.series,
         image: &record.image,
         solved: record.is_solved(),
         why: record.reason.as_deref().unwrap_or_default(),
-        doubt: frame_ranking::doubt(record),
-        deflection: [deflection.and_then(brief), sigma.flatten().and_then(brief)],
-        factor: record.variance_factor.and_then(brief),
+        doubt: frame_ranking::frame_warning(record),
+        deflection: [deflection.and_then(rounded_value), sigma.flatten().and_then(rounded_value)],
+        factor: record.variance_factor.and_then(rounded_value),
         test: record.global_test,
-        curve: record.curve.iter().map(|p| point(p.span_m, p.deflection_m, p.sigma_deflection_m)).collect(),
-        markers: markers(record, site),
+        curve: record.curve.iter().map(|p| chart_point(p.span_m, p.deflection_m, p.sigma_deflection_m)).collect(),
+        markers: all_marker_values(record, site),
     }
 }
 
-fn markers<'a>(record: &'a ImageRecord, site: Option<&Site>) -> Vec<Marker<'a>> {
-    let places = frame_of(record, site).map(|frame| placed(record, site, &frame)).unwrap_or_default();
+fn all_marker_values<'a>(record: &'a ImageRecord, site: Option<&ReportSite>) -> Vec<MarkerValues<'a>> {
+    let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
     let place = |id: &str| places.iter().find(|p| p.id == id);
-    record.markers.iter().map(|m| marker(m, place(&m.id))).collect()
+    record.markers.iter().map(|m| marker_values(m, place(&m.id))).collect()
 }
 
-fn marker<'a>(m: &'a MarkerRecord, place: Option<&Placed>) -> Marker<'a> {
+fn marker_values<'a>(m: &'a MarkerRecord, place: Option<&PlacedMarker>) -> MarkerValues<'a> {
     let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() / 1e4);
     let seen = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());
-    Marker {
+    MarkerValues {
         id: &m.id,
         used: m.used,
         why: m.reason.as_deref().unwrap_or_default(),
@@ -126,6 +126,6 @@ fn marker<'a>(m: &'a MarkerRecord, place: Option<&Placed>) -> Marker<'a> {
         }),
         ground: place.and_then(|p| p.ground).map(metres),
         flight: place.and_then(|p| p.flight).map(metres),
-        deflection: [m.deflection_m.and_then(brief), m.sigma_deflection_m.and_then(brief)],
+        deflection: [m.deflection_m.and_then(rounded_value), m.sigma_deflection_m.and_then(rounded_value)],
     }
 }

@@ -1,92 +1,90 @@
-//! The report embeds a frame with the markers drawn on it.
+//! Image of a frame with its markers, for the report.
 
 use base64::Engine;
 use maud::{Markup, html};
 use nalgebra::{Vector2, vector};
 
-use super::super::Picture;
-use super::super::labels::{Area, Labels, leader};
-use super::super::number::{count, fixed};
-use super::super::overlay::{enlargement, extent};
+use super::super::FramePicture;
+use super::super::labels::{LabelArea, LabelLayout, leader_line};
+use super::super::number::{count_text, format_fixed};
+use super::super::overlay::{ellipse_enlargement, ellipse_extent};
 use super::plot::px;
 use crate::camera::Format;
 use crate::measure::detect::{Detection, Detections, detect};
-use crate::pipeline::decode::decode;
-use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::pipeline::decode::decode_image;
+use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::pipeline::shrink::small_jpeg;
 use crate::record::{ImageRecord, MarkerRecord};
 
-/// The embedded picture is at most this wide and high, px.
+/// Maximum width and height of the embedded image, px.
 const MAX_IMAGE_PX: usize = 1600;
-/// Of its JPEG, percent.
-const QUALITY: u8 = 82;
-const USED: &str = "#3dea6d";
-const UNUSED: &str = "#ffd23d";
-const UNKNOWN: &str = "#57c8ff";
-const TURNED_DOWN: &str = "#ffa528";
-const ERROR: &str = "#ff58c8";
-/// Candidates turned down that are drawn at most; the caption counts all.
-const MANY: usize = 200;
+/// JPEG quality, percent.
+const JPEG_QUALITY: u8 = 82;
+const USED_COLOUR: &str = "#3dea6d";
+const UNUSED_COLOUR: &str = "#ffd23d";
+const UNIDENTIFIED_COLOUR: &str = "#57c8ff";
+const REJECTED_COLOUR: &str = "#ffa528";
+const ERROR_COLOUR: &str = "#ff58c8";
+/// Maximum number of rejected candidates drawn; the caption counts all.
+const MAX_DRAWN_REJECTED: usize = 200;
 
-/// The frame with its markers and a line on what is drawn; a sentence where it cannot be read, or the program breaks off
-/// at it.
-pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
-    let broken = || html! { p.warning { (picture.image) ": " (BROKE_OFF) } };
-    guarded(|| drawn(picture, record)).unwrap_or_else(broken)
+/// Draws a frame with its markers and a caption; a warning if the frame cannot be decoded.
+pub fn draw_picture(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup {
+    let broken = || html! { p.warning { (picture.image) ": " (PANIC_REASON) } };
+    catch_panic(|| draw_decoded(picture, record)).unwrap_or_else(broken)
 }
 
-fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
+fn draw_decoded(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup {
     if picture.fault.is_some() {
         return html! {};
     }
-    let raster = match decode(&picture.bytes, picture.format.as_ref()) {
+    let raster = match decode_image(&picture.bytes, picture.format.as_ref()) {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
     };
-    let Some(jpeg) = small_jpeg(&raster, MAX_IMAGE_PX, QUALITY) else {
-        return html! { p.warning { (picture.image) ": the frame is too large to be shown" } };
+    let Some(jpeg) = small_jpeg(&raster, MAX_IMAGE_PX, JPEG_QUALITY) else {
+        return html! { p.warning { (picture.image) ": the image is too large to be shown" } };
     };
     let found = detect(&raster);
     let markers = record.map_or(&[][..], |r| &r.markers[..]);
-    let enlarged = enlargement(&found.markers, raster.width().max(raster.height()) as f64 / 150.0);
+    let enlarged = ellipse_enlargement(&found.markers, raster.width().max(raster.height()) as f64 / 150.0);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
     let data = format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg));
     html! {
         svg.photo viewBox=(format!("0 0 {w} {h}")) role="img" aria-label="Frame with detected markers"
             style=(format!("font-size:{}px;stroke-width:{}px", px(w / 75.0), px(w / 900.0))) {
             image href=(data) x="-0.5" y="-0.5" width=(w) height=(h) {}
-            (outlines(&found, markers, enlarged))
-            (names(&found, markers, w, h))
+            (draw_outlines(&found, markers, enlarged))
+            (draw_detection_names(&found, markers, w, h))
         }
         p.caption {
-            (picture.series) "/" (picture.image) ": " (count(found.markers.len(), "marker")) " detected ("
+            (picture.series) "/" (picture.image) ": " (count_text(found.markers.len(), "marker")) " detected ("
             span style="color:#0b7a2e" { "used" } ", " span style="color:#806200" { "not used" } ", "
             span style="color:#0d6fa8" { "without identity" } "), "
-            (count(found.rejected.len(), "candidate")) " turned down (" span style="color:#8f5400" { "dashed" } "). "
+            (count_text(found.rejected.len(), "candidate")) " rejected (" span style="color:#8f5400" { "dashed" } "). "
             @if !found.markers.is_empty() {
-                "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (fixed(Some(enlarged), 0)) " times."
+                "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (format_fixed(Some(enlarged), 0)) " times."
             }
         }
     }
 }
 
-/// A frame at most `largest` px wide and high as an SVG file of its own, with the markers of its result;
-/// `None` where it cannot be read.
-pub fn thumbnail(
+/// Draws a frame of at most `largest` px as an SVG file, with the markers of its result; `None` if it cannot be read.
+pub fn svg_thumbnail(
     bytes: &[u8],
     format: Option<&Format>,
     record: Option<&ImageRecord>,
     largest: usize,
 ) -> Option<String> {
-    let raster = decode(bytes, format).ok()?;
-    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest, QUALITY)?);
+    let raster = decode_image(bytes, format).ok()?;
+    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest, JPEG_QUALITY)?);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
     let radius = w.max(h) / 70.0;
     let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
     let markers: Vec<(&MarkerRecord, (f64, f64))> =
         record.iter().flat_map(|r| &r.markers).filter_map(|m| Some((m, seen(m)?))).collect();
-    let named = if largest >= NAMED {
-        names_of(&markers, radius, w, h)
+    let named = if largest >= MIN_NAMED_PX {
+        draw_marker_names(&markers, radius, w, h)
     } else {
         html! {}
     };
@@ -94,7 +92,7 @@ pub fn thumbnail(
         svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
             image href=(format!("data:image/jpeg;base64,{jpeg}")) x="-0.5" y="-0.5" width=(w) height=(h) {}
             @for (m, (u, v)) in &markers {
-                @let colour = if m.used { USED } else { UNUSED };
+                @let colour = if m.used { USED_COLOUR } else { UNUSED_COLOUR };
                 circle cx=(px(*u)) cy=(px(*v)) r=(px(radius)) fill="none" stroke=(colour) stroke-width=(px(radius / 4.0)) {}
             }
             (named)
@@ -103,20 +101,20 @@ pub fn thumbnail(
     Some(markup.into_string())
 }
 
-/// The markers' names where there is room, none over another.
-fn names_of(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, height: f64) -> Markup {
+/// Draws the marker names without overlap, if there is room.
+fn draw_marker_names(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, height: f64) -> Markup {
     let letter = 1.1 * radius;
     let half = vector![radius, radius];
-    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    let mut labels = LabelLayout::new(LabelArea([0.0, 0.0, width, height]));
     for (_, (u, v)) in markers {
-        labels.occupy(Area([u - radius, v - radius, u + radius, v + radius]));
+        labels.occupy(LabelArea([u - radius, v - radius, u + radius, v + radius]));
     }
     html! {
         @for (m, (u, v)) in markers {
-            @let colour = if m.used { USED } else { UNUSED };
+            @let colour = if m.used { USED_COLOUR } else { UNUSED_COLOUR };
             @let size = vector![m.id.chars().count() as f64 * letter * 0.66, letter];
             @if let Some(place) = labels.place(vector![*u, *v], half, size, letter * 0.3) {
-                @let [from, to] = leader(vector![*u, *v], half, place, size);
+                @let [from, to] = leader_line(vector![*u, *v], half, place, size);
                 line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) stroke-width=(px(radius / 8.0)) {}
                 text x=(px(place.x)) y=(px(place.y + 0.85 * letter)) fill=(colour) font-size=(px(letter))
                     font-family="sans-serif" stroke="#10141c" stroke-width=(px(radius / 3.0)) paint-order="stroke" { (m.id) }
@@ -125,24 +123,24 @@ fn names_of(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, he
     }
 }
 
-/// Pictures from this size on bear the markers' names, px.
-const NAMED: usize = 1000;
+/// Minimum size of an image with marker names, px.
+const MIN_NAMED_PX: usize = 1000;
 
-fn outlines(found: &Detections, markers: &[MarkerRecord], enlarged: f64) -> Markup {
+fn draw_outlines(found: &Detections, markers: &[MarkerRecord], enlarged: f64) -> Markup {
     html! {
-        @for r in found.rejected.iter().take(MANY) {
-            (ellipse(r.centre_px, [r.semi_major_px.max(4.0), r.semi_minor_px.max(4.0)], r.angle_rad, TURNED_DOWN, r.reason.text(), true))
+        @for r in found.rejected.iter().take(MAX_DRAWN_REJECTED) {
+            (draw_ellipse(r.centre_px, [r.semi_major_px.max(4.0), r.semi_minor_px.max(4.0)], r.angle_rad, REJECTED_COLOUR, r.reason.text(), true))
         }
         @for d in &found.markers {
-            @let (text, colour) = known(d, markers);
-            (ellipse(d.centre_px, [d.semi_major_px, d.semi_minor_px], d.angle_rad, colour, &text, false))
-            @let (semi, angle) = super::super::overlay::principal(&d.covariance_px2);
-            (ellipse(d.centre_px, semi.map(|s| s * enlarged), angle, ERROR, "error ellipse", false))
+            @let (text, colour) = match_detection(d, markers);
+            (draw_ellipse(d.centre_px, [d.semi_major_px, d.semi_minor_px], d.angle_rad, colour, &text, false))
+            @let (semi, angle) = super::super::overlay::principal_axes(&d.covariance_px2);
+            (draw_ellipse(d.centre_px, semi.map(|s| s * enlarged), angle, ERROR_COLOUR, "error ellipse", false))
         }
     }
 }
 
-fn ellipse(at: Vector2<f64>, semi: [f64; 2], angle: f64, colour: &str, title: &str, dashed: bool) -> Markup {
+fn draw_ellipse(at: Vector2<f64>, semi: [f64; 2], angle: f64, colour: &str, title: &str, dashed: bool) -> Markup {
     if !(at.iter().chain(&semi).all(|v| v.is_finite()) && angle.is_finite()) {
         return html! {};
     }
@@ -153,36 +151,37 @@ fn ellipse(at: Vector2<f64>, semi: [f64; 2], angle: f64, colour: &str, title: &s
     }
 }
 
-/// The marker of the results that this detection became.
-fn known(d: &Detection, markers: &[MarkerRecord]) -> (String, &'static str) {
+/// Returns id and colour of the marker of the result at this detection; shape and colour of an unidentified one if there is
+/// none.
+fn match_detection(d: &Detection, markers: &[MarkerRecord]) -> (String, &'static str) {
     let distance = |m: &MarkerRecord| {
         let at = vector![m.u_px?, m.v_px?];
         Some((at - d.centre_px).norm()).filter(|v| v.is_finite())
     };
     let nearest = markers.iter().filter_map(|m| Some((distance(m)?, m))).min_by(|a, b| a.0.total_cmp(&b.0));
-    // The perspective bias moves a centre by less than a pixel or two, never by a marker's size.
+    // The perspective bias shifts a centre by at most 1 to 2 px, much less than the size of a marker.
     match nearest.filter(|(away, _)| *away < 3.0_f64.max(0.1 * d.semi_minor_px)) {
-        Some((_, m)) if m.used => (m.id.clone(), USED),
-        Some((_, m)) => (m.id.clone(), UNUSED),
-        None => (d.shape.name().to_owned(), UNKNOWN),
+        Some((_, m)) if m.used => (m.id.clone(), USED_COLOUR),
+        Some((_, m)) => (m.id.clone(), UNUSED_COLOUR),
+        None => (d.shape.name().to_owned(), UNIDENTIFIED_COLOUR),
     }
 }
 
-fn names(found: &Detections, markers: &[MarkerRecord], width: f64, height: f64) -> Markup {
+fn draw_detection_names(found: &Detections, markers: &[MarkerRecord], width: f64, height: f64) -> Markup {
     let letter = width / 75.0;
-    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    let mut labels = LabelLayout::new(LabelArea([0.0, 0.0, width, height]));
     for d in &found.markers {
-        let half = extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
+        let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
         let (low, high) = (d.centre_px - half, d.centre_px + half);
-        labels.occupy(Area([low.x, low.y, high.x, high.y]));
+        labels.occupy(LabelArea([low.x, low.y, high.x, high.y]));
     }
     html! {
         @for d in &found.markers {
-            @let (text, colour) = known(d, markers);
-            @let half = extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
+            @let (text, colour) = match_detection(d, markers);
+            @let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
             @let size = vector![text.chars().count() as f64 * letter * 0.66 + letter * 0.3, letter * 1.15];
             @if let Some(place) = labels.place(d.centre_px, half, size, letter * 0.4) {
-                @let [from, to] = leader(d.centre_px, half, place, size);
+                @let [from, to] = leader_line(d.centre_px, half, place, size);
                 line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) {}
                 rect x=(px(place.x)) y=(px(place.y)) width=(px(size.x)) height=(px(size.y)) fill="#10141c" fill-opacity="0.75" {}
                 text x=(px(place.x + letter * 0.15)) y=(px(place.y + letter * 0.93)) fill=(colour) stroke="none" { (text) }
@@ -196,9 +195,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_at_which_the_decoder_breaks_is_a_sentence() {
+    fn a_decoder_crash_gives_a_warning() {
         let bytes = crate::pipeline::decode::BREAKS.to_vec();
-        let frame = Picture { bytes, ..Picture::default() };
-        assert!(picture(&frame, None).into_string().contains("decoder broke off"));
+        let frame = FramePicture { bytes, ..FramePicture::default() };
+        assert!(draw_picture(&frame, None).into_string().contains("decoder failed"));
     }
 }

@@ -1,11 +1,11 @@
-//! This file draws axes, curves, bands and labels as SVG.
+//! Axes, curves, bands and labels as SVG.
 
 use maud::{Markup, PreEscaped, html};
 
-use super::super::number::fixed;
+use super::super::number::format_fixed;
 pub use super::axis::{Axis, round_step};
 
-/// A rectangle of the drawing with two axes.
+/// Rectangle of the drawing with two axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
     /// Left, top, width and height of the plotting area.
@@ -17,25 +17,25 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// From data to the drawing; y grows upwards in the data, downwards in the drawing.
-    pub fn at(&self, x: f64, y: f64) -> (f64, f64) {
+    /// Maps a data point to the drawing; y increases upwards in the data, downwards in the drawing.
+    pub fn point_at(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
-        let share = |axis: &Axis, v: f64| axis.share(v);
+        let share = |axis: &Axis, v: f64| axis.fraction(v);
         (left + share(&self.x, x) * width, top + height - share(&self.y, y) * height)
     }
 
-    /// Grid, ticks and labels.
+    /// Draws grid, ticks and labels.
     pub fn frame(&self) -> Markup {
         let [left, top, width, height] = self.area;
         let (right, bottom) = (left + width, top + height);
         html! {
             @for (v, text) in self.x.ticks() {
-                @let x = self.at(v, self.y.low()).0;
+                @let x = self.point_at(v, self.y.low()).0;
                 line.grid x1=(px(x)) y1=(px(top)) x2=(px(x)) y2=(px(bottom)) {}
                 text.tick x=(px(x)) y=(px(bottom + 16.0)) text-anchor="middle" { (text) }
             }
             @for (v, text) in self.y.ticks() {
-                @let y = self.at(self.x.low(), v).1;
+                @let y = self.point_at(self.x.low(), v).1;
                 line.grid x1=(px(left)) y1=(px(y)) x2=(px(right)) y2=(px(y)) {}
                 text.tick x=(px(left - 7.0)) y=(px(y + 3.5)) text-anchor="end" { (text) }
             }
@@ -47,29 +47,29 @@ impl Plot {
         }
     }
 
-    /// A line through (x, y); points that are not finite are left out.
+    /// Draws a line through (x, y); points that are not finite are skipped.
     pub fn line(&self, points: &[(f64, f64)], colour: &str, dashed: bool) -> Markup {
-        let points = self.joined(points);
+        let points = self.point_list(points);
         let dash = dashed.then_some("5 4");
         html! { polyline.curve points=(points) stroke=(colour) stroke-dasharray=[dash] {} }
     }
 
-    /// The area between y - sigma and y + sigma; points without a sigma are left out.
+    /// Draws the area between y - sigma and y + sigma; points without a sigma are skipped.
     pub fn band(&self, points: &[(f64, f64, Option<f64>)], colour: &str) -> Markup {
         let known: Vec<_> = points.iter().filter_map(|(x, y, s)| Some((*x, *y, (*s)?))).collect();
         let upper = known.iter().map(|(x, y, s)| (*x, y + s));
         let lower = known.iter().rev().map(|(x, y, s)| (*x, y - s));
         let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
-        html! { polygon.band points=(self.joined(&outline)) fill=(colour) {} }
+        html! { polygon.band points=(self.point_list(&outline)) fill=(colour) {} }
     }
 
-    /// A value with its 1-sigma bar.
+    /// Draws a value with its 1-sigma bar.
     pub fn value(&self, x: f64, y: f64, sigma: Option<f64>, colour: &str, title: &str) -> Markup {
         if !(x.is_finite() && y.is_finite()) {
             return html! {};
         }
-        let (cx, cy) = self.at(x, y);
-        let ends = sigma.filter(|s| s.is_finite()).map(|s| (self.at(x, y - s).1, self.at(x, y + s).1));
+        let (cx, cy) = self.point_at(x, y);
+        let ends = sigma.filter(|s| s.is_finite()).map(|s| (self.point_at(x, y - s).1, self.point_at(x, y + s).1));
         html! {
             @if let Some((low, high)) = ends {
                 line.bar x1=(px(cx)) y1=(px(low)) x2=(px(cx)) y2=(px(high)) stroke=(colour) {}
@@ -81,29 +81,29 @@ impl Plot {
         }
     }
 
-    /// A single shot: small and pale.
+    /// Draws a single shot, small and pale.
     pub fn shot(&self, x: f64, y: f64, colour: &str, title: &str) -> Markup {
         if !(x.is_finite() && y.is_finite()) {
             return html! {};
         }
-        let (cx, cy) = self.at(x, y);
+        let (cx, cy) = self.point_at(x, y);
         html! {
             circle.shot cx=(px(cx)) cy=(px(cy)) r="2" stroke=(colour) { title { (title) } }
         }
     }
 
-    fn joined(&self, points: &[(f64, f64)]) -> String {
+    fn point_list(&self, points: &[(f64, f64)]) -> String {
         let finite = points.iter().filter(|(x, y)| x.is_finite() && y.is_finite());
         let text = finite.map(|(x, y)| {
-            let (x, y) = self.at(*x, *y);
+            let (x, y) = self.point_at(*x, *y);
             format!("{},{}", px(x), px(y))
         });
         text.collect::<Vec<_>>().join(" ")
     }
 }
 
-/// A drawing that scales with the page.
-pub fn drawing(width: f64, height: f64, name: &str, content: &Markup) -> Markup {
+/// Builds a drawing that scales with the page.
+pub fn svg_drawing(width: f64, height: f64, name: &str, content: &Markup) -> Markup {
     html! {
         svg viewBox=(format!("0 0 {} {}", px(width), px(height))) role="img" aria-label=(name) {
             (PreEscaped(&content.0))
@@ -111,21 +111,16 @@ pub fn drawing(width: f64, height: f64, name: &str, content: &Markup) -> Markup 
     }
 }
 
-/// A length of the drawing, to a tenth.
+/// Formats a length of the drawing with one decimal.
 pub fn px(value: f64) -> String {
-    fixed(Some(value.clamp(-1e6, 1e6)), 1)
+    format_fixed(Some(value.clamp(-1e6, 1e6)), 1)
 }
 
-/// Colours from dark blue over teal to orange, for `count` series in order of time; each has a contrast
-/// of 4.5 and more against white.
+/// Returns a colour from dark blue over teal to orange, for `count` series in order of time, with a contrast of at least
+/// 4.5 to white.
 pub fn series_colour(index: usize, count: usize) -> String {
-    const STOPS: [[f64; 3]; 5] = [
-        [27.0, 45.0, 120.0],
-        [23.0, 95.0, 160.0],
-        [14.0, 112.0, 96.0],
-        [150.0, 90.0, 0.0],
-        [176.0, 48.0, 24.0],
-    ];
+    const STOPS: [[f64; 3]; 5] =
+        [[27.0, 45.0, 120.0], [23.0, 95.0, 160.0], [14.0, 112.0, 96.0], [150.0, 90.0, 0.0], [176.0, 48.0, 24.0]];
     let share = if count > 1 { index as f64 / (count - 1) as f64 } else { 0.0 } * 4.0;
     let stop = (share.floor() as usize).min(3);
     let mix = |k: usize| {
@@ -135,15 +130,15 @@ pub fn series_colour(index: usize, count: usize) -> String {
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// Moves labels apart: the heights wanted, at least `gap` from each other, in their order, and
-/// within `low` to `high` where they fit.
-pub fn set_apart(wanted: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..wanted.len()).collect();
-    order.sort_by(|a, b| wanted[*a].total_cmp(&wanted[*b]));
-    let mut placed = wanted.to_vec();
+/// Moves labels apart: returns heights near the `desired` ones, in their order, at least `gap` from each other, and within
+/// `low` to `high` if they fit.
+pub fn spread_labels(desired: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..desired.len()).collect();
+    order.sort_by(|a, b| desired[*a].total_cmp(&desired[*b]));
+    let mut placed = desired.to_vec();
     let mut least = low;
     for &i in &order {
-        placed[i] = wanted[i].max(least);
+        placed[i] = desired[i].max(least);
         least = placed[i] + gap;
     }
     let mut most = high;
@@ -160,10 +155,10 @@ mod tests {
 
     #[test]
     fn data_go_to_the_corners() {
-        let unit = || Axis::over([0.0, 1.0].into_iter(), "");
+        let unit = || Axis::from_values([0.0, 1.0].into_iter(), "");
         let plot = Plot { area: [10.0, 20.0, 100.0, 50.0], x: unit(), y: unit() };
-        assert_eq!(plot.at(0.0, 0.0), (10.0, 70.0));
-        assert_eq!(plot.at(1.0, 1.0), (110.0, 20.0));
+        assert_eq!(plot.point_at(0.0, 0.0), (10.0, 70.0));
+        assert_eq!(plot.point_at(1.0, 1.0), (110.0, 20.0));
         let line = plot.line(&[(0.0, 0.0), (f64::NAN, 1.0), (1.0, 1.0)], "#000", false);
         assert!(line.into_string().contains("points=\"10.0,70.0 110.0,20.0\""));
     }
@@ -183,10 +178,10 @@ mod tests {
 
     #[test]
     fn labels_keep_their_distance_and_order() {
-        let placed = set_apart(&[10.0, 11.0, 50.0, 9.0], 12.0, 0.0, 60.0);
+        let placed = spread_labels(&[10.0, 11.0, 50.0, 9.0], 12.0, 0.0, 60.0);
         assert!(placed[3] + 12.0 <= placed[0] + 1e-9 && placed[0] + 12.0 <= placed[1] + 1e-9);
         assert_eq!(placed[2], 50.0);
-        assert!(set_apart(&[58.0, 59.0], 12.0, 0.0, 60.0).iter().all(|p| *p <= 60.0));
+        assert!(spread_labels(&[58.0, 59.0], 12.0, 0.0, 60.0).iter().all(|p| *p <= 60.0));
     }
 
     #[test]

@@ -1,21 +1,21 @@
-//! The canvas draws lines, ellipses and text on a colour picture; what falls outside is cut off.
+//! Canvas for lines, ellipses and text on a colour image, clipped at its edges.
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Vector2, vector};
 
-use super::super::labels::Area;
+use super::super::labels::LabelArea;
 use super::font;
 use crate::measure::raster::Raster;
 
-/// A picture that is being drawn on.
+/// Image being drawn on.
 pub struct Canvas {
     picture: RgbImage,
-    /// Width of a line and size of a font's dot, px.
+    /// Width of a line and size of a font dot, px.
     pub scale: usize,
 }
 
 impl Canvas {
-    /// The grey frame as background; lines and letters grow with it.
+    /// Creates a canvas with the grey frame as background; lines and letters scale with its size.
     pub fn new(frame: &Raster) -> Self {
         let (width, height) = (frame.width() as u32, frame.height() as u32);
         let rgb: Vec<u8> = frame.luma().iter().flat_map(|g| [*g, *g, *g]).collect();
@@ -23,17 +23,17 @@ impl Canvas {
         Self { picture, scale: (frame.width().max(frame.height()) / 1300).max(1) }
     }
 
-    /// The finished picture.
+    /// Returns the finished image.
     pub fn finish(self) -> RgbImage {
         self.picture
     }
 
-    /// Width and height, px.
+    /// Returns width and height, px.
     pub fn size(&self) -> (f64, f64) {
         (f64::from(self.picture.width()), f64::from(self.picture.height()))
     }
 
-    /// A straight line as wide as a font's dot.
+    /// Draws a straight line of the width of a font dot.
     pub fn line(&mut self, from: Vector2<f64>, to: Vector2<f64>, colour: Rgb<u8>) {
         let length = (to - from).norm();
         if !length.is_finite() || length > 1e5 {
@@ -45,7 +45,7 @@ impl Canvas {
         }
     }
 
-    /// An ellipse: semi-axes px, direction of the major axis rad.
+    /// Draws an ellipse: semi-axes px, direction of the major axis rad.
     pub fn ellipse(&mut self, centre: Vector2<f64>, semi: [f64; 2], angle: f64, colour: Rgb<u8>) {
         let corners = (semi[0].abs().clamp(1.0, 1e4) * 2.0).sqrt().ceil() * 8.0;
         let (sin, cos) = angle.sin_cos();
@@ -59,20 +59,20 @@ impl Canvas {
         }
     }
 
-    /// A cross with this half-length, px.
+    /// Draws a cross with this half-length, px.
     pub fn cross(&mut self, centre: Vector2<f64>, half: f64, colour: Rgb<u8>) {
         self.line(centre - vector![half, 0.0], centre + vector![half, 0.0], colour);
         self.line(centre - vector![0.0, half], centre + vector![0.0, half], colour);
     }
 
-    /// The area of a text with its margin when its top left corner is at (`x`, `y`).
-    pub fn text_area(&self, x: f64, y: f64, text: &str) -> Area {
+    /// Returns the area of a text, margin included, with its top left corner at (`x`, `y`).
+    pub fn text_area(&self, x: f64, y: f64, text: &str) -> LabelArea {
         let s = self.scale as f64;
         let width = text.chars().count() as f64 * (font::WIDTH + 1) as f64 * s;
-        Area([x, y, x + width + 3.0 * s, y + (font::HEIGHT + 3) as f64 * s])
+        LabelArea([x, y, x + width + 3.0 * s, y + (font::HEIGHT + 3) as f64 * s])
     }
 
-    /// Text on a dark ground, within its [`Self::text_area`].
+    /// Draws text on a dark background, within its [`Self::text_area`].
     pub fn text(&mut self, x: f64, y: f64, text: &str, colour: Rgb<u8>) {
         let s = self.scale as i64;
         let area = self.text_area(x, y, text).0.map(|v| v.round() as i64);

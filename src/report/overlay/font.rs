@@ -1,11 +1,11 @@
-//! Pictures need no font file: the printable ASCII characters are a bitmap of 5 x 7 dots here.
+//! Bitmap font of 5 x 7 dots for printable ASCII characters, so that images need no font file.
 
-/// Columns of a glyph.
+/// Number of columns of a glyph.
 pub const WIDTH: usize = 5;
-/// Rows of a glyph, descenders included.
+/// Number of rows of a glyph, descenders included.
 pub const HEIGHT: usize = 8;
 
-/// The columns of a character, lowest bit on top; a hollow box for what is not in the font.
+/// Returns the columns of a character, lowest bit on top; a hollow box if it is not in the font.
 pub fn glyph(character: char) -> [u8; WIDTH] {
     let index = (character as usize).checked_sub(0x20);
     index.and_then(|i| GLYPHS.get(i)).copied().unwrap_or([0x7f, 0x41, 0x41, 0x41, 0x7f])

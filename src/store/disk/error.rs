@@ -53,11 +53,7 @@ pub enum StoreError {
     },
     /// A file is damaged or not in the format of this program.
     #[error("{}: {problem}; {remedy}", path.display())]
-    Damaged {
-        path: PathBuf,
-        problem: String,
-        remedy: &'static str,
-    },
+    Damaged { path: PathBuf, problem: String, remedy: &'static str },
 }
 
 impl StoreError {
@@ -79,12 +75,10 @@ impl StoreError {
 
 fn io_remedy(source: &io::Error) -> &'static str {
     match source.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "export flights and move them away to make room"
-        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "export flights and move them away to make room",
         io::ErrorKind::PermissionDenied => "give the user that runs wingd write access",
         io::ErrorKind::ReadOnlyFilesystem => "mount the file system writable and check it (fsck)",
         io::ErrorKind::NotFound => "check that the path exists and its disk is mounted",
-        _ => "check the disk and its cable (dmesg says more)",
+        _ => "check the disk and its cable (see dmesg)",
     }
 }

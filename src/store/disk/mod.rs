@@ -27,8 +27,7 @@ pub struct DirectoryEntry {
 /// Guard of the lock file; dropping it releases the lock.
 pub type Lock = Box<dyn Any + Send + Sync>;
 
-/// File system operations that the store needs. The *content* of a written file is durable when the call returns; a
-/// *name*
+/// File system operations that the store needs. The *content* of a written file is durable when the call returns; a *name*
 /// (new, renamed or removed) is durable only after [`Disk::sync_dir`] of its directory.
 pub trait Disk: Send + Sync {
     /// Reads a complete file.
@@ -103,10 +102,10 @@ impl Disk for RealDisk {
         file.sync_all()
     }
 
-    #[allow(clippy::disallowed_methods)] // the one place where files are renamed
+    #[allow(clippy::disallowed_methods)] // the only place that renames files
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)?;
-        // FAT gives the new entry length and place only when the file itself is synced again.
+        // FAT records length and location in the new entry only when the file itself is synced again.
         File::open(to)?.sync_all()
     }
 
@@ -137,9 +136,8 @@ impl Disk for RealDisk {
     }
 }
 
-/// Locked file. It is unlocked explicitly: a process that was just forked shares the descriptor until its exec and
-/// would keep
-/// the lock until then.
+/// Locked file. It is unlocked explicitly: a process that was just forked shares the descriptor until its exec and would
+/// keep the lock until then.
 struct LockedFile(File);
 
 impl Drop for LockedFile {
@@ -214,11 +212,9 @@ impl dyn Disk + '_ {
         self.sync_dir(parent.unwrap_or(Path::new(".")))
     }
 
-    /// Appends to a file of `length` bytes. If that fails, the file is truncated to `length`, as far as the disk
-    /// permits: after
-    /// a failed fsync the file shows bytes that are not on the medium and that no later fsync writes, so nothing
-    /// may depend on
-    /// them.
+    /// Appends to a file of `length` bytes. If that fails, the file is truncated to `length`, as far as the disk permits:
+    /// after a failed fsync the file shows bytes that are not on the medium and that no later fsync writes, so nothing may
+    /// depend on them.
     pub(crate) fn extend_file(&self, path: &Path, length: usize, bytes: &[u8]) -> Result<(), StoreError> {
         let appended = self.append(path, bytes).inspect_err(|_| drop(self.truncate(path, length as u64)));
         appended.map_err(StoreError::io(path, "write"))

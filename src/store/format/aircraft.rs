@@ -1,6 +1,5 @@
-//! Recorded aircraft data: `aircraft-NNNNNN.jsonl`. The first line names flight and source, every further line
-//! holds one line
-//! of the feed.
+//! Recorded aircraft data: `aircraft-NNNNNN.jsonl`. The first line names flight and source, every further line holds one
+//! line of the feed.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

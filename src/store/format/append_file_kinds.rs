@@ -1,6 +1,6 @@
 //! Kinds of append-only files of a flight: aircraft data, live results, manual marks.
 
-use super::chain::{ClosedFile, ChainEvent};
+use super::chain::{ChainEvent, ClosedFile};
 use super::{aircraft, columns, layout, manual_marks};
 
 /// Kind of an append-only file.
@@ -49,14 +49,14 @@ pub(crate) const LIVE_RESULTS: AppendFileKind = AppendFileKind {
     intact_prefix: columns::intact_prefix,
     event: ChainEvent::Live,
     invariant: 21,
-    // Read as a whole, at the start after a power cut and by readers.
+    // Read completely into memory, by readers and at the start after a power cut.
     max_length: 8 << 20,
 };
 
 /// Manual marks.
 pub(crate) const MANUAL_MARKS: AppendFileKind = AppendFileKind {
     open_name: layout::MARKS_FILE,
-    label: "marks by hand",
+    label: "manual marks",
     stem: "marks",
     closed_name: layout::marks_name,
     closed_number: layout::marks_number,

@@ -1,6 +1,5 @@
-//! Digest chain of a flight, `chain.jsonl`: one line for each event that was made durable, with the digest of the
-//! line before,
-//! so that a changed, missing or inserted line is detected.
+//! Digest chain of a flight, `chain.jsonl`: one line for each event that was made durable, with the digest of the line
+//! before, so that a changed, missing or inserted line is detected.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -192,14 +191,13 @@ pub(crate) fn last_line(bytes: &[u8]) -> Option<&[u8]> {
     bytes.split_inclusive(|byte| *byte == b'\n').next_back()
 }
 
-/// Returns the last entry for the results of a series; `None` if there is none. Reads from the end, because results
-/// are mostly
-/// added to the newest series.
-pub(crate) fn last_results(bytes: &[u8], wanted: &str) -> Option<AppendedResults> {
+/// Returns the last entry for the results of a series; `None` if there is none. Reads from the end, because results are
+/// mostly added to the newest series.
+pub(crate) fn last_results(bytes: &[u8], series_name: &str) -> Option<AppendedResults> {
     for line in bytes.split_inclusive(|byte| *byte == b'\n').rev() {
         match serde_json::from_slice::<ChainLine>(line).ok().map(|link| link.event) {
-            Some(ChainEvent::Results(results)) if results.series == wanted => return Some(results),
-            Some(ChainEvent::Series { series, .. }) if series == wanted => return None,
+            Some(ChainEvent::Results(results)) if results.series == series_name => return Some(results),
+            Some(ChainEvent::Series { series, .. }) if series == series_name => return None,
             _ => {}
         }
     }
@@ -228,14 +226,14 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_changed_gone_or_put_in_shows() {
+    fn a_changed_missing_or_inserted_line_is_detected() {
         let text = String::from_utf8(three()).unwrap();
         let lines: Vec<&str> = text.split_inclusive('\n').collect();
         let changed = text.replacen("s000001", "s000009", 1);
-        let gone = [lines[0], lines[2]].concat();
-        let twice = [lines[0], lines[1], lines[1], lines[2]].concat();
+        let missing = [lines[0], lines[2]].concat();
+        let repeated = [lines[0], lines[1], lines[1], lines[2]].concat();
         let headless = [lines[1], lines[2]].concat();
-        for broken in [changed, gone, twice, headless] {
+        for broken in [changed, missing, repeated, headless] {
             assert!(!Chain::parse(broken.as_bytes()).faults.is_empty(), "{broken}");
         }
     }

@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_torn_tail_is_told_from_a_damaged_middle() {
+    fn a_torn_tail_is_distinguished_from_a_damaged_middle() {
         let lines = parse_lines::<u32>(b"1\n2\nx\n4\n5");
         assert_eq!(lines.good, [(1, 1), (2, 2), (4, 4)]);
         assert_eq!(lines.damaged, [3]);

@@ -91,9 +91,8 @@ pub fn frame_name(shot: u32, extension: &str) -> String {
 
 /// Returns whether [`frame_name`] can produce the name; prevents names read from files from escaping the folder.
 pub fn is_frame_name(name: &str) -> bool {
-    name.split_once('.').is_some_and(|(number, ending)| {
-        number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name)
-    })
+    name.split_once('.')
+        .is_some_and(|(number, ending)| number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name))
 }
 
 /// Returns whether a name belongs in the root of a store (`lost+found` belongs to the file system).
@@ -123,9 +122,7 @@ pub fn is_root_name(name: &str) -> bool {
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
-    name == FLIGHT_FILE
-        || known
-        || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
+    name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
 }
 
 /// Returns the name of a closed file with aircraft data.
@@ -179,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_and_frame_names_round_trip_and_nothing_else_passes() {
+    fn ids_and_frame_names_round_trip_and_other_names_are_rejected() {
         assert_eq!(series_number(&series_id(12_345_678)), Some(12_345_678));
         assert_eq!(flight_number("f0001"), Some(1));
         for bad in ["f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {

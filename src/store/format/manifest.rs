@@ -31,8 +31,7 @@ pub enum SeriesCause {
     Recovered,
     /// Every n-th frame of live mode, recorded concurrently with other series.
     Live,
-    /// Frames around an event in live mode, described in the remarks; they may be older than the series. Also
-    /// concurrent.
+    /// Frames around an event in live mode, described in the remarks; they may be older than the series. Also concurrent.
     Event,
     /// Images taken without the recorder, added by `wingd import`.
     Imported,
@@ -72,9 +71,8 @@ pub struct SeriesManifest {
 }
 
 impl SeriesManifest {
-    /// Returns the beginning of the series; `None` if it is not known, as for imported images without a time, whose
-    /// stamps only
-    /// define the order.
+    /// Returns the beginning of the series; `None` if it is not known, as for imported images without a time, whose stamps
+    /// only define the order.
     pub fn start_time(&self) -> Option<Stamp> {
         let first = self.shots.first();
         let dated = self.cause != SeriesCause::Imported || first.is_some_and(|shot| shot.exposure.is_some());

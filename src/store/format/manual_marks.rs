@@ -1,5 +1,4 @@
-//! Manual marks in frames: `marks-NNNNNN.jsonl`. The first line names the flight, every further line is one mark.
-//! Marks are
+//! Manual marks in frames: `marks-NNNNNN.jsonl`. The first line names the flight, every further line is one mark. Marks are
 //! never changed; the last mark of a marker in a frame is valid.
 
 use std::collections::BTreeMap;
@@ -68,7 +67,7 @@ pub enum MarkSource {
     Manual,
     /// Fit of the detector at the marked position.
     Fit,
-    /// Detection that was assigned to another marker.
+    /// Detection that was identified as another marker.
     Renamed,
 }
 
@@ -108,12 +107,8 @@ mod tests {
 
     #[test]
     fn the_last_mark_of_a_marker_counts_and_a_withdrawn_one_does_not() {
-        let place = MarkPosition {
-            u_px: 1.5,
-            v_px: 2.5,
-            covariance_px2: [[4.0, 0.0], [0.0, 4.0]],
-            source: MarkSource::Manual,
-        };
+        let place =
+            MarkPosition { u_px: 1.5, v_px: 2.5, covariance_px2: [[4.0, 0.0], [0.0, 4.0]], source: MarkSource::Manual };
         let all = [
             mark("M01", MarkAction::Place(place)),
             mark("M02", MarkAction::Reject),
@@ -123,12 +118,10 @@ mod tests {
         assert_eq!(effective_marks(&all), [&all[2]]);
         let line = jsonl::encode_line(&all[0]).unwrap();
         let text = String::from_utf8(line.clone()).unwrap();
-        assert!(
-            text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""source":"manual""#),
-            "{text}"
-        );
+        assert!(text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""source":"manual""#), "{text}");
         let file =
-            [&jsonl::encode_line(&ManualMarksHead { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"].concat();
+            [&jsonl::encode_line(&ManualMarksHead { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"]
+                .concat();
         assert_eq!(parse_marks(&file).unwrap().1, [all[0].clone()]);
         assert_eq!(intact_prefix(&file).unwrap(), (file.len() - 9, "f0001".to_owned()));
     }

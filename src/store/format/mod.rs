@@ -1,11 +1,11 @@
 //! Encoding and decoding of the store's files: names, lines, blocks, digests. No disk access.
 
 pub mod aircraft;
+pub(crate) mod append_file_kinds;
 pub mod chain;
 pub mod columns;
 mod digest;
 pub mod jsonl;
-pub(crate) mod append_file_kinds;
 pub mod layout;
 pub mod manifest;
 pub(crate) mod manual_marks;

@@ -1,6 +1,5 @@
-//! Summaries of results: frame, inputs and a few fields of the record, without parsing markers and correlations. A
-//! flight has
-//! thousands of results, and a list needs only a number of each.
+//! Summaries of results: frame, inputs and a few fields of the record, without parsing markers and correlations. A flight
+//! has thousands of results, and a list needs only a number of each.
 
 use std::fmt;
 
@@ -19,8 +18,7 @@ pub struct ResultSummary {
     pub record: Map<String, Value>,
 }
 
-/// Parses the summaries of the complete lines, in the order written. Damaged lines are omitted; `verify` reports
-/// them.
+/// Parses the summaries of the complete lines, in the order written. Damaged lines are omitted; `verify` reports them.
 pub fn parse_summaries(bytes: &[u8], fields: &[&str]) -> Vec<ResultSummary> {
     let mut begin = 0;
     let lines = memchr::memchr_iter(b'\n', bytes).filter_map(|end| {
@@ -33,9 +31,9 @@ pub fn parse_summaries(bytes: &[u8], fields: &[&str]) -> Vec<ResultSummary> {
 
 fn parse_summary(line: &[u8], fields: &[&str]) -> Option<ResultSummary> {
     let mut found = PartialSummary { frame: None, provenance: None, record: Map::new(), fields };
-    // An error is the sign of having enough, or a damaged line; what was found tells which.
-    let _ =
-        serde_json::Deserializer::from_slice(line).deserialize_map(SummaryVisitor { found: &mut found, in_record: false });
+    // An error means either that everything was found or that the line is damaged; the fields found show which.
+    let _ = serde_json::Deserializer::from_slice(line)
+        .deserialize_map(SummaryVisitor { found: &mut found, in_record: false });
     Some(ResultSummary { frame: found.frame?, provenance: found.provenance?, record: found.record })
 }
 
@@ -74,21 +72,21 @@ impl<'de> Visitor<'de> for SummaryVisitor<'_, '_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        let Self { found, in_record: inner } = self;
+        let Self { found, in_record } = self;
         while let Some(key) = map.next_key::<String>()? {
             match key.as_str() {
-                wanted if inner && found.fields.contains(&wanted) => {
+                field if in_record && found.fields.contains(&field) => {
                     found.record.insert(key, map.next_value()?);
                 }
-                "frame" if !inner => found.frame = Some(map.next_value()?),
-                "provenance" if !inner => found.provenance = Some(map.next_value()?),
-                "record" if !inner && !found.fields.is_empty() => {
+                "frame" if !in_record => found.frame = Some(map.next_value()?),
+                "provenance" if !in_record => found.provenance = Some(map.next_value()?),
+                "record" if !in_record && !found.fields.is_empty() => {
                     map.next_value_seed(SummaryVisitor { found: &mut *found, in_record: true })?;
                 }
                 _ => drop(map.next_value::<IgnoredAny>()?),
             }
             if found.is_complete() {
-                return Err(A::Error::custom("enough"));
+                return Err(A::Error::custom("complete"));
             }
         }
         Ok(())
@@ -103,7 +101,7 @@ mod tests {
     const LINE: &str = r#"{"frame":"0001.jpg","frame_sha256":"ab","inputs":"cd","provenance":{"program":"x"},"record":{"image":"a","status":"ok","tip":{"deflection_m":2.5},"markers":[1,2]}}"#;
 
     #[test]
-    fn the_fields_come_whatever_their_order_and_a_torn_tail_does_not() {
+    fn fields_are_found_in_any_order_and_a_torn_tail_is_omitted() {
         let value: Value = serde_json::from_str(LINE).unwrap();
         let turned: Map<String, Value> = value.as_object().unwrap().clone().into_iter().rev().collect();
         let turned = serde_json::to_string(&turned).unwrap();
@@ -112,16 +110,13 @@ mod tests {
         assert_eq!(heads.len(), 2);
         for head in heads {
             assert_eq!((head.frame.as_str(), &head.provenance["program"]), ("0001.jpg", &"x".into()));
-            assert_eq!(
-                (&head.record["status"], &head.record["tip"]["deflection_m"]),
-                (&"ok".into(), &2.5.into())
-            );
+            assert_eq!((&head.record["status"], &head.record["tip"]["deflection_m"]), (&"ok".into(), &2.5.into()));
         }
     }
 
     #[test]
-    fn it_stops_reading_where_it_has_enough() {
-        // What comes after is not even JSON.
+    fn parsing_stops_when_all_fields_are_found() {
+        // The rest of the line is not JSON.
         let cut = LINE.split("\"markers\"").next().unwrap();
         assert_eq!(parse_summaries(format!("{cut}!\n").as_bytes(), &["tip"]).len(), 1);
         assert_eq!(parse_summaries(b"{\"frame\":\"0001.jpg\",\"prov\n", &[]).len(), 0);

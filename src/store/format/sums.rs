@@ -1,5 +1,4 @@
-//! Digest list of a flight, `SHA256SUMS`: all its files, in the format of `sha256sum -c`. It is derived from chain
-//! and
+//! Digest list of a flight, `SHA256SUMS`: all its files, in the format of `sha256sum -c`. It is derived from chain and
 //! manifests, and written when a series or its results are complete.
 
 use std::collections::BTreeMap;
@@ -50,12 +49,12 @@ pub(crate) fn add_event<E>(
 
 /// Returns the length of the chain when its sums were written, bytes; `None` if it never had that digest.
 pub(crate) fn covered_chain_length(sums: &FileDigests, chain: &[u8], parsed: &Chain) -> Option<usize> {
-    let wanted = sums.get(layout::CHAIN_FILE)?;
+    let expected = sums.get(layout::CHAIN_FILE)?;
     let (mut hasher, mut done) = (Sha256::new(), 0);
     for (end, _) in &parsed.events {
         hasher.update(chain.get(done..*end)?);
         done = *end;
-        if hex::encode(hasher.clone().finalize()) == *wanted {
+        if hex::encode(hasher.clone().finalize()) == *expected {
             return Some(done);
         }
     }

@@ -1,4 +1,4 @@
-//! Keeping a store: checked against its invariants, copied, upgraded, and its flights deleted once they are elsewhere.
+//! Maintenance of a store: verification, copies, upgrade, and deletion of flights that are stored elsewhere.
 
 pub mod prune;
 pub mod receive;

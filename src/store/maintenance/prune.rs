@@ -1,7 +1,7 @@
-//! Deleting flights that are provably elsewhere: the only place where recorded data is removed.
+//! Deletion of flights that are proven to be elsewhere: the only code that removes recorded data.
 //!
-//! A flight goes by one rename to `pruned/`, after a line in `pruned.jsonl` that says what it was; only
-//! then its files are removed. Whatever breaks it off, the flight is whole at its place or gone from it.
+//! After a line in `pruned.jsonl`, one rename moves the flight to `pruned/`; only then its files are removed. If this is
+//! interrupted at any step, the flight is either complete in its place or gone.
 
 use std::path::Path;
 
@@ -13,31 +13,31 @@ use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations;
 use crate::store::write::store::Store;
 
-/// What a flight's copy is worth.
+/// Result of comparing a flight with a copy.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CopyProof {
     /// Every byte of the flight is in the copy.
     Verified {
         /// SHA-256 of the flight's `SHA256SUMS`.
         sums_sha256: String,
-        /// Of the flight.
+        /// Size of the flight.
         bytes: u64,
     },
-    /// It stays; one sentence says why.
+    /// Reason for keeping the flight, one sentence.
     Unverified(String),
 }
 
-/// Whether every byte of a flight is in a copy, read back from there.
+/// Verifies that every byte of a flight is in a copy, reading the copy back.
 pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
     let stays = |why: &str| Ok(CopyProof::Unverified(why.to_owned()));
     let Some(id) = catalogue::store_id(disk, root) else {
-        return stays("the store has no evidence; `wingd verify --upgrade` gives it some");
+        return stays("the store has no chains and sums; run `wingd verify --upgrade` to add them");
     };
     if same_place(root, copy) {
         return stays("the copy is the store itself");
     }
     if catalogue::store_id(disk, copy) != Some(id) {
-        return stays("the copy is none of this store");
+        return stays("the copy belongs to another store");
     }
     let there = FlightRef { id: flight.id.clone(), folder: layout::flight_folder(copy, &flight.id) };
     let sums_of = |flight: &FlightRef| disk.read(&flight.folder.join(layout::SUMS_FILE)).unwrap_or_default();
@@ -45,18 +45,18 @@ pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path
     let (bytes, chain) = catalogue::read_chain(disk, &flight.folder)?;
     let listed = sums::parse_sums(&here_sums).unwrap_or_default();
     if sums::covered_chain_length(&listed, &bytes, &chain) != Some(bytes.len()) {
-        return stays("its SHA256SUMS are not up to its chain");
+        return stays("its SHA256SUMS do not cover its chain yet");
     }
     if there_sums != here_sums || catalogue::read_chain(disk, &there.folder)?.0 != bytes {
-        return stays("the copy is missing, older, or of another state");
+        return stays("the copy is missing, older, or has another state of the flight");
     }
     let report = verify::verify_path(disk, &there.folder);
     if let Some(fault) = report.faults.first() {
         return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {}", fault.path.display(), fault.what)));
     }
     for digest in &chain.state_at(usize::MAX).installations {
-        if let Some((path, what)) = installations::find_fault(disk, copy, digest) {
-            return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {what}", path.display())));
+        if let Some((path, problem)) = installations::find_fault(disk, copy, digest) {
+            return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {problem}", path.display())));
         }
     }
     Ok(CopyProof::Verified { sums_sha256: sha256_hex(&here_sums), bytes: folder_size(disk, &flight.folder)? })
@@ -77,7 +77,7 @@ fn folder_size(disk: &dyn Disk, folder: &Path) -> Result<u64, StoreError> {
 }
 
 impl Store {
-    /// Deletes a flight whose every byte is in a copy; says where the proof fails.
+    /// Deletes a flight if a copy has every byte; otherwise returns the reason for keeping it.
     pub fn prune_flight(&self, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
         let mut index = self.lock_index();
         let (disk, root) = (self.disk(), self.root());
@@ -104,7 +104,7 @@ impl Store {
         Ok(proof)
     }
 
-    /// Removes what an earlier pruning moved aside and did not come to remove.
+    /// Removes the remains of an interrupted pruning.
     pub fn remove_pruned(&self) -> Result<(), StoreError> {
         let (disk, root) = (self.disk(), self.root());
         let pruned = root.join(layout::PRUNED);

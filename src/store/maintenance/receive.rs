@@ -1,8 +1,8 @@
-//! A store's flights into another directory: for `wingd copy` and `wingd fetch`.
+//! Transfer of flights into another directory, for `wingd copy` and `wingd fetch`.
 //!
-//! What arrives is checked and made durable below `fetching/`. Only when all of a flight is there it is
-//! moved to its place, and `store.toml` comes last: a directory that was left half is no store, and the
-//! next call goes on where this one ended.
+//! Received files are checked and made durable below `fetching/`. When all files of a flight have arrived they are moved to
+//! their place, and `store.toml` is written last: an incomplete directory is not a store, and the next call continues from
+//! there.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,20 +13,20 @@ use super::verify::{self, VerifyReport};
 use crate::store::disk::{Disk, Lock, StoreError};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{layout, sha256_hex};
-use crate::store::read::bundle::{FlightBundle, BundleFile};
+use crate::store::read::bundle::{BundleFile, FlightBundle};
 use crate::store::write::opening;
 use crate::store::write::root::StoreRoot;
 
-/// A file that makes a flight's store, as its sender lists it.
+/// File of a flight, as its sender lists it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ListedFile {
-    /// From the store's root, with `/`.
+    /// Path from the store's root, with `/`.
     pub name: String,
-    /// Bytes.
+    /// Length, bytes.
     pub length: u64,
-    /// Hex.
+    /// SHA-256 of the file, hex.
     pub sha256: String,
-    /// Where its bytes begin in the flight's archive.
+    /// Offset of the file in the flight's archive, bytes.
     #[serde(default)]
     pub offset: u64,
 }
@@ -37,38 +37,37 @@ impl From<&BundleFile> for ListedFile {
     }
 }
 
-/// All the files of a flight in one state.
+/// List of a flight's files in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Listing {
-    /// Its name.
     pub flight: String,
-    /// Of all of it; the archive's ETag.
+    /// Digest of the list; the archive's ETag.
     pub digest: String,
-    /// In the archive's order.
+    /// Files in the archive's order.
     pub items: Vec<ListedFile>,
 }
 
 impl Listing {
-    /// Of a bundle that is at hand.
+    /// Creates the listing of a local bundle.
     pub fn from_bundle(flight: &str, bundle: &FlightBundle) -> Self {
         let items = bundle.items.iter().map(ListedFile::from).collect();
         Self { flight: flight.to_owned(), digest: bundle.digest.clone(), items }
     }
 
-    /// Bytes of all files.
+    /// Returns the total length of all files, bytes.
     pub fn total_bytes(&self) -> u64 {
         self.items.iter().map(|item| item.length).sum()
     }
 
-    /// What a listing from elsewhere may not hold: names that lead out of the directory, or not one of ours.
+    /// Returns an error sentence if a name leads out of the directory or cannot belong to the flight.
     pub fn foreign_file(&self) -> Option<String> {
         let here = |item: &&ListedFile| !is_bundle_name(&item.name, &self.flight);
-        let strange = self.items.iter().find(here);
-        strange.map(|item| format!("{:?} is not a file of flight {}", item.name, self.flight))
+        let foreign = self.items.iter().find(here);
+        foreign.map(|item| format!("{:?} is not a file of flight {}", item.name, self.flight))
     }
 }
 
-/// Whether a name is one that a flight's bundle can hold.
+/// Returns whether a flight's bundle can contain a file of this name.
 fn is_bundle_name(name: &str, flight: &str) -> bool {
     let plain = |part: &str| !part.is_empty() && part != "." && part != ".." && !part.contains(['\\', '\0']);
     let parts: Vec<&str> = name.split('/').collect();
@@ -77,9 +76,7 @@ fn is_bundle_name(name: &str, flight: &str) -> bool {
     }
     match parts.as_slice() {
         [file] => [layout::STORE_FILE, layout::COUNTER_FILE].contains(file),
-        [layout::INSTALLATIONS, digest, _] => {
-            digest.len() == 64 && digest.bytes().all(|b| b.is_ascii_hexdigit())
-        }
+        [layout::INSTALLATIONS, digest, _] => digest.len() == 64 && digest.bytes().all(|b| b.is_ascii_hexdigit()),
         [layout::FLIGHTS, id, file] => *id == flight && layout::is_flight_file(file),
         [layout::FLIGHTS, id, series, file] => {
             let known = [layout::SERIES_FILE, layout::RESULTS_FILE].contains(file);
@@ -89,7 +86,7 @@ fn is_bundle_name(name: &str, flight: &str) -> bool {
     }
 }
 
-/// The directory that receives; locked against a recorder and another receiver.
+/// Receiving directory, locked against a recorder and another receiver.
 pub struct Receiver<'a> {
     disk: &'a dyn Disk,
     root: PathBuf,
@@ -97,7 +94,7 @@ pub struct Receiver<'a> {
 }
 
 impl<'a> Receiver<'a> {
-    /// Opens a directory that is missing, empty, a store, or a half one of ours.
+    /// Opens a directory that does not exist, is empty, a store, or an incomplete copy.
     pub fn open(disk: &'a dyn Disk, root: &Path) -> Result<Self, StoreError> {
         let begun = disk.exists(&root.join(layout::FETCHING));
         if !begun && !disk.exists(&root.join(layout::STORE_FILE)) {
@@ -114,18 +111,21 @@ impl<'a> Receiver<'a> {
         StoreRoot { disk: self.disk, path: &self.root }
     }
 
-    /// Refuses another store's flight. What an attempt at another left below `fetching/` goes.
+    /// Refuses a flight of another store, and removes the files that an attempt at another one left below `fetching/`.
     pub fn prepare_flight(&self, listing: &Listing) -> Result<(), StoreError> {
-        let mark = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
+        let format_file = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
         let other = |path: &Path| {
-            self.disk.read(path).is_ok_and(|bytes| mark.is_none_or(|mark| sha256_hex(&bytes) != mark.sha256))
+            self.disk.read(path).is_ok_and(|bytes| format_file.is_none_or(|file| sha256_hex(&bytes) != file.sha256))
         };
         let (here, staged) = (self.root.join(layout::STORE_FILE), self.staged_path(layout::STORE_FILE));
         let half = !self.disk.exists(&here) && other(&staged);
         if other(&here) || half {
-            let what = if half { "half of another store" } else { "another store" };
-            let why = format!("it is {what} than the one that arrives");
-            return Err(StoreError::NotAStore { path: self.root.clone(), why });
+            let why = if half {
+                "it has an incomplete copy of another store"
+            } else {
+                "it is a store other than the sender's"
+            };
+            return Err(StoreError::NotAStore { path: self.root.clone(), why: why.to_owned() });
         }
         if other(&staged) {
             self.disk.remove_tree(&self.root.join(layout::FETCHING))?;
@@ -134,16 +134,12 @@ impl<'a> Receiver<'a> {
         Ok(())
     }
 
-    /// Which of the files are not here yet. Frames are compared by their length, for each was checked before it
-    /// got its name; `thorough` reads all of them.
+    /// Returns the files that are not here yet. Frames are compared by length, because each was checked before it got its
+    /// name; `thorough` reads all of them.
     pub fn missing_files<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l ListedFile> {
         let there = |path: &Path, item: &ListedFile| {
             let frame = path.file_name().is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
-            if frame && !thorough {
-                self.file_length(path) == Some(item.length)
-            } else {
-                self.is_intact(path, item)
-            }
+            if frame && !thorough { self.file_length(path) == Some(item.length) } else { self.is_intact(path, item) }
         };
         let here = |item: &&ListedFile| {
             item.name == layout::COUNTER_FILE
@@ -166,13 +162,13 @@ impl<'a> Receiver<'a> {
         self.root.join(layout::FETCHING).join(name)
     }
 
-    /// Takes a file's bytes; an error where they are not what the listing says.
+    /// Stores the bytes of a file; returns an error if they do not match the listing.
     pub fn accept_file(&self, item: &ListedFile, bytes: &[u8]) -> Result<(), StoreError> {
         let path = self.staged_path(&item.name);
         if bytes.len() as u64 != item.length || sha256_hex(bytes) != item.sha256 {
-            let what = "arrived with other bytes than its SHA-256 is of".to_owned();
-            let mend = "begin again; if it stays so, `wingd verify` the sender's store";
-            return Err(StoreError::Damaged { path: self.root.join(&item.name), problem: what, remedy: mend });
+            let problem = "was received with bytes that do not match its SHA-256".to_owned();
+            let remedy = "try again; if it happens again, run `wingd verify` on the sender's store";
+            return Err(StoreError::Damaged { path: self.root.join(&item.name), problem, remedy });
         }
         self.make_dirs(&path)?;
         self.disk.replace_file(&path, bytes)
@@ -185,13 +181,13 @@ impl<'a> Receiver<'a> {
         self.disk.sync_directory(folder.parent().unwrap_or(Path::new(".")))
     }
 
-    /// Moves a flight, all of which is here, to its place.
+    /// Moves a complete flight to its place.
     pub fn commit_flight(&self, listing: &Listing) -> Result<(), StoreError> {
         self.refuse_changed(listing)?;
-        let mark = self.root.join(layout::STORE_FILE);
-        let staged_mark = self.staged_path(layout::STORE_FILE);
-        if self.disk.exists(&mark) {
-            self.disk.move_durably(&mark, &staged_mark)?;
+        let format_file = self.root.join(layout::STORE_FILE);
+        let staged_format_file = self.staged_path(layout::STORE_FILE);
+        if self.disk.exists(&format_file) {
+            self.disk.move_durably(&format_file, &staged_format_file)?;
         }
         self.store_root().ensure_folders()?;
         let mut touched = BTreeSet::new();
@@ -205,10 +201,10 @@ impl<'a> Receiver<'a> {
         }
         touched.iter().try_for_each(|folder| self.disk.sync_directory(folder))?;
         self.advance_counter(listing)?;
-        self.disk.move_durably(&staged_mark, &mark)
+        self.disk.move_durably(&staged_format_file, &format_file)
     }
 
-    /// Above the ids of this flight and of those that were here.
+    /// Advances the counter past this flight and the flights that were already here.
     fn advance_counter(&self, listing: &Listing) -> Result<(), StoreError> {
         let here = self.disk.load_json::<Counter>(&self.root.join(layout::COUNTER_FILE));
         let mut counter = here.unwrap_or(Counter::FIRST);
@@ -217,7 +213,7 @@ impl<'a> Receiver<'a> {
         opening::save_counter(self.store_root(), &counter)
     }
 
-    /// Results that were added here are not written over.
+    /// Refuses to overwrite results that were added here.
     fn refuse_changed(&self, listing: &Listing) -> Result<(), StoreError> {
         let grows = |name: &str| [layout::RESULTS_FILE, layout::CHAIN_FILE].contains(&name);
         for item in listing.items.iter().filter(|item| item.name.rsplit('/').next().is_some_and(grows)) {
@@ -225,15 +221,14 @@ impl<'a> Receiver<'a> {
             let Some(here) = self.disk.load_if_exists(&path)? else { continue };
             let arrived = self.disk.read(&self.staged_path(&item.name)).unwrap_or_else(|_| here.clone());
             if !arrived.starts_with(&here) {
-                let what =
-                    "was changed here, for instance by `wingd solve`, and is not written over".to_owned();
-                return Err(StoreError::Damaged { path, problem: what, remedy: "copy into another directory" });
+                let problem = "was changed here, for example by `wingd solve`, and is not overwritten".to_owned();
+                return Err(StoreError::Damaged { path, problem, remedy: "copy into another directory" });
             }
         }
         Ok(())
     }
 
-    /// Checks the whole directory; what is sound needs `fetching/` no more.
+    /// Verifies the complete directory and removes `fetching/`.
     pub fn finish(self) -> Result<VerifyReport, StoreError> {
         if self.disk.exists(&self.root.join(layout::STORE_FILE)) {
             self.disk.remove_tree(&self.root.join(layout::FETCHING))?;

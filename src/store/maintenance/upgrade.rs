@@ -1,4 +1,4 @@
-//! A store without evidence (format 1) becomes one with it. Nothing of it is changed but `store.toml`.
+//! Upgrade of a store without evidence (format 1). Only `store.toml` is changed, and evidence added.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::verify;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::{self, AppendedResults, ClosedFile, ChainEvent};
 use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
+use crate::store::format::chain::{self, AppendedResults, ChainEvent, ClosedFile};
 use crate::store::format::{layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations::InstallationFile;
@@ -15,27 +15,32 @@ use crate::store::write::root::StoreRoot;
 use crate::store::write::store::Store;
 use crate::store::write::{evidence, installations, opening, results};
 
-/// Gives a sound store an id, chains, sums and the installation that its results came from. The mark
-/// comes last: broken off at any step, the store is still of the old format and can be upgraded again.
-pub fn upgrade_store(disk: Arc<dyn Disk>, root: &Path, installation: Option<&[InstallationFile]>) -> Result<(), StoreError> {
-    // Opening takes the lock and recovers what a crash left.
+/// Adds id, chains, sums and the installation of the results to a sound store. The format file is written last: after an
+/// interruption at any step the store still has the old format and can be upgraded again.
+pub fn upgrade_store(
+    disk: Arc<dyn Disk>,
+    root: &Path,
+    installation: Option<&[InstallationFile]>,
+) -> Result<(), StoreError> {
+    // Opening takes the lock and recovers the remains of a crash.
     let (store, _) = Store::open(disk, StoreConfig::new(root))?;
     let at = store.store_root();
     if at.has_evidence() {
         return Ok(());
     }
-    let begun = |fault: &verify::InvariantFault| fault.invariant == 1 && fault.path.ends_with(layout::CHAIN_FILE);
-    if let Some(fault) = verify::verify_path(at.disk, root).faults.iter().find(|fault| !begun(fault)) {
+    let is_interrupted_upgrade =
+        |fault: &verify::InvariantFault| fault.invariant == 1 && fault.path.ends_with(layout::CHAIN_FILE);
+    if let Some(fault) = verify::verify_path(at.disk, root).faults.iter().find(|fault| !is_interrupted_upgrade(fault)) {
         return Err(StoreError::Damaged {
             path: fault.path.clone(),
             problem: fault.what.clone(),
-            remedy: "mend it, or move it out of the store; damage is not sealed as if it were sound",
+            remedy: "repair it, or move it out of the store; a damaged store is not upgraded",
         });
     }
-    let kept = installation.map(|files| installations::keep_installation(at, files)).transpose()?;
+    let installation = installation.map(|files| installations::keep_installation(at, files)).transpose()?;
     let id = opening::random_id()?;
     for flight in catalogue::list_flights(at.disk, root)? {
-        let bytes = build_chain(at, &flight, &id, kept.as_deref())?;
+        let bytes = build_chain(at, &flight, &id, installation.as_deref())?;
         let sums = flight.folder.join(layout::SUMS_FILE);
         if at.disk.exists(&sums) {
             at.disk.remove(&sums)?;
@@ -46,7 +51,7 @@ pub fn upgrade_store(disk: Arc<dyn Disk>, root: &Path, installation: Option<&[In
     opening::write_format_file(at, &id)
 }
 
-/// The chain of what there is.
+/// Builds the chain of the existing files.
 fn build_chain(
     root: StoreRoot<'_>,
     flight: &FlightRef,

@@ -1,24 +1,28 @@
-//! Lines of the aircraft's data of a flight.
+//! Recorded aircraft data of a flight.
 
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::aircraft::parse_aircraft;
-pub use crate::store::format::aircraft::{AircraftLine, AircraftHead};
+pub use crate::store::format::aircraft::{AircraftHead, AircraftLine};
 use crate::store::format::append_file_kinds::AIRCRAFT_DATA;
 use crate::store::format::sha256_hex;
 
-/// The closed files of a flight, in order.
+/// Lists the closed files with aircraft data of a flight, in order.
 pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
     catalogue::closed_files(disk, flight, &AIRCRAFT_DATA)
 }
 
-/// Each file's first line and its others.
+/// Head and lines of every file.
 pub type AircraftRecording = Vec<(AircraftHead, Vec<AircraftLine>)>;
 
-/// Heads and lines of a flight, the file being written among them; and what could not be read.
-pub fn read_aircraft(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(AircraftRecording, Vec<String>), StoreError> {
+/// Reads all aircraft data of a flight, including the file being written; returns it with notes on unreadable files.
+pub fn read_aircraft(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> Result<(AircraftRecording, Vec<String>), StoreError> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     catalogue::for_each_file(disk, root, flight, &AIRCRAFT_DATA, |path, bytes| {
         match parse_aircraft(bytes) {
@@ -31,7 +35,7 @@ pub fn read_aircraft(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result
     Ok((all, notes))
 }
 
-/// Digest over the aircraft's data of a flight as it is now: what results with them follow from. `None` without any.
+/// Computes the digest of a flight's current aircraft data, an input of results that use it; `None` if there is none.
 pub fn aircraft_digest(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreError> {
     let (all, _) = read_aircraft(disk, root, flight)?;
     let mut text = String::new();

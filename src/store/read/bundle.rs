@@ -1,7 +1,7 @@
-//! A flight as the files that make a store of its own: for archives, downloads and copies.
+//! Bundle of a flight: the files that make it a store of its own, for archives, downloads and copies.
 //!
-//! What grows is taken as the flight's SHA256SUMS have it, so that a bundle is one state, has one
-//! digest, and can be read piece by piece while the recorder writes on.
+//! Append-only files are taken up to the length in the flight's SHA256SUMS, so that a bundle is one state with one digest
+//! and can be read in pieces while the recorder continues.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,38 +13,40 @@ use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
 
-/// A file of a bundle.
+/// File of a bundle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BundleFile {
-    /// From the store's root, with `/`.
+    /// Path from the store's root, with `/`.
     pub name: String,
-    /// Bytes.
+    /// Length, bytes.
     pub length: u64,
-    /// Hex.
+    /// SHA-256 of the file, hex.
     pub sha256: String,
-    /// Where the bytes are.
     pub content: BundleContent,
 }
 
-/// Bytes of a file.
+/// Source of a file's bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BundleContent {
-    /// The first `length` bytes of this file.
+    /// First `length` bytes of this file.
     File(PathBuf),
-    /// These.
+    /// Bytes in memory.
     Bytes(Vec<u8>),
 }
 
-/// The files, in the order in which they are written, and the digest of them all.
+/// Files of a flight in the order in which they are written, and their digest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightBundle {
-    /// Each name once.
+    /// Files with unique names.
     pub items: Vec<BundleFile>,
     /// SHA-256 over names, lengths and digests, hex.
     pub digest: String,
 }
 
-/// The bundle of a flight; an error where a file is missing, a link, or shorter than it was.
+/// Builds the bundle of a flight.
+///
+/// # Errors
+/// Returns an error if a file is missing, a link, or shorter than recorded.
 pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<FlightBundle, StoreError> {
     let mut gather = BundleBuilder { disk, root, items: Vec::new(), counter: Counter::FIRST };
     gather.add_small_file(Path::new(layout::STORE_FILE))?;
@@ -65,12 +67,12 @@ struct BundleBuilder<'a> {
     disk: &'a dyn Disk,
     root: &'a Path,
     items: Vec<BundleFile>,
-    /// Above what is in the bundle, as it would be had the store no more.
+    /// Next ids after those in the bundle, as if the store had nothing else.
     counter: Counter,
 }
 
 impl BundleBuilder<'_> {
-    /// As the sums have it; they are of the chain up to `end`.
+    /// Adds a flight as listed in its sums, which cover the chain up to `end`.
     fn add_chained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         let sums_name = place.join(layout::SUMS_FILE);
@@ -78,7 +80,7 @@ impl BundleBuilder<'_> {
         let (bytes, chain) = catalogue::read_chain(self.disk, &flight.folder)?;
         let sums = sums::parse_sums(&sums_bytes).unwrap_or_default();
         let end = sums::covered_chain_length(&sums, &bytes, &chain)
-            .ok_or_else(|| self.damaged_error(&sums_name, "is not of this flight's chain"))?;
+            .ok_or_else(|| self.damaged_error(&sums_name, "does not belong to this flight's chain"))?;
         let state = chain.state_at(end);
         for digest in &state.installations {
             self.add_installation(digest)?;
@@ -97,7 +99,7 @@ impl BundleBuilder<'_> {
         Ok(())
     }
 
-    /// As it lies there; results without a torn tail.
+    /// Adds a flight of format 1 as it is on disk; results without a torn tail.
     fn add_unchained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         self.add_small_file(&place.join(layout::FLIGHT_FILE))?;
@@ -117,18 +119,12 @@ impl BundleBuilder<'_> {
         Ok(())
     }
 
-    /// A series' manifest and frames, and of its results so many bytes.
-    fn add_series(
-        &mut self,
-        flight: &FlightRef,
-        id: &str,
-        results: Option<(u64, String)>,
-    ) -> Result<(), StoreError> {
+    /// Adds manifest, frames, and the given length of the results of a series.
+    fn add_series(&mut self, flight: &FlightRef, id: &str, results: Option<(u64, String)>) -> Result<(), StoreError> {
         self.counter.advance_past(id);
         let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
         self.add_small_file(&place.join(layout::SERIES_FILE))?;
-        let series =
-            SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder: self.root.join(&place) };
+        let series = SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder: self.root.join(&place) };
         let list = self.disk.list_entries(&series.folder)?;
         let lengths: BTreeMap<&str, u64> =
             list.iter().filter(|e| !e.is_dir && !e.is_link).map(|e| (e.name.as_str(), e.length)).collect();
@@ -144,26 +140,26 @@ impl BundleBuilder<'_> {
                 Some(there) if *there == length || (grows && *there > length) => {
                     self.push(&name, length, sha256, BundleContent::File(self.root.join(&name)));
                 }
-                Some(_) => return Err(self.damaged_error(&name, "does not have its length")),
-                None => return Err(self.damaged_error(&name, "is missing, or a link")),
+                Some(_) => return Err(self.damaged_error(&name, "does not have the recorded length")),
+                None => return Err(self.damaged_error(&name, "is missing or a link")),
             }
         }
         Ok(())
     }
 
-    /// A closed file, as long as the chain has it.
+    /// Adds a closed file with the length in the chain.
     fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
         let path = self.root.join(name);
         if self.disk.file_length(&path)? != Some(length) {
-            return Err(self.damaged_error(name, "is missing, a link, or does not have its length"));
+            return Err(self.damaged_error(name, "is missing, is a link, or does not have the recorded length"));
         }
         self.push(name, length, digest.to_owned(), BundleContent::File(path));
         Ok(())
     }
 
     fn add_installation(&mut self, digest: &str) -> Result<(), StoreError> {
-        if let Some((path, what)) = installations::find_fault(self.disk, self.root, digest) {
-            return Err(StoreError::Damaged { path, problem: what, remedy: BUNDLE_REMEDY });
+        if let Some((path, problem)) = installations::find_fault(self.disk, self.root, digest) {
+            return Err(StoreError::Damaged { path, problem, remedy: BUNDLE_REMEDY });
         }
         let folder = installations::installation_folder(self.root, digest);
         for entry in self.disk.list_entries(&folder)? {
@@ -172,7 +168,7 @@ impl BundleBuilder<'_> {
         Ok(())
     }
 
-    /// A small file, read here.
+    /// Adds a small file, reading it immediately.
     fn add_small_file(&mut self, name: &Path) -> Result<(), StoreError> {
         let bytes = self.read_file(name)?;
         self.add_bytes(name, bytes);
@@ -183,7 +179,7 @@ impl BundleBuilder<'_> {
         let path = self.root.join(name);
         match self.disk.file_length(&path)? {
             Some(_) => self.disk.load_file(&path),
-            None => Err(self.damaged_error(name, "is missing, or a link")),
+            None => Err(self.damaged_error(name, "is missing or a link")),
         }
     }
 
@@ -196,9 +192,9 @@ impl BundleBuilder<'_> {
         self.items.push(BundleFile { name, length, sha256, content });
     }
 
-    fn damaged_error(&self, name: &Path, what: &str) -> StoreError {
-        StoreError::Damaged { path: self.root.join(name), problem: what.to_owned(), remedy: BUNDLE_REMEDY }
+    fn damaged_error(&self, name: &Path, problem: &str) -> StoreError {
+        StoreError::Damaged { path: self.root.join(name), problem: problem.to_owned(), remedy: BUNDLE_REMEDY }
     }
 }
 
-const BUNDLE_REMEDY: &str = "`wingd verify` says what else is damaged; files can be taken one by one";
+const BUNDLE_REMEDY: &str = "run `wingd verify` for other damage; intact files can be copied individually";

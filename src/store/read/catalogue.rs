@@ -1,50 +1,48 @@
-//! What a store holds, read without a lock: for reports, pages, exports and the daemon itself.
+//! Contents of a store, read without a lock: for reports, pages, exports and the daemon itself.
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::{Disk, DirectoryEntry, StoreError};
-use crate::store::format::chain::Chain;
+use crate::store::disk::{DirectoryEntry, Disk, StoreError};
 use crate::store::format::append_file_kinds::AppendFileKind;
+use crate::store::format::chain::Chain;
 use crate::store::format::manifest::{FlightManifest, ResultLine, SeriesManifest};
 use crate::store::format::{jsonl, layout};
 
-/// A flight's place.
+/// Reference to a flight.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FlightRef {
-    /// Its name.
+    /// Name of the flight.
     pub id: String,
-    /// Its folder.
     pub folder: PathBuf,
 }
 
-/// A finished series' place.
+/// Reference to a finished series.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SeriesRef {
-    /// Its flight's name.
+    /// Name of the flight.
     pub flight: String,
-    /// Its name.
+    /// Name of the series.
     pub id: String,
-    /// Its folder.
     pub folder: PathBuf,
 }
 
-/// Formats that are read and written.
+/// Formats that this program reads and writes.
 const SUPPORTED_FORMATS: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
 
-/// What `store.toml` says; `None` where it cannot be read.
+/// Parses `store.toml`; `None` if it cannot be read.
 fn read_format_file(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
     let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
     std::str::from_utf8(&bytes).ok()?.parse().ok()
 }
 
-/// The store's id; `None` in a store without evidence (format 1).
+/// Returns the store's id; `None` for a store without evidence (format 1).
 pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
     let mark = read_format_file(disk, root)?;
     let id = mark.get("id").and_then(toml::Value::as_str).unwrap_or_default();
     (mark.get("format")?.as_integer()? == i64::from(layout::FORMAT)).then(|| id.to_owned())
 }
 
-/// Checks that `root` is a store of our format.
+/// Checks that `root` is a store in a supported format.
 pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let path = root.join(layout::STORE_FILE);
     if !disk.exists(&path) {
@@ -55,38 +53,40 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let mark = read_format_file(disk, root);
     match mark.as_ref().and_then(|mark| mark.get("format")) {
         Some(format) if SUPPORTED_FORMATS.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
-        Some(format) => {
-            Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT })
-        }
+        Some(format) => Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT }),
         None => Err(StoreError::Damaged {
             path,
-            problem: "holds no format number".to_owned(),
+            problem: "has no format number".to_owned(),
             remedy: "write `format = 1` into it if the store was made by wingd 0.x",
         }),
     }
 }
 
-/// The flights, in order.
+/// Lists the flights of a store, in order.
 pub fn list_flights(disk: &dyn Disk, root: &Path) -> Result<Vec<FlightRef>, StoreError> {
     let folder = root.join(layout::FLIGHTS);
     let ids = numbered_names(disk, &folder, layout::flight_number, |entry| entry.is_dir)?;
     Ok(ids.into_iter().map(|id| FlightRef { folder: folder.join(&id), id }).collect())
 }
 
-/// The finished series of a flight, in order.
+/// Lists the finished series of a flight, in order.
 pub fn list_series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, StoreError> {
     let ids = numbered_names(disk, &flight.folder, layout::series_number, |entry| entry.is_dir)?;
     let series = |id: String| SeriesRef { flight: flight.id.clone(), folder: flight.folder.join(&id), id };
     Ok(ids.into_iter().map(series).collect())
 }
 
-/// The closed files of a kind in a flight, in order.
-pub(crate) fn closed_files(disk: &dyn Disk, flight: &FlightRef, kind: &AppendFileKind) -> Result<Vec<String>, StoreError> {
+/// Lists the closed files of a kind in a flight, in order.
+pub(crate) fn closed_files(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    kind: &AppendFileKind,
+) -> Result<Vec<String>, StoreError> {
     numbered_names(disk, &flight.folder, kind.closed_number, |entry| !entry.is_dir && !entry.is_link)
 }
 
-/// Gives the bytes of a flight's files of a kind, in the order written: the closed ones, then the one being written,
-/// which may be another flight's.
+/// Calls `give` with the content of a flight's files of a kind, in the order written: the closed ones, then the one being
+/// written, which may belong to another flight.
 pub(crate) fn for_each_file<E: From<StoreError>>(
     disk: &dyn Disk,
     root: &Path,
@@ -94,7 +94,7 @@ pub(crate) fn for_each_file<E: From<StoreError>>(
     kind: &AppendFileKind,
     mut give: impl FnMut(&Path, &[u8]) -> Result<(), E>,
 ) -> Result<(), E> {
-    // The open file first: a recorder that closes it meanwhile moves it to those that are listed after.
+    // The open file is read first: if a recorder closes it meanwhile, it is among the closed ones listed next.
     let path = root.join(kind.open_name);
     let mut open = disk.load_if_exists(&path)?;
     for closed in closed_files(disk, flight, kind)?.into_iter().map(|file| flight.folder.join(file)) {
@@ -105,43 +105,43 @@ pub(crate) fn for_each_file<E: From<StoreError>>(
     open.map_or(Ok(()), |bytes| give(&path, &bytes))
 }
 
-/// Names with a number in a folder, by their numbers.
+/// Lists numbered names in a folder, sorted by number.
 fn numbered_names(
     disk: &dyn Disk,
     folder: &Path,
     number: fn(&str) -> Option<u64>,
-    ours: fn(&DirectoryEntry) -> bool,
+    is_member: fn(&DirectoryEntry) -> bool,
 ) -> Result<Vec<String>, StoreError> {
-    let entries = disk.list_entries(folder)?.into_iter().filter(ours);
+    let entries = disk.list_entries(folder)?.into_iter().filter(is_member);
     let mut found: Vec<_> = entries.filter_map(|e| Some((number(&e.name)?, e.name))).collect();
     found.sort();
     Ok(found.into_iter().map(|(_, name)| name).collect())
 }
 
-/// A flight's chain as bytes, none where there is no chain; and as it reads.
+/// Reads a flight's chain: its bytes, empty if there is none, and the parsed chain.
 pub(crate) fn read_chain(disk: &dyn Disk, flight: &Path) -> Result<(Vec<u8>, Chain), StoreError> {
     let bytes = disk.load_if_exists(&flight.join(layout::CHAIN_FILE))?.unwrap_or_default();
     let chain = Chain::parse(&bytes);
     Ok((bytes, chain))
 }
 
-/// `flight.json`.
+/// Reads the manifest of a flight, `flight.json`.
 pub fn read_flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightManifest, StoreError> {
     read_json(disk, &flight.folder.join(layout::FLIGHT_FILE))
 }
 
-/// Whether a flight is the one that is meant: by its id, or by the name that it was imported under.
-pub fn is_called(disk: &dyn Disk, flight: &FlightRef, wanted: &str) -> bool {
-    let named = || read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
-    flight.id == wanted || layout::flight_number(wanted).is_none() && named().as_deref() == Some(wanted)
+/// Returns whether a flight has the given id, or was imported under the given name.
+pub fn is_called(disk: &dyn Disk, flight: &FlightRef, name: &str) -> bool {
+    let imported_name = || read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
+    flight.id == name || layout::flight_number(name).is_none() && imported_name().as_deref() == Some(name)
 }
 
-/// `series.json`.
+/// Reads the manifest of a series, `series.json`.
 pub fn read_series_manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
     read_json(disk, &series.folder.join(layout::SERIES_FILE))
 }
 
-/// The whole lines of `results.jsonl`, in the order written; empty where there are none.
+/// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.
 pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
     let bytes = disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.unwrap_or_default();
     Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, line)| line).collect())
@@ -151,6 +151,6 @@ fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> Re
     serde_json::from_slice(&disk.load_file(path)?).map_err(|error| StoreError::Damaged {
         path: path.to_owned(),
         problem: error.to_string(),
-        remedy: "copy it from an export or a backup; `wingd verify` lists what else is damaged",
+        remedy: "copy it from an export or a backup; run `wingd verify` for other damage",
     })
 }

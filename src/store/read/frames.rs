@@ -7,20 +7,18 @@ use crate::store::disk::{Disk, StoreError};
 use crate::store::format::manifest::{FrameEntry, SeriesManifest};
 use crate::store::format::{layout, sha256_hex};
 
-/// A stored frame that can be read and given a result.
+/// Reference to a stored frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameRef {
-    /// Where.
     pub series: SeriesRef,
-    /// What.
     pub entry: FrameEntry,
-    /// When the camera was asked.
+    /// Time of the request to the camera.
     pub stamp: Stamp,
-    /// When it was exposed, where that is known.
+    /// Time of the exposure, if known.
     pub exposure: Option<Exposure>,
 }
 
-/// A series' frames, in order.
+/// Returns the frames of a series, in order.
 pub fn series_frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
     let shots = manifest.shots.into_iter();
     shots
@@ -31,13 +29,16 @@ pub fn series_frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameR
         .collect()
 }
 
-/// A frame's bytes, as delivered; an error where they are not what the manifest says.
+/// Reads the bytes of a frame, as delivered by the camera.
+///
+/// # Errors
+/// Returns an error if they do not have the digest in the manifest.
 pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
     let path = frame.series.folder.join(&frame.entry.file);
     let bytes = disk.load_file(&path)?;
     if sha256_hex(&bytes) == frame.entry.sha256 {
         return Ok(bytes);
     }
-    let what = "its bytes do not have the hash of series.json".to_owned();
-    Err(StoreError::Damaged { path, problem: what, remedy: "take this frame from a backup or an export" })
+    let problem = "its bytes do not have the hash of series.json".to_owned();
+    Err(StoreError::Damaged { path, problem, remedy: "take this frame from a backup or an export" })
 }

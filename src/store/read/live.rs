@@ -1,53 +1,53 @@
-//! Live results: many a second, in files of a flight whose blocks hold columns ([`columns`](crate::store::columns)).
+//! Live results of a flight: many per second, in files whose blocks hold columns ([`columns`](crate::store::columns)).
 
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::columns::{FLAG, LiveFile, LiveHead, ValueKind, LiveRow, UTC, WORD};
 use crate::store::format::append_file_kinds::LIVE_RESULTS;
+use crate::store::format::columns::{FLAG, LiveFile, LiveHead, LiveRow, UTC, ValueKind, WORD};
 
-/// Columns that other commands look for, where a table has them.
+/// Names of columns, and of lists in the source, that other commands look up if a table has them.
 pub mod names {
     /// Middle of the exposure; unit [`UTC`](crate::store::columns::UTC).
     pub const UTC: &str = "utc";
-    /// Of the same, s.
+    /// Middle of the exposure since boot, s.
     pub const SINCE_BOOT: &str = "since_boot";
-    /// The result's number, from 1 at each start of live mode.
+    /// Number of the result, from 1 at each start of live mode.
     pub const NUMBER: &str = "number";
-    /// Coefficients of the bending line's curvature, 1/m, from the first on.
+    /// Coefficients of the bending line's curvature, 1/m.
     pub const CURVATURE: &str = "curvature";
-    /// Their covariance, 1/m^2: of k coefficients k (k + 1) / 2 values, the upper triangle row by row.
+    /// Covariance of the curvature coefficients, 1/m²: k (k + 1) / 2 values, the upper triangle row by row.
     pub const CURVATURE_COVARIANCE: &str = "curvature_covariance";
-    /// In the source: what results follow from, as in `results.jsonl`.
+    /// Provenance in the source, as in `results.jsonl`.
     pub const PROVENANCE: &str = "provenance";
-    /// In the source: what the numbers of each column of unit [`WORD`](crate::store::columns::WORD) mean, from 0 on.
+    /// Word lists in the source, for each column of unit [`WORD`](crate::store::columns::WORD).
     pub const WORDS: &str = "words";
-    /// Whether the frame was solved.
+    /// Flag: the frame was solved.
     pub const SOLVED: &str = "solved";
-    /// Why it was not: a word.
+    /// Reason for a frame without solution: a word.
     pub const REASON: &str = "reason";
-    /// What determines the instant: a word.
+    /// Source of the exposure time: a word.
     pub const EXPOSURE_SOURCE: &str = "exposure_source";
-    /// Of the instant against this machine's clock, s.
+    /// Standard deviation of the exposure time on this machine's clock, s.
     pub const EXPOSURE_SIGMA: &str = "exposure_sigma";
-    /// Of the machine's clock, s.
+    /// Standard deviation of the machine's clock, s.
     pub const CLOCK_SIGMA: &str = "clock_sigma";
-    /// Whether a service disciplined the clock.
+    /// Flag: a service disciplined the clock.
     pub const UTC_SYNCHRONISED: &str = "utc_synchronised";
-    /// Whether the global test accepts.
+    /// Flag: the global test passed.
     pub const GLOBAL_TEST_PASSED: &str = "global_test_passed";
-    /// Standard deviations are a priori or a posteriori: a word.
+    /// Kind of the standard deviations, a priori or a posteriori: a word.
     pub const SIGMA_KIND: &str = "sigma_kind";
-    /// Which of the tip's deflections is told best: a word.
+    /// Reference of the reported tip deflection: a word.
     pub const TIP_REFERENCE: &str = "tip_reference";
 }
 
-/// Name, unit and kind of what a row has once.
+/// Column with one value per row: name, unit and kind.
 pub type ScalarColumn = (&'static str, &'static str, ValueKind);
 
-/// What a row of live mode has once, in order.
+/// Columns with one value per row of live mode, in order.
 pub const SCALAR_COLUMNS: [ScalarColumn; 25] = [
     (names::UTC, UTC, ValueKind::U64),
     (names::SINCE_BOOT, "s", ValueKind::F64),
@@ -76,15 +76,15 @@ pub const SCALAR_COLUMNS: [ScalarColumn; 25] = [
     (names::TIP_REFERENCE, WORD, ValueKind::U8),
 ];
 
-/// The closed files of a flight, in order.
+/// Lists the closed files with live results of a flight, in order.
 pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
     catalogue::closed_files(disk, flight, &LIVE_RESULTS)
 }
 
-/// Each file's first line and its rows.
+/// First line and rows of every file.
 pub type LiveRecording = Vec<(LiveHead, Vec<LiveRow>)>;
 
-/// All live results of a flight, those of the file being written among them; and what could not be read.
+/// Reads all live results of a flight, including the file being written; returns them with notes on unreadable data.
 pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(LiveRecording, Vec<String>), StoreError> {
     let mut all = LiveRecording::new();
     let notes = for_each_live_file(disk, root, flight, |mut file| {
@@ -99,8 +99,8 @@ pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Li
     Ok((all, notes))
 }
 
-/// Gives a flight's files one after another, in the order written, the one being written last. What is done with a file
-/// returns how many of its bytes were not whole; notes say so.
+/// Calls `read` with a flight's files in the order written, the one being written last. `read` returns the number of bytes
+/// that were not intact; the returned notes report them.
 pub fn for_each_live_file<E: From<StoreError>>(
     disk: &dyn Disk,
     root: &Path,
@@ -123,7 +123,7 @@ pub fn for_each_live_file<E: From<StoreError>>(
     Ok(notes)
 }
 
-/// When the last file of a flight was begun.
+/// Returns the time at which the last closed file of a flight was begun.
 pub(crate) fn last_file_start(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
     let last = closed_files(disk, flight).ok()?.pop()?;
     let bytes = disk.read(&flight.folder.join(last)).ok()?;

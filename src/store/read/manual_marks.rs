@@ -1,4 +1,4 @@
-//! What people marked in the frames of a flight.
+//! Manual marks in the frames of a flight.
 
 use std::path::Path;
 
@@ -6,11 +6,11 @@ use super::catalogue::{self, FlightRef};
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::append_file_kinds::MANUAL_MARKS;
 use crate::store::format::manual_marks::parse_marks;
-pub use crate::store::format::manual_marks::{ManualMark, MarkAction, MarkSource, MarkPosition, effective_marks};
+pub use crate::store::format::manual_marks::{ManualMark, MarkAction, MarkPosition, MarkSource, effective_marks};
 use crate::store::format::sha256_hex;
 
-/// All marks of a flight in the order in which they were made, those of the file being written among them; and what could not
-/// be read.
+/// Reads all manual marks of a flight in the order in which they were made, including the file being written; returns them
+/// with notes on unreadable files.
 pub fn read_marks(
     disk: &dyn Disk,
     root: &Path,
@@ -28,7 +28,7 @@ pub fn read_marks(
     Ok((all, notes))
 }
 
-/// Digest over the marks that count: what results with them follow from. `None` without any.
+/// Computes the digest of the valid marks, an input of results that use them; `None` if there are none.
 pub fn marks_digest(marks: &[ManualMark]) -> Option<String> {
     let lines: Vec<String> =
         effective_marks(marks).iter().filter_map(|mark| serde_json::to_string(mark).ok()).collect();

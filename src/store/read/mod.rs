@@ -1,4 +1,4 @@
-//! What a store holds, read without a lock: for reports, pages, exports, copies and the recorder itself.
+//! Contents of a store, read without a lock: for reports, pages, exports, copies and the recorder itself.
 
 pub mod aircraft;
 pub mod bundle;

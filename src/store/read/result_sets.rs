@@ -1,5 +1,5 @@
-//! Which results of a flight belong together: those computed from the same inputs. Figures of two sets
-//! are never mixed; one set is chosen, and that there are others is said.
+//! Sets of results of a flight: those computed from the same inputs. Figures of two sets are never mixed; one set is
+//! chosen, and a warning names the others.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,72 +12,72 @@ use crate::store::format::manifest::ResultLine;
 use crate::store::format::result_summary::{self, ResultSummary};
 use crate::store::format::{Inputs, layout};
 
-/// Characters of a set's key that a person reads and types.
+/// Length of the abbreviated key that a person reads and types.
 const SHORT_KEY_LENGTH: usize = 8;
 
 /// Results of a flight that were computed from the same inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResultSet {
-    /// Digest over the inputs, the frame apart; hex.
+    /// Digest of the inputs other than the frame, hex.
     pub key: String,
     /// Digests of the installation, program version, parameters.
     pub provenance: Map<String, Value>,
-    /// Frames with such a result.
+    /// Number of frames with such a result.
     pub results: usize,
-    /// Of the last one: how many sets of its series it follows, its series' number.
+    /// Rank of the last result: number of sets that it follows in its series, number of the series.
     last: (usize, u64),
-    /// As [`Gather::add`] counts it.
+    /// Number as returned by [`ResultGrouper::add_series`].
     index: usize,
 }
 
 impl ResultSet {
-    /// Its number in what [`Gather::add`] returned.
+    /// Returns the number of the set as [`ResultGrouper::add_series`] returned it.
     pub fn index(&self) -> usize {
         self.index
     }
 
-    /// The key's beginning.
+    /// Returns the abbreviated key.
     pub fn short_key(&self) -> &str {
         self.key.get(..SHORT_KEY_LENGTH).unwrap_or(&self.key)
     }
 
-    /// Key, program and count, in words.
+    /// Describes the set by key, program and count.
     pub fn description(&self) -> String {
         let program = self.provenance.get("program").and_then(Value::as_str).unwrap_or("unknown program");
         format!("{} ({program}): {} results", self.short_key(), self.results)
     }
 }
 
-/// The sets of a flight.
+/// Result sets of a flight.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ResultSets {
-    /// Frames that have a result.
+    /// Number of frames that have a result.
     pub frames: usize,
-    /// The oldest first.
+    /// Sets, the oldest first.
     pub sets: Vec<ResultSet>,
 }
 
 impl ResultSets {
-    /// Whose figures are shown: of the sets with the most frames the newest; or the one asked for by its
-    /// key's beginning. A set that was broken off takes no figure away from a whole one.
-    pub fn choose_set(&self, wanted: Option<&str>) -> Option<&ResultSet> {
-        match wanted {
+    /// Chooses the set whose figures are shown: the one whose key begins with `wanted`; by default the newest of the sets
+    /// with the most frames, so that an incomplete set does not replace a complete one.
+    pub fn choose_set(&self, requested: Option<&str>) -> Option<&ResultSet> {
+        match requested {
             Some(key) => self.sets.iter().rev().find(|set| set.key.starts_with(key)),
             None => self.sets.iter().max_by_key(|set| (set.results, set.last)),
         }
     }
 
-    /// A sentence where a flight has results of several inputs; `None` where not.
-    pub fn mixed_inputs_warning(&self, flight: &str, wanted: Option<&str>) -> Option<String> {
-        let chosen = self.choose_set(wanted)?;
+    /// Returns a warning if a flight has results of several inputs.
+    pub fn mixed_inputs_warning(&self, flight: &str, requested: Option<&str>) -> Option<String> {
+        let chosen = self.choose_set(requested)?;
         let [_, _, ..] = self.sets.as_slice() else { return None };
         let all: Vec<String> = self.sets.iter().map(ResultSet::description).collect();
-        let short = match self.frames - chosen.results.min(self.frames) {
+        let missing = match self.frames - chosen.results.min(self.frames) {
             0 => String::new(),
-            n => format!("; {n} frames have results of other inputs only and are shown without one"),
+            n => format!("; {n} frames have only results of other inputs and are shown without a result"),
         };
         Some(format!(
-            "{flight}: {} frames have results of {} inputs, {}; figures are of {} alone{short}",
+            "{flight}: {} frames have results of {} inputs, {}; figures are from {} only{missing}",
             self.frames,
             self.sets.len(),
             all.join(", "),
@@ -86,7 +86,7 @@ impl ResultSets {
     }
 }
 
-/// The sets of a flight. Reads the beginning of every result.
+/// Groups the results of a flight into sets. Reads the beginning of every result.
 pub fn flight_result_sets(disk: &dyn Disk, flight: &FlightRef) -> Result<ResultSets, StoreError> {
     let mut gather = ResultGrouper::default();
     for series in catalogue::list_series(disk, flight)? {
@@ -96,7 +96,7 @@ pub fn flight_result_sets(disk: &dyn Disk, flight: &FlightRef) -> Result<ResultS
     Ok(gather.finish())
 }
 
-/// Sorts results into sets, series by series.
+/// Groups results into sets, series by series.
 #[derive(Default)]
 pub struct ResultGrouper {
     frames: usize,
@@ -104,7 +104,7 @@ pub struct ResultGrouper {
 }
 
 impl ResultGrouper {
-    /// Takes a series' results, in the order written; returns which set each belongs to.
+    /// Adds the results of a series, in the order written; returns the number of the set of each.
     pub fn add_series(&mut self, series: &str, heads: &[ResultSummary]) -> Vec<usize> {
         let number = layout::series_number(series).unwrap_or(0);
         let sets: Vec<usize> = heads.iter().map(|head| self.set_index(&head.provenance)).collect();
@@ -133,14 +133,15 @@ impl ResultGrouper {
         index
     }
 
-    /// What they are.
+    /// Returns the sets.
     pub fn finish(mut self) -> ResultSets {
         self.sets.sort_by_key(|set| set.last);
         ResultSets { frames: self.frames, sets: self.sets }
     }
 }
 
-/// The results of a series that belong to a set, in the frames' order; all where none is named.
+/// Reads the results of a series that belong to a set, in the order of frames; the latest of every frame if no set is
+/// given.
 pub fn results_in_set(
     disk: &dyn Disk,
     series: &SeriesRef,
@@ -154,11 +155,12 @@ pub fn results_in_set(
     Ok(latest.into_values().collect())
 }
 
-/// What is to be said of a store's flights with results of several inputs.
+/// Returns a warning for every flight of a store with results of several inputs.
 pub fn mixed_inputs_warnings(disk: &dyn Disk, root: &Path) -> Vec<String> {
     let flights = catalogue::list_flights(disk, root).unwrap_or_default();
-    let of = |flight: &FlightRef| flight_result_sets(disk, flight).ok()?.mixed_inputs_warning(&flight.id, None);
-    flights.iter().filter_map(of).collect()
+    let warning_for =
+        |flight: &FlightRef| flight_result_sets(disk, flight).ok()?.mixed_inputs_warning(&flight.id, None);
+    flights.iter().filter_map(warning_for).collect()
 }
 
 #[cfg(test)]
@@ -174,7 +176,10 @@ mod tests {
         let mut gather = ResultGrouper::default();
         for (number, lines) in series.iter().enumerate() {
             let text: String = lines.iter().map(|(frame, program)| line(*frame, program)).collect();
-            gather.add_series(&layout::series_id(number as u64 + 1), &result_summary::parse_summaries(text.as_bytes(), &[]));
+            gather.add_series(
+                &layout::series_id(number as u64 + 1),
+                &result_summary::parse_summaries(text.as_bytes(), &[]),
+            );
         }
         gather.finish()
     }
@@ -184,23 +189,23 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_newer_set_is_shown_and_a_broken_off_one_is_not() {
+    fn a_complete_newer_set_is_shown_and_an_incomplete_one_is_not() {
         let whole = sets(&[&[(1, "a"), (2, "a"), (1, "b"), (2, "b")], &[(1, "a"), (1, "b")]]);
         assert_eq!((chosen(&whole), whole.frames), ("b", 3));
-        let begun = sets(&[&[(1, "a"), (2, "a"), (1, "b"), (2, "b")], &[(1, "a")]]);
-        assert_eq!(chosen(&begun), "a");
-        assert!(begun.mixed_inputs_warning("f0001", None).unwrap().contains("results of 2 inputs"));
+        let incomplete = sets(&[&[(1, "a"), (2, "a"), (1, "b"), (2, "b")], &[(1, "a")]]);
+        assert_eq!(chosen(&incomplete), "a");
+        assert!(incomplete.mixed_inputs_warning("f0001", None).unwrap().contains("results of 2 inputs"));
     }
 
     #[test]
-    fn one_set_is_nothing_to_speak_of_and_parted_ones_are() {
+    fn a_single_set_gives_no_warning_and_separate_sets_do() {
         assert_eq!(sets(&[&[(1, "a")], &[(1, "a")]]).mixed_inputs_warning("f0001", None), None);
         assert_eq!(sets(&[]).mixed_inputs_warning("f0001", None), None);
-        let parted = sets(&[&[(1, "a")], &[(1, "b")]]);
-        assert_eq!(chosen(&parted), "b", "the newer series");
-        let said = parted.mixed_inputs_warning("f0001", None).unwrap();
-        assert!(said.contains("1 frames have results of other inputs only"), "{said}");
-        let key = parted.sets.iter().find(|s| s.provenance["program"] == "a").unwrap().short_key().to_owned();
-        assert_eq!(parted.choose_set(Some(&key)).unwrap().provenance["program"], "a");
+        let separate = sets(&[&[(1, "a")], &[(1, "b")]]);
+        assert_eq!(chosen(&separate), "b", "the newer series");
+        let warning = separate.mixed_inputs_warning("f0001", None).unwrap();
+        assert!(warning.contains("1 frames have only results of other inputs"), "{warning}");
+        let key = separate.sets.iter().find(|s| s.provenance["program"] == "a").unwrap().short_key().to_owned();
+        assert_eq!(separate.choose_set(Some(&key)).unwrap().provenance["program"], "a");
     }
 }

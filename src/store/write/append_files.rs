@@ -1,5 +1,4 @@
-//! What is recorded beside the series of frames: the aircraft's data as it comes, live results in columns, what people mark
-//! in the frames.
+//! Append-only data recorded in addition to series of frames: aircraft data, live results, manual marks.
 
 use std::sync::PoisonError;
 
@@ -10,21 +9,21 @@ use super::segment::{self, AppendFile, AppendPiece, OpenSegment};
 use super::store::Store;
 use crate::clock::Stamp;
 use crate::store::disk::StoreError;
-use crate::store::format::aircraft::{AircraftLine, AircraftHead};
-use crate::store::format::columns::{self, LiveTable, LiveRow};
-use crate::store::format::jsonl;
+use crate::store::format::aircraft::{AircraftHead, AircraftLine};
 use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, LIVE_RESULTS, MANUAL_MARKS};
+use crate::store::format::columns::{self, LiveRow, LiveTable};
+use crate::store::format::jsonl;
 use crate::store::format::manual_marks::{self, ManualMark};
 
 impl Store {
-    /// Records lines durably with the newest flight; `false` where there is no flight yet. Below the reserve it refuses:
-    /// frames and results go first.
+    /// Records lines durably with the newest flight; returns `false` if there is no flight yet. Refuses below the reserve,
+    /// because frames and results have priority.
     pub fn add_aircraft_lines(&self, source: &Value, lines: &[AircraftLine]) -> Result<bool, StoreError> {
         let Some(flight) = self.current_flight() else { return Ok(false) };
         self.add_aircraft_lines_to(&flight, source, lines)
     }
 
-    /// The same with a flight that is named.
+    /// Records lines durably with a given flight.
     pub fn add_aircraft_lines_to(
         &self,
         flight: &str,
@@ -42,16 +41,17 @@ impl Store {
         Ok(true)
     }
 
-    /// Closes what is open, so that the flight's sums cover it.
+    /// Closes the open file with aircraft data, so that the flight's sums cover it.
     pub fn close_aircraft_file(&self) -> Result<(), StoreError> {
         self.close_append_file(&self.aircraft)
     }
 
-    /// Records results of up to now durably, as one block; begins a flight where the rules have one begin, and files as
-    /// they are needed. Below the reserve it refuses: frames and their results go first.
+    /// Records live results durably, as one block; begins a flight if the rules require one, and files as needed. Refuses
+    /// below the reserve, because frames and their results have priority.
     ///
-    /// An error that the rows do not fit the table is one of [`std::io::ErrorKind::InvalidInput`]. After any error none
-    /// of the rows is recorded.
+    /// # Errors
+    /// Returns an error of [`std::io::ErrorKind::InvalidInput`] if the rows do not match the table. After any error none of
+    /// the rows is recorded.
     pub fn append_live_rows(&self, table: &LiveTable, rows: &[LiveRow], now: &Stamp) -> Result<(), StoreError> {
         if rows.is_empty() {
             return Ok(());
@@ -59,7 +59,7 @@ impl Store {
         self.refuse_below_reserve()?;
         let flight = self.flight_for_recording(now)?;
         let path = self.root().join(LIVE_RESULTS.open_name);
-        let of = serde_json::to_vec(table).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
+        let descriptor = serde_json::to_vec(table).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
         let head = columns::LiveHead {
             format: columns::FORMAT,
             flight: flight.clone(),
@@ -72,11 +72,11 @@ impl Store {
             Ok(AppendPiece { bytes, tag })
         };
         let block = |before| columns::encode_block(table, rows, &before).map(|(bytes, tag)| AppendPiece { bytes, tag });
-        self.append_piece(&self.live, &flight, of, first, block)
+        self.append_piece(&self.live, &flight, descriptor, first, block)
     }
 
-    /// Adds what a person marked in frames of a flight, durably when this returns: beside the frames and what was detected in
-    /// them, over neither.
+    /// Records manual marks in frames of a flight durably, in addition to the frames and their detections, which stay
+    /// unchanged.
     pub fn add_marks(&self, flight: &str, marks: &[ManualMark]) -> Result<(), StoreError> {
         let path = self.root().join(MANUAL_MARKS.open_name);
         let piece = |bytes| AppendPiece { bytes, tag: [0; 32] };
@@ -87,40 +87,42 @@ impl Store {
         self.append_piece(&self.marks, flight, first.clone(), begin, written)
     }
 
-    /// Closes what is open, so that the flight's sums cover it.
+    /// Closes the open file with manual marks, so that the flight's sums cover it.
     pub fn close_marks_file(&self) -> Result<(), StoreError> {
         self.close_append_file(&self.marks)
     }
 
-    /// Closes the file being written into its flight, so that the flight's sums cover it.
+    /// Closes the open file with live results, so that the flight's sums cover it.
     pub fn close_live_file(&self) -> Result<(), StoreError> {
         self.close_append_file(&self.live)
     }
 }
 
-/// Appending to files that grow.
+/// Appending to files.
 impl Store {
-    /// Appends a piece durably. `of` is what all of a file is of: another one closes the file and begins one with
-    /// `first`, as does one that is too long. `piece` gets what it follows from.
+    /// Appends a piece durably. A file has one `descriptor`; another descriptor, flight, or an exceeded length closes the
+    /// file and begins one with `first`. `piece` receives the tag of the piece before.
     fn append_piece(
         &self,
-        growing: &AppendFile,
+        file: &AppendFile,
         flight: &str,
-        of: Vec<u8>,
+        descriptor: Vec<u8>,
         first: impl FnOnce() -> std::io::Result<AppendPiece>,
         piece: impl FnOnce([u8; 32]) -> std::io::Result<AppendPiece>,
     ) -> Result<(), StoreError> {
-        let path = self.root().join(growing.kind.open_name);
-        let mut open = growing.open.lock().unwrap_or_else(PoisonError::into_inner);
-        if open.as_ref().is_some_and(|s| s.descriptor != of || s.flight != flight || s.length > growing.kind.max_length)
+        let path = self.root().join(file.kind.open_name);
+        let mut open = file.open.lock().unwrap_or_else(PoisonError::into_inner);
+        if open
+            .as_ref()
+            .is_some_and(|s| s.descriptor != descriptor || s.flight != flight || s.length > file.kind.max_length)
         {
-            self.close_segment(growing, &mut open)?;
+            self.close_segment(file, &mut open)?;
         }
         let mut segment = match open.take() {
             Some(segment) => segment,
-            None => self.begin_segment(growing, flight, of, first)?,
+            None => self.begin_segment(file, flight, descriptor, first)?,
         };
-        // Bytes that cannot be made are no fault of the file.
+        // The file stays valid if the bytes cannot be produced.
         let piece = match piece(segment.tag) {
             Ok(piece) => piece,
             Err(error) => {
@@ -134,46 +136,46 @@ impl Store {
         Ok(())
     }
 
-    /// One that a failure left is closed first.
+    /// Begins a file; closes one that a failure left first.
     fn begin_segment(
         &self,
-        growing: &AppendFile,
+        file: &AppendFile,
         flight: &str,
-        of: Vec<u8>,
+        descriptor: Vec<u8>,
         first: impl FnOnce() -> std::io::Result<AppendPiece>,
     ) -> Result<OpenSegment, StoreError> {
-        let (disk, path) = (self.disk(), self.root().join(growing.kind.open_name));
+        let (disk, path) = (self.disk(), self.root().join(file.kind.open_name));
         if disk.exists(&path) {
-            self.close_segment(growing, &mut None)?;
+            self.close_segment(file, &mut None)?;
         }
         let first = first().map_err(StoreError::io(&path, "write"))?;
         disk.save_file(&path, &first.bytes)?;
         disk.sync_directory(self.root())?;
         let mut segment =
-            OpenSegment { flight: flight.to_owned(), descriptor: of, length: 0, hasher: Sha256::new(), tag: first.tag };
+            OpenSegment { flight: flight.to_owned(), descriptor, length: 0, hasher: Sha256::new(), tag: first.tag };
         segment.add_piece(&first);
         Ok(segment)
     }
 
-    /// Closes what is open or left, so that the flight's sums cover it.
-    fn close_append_file(&self, growing: &AppendFile) -> Result<(), StoreError> {
-        let mut open = growing.open.lock().unwrap_or_else(PoisonError::into_inner);
-        let left = self.disk().exists(&self.root().join(growing.kind.open_name));
-        if open.is_some() || left { self.close_segment(growing, &mut open) } else { Ok(()) }
+    /// Closes the open file, or one left by a failure, so that the flight's sums cover it.
+    fn close_append_file(&self, file: &AppendFile) -> Result<(), StoreError> {
+        let mut open = file.open.lock().unwrap_or_else(PoisonError::into_inner);
+        let left = self.disk().exists(&self.root().join(file.kind.open_name));
+        if open.is_some() || left { self.close_segment(file, &mut open) } else { Ok(()) }
     }
 
-    /// Whatever comes of it the next piece begins a file of its own.
-    fn close_segment(&self, growing: &AppendFile, open: &mut Option<OpenSegment>) -> Result<(), StoreError> {
+    /// Closes the open file; even after an error the next piece begins a new file.
+    fn close_segment(&self, file: &AppendFile, open: &mut Option<OpenSegment>) -> Result<(), StoreError> {
         let segment = open.take();
         let mut index = self.lock_index();
         let flight = match segment {
-            // Every byte of it was answered for: it need not be read.
+            // Every byte was written durably: the file need not be read.
             Some(OpenSegment { flight, length, hasher, .. }) => {
                 let sha256 = hex::encode(hasher.finalize());
-                segment::commit_segment(self.store_root(), growing.kind, &flight, length as u64, sha256)?;
+                segment::commit_segment(self.store_root(), file.kind, &flight, length as u64, sha256)?;
                 Some(flight)
             }
-            None => segment::close_leftover(self.store_root(), growing.kind)?,
+            None => segment::close_leftover(self.store_root(), file.kind)?,
         };
         index.unsealed.extend(flight);
         self.seal_all(&mut index);
@@ -191,7 +193,7 @@ mod tests {
 
     use crate::store::aircraft::read_aircraft;
     use crate::store::manifest::{SeriesCause, SeriesState};
-    use crate::store::{FlightRef, SeriesPlan, RealDisk, Recovery, StoreConfig, bundle, catalogue, layout, verify};
+    use crate::store::{FlightRef, RealDisk, Recovery, SeriesPlan, StoreConfig, bundle, catalogue, layout, verify};
 
     use super::*;
 
@@ -241,17 +243,14 @@ mod tests {
         assert_eq!((all.len(), all[0].1.len(), all[1].1.len(), notes.len()), (2, 20, 1, 0));
         assert_eq!(all[0].1[3].line, "IWG1,3");
         let sums = std::fs::read_to_string(flight(&store).folder.join("SHA256SUMS")).unwrap();
-        assert!(
-            sums.contains("  aircraft-000001.jsonl") && sums.contains("  aircraft-000002.jsonl"),
-            "{sums}"
-        );
+        assert!(sums.contains("  aircraft-000001.jsonl") && sums.contains("  aircraft-000002.jsonl"), "{sums}");
         assert!(verify::verify_path(store.disk(), dir.path()).is_sound());
         let bundle = bundle::bundle_flight(store.disk(), dir.path(), &flight(&store)).unwrap();
         assert_eq!(bundle.items.iter().filter(|item| item.name.contains("aircraft-")).count(), 2);
     }
 
     #[test]
-    fn what_a_power_cut_left_is_closed_at_the_next_start_without_its_torn_line() {
+    fn a_file_left_by_a_power_cut_is_closed_at_the_next_start_without_its_torn_line() {
         let dir = tempfile::tempdir().unwrap();
         let store = with_flight(dir.path());
         store.add_aircraft_lines(&json!("x"), &[line(1), line(2)]).unwrap();

@@ -1,10 +1,10 @@
-//! Lines of a flight's chain, made durable.
+//! Durable lines of a flight's chain.
 
 use std::path::Path;
 
 use super::root::StoreRoot;
 use crate::store::disk::StoreError;
-use crate::store::format::chain::{ZERO_DIGEST, ChainEvent, ChainLine, line_digest, last_line, trim_torn_tail};
+use crate::store::format::chain::{ChainEvent, ChainLine, ZERO_DIGEST, last_line, line_digest, trim_torn_tail};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue;
 
@@ -13,7 +13,7 @@ pub(crate) fn append_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent
     append_event_with(root, flight, |_| event)
 }
 
-/// The same with a line that depends on the digest of the one before.
+/// Appends a line that depends on the digest of the line before.
 pub(crate) fn append_event_with(
     root: StoreRoot<'_>,
     flight: &Path,
@@ -25,7 +25,7 @@ pub(crate) fn append_event_with(
     let good = trim_torn_tail(bytes);
     let name = flight.file_name().unwrap_or_default().to_string_lossy();
     if root.set_tail_aside(&format!("{name}-chain-{}.torn", good.len()), bytes, good.len())? {
-        root.disk.replace_file_io(&path, good).map_err(StoreError::io(&path, "mend"))?;
+        root.disk.replace_file_io(&path, good).map_err(StoreError::io(&path, "repair"))?;
     }
     let before = last_line(good).map_or_else(|| ZERO_DIGEST.to_owned(), line_digest);
     let event = event(&before);
@@ -34,8 +34,8 @@ pub(crate) fn append_event_with(
     if there.is_none() { root.disk.sync_directory(flight) } else { Ok(()) }
 }
 
-/// Notes what gets its place next. A line that is there already, of a call that failed or was broken off, is written
-/// anew: after a failed fsync a file may show what is not on the disk.
+/// Ensures that the chain has an event, before its file is moved. A line left by a failed or interrupted call is written
+/// again: after a failed fsync a file may show bytes that are not on the disk.
 pub(crate) fn ensure_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> Result<(), StoreError> {
     let (bytes, chain) = catalogue::read_chain(root.disk, flight)?;
     if chain.events.iter().any(|(_, known)| *known == event) {

@@ -1,4 +1,4 @@
-//! `SHA256SUMS` of a flight, brought up to its chain.
+//! Update of a flight's `SHA256SUMS` from its chain.
 
 use std::path::Path;
 
@@ -7,16 +7,16 @@ use crate::store::format::sums::{self, FileDigests};
 use crate::store::format::{layout, sha256_hex};
 use crate::store::read::catalogue::{self, SeriesRef};
 
-/// Brings a flight's sums up to its chain. Sums and chain that disagree stay as they are: that is
-/// evidence, and `verify` names it.
+/// Updates a flight's sums to its chain. Sums and chain that contradict each other stay unchanged: that is evidence, and
+/// `verify` reports it.
 pub(crate) fn update_sums(disk: &dyn Disk, flight: &Path) -> Result<(), StoreError> {
     let path = flight.join(layout::SUMS_FILE);
     let (bytes, chain) = catalogue::read_chain(disk, flight)?;
     let whole = bytes.get(..chain.good_length).unwrap_or_default();
     let damaged = || StoreError::Damaged {
         path: path.clone(),
-        problem: format!("is not of this {}", layout::CHAIN_FILE),
-        remedy: "`wingd verify` says more; take the flight from a copy",
+        problem: format!("does not belong to this {}", layout::CHAIN_FILE),
+        remedy: "run `wingd verify` for details; restore the flight from a copy",
     };
     let (mut sums, from) = match disk.load_if_exists(&path)? {
         Some(text) => {

@@ -1,22 +1,22 @@
-//! When a new flight begins.
+//! Rule for the beginning of a new flight.
 //!
-//! A flight is what lies between two pauses: the rule must keep a flight together through restarts
-//! of the daemon and power cuts in the air, and must not run two flights into one, because their
-//! frames may be adjusted together. The time since the last recorded shot decides:
+//! A flight is the period between two pauses. The rule must keep a flight together through restarts of the daemon and power
+//! cuts in the air, and must not merge two flights, because their frames may be adjusted together. It uses the time since
+//! the last recorded shot:
 //!
-//! - same boot: by the time since boot, which nothing can set;
-//! - another boot: at least the time since this boot has passed; UTC tells the rest when it went
-//!   forward. The synchronised flag is not asked for: in the air there is no time server, and a
-//!   machine with a battery clock is right without one;
-//! - another boot and UTC went back (no battery clock): the pause is unknown, and a new flight
-//!   begins: a flight in two folders can be put together, two in one are hard to part.
+//! - same boot: time since boot, which nothing can set;
+//! - another boot: at least the time since this boot has passed; UTC gives the rest if it advanced. The
+//!   synchronised flag is ignored: in the air there is no time server, and a machine with a battery clock is
+//!   correct without one;
+//! - another boot and UTC went back (no battery clock): the pause is unknown and a new flight begins: a flight in
+//!   two folders can be merged, two flights in one are hard to separate.
 
 use std::time::Duration;
 
 use crate::clock::Stamp;
 use crate::store::config::BootPolicy;
 
-/// Says why a new flight begins at `now`, or `None` where the last one goes on.
+/// Returns the reason for a new flight at `now`, or `None` if the last one continues.
 pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: BootPolicy) -> Option<String> {
     let Some(last) = last else { return Some("first series of the store".to_owned()) };
     if last.boot_id == now.boot_id {
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_of_utc_within_a_boot_means_nothing() {
+    fn a_jump_of_utc_within_a_boot_has_no_effect() {
         let last = stamp("1970-01-01T00:10:00Z", "a", 600.0);
         let synced = stamp("2026-03-01T18:00:00Z", "a", 4200.0);
         assert_eq!(new_flight_reason(Some(&last), &synced, AFTER, BootPolicy::ByClock), None);

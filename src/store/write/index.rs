@@ -1,34 +1,43 @@
-//! What an open store keeps in memory.
+//! State of an open store in memory.
 
 use std::collections::{BTreeSet, HashSet};
 
 use crate::clock::Stamp;
 use crate::store::format::manifest::Counter;
 
-/// In memory only; rebuilt by scanning.
+/// State of an open store, rebuilt by scanning.
 pub(crate) struct StoreIndex {
-    /// The next ids.
+    /// Next ids.
     pub counter: Counter,
-    /// The newest flight.
+    /// Newest flight.
     pub flight: Option<String>,
-    /// The last moment recorded in it.
+    /// Last time recorded in the newest flight.
     pub last_moment: Option<Stamp>,
     pub new_flight_requested: bool,
-    /// Series without any frame to solve, by the inputs asked for.
+    /// Series without frames to solve, each with the key of the inputs.
     pub solved_series: HashSet<(String, String)>,
-    /// Installations that the chains name, by flight and digest.
+    /// Installations in the chains, by flight and digest.
     pub installations: HashSet<(String, String)>,
     /// Flights whose SHA256SUMS are behind their chains.
     pub unsealed: BTreeSet<String>,
 }
 
 impl StoreIndex {
+    /// Creates an index with the next ids and the last flight.
     pub fn new(counter: Counter, flight: Option<String>, last: Option<Stamp>) -> Self {
         let (settled, installations, unsealed) = (HashSet::new(), HashSet::new(), BTreeSet::new());
-        Self { counter, flight, last_moment: last, new_flight_requested: false, solved_series: settled, installations, unsealed }
+        Self {
+            counter,
+            flight,
+            last_moment: last,
+            new_flight_requested: false,
+            solved_series: settled,
+            installations,
+            unsealed,
+        }
     }
 
-    /// Something was recorded at a moment; the last one stays where it is later in the same boot.
+    /// Records the time of an event; an earlier time of the same boot changes nothing.
     pub fn note_moment(&mut self, now: &Stamp) {
         let last = self.last_moment.as_ref().filter(|last| last.boot_id == now.boot_id);
         if last.is_none_or(|last| last.since_boot_s <= now.since_boot_s) {

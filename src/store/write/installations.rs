@@ -1,4 +1,4 @@
-//! Keeping what results are computed from.
+//! Storage of the installations that results are computed from.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -8,7 +8,7 @@ use crate::store::disk::StoreError;
 use crate::store::format::{layout, sha256_hex, sums};
 use crate::store::read::installations::{InstallationFile, installation_folder};
 
-/// Keeps an installation durably and returns its digest. One that is there already stays.
+/// Stores an installation durably, unless it exists already, and returns its digest.
 pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile]) -> Result<String, StoreError> {
     let digests: BTreeMap<_, _> = files.iter().map(|(name, bytes)| (name.clone(), sha256_hex(bytes))).collect();
     let text = sums::format_sums(&digests);
@@ -19,9 +19,9 @@ pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile])
     }
     let mut parts = files.iter().map(|(name, _)| name);
     if let Some(name) = parts.find(|name| !is_plain(name)) {
-        let what = format!("the installation's file {name:?} lies outside of its folder and is not kept");
-        let mend = "copy it into the folder and name it there";
-        return Err(StoreError::Damaged { path: PathBuf::from(name), problem: what, remedy: mend });
+        let problem = format!("the installation's file {name:?} is outside its folder and is not stored");
+        let remedy = "copy it into the folder and refer to it there";
+        return Err(StoreError::Damaged { path: PathBuf::from(name), problem, remedy });
     }
     let made = layout::incoming_folder(root.path, &digest);
     if !root.disk.exists(&made) {
@@ -37,7 +37,7 @@ pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile])
     Ok(digest)
 }
 
-/// A name without a folder, and not one of ours.
+/// Returns whether a name is a plain file name and not reserved.
 fn is_plain(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     let plain = matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None));

@@ -1,6 +1,6 @@
-//! What changes a store: each step made durable in its order (docs/store/durability.md).
+//! Changes to a store, each step made durable in its order (docs/store/durability.md).
 //!
-//! Recovering belongs here: it finishes what a writer began, with the same steps, and every opening begins with it.
+//! Recovery is part of this: it finishes an interrupted write with the same steps, and runs at every opening.
 
 mod append_files;
 pub(crate) mod chain;

@@ -1,4 +1,4 @@
-//! Making a store, and finding out at opening what it holds.
+//! Creation of a store, and the scan at opening.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::live;
 
-/// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
+/// Creates a store; its format file is written last, so that a crash leaves a directory that counts as empty.
 pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
     make_root(root.disk, root.path)?;
     refuse_foreign(root.disk, root.path)?;
@@ -21,20 +21,20 @@ pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
     write_format_file(root, &random_id()?)
 }
 
-/// Takes the lock; held for as long as what it returns.
+/// Takes the lock, which is released when the returned guard is dropped.
 pub(crate) fn lock_store(root: StoreRoot<'_>) -> Result<Lock, StoreError> {
     let path = root.join(layout::LOCK_FILE);
     let lock = root.disk.lock(&path).map_err(StoreError::io(&path, "lock"))?;
     lock.ok_or(StoreError::Locked { path })
 }
 
-/// Writes `store.toml` with the place for pending results beside it.
+/// Writes the format file, `store.toml`, and an empty `pending.json`.
 pub(crate) fn write_format_file(root: StoreRoot<'_>, id: &str) -> Result<(), StoreError> {
     root.disk.save_file(&root.join(layout::PENDING_FILE), b"")?;
     root.disk.replace_file(&root.join(layout::STORE_FILE), format_file_text(id).as_bytes())
 }
 
-/// The store's random name, made once: 128 bits, hex.
+/// Returns a random id for a store: 128 bits, hex.
 pub(crate) fn random_id() -> Result<String, StoreError> {
     let mut bytes = [0; 16];
     let path = Path::new("/dev/urandom");
@@ -42,7 +42,7 @@ pub(crate) fn random_id() -> Result<String, StoreError> {
     Ok(hex::encode(bytes))
 }
 
-/// The text of `store.toml`.
+/// Returns the text of `store.toml`.
 fn format_file_text(id: &str) -> String {
     format!(
         "# A store of wingd; docs/store.md says what is where.\nformat = {}\nid = \"{id}\"\ncreated_by = \"wingd {}\"\n",
@@ -51,19 +51,20 @@ fn format_file_text(id: &str) -> String {
     )
 }
 
-/// Whether opening would make a store here: nothing is there yet, or nothing but what may be.
+/// Returns whether opening would create a store here: the directory does not exist, or has no foreign files.
 pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
     !disk.exists(root) || (!disk.exists(&root.join(layout::STORE_FILE)) && refuse_foreign(disk, root).is_ok())
 }
 
-/// Why this user could not record at a path: what is there, or the nearest folder above it, refuses to be written.
+/// Returns the reason for which this user could not record at a path: it, or the nearest existing folder above it, is not
+/// writable.
 pub fn unwritable_reason(disk: &dyn Disk, root: &Path) -> Option<String> {
     let there = root.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
     let refused = there.into_iter().find(|p| p.exists()).and_then(write_refusal);
     refused.or_else(|| unwritable_inside(disk, root, MAX_DEPTH))
 }
 
-/// Store, flights, a flight: what lies in these is written again, a series' frames are not.
+/// Depth of folders whose files are rewritten: store, flights, flight; the frames of a series are not.
 const MAX_DEPTH: usize = 3;
 
 fn unwritable_inside(disk: &dyn Disk, folder: &Path, deep: usize) -> Option<String> {
@@ -80,12 +81,13 @@ fn write_refusal(path: &Path) -> Option<String> {
     Some(format!("{} cannot be written to ({refused})", path.display()))
 }
 
-/// The parent is synced where the directory is there already, too: an earlier start may have failed between.
+/// Creates the root directory. The parent is synced even if the directory exists: an earlier start may have failed before
+/// that.
 pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
     let place = parent.unwrap_or(Path::new("."));
     if disk.exists(root) {
-        // Somebody else may have made it, in a place that this user cannot read.
+        // Another user may have created it, in a folder that this user cannot read.
         let _ = disk.sync_dir(place);
         return Ok(());
     }
@@ -96,13 +98,13 @@ pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> 
     disk.sync_directory(place)
 }
 
-/// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
+/// Refuses a directory without format file that has anything other than the remains of an interrupted creation.
 pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     for entry in disk.list_entries(root)? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
-        let marks = [layout::STORE_FILE, layout::LOCK_FILE, layout::PENDING_FILE];
-        let known = ours.contains(&name) || marks.contains(&name);
+        let empty_files = [layout::STORE_FILE, layout::LOCK_FILE, layout::PENDING_FILE];
+        let known = ours.contains(&name) || empty_files.contains(&name);
         let empty = !entry.is_dir || disk.list(&root.join(&entry.name)).is_ok_and(|list| list.is_empty());
         let harmless = name == "lost+found" || (known && empty);
         if !harmless {
@@ -119,7 +121,7 @@ pub(crate) fn save_counter(root: StoreRoot<'_>, counter: &Counter) -> Result<(),
     root.disk.replace_file(&path, &jsonl::encode_line(counter).map_err(StoreError::io(&path, "write"))?)
 }
 
-/// Reads the counter and the newest flight. Ids on disk win over a counter that was lost or set back.
+/// Reads the counter and the newest flight. Ids on disk take precedence over a counter that was lost or set back.
 pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result<StoreIndex, StoreError> {
     let disk = root.disk;
     let (mut on_disk, mut newest, mut last) = (Counter::FIRST, None, None);
@@ -135,13 +137,13 @@ pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result
     let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE));
     let counter = saved.map_or(on_disk, |saved| saved.max(on_disk));
     if saved != Some(counter) {
-        recovery.remarks.push("counter.json was damaged or behind; mended from the ids on disk".to_owned());
+        recovery.remarks.push("counter.json was damaged or behind; restored from the ids on disk".to_owned());
         save_counter(root, &counter)?;
     }
     Ok(StoreIndex::new(counter, newest, last))
 }
 
-/// The last moment recorded in a flight.
+/// Returns the last time recorded in a flight.
 fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
     let series = catalogue::list_series(disk, flight).ok()?;
     let last = series.iter().rev().find_map(|series| catalogue::read_series_manifest(disk, series).ok());

@@ -1,37 +1,37 @@
-//! After a crash: what is whole in `incoming/` becomes an interrupted series, what is half goes to `partial/`.
+//! Recovery after a crash: intact data in `incoming/` becomes an interrupted series, incomplete files go to `partial/`.
 
 use std::path::Path;
 
 use super::root::StoreRoot;
 use super::series::ActiveSeries;
 use super::{results, series};
-use crate::store::disk::{Disk, DirectoryEntry, StoreError};
+use crate::store::disk::{DirectoryEntry, Disk, StoreError};
 use crate::store::format::chain::{self, ChainEvent};
-use crate::store::format::manifest::{ShotFailure, FlightManifest, JournalLine, SeriesManifest, Shot};
+use crate::store::format::manifest::{FlightManifest, JournalLine, SeriesManifest, Shot, ShotFailure};
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
 use crate::store::read::catalogue;
 
-/// What was found and mended.
+/// Findings and repairs of a recovery.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Recovery {
     /// Series that became `interrupted` or whose last step was finished.
     pub series: Vec<String>,
-    /// Names under `partial/` of what was half.
+    /// Names of incomplete files under `partial/`.
     pub set_aside: Vec<String>,
-    /// What a person should read.
+    /// Notes for a person.
     pub remarks: Vec<String>,
 }
 
-/// Empties `incoming/` but for series that this process has under way. May be broken off at any step and called again.
-/// What cannot be recovered now (a full disk) stays where it is, is remarked, and does not keep new series from being
-/// taken.
+/// Empties `incoming/`, except for series that this process is recording. It may be interrupted at any step and called
+/// again. Entries that cannot be recovered now (for example, because the disk is full) stay, get a remark, and do not block
+/// new series.
 pub(super) fn recover_incoming(root: StoreRoot<'_>, under_way: &ActiveSeries) -> Result<Recovery, StoreError> {
     let mut recovering = RecoveryRun { root, found: Recovery::default() };
-    // Flights first ("f" < "s"): a series needs its flight's folder.
+    // Flights come first ("f" < "s"): a series needs its flight's folder.
     let entries = root.disk.list_entries(&root.join(layout::INCOMING))?;
     for entry in entries.into_iter().filter(|entry| !under_way.contains(&entry.name)) {
         if let Err(error) = recovering.recover_entry(&entry) {
-            recovering.found.remarks.push(format!("{} stays in incoming: {error}", entry.name));
+            recovering.found.remarks.push(format!("{} remains in incoming: {error}", entry.name));
         }
     }
     let mut found = recovering.found;
@@ -64,7 +64,7 @@ impl RecoveryRun<'_> {
             Some(manifest) => manifest,
             None => {
                 let Some(manifest) = self.rebuild_manifest(folder, id)? else {
-                    self.found.remarks.push(format!("{id}: broken off before its first shot"));
+                    self.found.remarks.push(format!("{id}: interrupted before its first shot"));
                     return self.quarantine(folder, id);
                 };
                 series::write_manifest(self.root.disk, folder, &manifest)?;
@@ -78,7 +78,7 @@ impl RecoveryRun<'_> {
         Ok(())
     }
 
-    /// A manifest from the journal; `None` where not even its head was written.
+    /// Rebuilds a manifest from the journal; `None` if not even its head was written.
     fn rebuild_manifest(&mut self, folder: &Path, id: &str) -> Result<Option<SeriesManifest>, StoreError> {
         let bytes = self.root.disk.load_if_exists(&folder.join(layout::JOURNAL_FILE))?.unwrap_or_default();
         let lines = jsonl::parse_lines::<JournalLine>(&bytes);
@@ -101,7 +101,7 @@ impl RecoveryRun<'_> {
         Ok(Some(manifest))
     }
 
-    /// Keeps a shot's frame where its bytes are whole, by the hash in the journal.
+    /// Keeps a shot's frame if its bytes have the digest in the journal.
     fn recover_shot(&mut self, folder: &Path, id: &str, mut shot: Shot) -> Result<Shot, StoreError> {
         let Some(entry) = &shot.frame else { return Ok(shot) };
         let disk = self.root.disk;
@@ -115,7 +115,7 @@ impl RecoveryRun<'_> {
             return Ok(shot);
         }
         if let Some(bytes) = whole(&part) {
-            // Written anew: its fsync may have failed, and then it is only seen to be whole.
+            // Written again: if its fsync failed, the intact bytes may not be on the disk.
             disk.replace_file(&part, &bytes)?;
             disk.move_durably(&part, &path)?;
             return Ok(shot);
@@ -139,8 +139,7 @@ impl RecoveryRun<'_> {
     fn quarantine_unnamed(&mut self, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
         let named = |name: &str| {
             let mut frames = manifest.frames();
-            [layout::SERIES_FILE, layout::JOURNAL_FILE].contains(&name)
-                || frames.any(|frame| frame.file == name)
+            [layout::SERIES_FILE, layout::JOURNAL_FILE].contains(&name) || frames.any(|frame| frame.file == name)
         };
         for entry in self.root.disk.list_entries(folder)? {
             if !named(&entry.name) {
@@ -151,7 +150,7 @@ impl RecoveryRun<'_> {
         Ok(())
     }
 
-    /// Moves a file or folder to `partial/` under a name that is free there.
+    /// Moves a file or folder to `partial/` under an unused name.
     fn quarantine(&mut self, from: &Path, name: &str) -> Result<(), StoreError> {
         let partial = self.root.join(layout::PARTIAL);
         let mut free = name.to_owned();
@@ -171,7 +170,7 @@ fn is_complete_flight(disk: &dyn Disk, folder: &Path) -> bool {
     manifest.is_some_and(|manifest| folder.file_name().is_some_and(|name| name == manifest.flight.as_str()))
 }
 
-/// The manifest, where the series was closed and only the rename is missing.
+/// Returns the manifest if the series was closed and only the rename is missing.
 fn closed_manifest(disk: &dyn Disk, folder: &Path, id: &str) -> Option<SeriesManifest> {
     let manifest = disk.load_json::<SeriesManifest>(&folder.join(layout::SERIES_FILE))?;
     (manifest.series == id && layout::flight_number(&manifest.flight).is_some()).then_some(manifest)
@@ -183,16 +182,16 @@ fn manifest_from_journal(id: &str, lines: &[(usize, JournalLine)]) -> Option<Ser
         _ => None,
     })?;
     layout::flight_number(&head.flight)?;
-    let remarks = vec!["not closed by the daemon; put together at its next start".to_owned()];
+    let remarks = vec!["not closed by the daemon; reconstructed at its next start".to_owned()];
     Some(SeriesManifest { remarks, ..SeriesManifest::from_journal_head(id, head) })
 }
 
-/// A flight whose folder was moved away by hand is begun again under its name.
+/// Creates a flight again if its folder was moved away manually.
 fn ensure_flight(root: StoreRoot<'_>, manifest: &SeriesManifest) -> Result<(), StoreError> {
     let started = manifest.started.clone().or_else(|| manifest.shots.first().map(|shot| shot.stamp.clone()));
     match started {
         Some(started) if !root.disk.exists(&root.flight_folder(&manifest.flight)) => {
-            let because = "recovered series of a flight that is not here any more".to_owned();
+            let because = "recovered series of a flight that is no longer here".to_owned();
             let flight = manifest.flight.clone();
             make_flight(root, &FlightManifest { flight, started, because, name: None })
         }
@@ -200,7 +199,7 @@ fn ensure_flight(root: StoreRoot<'_>, manifest: &SeriesManifest) -> Result<(), S
     }
 }
 
-/// Makes a flight's folder whole in `incoming/` and moves it to its place.
+/// Creates a complete flight folder in `incoming/` and moves it to its place.
 pub(super) fn make_flight(root: StoreRoot<'_>, manifest: &FlightManifest) -> Result<(), StoreError> {
     let made = layout::incoming_folder(root.path, &manifest.flight);
     if !root.disk.exists(&made) {
@@ -208,7 +207,7 @@ pub(super) fn make_flight(root: StoreRoot<'_>, manifest: &FlightManifest) -> Res
     }
     let path = made.join(layout::FLIGHT_FILE);
     let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
-    // flight.json comes last: a folder that has it is whole.
+    // flight.json is written last: a folder that has it is complete.
     if let Some(store) = catalogue::store_id(root.disk, root.path) {
         begin_evidence(root.disk, &made, store, &manifest.flight, sha256_hex(&text))?;
     }
@@ -216,7 +215,7 @@ pub(super) fn make_flight(root: StoreRoot<'_>, manifest: &FlightManifest) -> Res
     root.disk.move_durably(&made, &root.flight_folder(&manifest.flight))
 }
 
-/// The first line of a flight's chain, and its sums.
+/// Writes the first line of a flight's chain, and its sums.
 fn begin_evidence(
     disk: &dyn Disk,
     made: &Path,
@@ -224,9 +223,9 @@ fn begin_evidence(
     flight: &str,
     sha256_of_flight: String,
 ) -> Result<(), StoreError> {
-    let begun = ChainEvent::Flight { store, flight: flight.to_owned(), sha256: sha256_of_flight.clone() };
+    let first = ChainEvent::Flight { store, flight: flight.to_owned(), sha256: sha256_of_flight.clone() };
     let path = made.join(layout::CHAIN_FILE);
-    let line = chain::encode_chain([begun]).map_err(StoreError::io(&path, "write"))?;
+    let line = chain::encode_chain([first]).map_err(StoreError::io(&path, "write"))?;
     disk.replace_file(&path, &line)?;
     let sums = sums::FileDigests::from([
         (layout::FLIGHT_FILE.to_owned(), sha256_of_flight),

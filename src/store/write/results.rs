@@ -1,4 +1,4 @@
-//! Results: one line for each frame and inputs, written once.
+//! Results of a series: one line for each frame and inputs, written once.
 
 use std::path::Path;
 
@@ -12,20 +12,20 @@ use crate::store::format::manifest::ResultLine;
 use crate::store::format::{jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, SeriesRef};
 
-/// The identity of a result, without its numbers.
+/// Identity of a result, without its numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 pub(crate) struct ResultKey {
     pub frame: String,
     pub inputs: String,
 }
 
-/// The keys of a series' results; empty where there are none.
+/// Reads the keys of a series' results; empty if there are none.
 pub(super) fn result_keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
     let bytes = disk.load_if_exists(&series.join(layout::RESULTS_FILE))?.unwrap_or_default();
     Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, key)| key).collect())
 }
 
-/// `pending.json`: what `results.jsonl` of a series is about to become.
+/// Announcement in `pending.json`: the next state of a series' `results.jsonl`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct PendingResult {
     pub flight: String,
@@ -33,13 +33,13 @@ pub(crate) struct PendingResult {
     pub results: AppendedResults,
 }
 
-/// What is pending; `None` where nothing is, or the file is torn and nothing was begun yet.
+/// Reads the announced result; `None` if there is none, or the file is torn and nothing was written yet.
 pub(crate) fn read_pending(disk: &dyn Disk, root: &Path) -> Option<PendingResult> {
     disk.load_json(&root.join(layout::PENDING_FILE))
 }
 
-/// After a crash between a result and its line in the chain: a result that is whole gets its line, half
-/// of one is set aside. Before the next one is announced, or nothing would speak for the bytes.
+/// Completes a result after a crash before its line in the chain: a complete result gets the line, an incomplete one is set
+/// aside. This must precede the next announcement, otherwise nothing would account for the bytes.
 pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
     let Some(PendingResult { flight, results }) = read_pending(root.disk, root.path) else { return Ok(()) };
     if layout::flight_number(&flight).and(layout::series_number(&results.series)).is_none() {
@@ -60,8 +60,8 @@ pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
     chain::append_event(root, &flight, ChainEvent::Results(results))
 }
 
-/// Appends a result durably (`false` where there is one already): a torn last line is set aside, what
-/// will be there is written to `pending.json`, the line to the results, its digest to the chain.
+/// Appends a result durably; returns `false` if it exists already. A torn last line is set aside, the next state is
+/// announced in `pending.json`, then the line goes to the results and its digest to the chain.
 pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &ResultLine) -> Result<bool, StoreError> {
     let chained = root.has_evidence();
     let path = place.folder.join(layout::RESULTS_FILE);
@@ -88,7 +88,7 @@ pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &Resul
     Ok(true)
 }
 
-/// Writes `pending.json`: what the results will be.
+/// Announces the next state of the results in `pending.json`.
 fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result<PendingResult, StoreError> {
     let (bytes, sha256) = (whole.len() as u64, sha256_hex(whole));
     let pending = PendingResult {
@@ -101,14 +101,14 @@ fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result
     Ok(pending)
 }
 
-/// Moves a torn tail to `partial/` and cuts the file to its whole lines.
+/// Moves a torn tail to `partial/` and truncates the file to its complete lines.
 pub(crate) fn repair_tail(root: StoreRoot<'_>, series: &Path) -> Result<(), StoreError> {
     let path = series.join(layout::RESULTS_FILE);
     let bytes = root.disk.load_file(&path)?;
     let good = jsonl::parse_lines::<ResultKey>(&bytes).good_length;
     let name = series.file_name().unwrap_or_default().to_string_lossy();
     if root.set_tail_aside(&format!("{name}-results-{good}.torn"), &bytes, good)? {
-        root.disk.truncate(&path, good as u64).map_err(StoreError::io(&path, "mend"))?;
+        root.disk.truncate(&path, good as u64).map_err(StoreError::io(&path, "repair"))?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! A store's directory for those who write to it.
+//! Root directory of a store, for writing.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use crate::store::disk::{Disk, StoreError};
 use crate::store::format::layout;
 use crate::store::read::catalogue;
 
-/// A store's directory, and the disk that it is on.
+/// Root directory of a store, with its disk.
 #[derive(Clone, Copy)]
 pub(crate) struct StoreRoot<'a> {
     pub disk: &'a dyn Disk,
@@ -14,22 +14,22 @@ pub(crate) struct StoreRoot<'a> {
 }
 
 impl StoreRoot<'_> {
-    /// Of a file or folder in it.
+    /// Returns the path of a file or folder in the root.
     pub fn join(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// `flights/<flight>`.
+    /// Returns the path `flights/<flight>`.
     pub fn flight_folder(&self, flight: &str) -> PathBuf {
         layout::flight_folder(self.path, flight)
     }
 
-    /// Whether it has chains and sums (format 2).
+    /// Returns whether the store has chains and sums (format 2).
     pub fn has_evidence(&self) -> bool {
         catalogue::store_id(self.disk, self.path).is_some()
     }
 
-    /// Makes a folder. Synced where it is there already, too: an earlier call may have failed between.
+    /// Creates a folder if it does not exist. The root is synced in any case: an earlier call may have failed before that.
     pub fn ensure_dir(&self, name: &str) -> Result<(), StoreError> {
         let path = self.join(name);
         if !self.disk.exists(&path) {
@@ -38,19 +38,19 @@ impl StoreRoot<'_> {
         self.disk.sync_directory(self.path)
     }
 
-    /// Makes the folders that every store has.
+    /// Creates the folders that every store has.
     pub fn ensure_folders(&self) -> Result<(), StoreError> {
         [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL].iter().try_for_each(|name| self.ensure_dir(name))
     }
 
-    /// Keeps bytes that are not whole under `partial/`, in place of an older copy of the same name.
+    /// Stores incomplete bytes under `partial/`, replacing an older copy of the same name.
     pub fn set_aside(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let partial = self.join(layout::PARTIAL);
         self.disk.save_file(&partial.join(name), bytes)?;
         self.disk.sync_directory(&partial)
     }
 
-    /// Keeps what of a file lies after its `good` bytes; says whether there was something.
+    /// Stores the bytes after the `good` ones under `partial/`; returns whether there were any.
     pub fn set_tail_aside(&self, name: &str, bytes: &[u8], good: usize) -> Result<bool, StoreError> {
         let tail = bytes.get(good..).unwrap_or_default();
         if !tail.is_empty() {

@@ -1,7 +1,7 @@
-//! Files of a flight that grow at their end and are then closed: the aircraft's data, live results, marks by hand.
+//! Open append-only files of a flight: aircraft data, live results, manual marks.
 //!
-//! The file being written lies in the root, since recovering `incoming/` must not touch it. Its first line says whose
-//! it is. It is closed by its line in the chain, then one rename to the flight.
+//! The open file is in the root, because the recovery of `incoming/` must not touch it. Its first line names the flight. It
+//! is closed by its line in the chain, then moved to the flight by one rename.
 
 use std::sync::Mutex;
 
@@ -11,23 +11,23 @@ use super::chain;
 use super::recover::Recovery;
 use super::root::StoreRoot;
 use crate::store::disk::StoreError;
-use crate::store::format::chain::ClosedFile;
 use crate::store::format::append_file_kinds::AppendFileKind;
+use crate::store::format::chain::ClosedFile;
 use crate::store::format::{layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef};
 
-/// A file that this process began. Whatever of its writing fails, it is given up, and closed before the next begins.
+/// File that this process has begun. After any write error it is abandoned, and closed before the next one begins.
 pub(super) struct OpenSegment {
     pub flight: String,
-    /// What all of it is of.
+    /// Common properties of all pieces; a change begins a new file.
     pub descriptor: Vec<u8>,
     pub length: usize,
     pub hasher: Sha256,
-    /// What the next piece follows from.
+    /// Tag of the last piece.
     pub tag: [u8; 32],
 }
 
-/// The file of a kind that is being written, if there is one.
+/// Open file of a kind, if there is one.
 pub(super) struct AppendFile {
     pub kind: &'static AppendFileKind,
     pub open: Mutex<Option<OpenSegment>>,
@@ -36,17 +36,19 @@ pub(super) struct AppendFile {
 /// Bytes to append.
 pub(super) struct AppendPiece {
     pub bytes: Vec<u8>,
-    /// What the next piece follows from.
+    /// Tag that the next piece receives.
     pub tag: [u8; 32],
 }
 
 impl AppendFile {
+    /// Creates a writer without an open file.
     pub fn new(kind: &'static AppendFileKind) -> Self {
         Self { kind, open: Mutex::default() }
     }
 }
 
 impl OpenSegment {
+    /// Adds a written piece to length and digest.
     pub fn add_piece(&mut self, piece: &AppendPiece) {
         self.length += piece.bytes.len();
         self.hasher.update(&piece.bytes);
@@ -54,19 +56,19 @@ impl OpenSegment {
     }
 }
 
-/// What the last recorder left: closed into its flight, or set aside where that is not possible.
+/// Closes the files left by the last recorder into their flights, or sets them aside if that is not possible.
 pub(super) fn settle_append_files(root: StoreRoot<'_>, kinds: &[&AppendFileKind], recovery: &mut Recovery) {
     for kind in kinds.iter().filter(|kind| root.disk.exists(&root.join(kind.open_name))) {
         match close_leftover(root, kind) {
             Ok(Some(flight)) => recovery.remarks.push(format!("{flight}: its {} were closed", kind.label)),
             Ok(None) => recovery.set_aside.push(kind.open_name.to_owned()),
-            Err(error) => recovery.remarks.push(format!("the {} stay where they are: {error}", kind.label)),
+            Err(error) => recovery.remarks.push(format!("the {} could not be closed: {error}", kind.label)),
         }
     }
 }
 
-/// Closes a file in the root that this process does not know to be whole. `None` where nothing of it is, or its flight
-/// is gone: it is set aside.
+/// Closes a file in the root that may be incomplete. Sets it aside and returns `None` if nothing in it is intact or its
+/// flight is gone.
 pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> Result<Option<String>, StoreError> {
     let path = root.join(kind.open_name);
     let bytes = root.disk.load_file(&path)?;
@@ -80,13 +82,13 @@ pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> Resu
     };
     root.set_tail_aside(&format!("{flight}-{}-{good}.torn", kind.stem), &bytes, good)?;
     let whole = bytes.get(..good).unwrap_or_default();
-    // Written anew also where nothing is torn: after a failed fsync a file may show what is not on the disk.
+    // Written again even if nothing is torn: after a failed fsync a file may show bytes that are not on the disk.
     root.disk.replace_file(&path, whole)?;
     commit_segment(root, kind, &flight, whole.len() as u64, sha256_hex(whole))?;
     Ok(Some(flight))
 }
 
-/// Notes a whole file in the flight's chain, once, and moves it there.
+/// Adds a complete file to the flight's chain, once, and moves it there.
 pub(super) fn commit_segment(
     root: StoreRoot<'_>,
     kind: &AppendFileKind,

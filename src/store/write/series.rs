@@ -1,4 +1,4 @@
-//! A series being taken.
+//! Series being recorded.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -10,27 +10,28 @@ use super::root::StoreRoot;
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::chain::ChainEvent;
-use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, SeriesState};
+use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, SeriesState, Shot};
 use crate::store::format::{jsonl, layout, sha256_hex};
 
-/// A frame to be stored.
+/// Frame to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewFrame<'a> {
-    /// As the camera delivered it.
+    /// Bytes as delivered by the camera.
     pub bytes: &'a [u8],
-    /// Of the file, without the dot.
+    /// Extension of the file name, without the dot.
     pub extension: &'a str,
-    /// How to read the bytes, in the camera's words.
+    /// Pixel or file format, as reported by the camera.
     pub format: Value,
-    /// What the camera says of the shot.
+    /// Camera settings of the shot.
     pub settings: Map<String, Value>,
 }
 
-/// Series of this process in `incoming/`, which recovering leaves alone: each for as long as its name is held.
+/// Series of this process in `incoming/`, which recovery does not touch, each as long as its name is in use.
 #[derive(Default)]
 pub(super) struct ActiveSeries(Mutex<Vec<Weak<str>>>);
 
 impl ActiveSeries {
+    /// Registers an open series until the returned name is dropped.
     pub fn register(&self, id: &str) -> Arc<str> {
         let name: Arc<str> = id.into();
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -39,31 +40,27 @@ impl ActiveSeries {
         name
     }
 
+    /// Returns whether a series is open.
     pub fn contains(&self, id: &str) -> bool {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.iter().filter_map(Weak::upgrade).any(|name| *name == *id)
     }
 }
 
-/// A series in `incoming/`. Where it is dropped without being closed, or a call fails, it is
-/// recovered as an interrupted series before the next one begins.
+/// Series in `incoming/`. If it is dropped without being closed, or a call fails, it is recovered as an interrupted series
+/// before the next one begins.
 pub struct OpenSeries {
     disk: Arc<dyn Disk>,
     root: PathBuf,
     folder: PathBuf,
-    /// Held until it is closed or dropped.
+    /// Name, in use until the series is closed or dropped.
     id: Arc<str>,
     manifest: SeriesManifest,
 }
 
 impl OpenSeries {
-    /// Makes the folder with the head of its journal, both durable.
-    pub(crate) fn begin(
-        disk: Arc<dyn Disk>,
-        root: &Path,
-        id: Arc<str>,
-        head: JournalHead,
-    ) -> Result<Self, StoreError> {
+    /// Creates the folder and the head of the journal, both durable.
+    pub(crate) fn begin(disk: Arc<dyn Disk>, root: &Path, id: Arc<str>, head: JournalHead) -> Result<Self, StoreError> {
         let folder = layout::incoming_folder(root, &id);
         let incoming = root.join(layout::INCOMING);
         disk.make_dir(&folder)?;
@@ -75,22 +72,22 @@ impl OpenSeries {
         Ok(series)
     }
 
-    /// Its name.
+    /// Returns the name of the series.
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// Its flight's name.
+    /// Returns the name of the flight.
     pub fn flight(&self) -> &str {
         &self.manifest.flight
     }
 
-    /// Shots so far.
+    /// Returns the shots so far.
     pub fn shots(&self) -> &[Shot] {
         &self.manifest.shots
     }
 
-    /// Notes the camera as it opened; the first note stays.
+    /// Records the camera's description durably; only the first one is kept.
     pub fn note_camera(&mut self, camera: Map<String, Value>) -> Result<(), StoreError> {
         if !self.manifest.camera.is_empty() || camera.is_empty() {
             return Ok(());
@@ -100,15 +97,15 @@ impl OpenSeries {
         Ok(())
     }
 
-    /// Notes durably what a person should read: why the series is taken.
+    /// Records a note for a person durably, such as the reason for the series.
     pub fn add_remark(&mut self, remark: &str) -> Result<(), StoreError> {
         self.append_journal(&JournalLine::Remark(remark.to_owned()))?;
         self.manifest.remarks.push(remark.to_owned());
         Ok(())
     }
 
-    /// Stores a shot, with its frame where there is one. When this returns the frame is durable:
-    /// its line in the journal (with the hash that tells a whole file), its bytes, its name.
+    /// Stores a shot, with its frame if there is one. When this returns, the frame is durable: its line in the journal
+    /// (with the digest that identifies a complete file), its bytes, its name.
     pub fn add_shot(&mut self, mut shot: Shot, frame: Option<NewFrame<'_>>) -> Result<&Shot, StoreError> {
         if let Some(frame) = &frame {
             shot.frame = Some(FrameEntry {
@@ -128,7 +125,7 @@ impl OpenSeries {
         Ok(&self.manifest.shots[index])
     }
 
-    /// Keeps the bytes of a bad frame under `partial/`; returns the name there.
+    /// Stores the bytes of a bad frame under `partial/`; returns the name there.
     pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
         let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
         self.store_root().set_aside(&name, bytes)?;
@@ -167,18 +164,14 @@ impl OpenSeries {
     }
 }
 
-/// Writes `series.json` as a whole; from here on it is the truth and the journal is not.
-pub(super) fn write_manifest(
-    disk: &dyn Disk,
-    folder: &Path,
-    manifest: &SeriesManifest,
-) -> Result<(), StoreError> {
+/// Writes `series.json` atomically; from then on it is authoritative, and no longer the journal.
+pub(super) fn write_manifest(disk: &dyn Disk, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
     let path = folder.join(layout::SERIES_FILE);
     let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
     disk.replace_file(&path, &text)
 }
 
-/// Notes the series in its flight's chain, removes the journal and moves the folder to its flight, durably.
+/// Adds the series to its flight's chain, removes the journal and moves the folder to its flight, durably.
 pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
     let series = manifest.series.clone();
     if root.has_evidence() {
@@ -189,7 +182,7 @@ pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &Serie
     if root.disk.exists(&journal) {
         root.disk.remove(&journal)?;
     }
-    // Without a journal too: its removal may not be on the medium yet.
+    // Even without a journal: its removal may not be on the medium yet.
     root.disk.sync_directory(folder)?;
     root.disk.move_durably(folder, &layout::series_folder(root.path, &manifest.flight, &manifest.series))
 }

@@ -1,5 +1,5 @@
-//! Signatures: a line in a flight's chain that signs all the lines before it, with a key that only the
-//! recorder has. What somebody rewrote, digests and all, then lacks its signature.
+//! Signatures: lines of a flight's chain that sign all lines before them, with a key that only the recorder has. A
+//! rewritten chain, even with consistent digests, lacks a valid signature.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
@@ -16,23 +16,23 @@ use crate::store::disk::{StoreError, fill_random};
 use crate::store::format::chain::{Chain, ChainEvent, ChainLine};
 use crate::store::format::{jsonl, layout};
 
-/// Ending of the public key's file beside the secret one.
+/// Ending of the public key's file, next to the private one.
 pub const PUBLIC_ENDING: &str = "pub";
 
-/// What is signed: these words and the digest of the chain's last line, hex.
+/// Returns the signed message: a prefix and the digest of the chain's last line, hex.
 fn signed_message(before: &str) -> String {
     format!("wingd chain {before}")
 }
 
-/// Signs.
+/// Signer of chains, with the private key.
 pub struct Signer {
     key: SigningKey,
     path: PathBuf,
 }
 
 impl Signer {
-    /// Reads the key (PEM, PKCS #8), or makes one where there is none, readable by this user alone; the
-    /// public key is written beside it.
+    /// Reads the private key (PEM, PKCS #8). If the file does not exist, generates a key readable by this user only, and
+    /// writes the public key next to it.
     pub fn load_or_create(path: &Path) -> Result<Self, StoreError> {
         let text = match fs::read_to_string(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => create_key(path)?,
@@ -41,7 +41,7 @@ impl Signer {
         let key = SigningKey::from_pkcs8_pem(&text).map_err(|_| StoreError::Damaged {
             path: path.to_owned(),
             problem: "is not an Ed25519 key (PEM, PKCS #8)".to_owned(),
-            remedy: "name another file; a new key is made where there is none",
+            remedy: "name another file; if it does not exist, a key is generated",
         })?;
         let public = with_ending(path, PUBLIC_ENDING);
         if !public.exists() {
@@ -51,30 +51,31 @@ impl Signer {
         Ok(Self { key, path: path.to_owned() })
     }
 
-    /// The key that others check with, hex.
+    /// Returns the public key, hex.
     pub fn public_key_hex(&self) -> String {
         hex::encode(self.key.verifying_key().as_bytes())
     }
 
-    /// Signs what the chain has since the last signature. A chain that is broken, or not the one that was
-    /// signed, is not signed: that is evidence.
+    /// Signs the lines of a chain since the last signature. A broken chain, or one that does not continue the signed one,
+    /// is not signed: that is evidence.
     pub(crate) fn sign_chain(&self, root: StoreRoot<'_>, flight: &Path) -> Result<(), StoreError> {
         let path = flight.join(layout::CHAIN_FILE);
         let bytes = root.disk.load_if_exists(&path)?.unwrap_or_default();
         if bytes.is_empty() {
             return Ok(());
         }
-        // The last signature is enough: it signs the ones before.
+        // The last signature suffices: it covers the earlier ones.
         let mut links = jsonl::parse_lines::<ChainLine>(&bytes).good;
-        let ours = |link: &ChainLine| matches!(&link.event, ChainEvent::Signature { key, .. } if *key == self.public_key_hex());
+        let own = self.public_key_hex();
+        let ours = |link: &ChainLine| matches!(&link.event, ChainEvent::Signature { key, .. } if *key == own);
         let last = links.iter().rposition(|(_, link)| ours(link)).unwrap_or(links.len());
         let signed = check_signatures(links.split_off(last), &PublicKey(self.key.verifying_key()));
         let fault = Chain::parse(&bytes).faults.into_iter().chain(signed.invalid).next();
-        if let Some(what) = fault {
+        if let Some(problem) = fault {
             return Err(StoreError::Damaged {
                 path,
-                problem: format!("{what}; it is not signed"),
-                remedy: "`wingd verify` says more; take the flight from a copy",
+                problem: format!("{problem}; it is not signed"),
+                remedy: "run `wingd verify` for details; restore the flight from a copy",
             });
         }
         if signed.valid > 0 && signed.unsigned == 0 {
@@ -87,7 +88,7 @@ impl Signer {
         chain::append_event_with(root, flight, signed)
     }
 
-    /// Where the key lies.
+    /// Returns the path of the private key.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -109,8 +110,8 @@ fn create_key(path: &Path) -> Result<String, StoreError> {
     Ok(text.to_string())
 }
 
-/// Writes a file that must not exist yet, durably: half a key would be no key at the next start.
-#[allow(clippy::disallowed_methods)] // a key is no file of the store, and needs its own mode
+/// Writes a file that must not exist yet, durably: an incomplete key would be invalid at the next start.
+#[allow(clippy::disallowed_methods)] // a key is not a file of the store, and needs its own mode
 fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     let part = with_ending(path, "part");
     let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(&part)?;
@@ -121,18 +122,18 @@ fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }
 
-/// Checks signatures.
+/// Public key for checking signatures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PublicKey(VerifyingKey);
 
 impl PublicKey {
-    /// Reads a key as [`Signer::load_or_make`] writes it (PEM).
+    /// Reads a public key as [`Signer::load_or_create`] writes it (PEM).
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         let text = fs::read_to_string(path).map_err(StoreError::io(path, "read"))?;
         VerifyingKey::from_public_key_pem(&text).map(Self).map_err(|_| StoreError::Damaged {
             path: path.to_owned(),
             problem: "is not a public Ed25519 key (PEM)".to_owned(),
-            remedy: "name the file with the ending .pub that the recorder wrote beside its own key",
+            remedy: "name the file with the ending .pub that the recorder wrote next to its private key",
         })
     }
 
@@ -142,19 +143,18 @@ impl PublicKey {
     }
 }
 
-/// What a chain's signatures say.
+/// Result of checking a chain's signatures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SignatureCheck {
-    /// Signatures by this key that are good.
+    /// Number of valid signatures by the key.
     pub valid: usize,
-    /// Those that are not, one sentence each.
+    /// Invalid signatures by the key, one sentence each.
     pub invalid: Vec<String>,
-    /// Lines after the last good one.
+    /// Number of lines after the last valid one.
     pub unsigned: usize,
 }
 
-/// Looks at the signatures of one key in a chain's lines, numbered. Whether they follow from one another is
-/// [`Chain::parse`]'s.
+/// Checks the signatures of one key in numbered lines of a chain. The order of the lines is checked by [`Chain::parse`].
 pub(crate) fn check_signatures(links: Vec<(usize, ChainLine)>, public: &PublicKey) -> SignatureCheck {
     let mut found = SignatureCheck::default();
     let ours = hex::encode(public.0.as_bytes());
@@ -166,7 +166,7 @@ pub(crate) fn check_signatures(links: Vec<(usize, ChainLine)>, public: &PublicKe
                     found.valid += 1;
                     found.unsigned = 0;
                 } else {
-                    found.invalid.push(format!("the signature in line {number} is not good"));
+                    found.invalid.push(format!("the signature in line {number} is not valid"));
                 }
             }
             _ => {}

@@ -1,4 +1,4 @@
-//! Which frames are to be solved, and their results.
+//! Selection of frames to solve, and storage of their results.
 
 use serde_json::Value;
 
@@ -10,13 +10,13 @@ use crate::store::format::chain::ChainEvent;
 use crate::store::format::manifest::{FrameEntry, ResultLine, SeriesManifest, SolvingAttempt};
 use crate::store::format::{Inputs, jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef, SeriesRef};
-use crate::store::read::frames::{FrameRef, series_frames, read_frame};
+use crate::store::read::frames::{FrameRef, read_frame, series_frames};
 use crate::store::read::installations;
 
 impl Store {
-    /// The frames to solve of one series, newest series first: in the newest flight those without a
-    /// result for these inputs, in older flights those without any result, because the camera may
-    /// have been mounted anew since. Empty where nothing is left to do.
+    /// Returns the frames to solve of one series, newest series first: in the newest flight those without a result for
+    /// these inputs, in older flights those without any result, because the camera may have been remounted since. Empty if
+    /// nothing is left to solve.
     pub fn unsolved_frames(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
         let newest = self.current_flight();
         for flight in catalogue::list_flights(self.disk(), self.root())?.iter().rev() {
@@ -36,14 +36,14 @@ impl Store {
         Ok(Vec::new())
     }
 
-    /// The frames of a flight without a result for these inputs, in order.
+    /// Returns the frames of a flight without a result for these inputs, in order.
     pub fn unsolved_in_flight(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
         let series = catalogue::list_series(self.disk(), flight)?;
-        let of = |series: &SeriesRef| self.unsolved_in_series(series, inputs, false);
-        Ok(series.iter().map(of).collect::<Result<Vec<_>, _>>()?.concat())
+        let unsolved = |series: &SeriesRef| self.unsolved_in_series(series, inputs, false);
+        Ok(series.iter().map(unsolved).collect::<Result<Vec<_>, _>>()?.concat())
     }
 
-    /// A series whose manifest cannot be read has nothing to solve; `verify` reports it.
+    /// Returns the frames of a series without a result; an error if the manifest cannot be read, which `verify` reports.
     fn unsolved_in_series(
         &self,
         series: &SeriesRef,
@@ -61,13 +61,16 @@ impl Store {
         Ok(frames)
     }
 
-    /// A frame's bytes, as delivered; an error where they are not what the manifest says.
+    /// Reads the bytes of a frame, as delivered by the camera.
+    ///
+    /// # Errors
+    /// Returns an error if they do not have the digest in the manifest.
     pub fn read_frame(&self, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
         read_frame(self.disk(), frame)
     }
 
-    /// Says that a frame is about to be solved; returns how often in a row it was, this time included. More
-    /// than one means that the program ended while it solved the frame.
+    /// Records that a frame is about to be solved; returns the number of consecutive attempts, including this one. More
+    /// than one means that the program ended while solving the frame.
     pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
         let path = self.root().join(layout::SOLVING_FILE);
         let key = inputs.key(&frame.entry.sha256);
@@ -79,19 +82,19 @@ impl Store {
         Ok(now.attempts)
     }
 
-    /// Takes a beginning back: the frame was given up in good order, and is solved another time.
+    /// Withdraws an attempt: the frame was abandoned regularly and is solved another time.
     pub fn cancel_solving(&self) -> Result<(), StoreError> {
         self.disk().save_file(&self.root().join(layout::SOLVING_FILE), b"")
     }
 
-    /// Whether the newest flight holds a frame with these bytes.
+    /// Returns whether the newest flight has a frame with these bytes.
     pub fn contains_frame(&self, bytes: &[u8]) -> bool {
         let hash = sha256_hex(bytes);
         let manifests = self.newest_manifests();
         manifests.iter().flat_map(SeriesManifest::frames).any(|frame| frame.sha256 == hash)
     }
 
-    /// Writes a result durably, once: `false` where this frame has one for these inputs already.
+    /// Writes a result durably, once; returns `false` if the frame has one for these inputs already.
     pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
         let mut index = self.lock_index();
         self.chain_installation(&mut index, &frame.series, inputs)?;
@@ -106,7 +109,7 @@ impl Store {
         results::append_result(self.store_root(), &frame.series, &line)
     }
 
-    /// Names a kept installation in the flight's chain, once, before the first result that comes from it.
+    /// Adds a stored installation to the flight's chain, once, before the first result that was computed from it.
     fn chain_installation(
         &self,
         index: &mut StoreIndex,
@@ -115,8 +118,8 @@ impl Store {
     ) -> Result<(), StoreError> {
         let Some(digest) = installations::digest_from_provenance(&inputs.provenance) else { return Ok(()) };
         let key = (series.flight.clone(), digest.clone());
-        let kept = || self.disk().exists(&installations::installation_folder(self.root(), &digest));
-        if index.installations.contains(&key) || !kept() || !self.store_root().has_evidence() {
+        let is_stored = || self.disk().exists(&installations::installation_folder(self.root(), &digest));
+        if index.installations.contains(&key) || !is_stored() || !self.store_root().has_evidence() {
             return Ok(());
         }
         let flight = self.store_root().flight_folder(&series.flight);

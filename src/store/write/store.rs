@@ -1,4 +1,4 @@
-//! A store open for writing.
+//! Store opened for writing.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,27 +8,28 @@ use super::index::StoreIndex;
 use super::recover::{self, Recovery};
 use super::root::StoreRoot;
 use super::segment::{self, AppendFile};
-use super::series::{OpenSeries, ActiveSeries};
+use super::series::{ActiveSeries, OpenSeries};
 use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, Lock, StoreError};
 use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, APPEND_FILE_KINDS, LIVE_RESULTS, MANUAL_MARKS};
-use crate::store::format::manifest::{SeriesCause, FlightManifest, JournalHead, RefusedSeries, SeriesManifest, SeriesState};
+use crate::store::format::manifest::{
+    FlightManifest, JournalHead, RefusedSeries, SeriesCause, SeriesManifest, SeriesState,
+};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations::InstallationFile;
 
-/// What is asked for when a series begins.
+/// Request for a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SeriesPlan {
-    /// Why.
     pub cause: SeriesCause,
-    /// Shots that are wanted; 0 for a series beside others whose number is open ([`Cause::is_beside`]).
+    /// Number of shots; 0 for a concurrent series with an open number ([`SeriesCause::is_concurrent`]).
     pub shots: u32,
 }
 
-/// A store open for writing, by one process at a time.
+/// Store opened for writing, by one process at a time.
 pub struct Store {
     disk: Arc<dyn Disk>,
     root: PathBuf,
@@ -43,7 +44,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens a store, making it where the directory is empty or missing, and recovers what a crash left.
+    /// Opens a store, creating it if the directory is empty or does not exist, and recovers the remains of a crash.
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
         let path = config.path.clone();
         let root = StoreRoot { disk: disk.as_ref(), path: &path };
@@ -56,9 +57,9 @@ impl Store {
         let mut recovery = recover::recover_incoming(root, &ActiveSeries::default())?;
         segment::settle_append_files(root, &APPEND_FILE_KINDS, &mut recovery);
         let index = opening::scan_store(root, &mut recovery)?;
-        // Recording matters more than its signature.
+        // Recording continues without signatures if the key cannot be used.
         let signer = config.signing_key.as_deref().map(signing::Signer::load_or_create).transpose();
-        recovery.remarks.extend(signer.as_ref().err().map(|error| format!("nothing is signed: {error}")));
+        recovery.remarks.extend(signer.as_ref().err().map(|error| format!("flights are not signed: {error}")));
         let store = Self {
             disk,
             root: path,
@@ -80,43 +81,43 @@ impl Store {
         Ok((store, recovery))
     }
 
-    /// The directory.
+    /// Returns the root directory.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The directory on its disk.
+    /// Returns the root directory with its disk.
     pub(crate) fn store_root(&self) -> StoreRoot<'_> {
         StoreRoot { disk: self.disk(), path: &self.root }
     }
 
-    /// What signs its flights.
+    /// Returns the signer of the flights, if there is a key.
     pub fn signer(&self) -> Option<&signing::Signer> {
         self.signer.as_ref()
     }
 
-    /// The file system it is on.
+    /// Returns the file system of the store.
     pub fn disk(&self) -> &dyn Disk {
         self.disk.as_ref()
     }
 
-    /// Space left, MB.
+    /// Returns the free space, MB.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
         let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
         Ok(free / 1_000_000)
     }
 
-    /// Space kept free, MB.
+    /// Returns the reserved space, MB.
     pub fn reserve_mb(&self) -> u64 {
         self.config.reserve_mb
     }
 
-    /// The newest flight's name.
+    /// Returns the name of the newest flight.
     pub fn current_flight(&self) -> Option<String> {
         self.lock_index().flight.clone()
     }
 
-    /// The last moment recorded in the newest flight.
+    /// Returns the last time recorded in the newest flight.
     pub fn last_moment(&self) -> Option<Stamp> {
         self.lock_index().last_moment.clone()
     }
@@ -126,14 +127,14 @@ impl Store {
         self.lock_index().new_flight_requested = true;
     }
 
-    /// When the scheduled series of the newest flight began in this boot, since boot, in order.
+    /// Returns the start times of the newest flight's scheduled series in this boot, since boot, in order.
     pub fn series_starts_in_boot(&self, boot_id: &str) -> Vec<Duration> {
         let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == SeriesCause::Scheduled);
         let began = scheduled.filter_map(|m| m.started).filter(|stamp| stamp.boot_id == boot_id);
         began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
     }
 
-    /// The readable manifests of the newest flight, in order.
+    /// Returns the readable manifests of the newest flight, in order.
     pub(crate) fn newest_manifests(&self) -> Vec<SeriesManifest> {
         let Some(id) = self.current_flight() else { return Vec::new() };
         let flight = FlightRef { folder: self.store_root().flight_folder(&id), id };
@@ -141,13 +142,13 @@ impl Store {
         series.iter().filter_map(|series| catalogue::read_series_manifest(self.disk(), series).ok()).collect()
     }
 
-    /// Begins a series; recovers first what an abandoned one left. Others may be under way: each has its own folder, and
-    /// is whole with what it has whatever becomes of this one. A refusal is recorded.
+    /// Begins a series, after recovering an abandoned one. Several series may be open at a time: each has its own folder
+    /// and does not depend on the others. A refusal is recorded.
     pub fn begin_series(&self, plan: SeriesPlan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
         self.open_series(None, plan, now)
     }
 
-    /// The same in a flight that is named, whatever the pause: for pictures that were taken without a recorder.
+    /// Begins a series in a given flight, regardless of the pause: for images taken without a recorder.
     pub fn begin_series_in(
         &self,
         flight: &str,
@@ -180,7 +181,7 @@ impl Store {
         Ok((open, recovery))
     }
 
-    /// Closes a series: its manifest, then one rename to its flight.
+    /// Closes a series: writes its manifest, then moves it to its flight by one rename.
     pub fn close_series(
         &self,
         series: OpenSeries,
@@ -196,8 +197,8 @@ impl Store {
         Ok(())
     }
 
-    /// Brings SHA256SUMS up to what was recorded and solved. Best effort: what fails is done again with
-    /// the next call or at the next opening, and the chain has it all meanwhile.
+    /// Signs the chains and updates SHA256SUMS to the recorded data. Best effort: a failure is retried at the next call or
+    /// opening, and the chain is complete in the meantime.
     pub fn seal(&self) {
         self.seal_all(&mut self.lock_index());
     }
@@ -208,20 +209,24 @@ impl Store {
         }
     }
 
-    /// Signs the chain, where there is a key, and brings the sums up to it.
+    /// Signs the chain, if there is a key, and updates the sums to it.
     fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
         let signed = self.signer.as_ref().map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
         signed.and(evidence::update_sums(self.disk(), flight))
     }
 
-    /// Keeps an installation by its digest, so that results that come from it can be computed again.
-    /// A store without evidence keeps none.
+    /// Stores an installation by its digest, so that its results can be computed again. Does nothing in a store without
+    /// evidence.
     pub fn keep_installation(&self, files: &[InstallationFile]) -> Result<(), StoreError> {
         let _one_writer = self.lock_index();
-        if self.store_root().has_evidence() { installations::keep_installation(self.store_root(), files).map(drop) } else { Ok(()) }
+        if self.store_root().has_evidence() {
+            installations::keep_installation(self.store_root(), files).map(drop)
+        } else {
+            Ok(())
+        }
     }
 
-    /// The flight that what is recorded now belongs to.
+    /// Returns the flight to which current data belong.
     pub(crate) fn flight_for_recording(&self, now: &Stamp) -> Result<String, StoreError> {
         let mut index = self.lock_index();
         let flight = self.current_or_new_flight(&mut index, now)?;
@@ -229,18 +234,14 @@ impl Store {
         Ok(flight)
     }
 
-    /// Refuses where less space is left than is kept: for frames and their results, of what can wait.
+    /// Returns an error if the free space is below the reserve. For data with lower priority than frames and their results.
     pub(crate) fn refuse_below_reserve(&self) -> Result<(), StoreError> {
         let (free_mb, reserve_mb) = (self.free_mb()?, self.config.reserve_mb);
         let path = self.root.clone();
-        if free_mb < reserve_mb {
-            Err(StoreError::BelowReserve { path, free_mb, reserve_mb })
-        } else {
-            Ok(())
-        }
+        if free_mb < reserve_mb { Err(StoreError::BelowReserve { path, free_mb, reserve_mb }) } else { Ok(()) }
     }
 
-    /// Records that a series could not be taken, and why. Best effort: the refusal itself reaches the caller in any case.
+    /// Records that a series was refused, and why. Best effort: the caller gets the refusal in any case.
     fn note_refusal(&self, error: &StoreError, now: &Stamp) {
         if !matches!(error, StoreError::BelowReserve { .. }) {
             return;
@@ -261,19 +262,14 @@ impl Store {
         match (because, &index.flight) {
             (None, Some(flight)) => Ok(flight.clone()),
             (because, _) => {
-                let because = because.unwrap_or_else(|| "the last flight is not here any more".to_owned());
+                let because = because.unwrap_or_else(|| "the last flight is no longer here".to_owned());
                 self.new_flight(index, now, because)
             }
         }
     }
 
-    /// Begins a flight that no series of this machine belongs to, under the user's own name for it if there is one.
-    pub fn begin_flight(
-        &self,
-        now: &Stamp,
-        because: String,
-        name: Option<String>,
-    ) -> Result<String, StoreError> {
+    /// Begins a flight for data recorded elsewhere, with the user's name for it if there is one.
+    pub fn begin_flight(&self, now: &Stamp, because: String, name: Option<String>) -> Result<String, StoreError> {
         self.make_flight(&mut self.lock_index(), now, (because, name))
     }
 

@@ -1,52 +1,52 @@
-//! What an aircraft does that a laboratory does not (docs/model.md), drawn with exact geometry: what happens to wing,
-//! skin, root, marks, survey and camera between survey, ground frame and flight. It shares nothing with the model that is
-//! fitted.
+//! In-flight effects (docs/model.md), simulated with exact geometry: changes of wing, skin, root, fixed targets, survey and
+//! camera between survey, ground frame and flight. It shares no code with the fitted
+//! model.
 
 use nalgebra::{Rotation3, Unit, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Orientation, Setup, fixed_mark};
+use wingd::measure::setup::{Orientation, Setup, fixed_target};
 
-use super::{Bent, STEPS, Truth, Wing, at, normal, normal3};
+use super::{BentAxis, STEPS, Truth, Wing, normal, normal3, value_at};
 
-/// The axis along the chord, wing frame, m.
+/// Position of the axis along the chord, wing frame, m.
 const AXIS_Z_M: f64 = 0.1;
-/// What a tape at a lens gives of its projection centre, m.
+/// Precision of the projection centre from a tape measure at the lens, m.
 const TAPE_M: f64 = 0.010;
-/// Where an engine hangs, as a share of the length.
+/// Position of an engine, as a fraction of the length.
 const ENGINE: f64 = 0.33;
-/// Where an aileron's torque acts.
+/// Position of the aileron's torque.
 const AILERON: f64 = 0.75;
-/// From a marker on an aileron to its hinge, m.
+/// Distance from a marker on an aileron to its hinge, m.
 const HINGE_M: f64 = 0.3;
-/// The window's normal against the span, rad: some 15 degrees forward and 8 degrees down.
+/// Window normal relative to the span, rad: some 15 degrees forward and 8 degrees down.
 const WINDOW: (f64, f64) = (0.26, -0.14);
-/// (n - 1) t / n of 14.5 mm of acrylic, m: over the bow's radius, what a ray is turned by.
+/// (n - 1) t / n of 14.5 mm of acrylic, m: divided by the bow radius, the deflection of a ray.
 const BOW_M: f64 = 0.0048;
 
-/// What happens, each by its size; 0: not.
+/// Effects, each by its size; 0: absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Effects {
-    /// The wing stood higher at the ground frame than at the survey, at the tip, m.
+    /// Wing tip higher at the ground frame than at the survey, m.
     pub ground_bend_m: f64,
-    /// The root turned against the cabin since the ground frame, about X, Y, Z of the wing frame, rad.
+    /// Rotation of the root relative to the cabin since the ground frame, about X, Y, Z of the wing frame, rad.
     pub root_rotation_rad: Vector3<f64>,
-    /// And moved, m.
+    /// Translation of the root, m.
     pub root_translation_m: Vector3<f64>,
-    /// The skin bulges near the root, m.
+    /// Bulge of the skin near the root, m.
     pub bulge_m: f64,
-    /// Each marker moves along the skin's normal by as much, standard deviation, m.
+    /// Displacement of each marker along the skin normal, standard deviation, m.
     pub skin_m: f64,
-    /// All fixed marks move, m.
+    /// Common displacement of all fixed targets, m.
     pub fixed_m: Vector3<f64>,
-    /// Each fixed mark moves by as much along each axis, standard deviation, m.
+    /// Displacement of each fixed target along each axis, standard deviation, m.
     pub fixed_each_m: f64,
-    /// Share by which the camera constant is larger in flight.
+    /// Relative increase of the camera constant in flight.
     pub flight_scale: f64,
     /// Principal point in flight, px.
     pub principal_px: Vector2<f64>,
-    /// Share by which refraction turns a ray away from the window's normal.
+    /// Relative refraction of a ray away from the window normal.
     pub refraction: f64,
     /// Bow of the panes in flight, 1/m.
     pub bow_per_m: f64,
@@ -56,41 +56,41 @@ pub struct Effects {
     pub aileron_rad: f64,
     /// Amplitude of the first mode at the tip, m, and its frequency, Hz.
     pub vibration: (f64, f64),
-    /// Amplitude of the camera's shake, rad, and its frequency, Hz.
+    /// Amplitude of the camera's vibration, rad, and its frequency, Hz.
     pub shake: (f64, f64),
-    /// From the first to the last row, s.
+    /// Readout time from the first to the last row, s.
     pub readout_s: f64,
-    /// The entrance pupil lies farther along the optical axis than stated, m.
+    /// Displacement of the entrance pupil along the optical axis, m.
     pub pupil_m: f64,
-    /// The survey's vertical is off, about both horizontal axes, rad.
+    /// Tilt of the survey's vertical about both horizontal axes, rad.
     pub tilt_rad: Vector2<f64>,
-    /// Twist where the aileron's torque acts, rad.
+    /// Twist at the position of the aileron's torque, rad.
     pub torque_rad: f64,
-    /// The stiffness changes by this share at two fifths of the length.
+    /// Relative step of the stiffness at 40 % of the length.
     pub step: f64,
-    /// Kink in the slope at a third of the length, rad.
+    /// Kink in the slope at 33 % of the length, rad.
     pub kink_rad: f64,
-    /// Share of the root's moment that an engine takes off.
+    /// Fraction of the root moment relieved by an engine.
     pub engine: f64,
 }
 
-/// One wing with what was drawn for it.
+/// One wing with its sampled effects.
 pub struct Aircraft {
     pub truth: Truth,
     pub effects: Effects,
-    /// Per marker: along the skin's normal, m.
+    /// Marker displacements along the skin normal, m.
     skin_m: Vec<f64>,
-    /// Per fixed mark, m.
+    /// Displacements of the fixed targets, m.
     fixed_m: Vec<Vector3<f64>>,
     /// Markers that sit on the aileron.
     pub on_aileron: Vec<usize>,
-    /// What of the two comes again in every flight, at full size.
+    /// The part of both displacements that is common to all flights, at full size.
     repeated: (Vec<f64>, Vec<Vector3<f64>>),
 }
 
-/// When the wing is looked at.
+/// State of the wing at an observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum When {
+pub enum WingState {
     Survey,
     Ground,
     /// Deflection of the tip, m, and fuel on board.
@@ -100,7 +100,7 @@ pub enum When {
     },
 }
 
-/// Deflection of a cantilever's first mode, over that of its tip.
+/// Deflection of a cantilever's first mode, relative to the tip.
 fn mode(e: f64) -> f64 {
     e * e * (3.0 - e) / 2.0
 }
@@ -110,16 +110,15 @@ impl Aircraft {
         let skin_m: Vec<f64> = truth.stations.iter().map(|_| effects.skin_m * normal(rng)).collect();
         let fixed = |_: &Vector3<f64>| effects.fixed_m + normal3(rng) * effects.fixed_each_m;
         let fixed_m: Vec<Vector3<f64>> = truth.fixed_m.iter().map(fixed).collect();
-        let aft =
-            |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
+        let aft = |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
         let on_aileron = truth.stations.iter().enumerate().filter(aft).map(|(k, _)| k).collect();
         let repeated = (skin_m.clone(), fixed_m.clone());
         Self { truth, effects, skin_m, fixed_m, on_aileron, repeated }
     }
 
-    /// Another flight of the same aircraft, with what is this flight's own of `effects`; half the variance of what skin and fixed
-    /// marks move by is that of every flight.
-    pub fn flies_again(&mut self, rng: &mut StdRng, effects: Effects) {
+    /// Starts another flight of the same aircraft with the flight-specific `effects`; half the variance of skin and fixed-target
+    /// displacements is common to all flights.
+    pub fn start_next_flight(&mut self, rng: &mut StdRng, effects: Effects) {
         self.effects = Effects {
             ground_bend_m: self.effects.ground_bend_m,
             pupil_m: self.effects.pupil_m,
@@ -133,7 +132,7 @@ impl Aircraft {
         self.fixed_m = marks.collect();
     }
 
-    /// Bending moment's curvature in flight, before it is scaled to a deflection.
+    /// Curvature of the bending moment in flight, before scaling to a deflection.
     fn curvature(&self, fuel: f64) -> Vec<f64> {
         let wing = self.truth.wing;
         let mut curvature = wing.curvature(fuel);
@@ -147,23 +146,23 @@ impl Aircraft {
         curvature
     }
 
-    /// The axis at a time, with its curvature, 1/m.
-    fn bent(&self, when: When) -> (Bent, Vec<f64>) {
+    /// Bent axis in a state, with its curvature, 1/m.
+    fn bent_axis(&self, when: WingState) -> (BentAxis, Vec<f64>) {
         let wing = self.truth.wing;
         match when {
-            When::Survey => (wing.bend(&[0.0; STEPS + 1], 0.0, 1.0), vec![0.0; STEPS + 1]),
-            When::Ground => self.scaled(wing.weight(), self.effects.ground_bend_m, 1.0),
-            When::Flight { deflection_m, fuel } => {
+            WingState::Survey => (wing.bend(&[0.0; STEPS + 1], 0.0, 1.0), vec![0.0; STEPS + 1]),
+            WingState::Ground => self.bend_to_rise(wing.weight(), self.effects.ground_bend_m, 1.0),
+            WingState::Flight { deflection_m, fuel } => {
                 let scale = self.truth.setup.thermal.map_or(1.0, |t| t.scale());
-                let (_, mut curvature) = self.scaled(self.curvature(fuel), deflection_m, 1.0);
+                let (_, mut curvature) = self.bend_to_rise(self.curvature(fuel), deflection_m, 1.0);
                 curvature[STEPS / 3] += self.effects.kink_rad * STEPS as f64 / wing.length_m;
                 (wing.bend(&curvature, 1.0, scale), curvature)
             }
         }
     }
 
-    /// A curvature scaled so that the tip rises by so much.
-    fn scaled(&self, curvature: Vec<f64>, rise_m: f64, scale: f64) -> (Bent, Vec<f64>) {
+    /// Scales a curvature to the given rise of the tip.
+    fn bend_to_rise(&self, curvature: Vec<f64>, rise_m: f64, scale: f64) -> (BentAxis, Vec<f64>) {
         let wing = self.truth.wing;
         let level = wing.bend(&curvature, 0.0, 1.0).y[STEPS];
         let rise = |factor: f64| wing.bend(&curvature, factor, 1.0).y[STEPS] - level;
@@ -177,8 +176,8 @@ impl Aircraft {
     }
 
     /// Twist of a section, nose up positive, rad.
-    pub fn twist_rad(&self, e: f64, when: When) -> f64 {
-        let When::Flight { deflection_m, .. } = when else { return 0.0 };
+    pub fn twist_rad(&self, e: f64, when: WingState) -> f64 {
+        let WingState::Flight { deflection_m, .. } = when else { return 0.0 };
         let wing = self.truth.wing;
         let compliance = |e: f64| {
             let part = |k: usize| (1.0 - (1.0 - wing.taper) * e * (k as f64 + 0.5) / 50.0).powf(-wing.power);
@@ -189,31 +188,31 @@ impl Aircraft {
     }
 
     /// Twist of the section midway between the torsion pair, rad.
-    pub fn pair_twist_rad(&self, when: When) -> f64 {
+    pub fn pair_twist_rad(&self, when: WingState) -> f64 {
         let pair = &self.truth.setup.torsion[0];
         let stations = &self.truth.stations;
         self.twist_rad(0.5 * (stations[pair.leading].0 + stations[pair.trailing].0), when)
     }
 
-    /// Change of the curvature since the ground frame at shares of the length, 1/m.
-    pub fn curvature_per_m(&self, when: When, shares: &[f64]) -> Vec<f64> {
-        let (flight, ground) = (self.bent(when).1, self.bent(When::Ground).1);
-        shares.iter().map(|&share| at(&flight, share) - at(&ground, share)).collect()
+    /// Change of the curvature since the ground frame at fractions of the length, 1/m.
+    pub fn curvature_per_m(&self, when: WingState, shares: &[f64]) -> Vec<f64> {
+        let (flight, ground) = (self.bent_axis(when).1, self.bent_axis(WingState::Ground).1);
+        shares.iter().map(|&share| value_at(&flight, share) - value_at(&ground, share)).collect()
     }
 
-    /// True places, survey frame as levelled by gravity, markers and then fixed marks, m.
-    pub fn points(&self, when: When) -> Vec<Vector3<f64>> {
+    /// True positions of markers, then fixed targets, in the levelled survey frame, m.
+    pub fn points(&self, when: WingState) -> Vec<Vector3<f64>> {
         let frame = self.truth.setup.wing_frame();
-        self.in_wing_frame(when).iter().map(|p| frame.survey_point(p)).collect()
+        self.points_in_wing_frame(when).iter().map(|p| frame.survey_point(p)).collect()
     }
 
-    fn in_wing_frame(&self, when: When) -> Vec<Vector3<f64>> {
-        let flight = matches!(when, When::Flight { .. });
-        let (bent, _) = self.bent(when);
+    fn points_in_wing_frame(&self, when: WingState) -> Vec<Vector3<f64>> {
+        let flight = matches!(when, WingState::Flight { .. });
+        let (bent, _) = self.bent_axis(when);
         let mut points: Vec<_> = (0..self.truth.stations.len())
             .map(|k| {
-                let still = self.on_section(k, &bent, when);
-                if flight { self.with_root(&still) } else { still }
+                let still = self.point_on_section(k, &bent, when);
+                if flight { self.move_root(&still) } else { still }
             })
             .collect();
         let moved = |(p, by): (&Vector3<f64>, &Vector3<f64>)| p + if flight { *by } else { Vector3::zeros() };
@@ -225,9 +224,9 @@ impl Aircraft {
         Vector3::new(self.truth.setup.root_offset_m, -1.85, 0.0)
     }
 
-    /// A marker on its section, the root at rest.
-    fn on_section(&self, marker: usize, bent: &Bent, when: When) -> Vector3<f64> {
-        let flight = matches!(when, When::Flight { .. });
+    /// Position of a marker on its section, with the root at rest.
+    fn point_on_section(&self, marker: usize, bent: &BentAxis, when: WingState) -> Vector3<f64> {
+        let flight = matches!(when, WingState::Flight { .. });
         let (e, n, z) = self.truth.stations[marker];
         let Wing { side, length_m, .. } = self.truth.wing;
         let axis_z = AXIS_Z_M * side;
@@ -241,31 +240,32 @@ impl Aircraft {
             }
             in_plane = self.effects.in_plane_m * side;
         }
-        let (theta, phi) = (at(&bent.theta, e), side * self.twist_rad(e, when));
+        let (theta, phi) = (value_at(&bent.theta, e), side * self.twist_rad(e, when));
         let (arm_n, arm_z) = (n * phi.cos() - z * phi.sin(), z * phi.cos() + n * phi.sin());
-        // Sections turn with the axis in the wing's plane.
+        // Sections rotate with the axis in the wing's plane.
         let slope = in_plane * 1.5 * e * (2.0 - e) / length_m;
-        let along = at(&bent.x, e) - scale * (arm_n * theta.sin() + arm_z * slope);
-        let up = at(&bent.y, e) + scale * arm_n * theta.cos();
+        let along = value_at(&bent.x, e) - scale * (arm_n * theta.sin() + arm_z * slope);
+        let up = value_at(&bent.y, e) + scale * arm_n * theta.cos();
         self.root_m() + Vector3::new(along, up, axis_z + scale * arm_z + in_plane * mode(e))
     }
 
-    fn with_root(&self, point: &Vector3<f64>) -> Vector3<f64> {
+    fn move_root(&self, point: &Vector3<f64>) -> Vector3<f64> {
         let turned = Rotation3::new(self.effects.root_rotation_rad) * (point - self.root_m());
         self.root_m() + turned + self.effects.root_translation_m
     }
 
-    /// True deflections of all markers against the survey, the ground frame, the root's tangent, m.
-    pub fn deflections_m(&self, when: When) -> Vec<[f64; 3]> {
-        let (survey, ground) = (self.in_wing_frame(When::Survey), self.in_wing_frame(When::Ground));
+    /// True deflections of all markers relative to survey, ground frame and root tangent, m.
+    pub fn deflections_m(&self, when: WingState) -> Vec<[f64; 3]> {
+        let (survey, ground) =
+            (self.points_in_wing_frame(WingState::Survey), self.points_in_wing_frame(WingState::Ground));
         let one = |(k, flight): (usize, Vector3<f64>)| {
-            let carried = self.with_root(&ground[k]);
+            let carried = self.move_root(&ground[k]);
             [flight.y - survey[k].y, flight.y - ground[k].y, flight.y - carried.y]
         };
-        self.in_wing_frame(when).into_iter().take(self.truth.stations.len()).enumerate().map(one).collect()
+        self.points_in_wing_frame(when).into_iter().take(self.truth.stations.len()).enumerate().map(one).collect()
     }
 
-    /// The survey as the tachymeter reports it, its vertical and the entrance pupil as far off as drawn.
+    /// The survey as a total station would report it, with the sampled errors of its vertical and of the entrance pupil.
     pub fn surveyed(&self, rng: &mut StdRng, sigma_m: f64) -> Setup {
         let mut setup = self.truth.surveyed(rng, sigma_m, sigma_m);
         setup.projection_centre_sigma_m = TAPE_M;
@@ -273,7 +273,7 @@ impl Aircraft {
             setup.markers[marker].part = Some("aileron".into());
         }
         for marker in setup.markers.iter_mut().filter(|m| m.fixed) {
-            marker.flight_motion_m = fixed_mark::FLIGHT_MOTION_M;
+            marker.flight_motion_m = fixed_target::FLIGHT_MOTION_M;
         }
         let axis = self.truth.camera_from_survey.inverse() * Vector3::z();
         setup.projection_centre_m -= axis * self.effects.pupil_m;
@@ -285,10 +285,10 @@ impl Aircraft {
         setup
     }
 
-    /// Ground frame: sights of all marks, and the rotation into the survey's frame.
+    /// Ground frame: observations of all markers and targets, and the rotation into the survey frame.
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64) -> Orientation {
         let mut orientation = self.truth.orientation(rng, sigma_px, true);
-        let pixels = self.truth.pixels(&self.points(When::Ground), Vector3::zeros());
+        let pixels = self.truth.pixels(&self.points(WingState::Ground), Vector3::zeros());
         for (sight, pixel) in orientation.ground.iter_mut().zip(pixels) {
             sight.pixel = pixel + super::normal2(rng) * sigma_px;
         }
@@ -297,11 +297,11 @@ impl Aircraft {
         orientation
     }
 
-    /// One frame: `mount` and `shift` of the mounting; vibration and shake at random phases.
+    /// Observes one frame: `mount` and `shift` of the mounting; vibrations at random phases.
     pub fn frame(
         &self,
         rng: &mut StdRng,
-        when: When,
+        when: WingState,
         (mount_rad, shift_m): (Vector3<f64>, Vector3<f64>),
         sigma_px: f64,
     ) -> Vec<Observation> {
@@ -337,18 +337,18 @@ impl Aircraft {
     fn vibrated(&self, marker: usize, point: &Vector3<f64>, time_s: f64, phase: f64) -> Vector3<f64> {
         let Some(&(e, ..)) = self.truth.stations.get(marker) else { return *point };
         let (amplitude, hertz) = self.effects.vibration;
-        // Counted from the middle row's instant, at which the truth holds.
-        let swing = |t: f64| amplitude * (std::f64::consts::TAU * hertz * t + phase).sin();
-        point + Vector3::z() * ((swing(time_s) - swing(0.0)) * mode(e))
+        // Counted from the instant of the middle row, to which the truth refers.
+        let displacement = |t: f64| amplitude * (std::f64::consts::TAU * hertz * t + phase).sin();
+        point + Vector3::z() * ((displacement(time_s) - displacement(0.0)) * mode(e))
     }
 
     fn shaken(&self, time_s: f64, phase: f64) -> Rotation3<f64> {
         let (amplitude, hertz) = self.effects.shake;
-        let swing = |t: f64| amplitude * (std::f64::consts::TAU * hertz * t + phase).sin();
-        Rotation3::new(Vector3::x() * (swing(time_s) - swing(0.0)))
+        let displacement = |t: f64| amplitude * (std::f64::consts::TAU * hertz * t + phase).sin();
+        Rotation3::new(Vector3::x() * (displacement(time_s) - displacement(0.0)))
     }
 
-    /// A direction in the survey frame as the camera in the cabin sees it.
+    /// A direction in the survey frame as seen by the camera in the cabin.
     fn refracted(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let share = self.effects.refraction + self.effects.bow_per_m * BOW_M;
         let (sin, cos) = (WINDOW.0.sin(), WINDOW.0.cos());
@@ -361,7 +361,7 @@ impl Aircraft {
 }
 
 impl Wing {
-    /// Curvature under a load that goes with the chord, as weight does: another shape than lift's.
+    /// Curvature under a load proportional to the chord, as weight is: another shape than that of lift.
     fn weight(&self) -> Vec<f64> {
         let (h, mut q, mut m) = (1.0 / STEPS as f64, 0.0, 0.0);
         let mut curvature = vec![0.0; STEPS + 1];

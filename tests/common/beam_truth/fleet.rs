@@ -1,4 +1,4 @@
-//! Wings and mountings drawn at random.
+//! Randomly sampled wings and mountings.
 
 use nalgebra::Vector3;
 use rand::Rng;
@@ -8,12 +8,12 @@ use wingd::measure::setup::Setup;
 use super::Wing;
 use crate::common::random::normal3;
 
-/// A mounting that is off by the stated repeatability.
+/// A mounting rotated within the configured repeatability.
 pub fn remounted(rng: &mut StdRng, setup: &Setup) -> Vector3<f64> {
     normal3(rng) * (setup.mount_repeatability_px / setup.lens.focal_px())
 }
 
-/// Wings, loads and sides that a beam fleet spans.
+/// Samples wings, loads and sides of a beam fleet.
 pub fn random_wing(rng: &mut StdRng) -> Wing {
     Wing {
         taper: rng.random_range(0.22..0.4),

@@ -1,20 +1,20 @@
-//! A wing that swings in its second bending mode, exactly: its curvature is added to the load's, and the axis keeps its
-//! length. It shares nothing with the model that is fitted.
+//! A wing that vibrates in its second bending mode, exactly: the mode's curvature is added to that of the load, and the axis keeps
+//! its length. It shares no code with the fitted model.
 
 use nalgebra::Vector3;
 
 use super::{STEPS, Truth};
 
-/// Mass goes with this power of the chord: of a box with skins of constant thickness over chord, and what hangs on it.
+/// Exponent of the mass as a power of the chord: a box with skins of constant thickness, plus systems.
 const MASS_POWER: f64 = 2.0;
 const ITERATIONS: usize = 60;
 
-/// Which beam's second mode.
+/// Source of the second mode's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Swings {
-    /// A uniform cantilever's, as the renderer has it.
+pub enum ModeShape {
+    /// Second mode of a uniform cantilever, as in the renderer.
     Uniform,
-    /// The wing's own, of its stiffness and of masses that go with its chord.
+    /// Second mode of the wing's own stiffness and of masses that follow its chord.
     AsItIs,
 }
 
@@ -23,7 +23,7 @@ pub enum Swings {
 pub struct SecondMode(Vec<f64>);
 
 /// Running integral from the root.
-fn summed(step: f64, values: &[f64]) -> Vec<f64> {
+fn integrate_from_root(step: f64, values: &[f64]) -> Vec<f64> {
     let mut sums = vec![0.0; values.len()];
     for k in 1..values.len() {
         sums[k] = sums[k - 1] + 0.5 * step * (values[k - 1] + values[k]);
@@ -32,9 +32,9 @@ fn summed(step: f64, values: &[f64]) -> Vec<f64> {
 }
 
 /// Running integral from the tip.
-fn summed_from_tip(step: f64, values: &[f64]) -> Vec<f64> {
+fn integrate_from_tip(step: f64, values: &[f64]) -> Vec<f64> {
     let reversed: Vec<f64> = values.iter().rev().copied().collect();
-    summed(step, &reversed).into_iter().rev().collect()
+    integrate_from_root(step, &reversed).into_iter().rev().collect()
 }
 
 fn dot(a: &[f64], b: &[f64], mass: &[f64]) -> f64 {
@@ -43,24 +43,23 @@ fn dot(a: &[f64], b: &[f64], mass: &[f64]) -> f64 {
 
 impl Truth {
     /// The wing's second mode.
-    pub fn second_mode(&self, swings: Swings) -> SecondMode {
+    pub fn second_mode(&self, shape: ModeShape) -> SecondMode {
         let (length_m, step) = (self.wing.length_m, self.wing.length_m / STEPS as f64);
-        let chord = |k: usize| match swings {
-            Swings::Uniform => 1.0,
-            Swings::AsItIs => 1.0 - (1.0 - self.wing.taper) * k as f64 / STEPS as f64,
+        let chord = |k: usize| match shape {
+            ModeShape::Uniform => 1.0,
+            ModeShape::AsItIs => 1.0 - (1.0 - self.wing.taper) * k as f64 / STEPS as f64,
         };
         let mass: Vec<f64> = (0..=STEPS).map(|k| chord(k).powf(MASS_POWER)).collect();
         // Deflection under the inertia of a deflection (Stodola and Vianello), and its curvature.
         let answer = |w: &[f64]| -> (Vec<f64>, Vec<f64>) {
             let load: Vec<f64> = w.iter().zip(&mass).map(|(w, m)| w * m).collect();
-            let moment = summed_from_tip(step, &summed_from_tip(step, &load));
+            let moment = integrate_from_tip(step, &integrate_from_tip(step, &load));
             let curvature: Vec<f64> =
                 moment.iter().enumerate().map(|(k, m)| m / chord(k).powf(self.wing.power)).collect();
-            (summed(step, &summed(step, &curvature)), curvature)
+            (integrate_from_root(step, &integrate_from_root(step, &curvature)), curvature)
         };
-        let start = |power: i32| -> Vec<f64> {
-            (0..=STEPS).map(|k| (step * k as f64 / length_m).powi(power)).collect()
-        };
+        let start =
+            |power: i32| -> Vec<f64> { (0..=STEPS).map(|k| (step * k as f64 / length_m).powi(power)).collect() };
         let mut first = start(2);
         for _ in 0..ITERATIONS {
             first = answer(&first).0;
@@ -79,8 +78,8 @@ impl Truth {
         SecondMode(curvature)
     }
 
-    /// Survey-frame positions in flight, with a swing in the second mode, m at the tip.
-    pub fn swinging(
+    /// Survey-frame positions in flight, with a second-mode amplitude, m at the tip.
+    pub fn vibrating_positions(
         &self,
         tip_deflection_m: f64,
         fuel: f64,
@@ -88,11 +87,11 @@ impl Truth {
         second_m: f64,
     ) -> Vec<Vector3<f64>> {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
-        let (mut curvature, factor) = self.loaded(tip_deflection_m, fuel);
+        let (mut curvature, factor) = self.load_curvature(tip_deflection_m, fuel);
         curvature.iter_mut().zip(&mode.0).for_each(|(c, swing)| *c += second_m * swing / factor);
         let bent = self.wing.bend(&curvature, factor, scale);
         let frame = self.setup.wing_frame();
-        let carried = self.carried(&bent, tip_deflection_m / 2.5, scale);
+        let carried = self.marker_positions(&bent, tip_deflection_m / 2.5, scale);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 }

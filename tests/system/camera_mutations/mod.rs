@@ -1,14 +1,14 @@
-//! Promise: a camera file of another program that was changed never becomes another camera without a word.
+//! Promise: a changed camera file of another program is never silently read as another camera.
 //!
-//! Method: a lens is written in each format by texts of this test's own, piece by piece; a seeded change is made; what is
-//! read must then be
-//! - the lens itself, where the change has no meaning (a comment, another order, layout or quotes);
-//! - a refusal, the lens itself, or another lens **with a remark**, where the change is one that no program makes (a key
+//! Method: a lens is written in each format by this test's own code, piece by piece; a seeded change is made; the reading
+//! must then give
+//! - the lens itself, if the change has no meaning (a comment, another order, layout or quotes);
+//! - a refusal, the lens itself, or another lens **with a remark**, if the change is one that no program makes (a key
 //!   renamed, a list transposed, reversed, cut or lengthened, another model, a unit, a word for a number, a line moved);
-//! - exactly the lens with the other value, where a value was changed for another likely one.
+//! - exactly the lens with the other value, if a value was changed to another plausible one.
 //!
-//! "Another" is thus told by the lens that the text was made from, never by the reader. For changes of single characters,
-//! which may make any number of another, a parameter that differs must stand in the text as a number more often
+//! "Another" is decided by the lens that the text was made from, never by the reader. For changes of single characters,
+//! which may produce any number, a parameter that differs must occur in the text as a number more often
 //! than before the change. 3,000 of each format, from the seed `WINGD_SEED` on (0).
 
 mod pieces;
@@ -23,23 +23,23 @@ use rand::rngs::StdRng;
 use wingd::installation::{ReadCamera, read_exchange};
 use wingd::measure::geometry::Lens;
 
-/// Changes of each format.
+/// Number of changes of each format.
 const CHANGES: u64 = 3000;
 
-/// What must come of a changed text.
+/// Expected reading of a changed text.
 #[derive(Debug)]
 enum Expected {
     /// The lens.
     Same,
     /// This lens.
     Exactly(Box<Lens>),
-    /// A refusal, the lens, or another with a remark.
+    /// A refusal, the lens, or another lens with a remark.
     NotOtherInSilence,
-    /// The same, or another whose new values stand in the text.
+    /// As `Remarked`, or another lens whose new values occur in the text.
     AsWritten,
 }
 
-/// Models that are not ours, as the formats' own programs name them.
+/// Unsupported models, by their names in the formats' own programs.
 const FOREIGN: [&str; 12] = [
     "equidistant",
     "fisheye",
@@ -73,7 +73,7 @@ fn comment(rng: &mut StdRng, format: Format) -> String {
     }
 }
 
-/// A change of a text by a kind, and what must come of it.
+/// A change of a text by a kind, and the expected reading.
 fn change(rng: &mut StdRng, format: Format) -> (String, Expected) {
     let mut pieces = Pieces::new(format);
     match rng.random_range(0..12) {
@@ -131,7 +131,7 @@ fn layout(rng: &mut StdRng, pieces: &Pieces) -> String {
     }
 }
 
-/// A key with a letter more, less or other.
+/// A key with one letter added, removed or replaced.
 fn renamed(rng: &mut StdRng, pieces: &Pieces) -> String {
     let keys = [
         "image_width",
@@ -220,7 +220,7 @@ fn other_unit(rng: &mut StdRng, mut pieces: Pieces) -> String {
     pieces.with_core().text()
 }
 
-/// One parameter with another likely value: the file then states that camera.
+/// One parameter with another plausible value: the file then describes that camera.
 fn other_value(rng: &mut StdRng, mut pieces: Pieces) -> (String, Expected) {
     let mut lens = lens(pieces.format);
     let by = 1.0 + rng.random_range(-0.01..0.01);
@@ -240,7 +240,7 @@ fn other_value(rng: &mut StdRng, mut pieces: Pieces) -> (String, Expected) {
     (pieces.text(), Expected::Exactly(Box::new(lens)))
 }
 
-/// A line left out, twice, or at another place.
+/// A line removed, duplicated or moved.
 fn lines_moved(rng: &mut StdRng, text: &str) -> String {
     let mut lines: Vec<&str> = text.lines().collect();
     let at = rng.random_range(0..lines.len());
@@ -256,7 +256,7 @@ fn lines_moved(rng: &mut StdRng, text: &str) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Some characters left out, twice, or others.
+/// Some characters removed, duplicated or replaced.
 fn characters(rng: &mut StdRng, text: &str) -> String {
     let mut all: Vec<char> = text.chars().collect();
     for _ in 0..rng.random_range(1..3) {
@@ -274,46 +274,42 @@ fn characters(rng: &mut StdRng, text: &str) -> String {
 fn values(lens: &Lens) -> Vec<f64> {
     let [k4, k5, k6] = lens.denominator;
     let size = [f64::from(lens.width), f64::from(lens.height)];
-    [
-        &size[..],
-        &[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4, k5, k6],
-    ]
-    .concat()
+    [&size[..], &[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4, k5, k6]].concat()
 }
 
-/// The numbers that stand in a text, as they are written.
+/// The numbers in a text, as they are written.
 fn tokens(text: &str) -> Vec<f64> {
     let part = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
     text.split(|c| !part(c)).filter_map(|token| token.parse().ok()).collect()
 }
 
-/// What is wrong about a reading, if anything.
+/// The error of a reading, if any.
 fn wrong(expected: &Expected, format: Format, text: &str, read: Option<&ReadCamera>) -> bool {
     let own = lens(format);
     let Some(read) = read else { return matches!(expected, Expected::Same | Expected::Exactly(_)) };
     match expected {
         Expected::Same => read.lens != own,
         Expected::Exactly(lens) => read.lens != **lens,
-        Expected::NotOtherInSilence => read.lens != own && said(read, format).is_empty(),
+        Expected::NotOtherInSilence => read.lens != own && specific_remarks(read, format).is_empty(),
         Expected::AsWritten => {
             let (before, after) = (tokens(&Pieces::new(format).text()), tokens(text));
             let pairs = values(&read.lens).into_iter().zip(values(&own));
             let count = |tokens: &[f64], v: f64| tokens.iter().filter(|token| **token == v).count();
             let new = |v: f64| count(&after, v) > count(&before, v);
             let differ = pairs.filter(|(v, own)| v != own && !new(*v)).count();
-            differ > 0 && said(read, format).is_empty()
+            differ > 0 && specific_remarks(read, format).is_empty()
         }
     }
 }
 
-/// Remarks but the one that every file of OpenCV gets.
-fn said(read: &ReadCamera, format: Format) -> Vec<&String> {
+/// Remarks except the one that every OpenCV file gets.
+fn specific_remarks(read: &ReadCamera, format: Format) -> Vec<&String> {
     let opencv = matches!(format, Format::OpencvYaml | Format::OpencvXml | Format::OpencvJson);
     read.remarks.iter().filter(|r| !(opencv && r.contains("no lens model is declared"))).collect()
 }
 
 #[test]
-fn a_changed_camera_file_is_no_other_camera_in_silence() {
+fn a_changed_camera_file_is_never_silently_another_camera() {
     let directory = tempfile::tempdir().unwrap();
     let mut failures = vec![];
     for format in FORMATS {
@@ -325,7 +321,7 @@ fn a_changed_camera_file_is_no_other_camera_in_silence() {
             std::fs::write(file, &text).unwrap();
             let read = read_exchange(file, None, None);
             refused += usize::from(read.is_err());
-            with_a_word += usize::from(read.as_ref().is_ok_and(|r| !said(r, format).is_empty()));
+            with_a_word += usize::from(read.as_ref().is_ok_and(|r| !specific_remarks(r, format).is_empty()));
             if wrong(&expected, format, &text, read.as_ref().ok()) {
                 eprintln!("{format:?}, seed {seed}, {expected:?}:\n{text}\n{read:?}\n");
                 failures.push((format, seed));

@@ -1,4 +1,4 @@
-//! A camera as the pieces of a file of each format, written by this test alone.
+//! A camera as the pieces of a file of each format, written by this test's own code.
 
 use wingd::measure::geometry::Lens;
 
@@ -15,7 +15,7 @@ pub enum Format {
 pub const FORMATS: [Format; 6] =
     [Format::OpencvYaml, Format::OpencvXml, Format::OpencvJson, Format::Ros, Format::Kalibr, Format::Mrcal];
 
-/// A camera as named lists of numbers and texts: what a file of it holds.
+/// A camera as named lists of numbers and texts: the content of a file.
 #[derive(Clone, Debug)]
 pub struct Pieces {
     pub format: Format,
@@ -23,10 +23,10 @@ pub struct Pieces {
     /// fx fy cx cy.
     pub core: Vec<String>,
     pub terms: Vec<String>,
-    /// The number of terms that the file states.
+    /// The number of terms in the file.
     pub stated: usize,
     pub model: String,
-    /// Of formats with a matrix: its nine elements in the file's order.
+    /// For formats with a matrix: its nine elements in the file's order.
     pub matrix: Option<Vec<String>>,
 }
 
@@ -66,7 +66,7 @@ impl Pieces {
         }
     }
 
-    /// The blocks of the file, each whole lines; their order has no meaning.
+    /// The blocks of the file, each of complete lines; their order has no meaning.
     pub fn blocks(&self) -> Vec<String> {
         let list = |values: &[String]| values.join(", ");
         let matrix = self.matrix.clone().unwrap_or_default();
@@ -76,9 +76,7 @@ impl Pieces {
             Format::OpencvYaml => vec![
                 format!("image_width: {}\n", size(0)),
                 format!("image_height: {}\n", size(1)),
-                format!(
-                    "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {m} ]\n"
-                ),
+                format!("camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {m} ]\n"),
                 format!(
                     "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: {n}\n   dt: d\n   data: [ {d} ]\n"
                 ),
@@ -108,7 +106,7 @@ impl Pieces {
                     matrix("distortion_coefficients", 1, n, &words(&self.terms)),
                 ]
             }
-            // Keys and values as blocks without the commas between, which [`Pieces::framed`] sets.
+            // Keys and values as blocks without the commas between them, which [`Pieces::framed`] adds.
             Format::OpencvJson => {
                 vec![
                     format!("    \"image_width\": {}\n", size(0)),
@@ -155,7 +153,7 @@ impl Pieces {
         self.framed(&self.blocks())
     }
 
-    /// The matrix again where the core was changed.
+    /// The matrix again, if the core was changed.
     pub fn with_core(mut self) -> Self {
         if let Some(m) = &mut self.matrix {
             for (at, k) in [(0, 0), (4, 1), (2, 2), (5, 3)] {

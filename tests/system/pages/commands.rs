@@ -1,5 +1,5 @@
-//! Every command line of the pages runs: `sh` blocks and the help's examples here, in the folder that the tutorial
-//! leaves; the lines of `console` blocks by what `CONSOLE` names.
+//! Every command line of the pages runs: `sh` blocks and the help's examples here, in the folder left by the
+//! tutorial; the lines of `console` blocks by the means that `CONSOLE` names.
 
 use std::os::unix::fs::symlink;
 use std::path::Path;
@@ -7,43 +7,32 @@ use std::path::Path;
 use super::running::{Running, copied, free_port, shell, wait};
 use super::{Block, ROOT, blocks, pages};
 
-/// Who runs the `sh` blocks of a page that needs more than this program; that file reads the page.
+/// Tests that run the `sh` blocks of a page that needs more than this program; that file reads the page.
 const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
 
-/// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
+/// First words of a line of a `console` block, and its test. No other line may occur in one.
 const CONSOLE: [(&str, &str); 13] = [
-    ("make ", "a target of the Makefile, which `named` looks up"),
-    ("cargo test ", "a test that `make test` runs, which `named` looks up"),
+    ("make ", "a target of the Makefile, checked by `named`"),
+    ("cargo test ", "a test that `make test` runs, checked by `named`"),
     ("cargo build --release --locked --features upload", "make fleet-test builds so"),
-    ("wingd mark ", "it serves until it is told to end: tests/system/marking.rs, tests/browser/mark.mjs"),
-    ("wingd orient --installation installation --observations ", "what was marked: tests/system/marking.rs"),
+    ("wingd mark ", "it serves until it is ended: tests/system/marking.rs, tests/browser/mark.mjs"),
+    ("wingd orient --installation installation --observations ", "manual marks: tests/system/marking.rs"),
     ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
-    (
-        "wingd time-check store ",
-        "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py",
-    ),
+    ("wingd time-check store ", "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py"),
     ("wingd-fleet modes ", "fleet/tests/test_modes.py"),
     ("rclone ", "not run: needs a remote of one's own"),
-    ("python3 tests/validation/rendered_sets.py ", "not run: minutes a set; `named` looks the file up"),
-    ("python3 tests/validation/planned_wings.py ", "not run: minutes a wing; `named` looks the file up"),
-    (
-        "python3 tests/validation/detections.py ",
-        "not run: its sets take an hour to render; `named` looks the file up",
-    ),
-    (
-        "python3 docs/validation/calibration/compare.py ",
-        "not run: needs OpenCV and mrcal; `named` looks it up",
-    ),
+    ("python3 tests/validation/rendered_sets.py ", "not run: minutes per set; `named` checks the file"),
+    ("python3 tests/validation/planned_wings.py ", "not run: minutes per wing; `named` checks the file"),
+    ("python3 tests/validation/detections.py ", "not run: its sets take an hour to render; `named` checks the file"),
+    ("python3 docs/validation/calibration/compare.py ", "not run: needs OpenCV and mrcal; `named` checks the file"),
 ];
 
 /// Only numbers, so that a page's figures are of minutes and its test of seconds.
-const SHORTER: [(&str, &str, &str); 2] = [
-    ("docs/live/figures.md", "--gusts 5 ", "--gusts 0.3 "),
-    ("docs/live/figures.md", "--seconds 60 ", "--seconds 2 "),
-];
+const SHORTER: [(&str, &str, &str); 2] =
+    [("docs/live/figures.md", "--gusts 5 ", "--gusts 0.3 "), ("docs/live/figures.md", "--seconds 60 ", "--seconds 2 ")];
 
-/// The machine of the pages is this one, at a port that is free.
-fn here(page: &str, text: &str, port: u16) -> String {
+/// Replaces the machine of the pages by this one, at a free port.
+fn localize(page: &str, text: &str, port: u16) -> String {
     let mut text = text.replace("0.0.0.0:8080", "127.0.0.1:8080").replace("seat12a.local", "localhost");
     for (_, long, short) in SHORTER.iter().filter(|(of, _, _)| *of == page) {
         text = text.replace(long, short);
@@ -51,7 +40,7 @@ fn here(page: &str, text: &str, port: u16) -> String {
     text.replace(":8080", &format!(":{port}"))
 }
 
-/// Writes a file whose name stands in the block's first line.
+/// Writes a file whose name is in the first line of the block.
 fn write_named(block: &Block, folder: &Path) {
     let named = block.text.split_once('\n').and_then(|(first, rows)| Some((first.strip_prefix("# ")?, rows)));
     if let Some((name, rows)) = named.filter(|(name, _)| ["toml", "csv"].iter().any(|e| name.ends_with(e))) {
@@ -59,32 +48,31 @@ fn write_named(block: &Block, folder: &Path) {
     }
 }
 
-/// Does what a block says; `wingd serve` runs on until what comes back is dropped.
+/// Runs the commands of a block; `wingd serve` runs until the returned value is dropped.
 fn follow_block(page: &str, block: &Block, folder: &Path, port: u16) -> Option<Running> {
     if block.language != "sh" {
         write_named(block, folder);
         return None;
     }
-    let text = here(page, &block.text, port);
+    let text = localize(page, &block.text, port);
     if text.starts_with("wingd serve ") {
         return Some(Running::serving(folder, text.trim_end(), port));
     }
     let output = shell(folder, &text);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{page}:{}: {text}\n{said}", block.line);
+    let messages = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{page}:{}: {text}\n{messages}", block.line);
     None
 }
 
-/// Does what a page says, with its files there from the beginning.
+/// Runs the commands of a page, with its files present from the beginning.
 fn follow(page: &str, text: &str, folder: &Path) {
     let (blocks, port) = (blocks(text), free_port());
     blocks.iter().for_each(|block| write_named(block, folder));
-    let served: Vec<Running> =
-        blocks.iter().filter_map(|block| follow_block(page, block, folder, port)).collect();
+    let served: Vec<Running> = blocks.iter().filter_map(|block| follow_block(page, block, folder, port)).collect();
     drop(served);
 }
 
-/// A folder as the first leaves it, and beside it what a clone of the repository has.
+/// A copy of the folder, with the files of a clone of the repository.
 fn folder_like(first: &Path, folder: &Path) {
     copied(first, folder);
     for name in ["fixtures", "tests"] {
@@ -95,10 +83,10 @@ fn folder_like(first: &Path, folder: &Path) {
     symlink(binaries, folder.join("target/release")).unwrap();
 }
 
-/// Every line, each to its end.
+/// Runs every line to its end.
 fn run_all<'a>(lines: impl Iterator<Item = &'a str>, folder: &Path, port: u16) {
     for line in lines {
-        let output = shell(folder, &here("", line, port));
+        let output = shell(folder, &localize("", line, port));
         assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
     }
 }
@@ -108,20 +96,20 @@ fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str>
     of.flat_map(|(_, lines)| lines.iter().copied())
 }
 
-/// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test), and
-/// `time-check` needs photographs of a clock (tests/validation/time_check.py); `mark` serves until it is told to end (marking).
+/// Excluded commands: they ask the recorder or need a page; `upload` is in no program that `make test` builds (make fleet-test),
+/// `time-check` needs images of a clock (tests/validation/time_check.py), and `mark` serves until it is ended (marking).
 const RECORDER: [&str; 2] = ["status", "trigger"];
 const BESIDE: [&str; 4] = ["serve", "mark", "upload", "time-check"];
 
 /// The tutorial's recorder without its end, in live mode, with signatures.
 fn record(folder: &Path) {
-    let told = std::fs::read_to_string(folder.join("wingd.toml")).unwrap();
-    let told = told
+    let configuration = std::fs::read_to_string(folder.join("wingd.toml")).unwrap();
+    let configuration = configuration
         .replace("until = \"1s\"\n", "stale_window = 0\n")
         .replace("[store]\n", "[store]\nsigning_key = \"recorder.pem\"\n");
-    // A rate that the machine keeps beside all other tests: `status` says so where it does not, and ends with 1.
+    // A rate that the machine sustains during other tests: otherwise `status` reports it and ends with 1.
     let live = "\n[live]\nrate_hz = 1\nsocket = \"live.sock\"\n";
-    std::fs::write(folder.join("recorder.toml"), told + live).unwrap();
+    std::fs::write(folder.join("recorder.toml"), configuration + live).unwrap();
     let recorder = Running::start(folder, "wingd run --config recorder.toml");
     wait("live results", || folder.join("store/live.rows").exists());
     run_all(examples(|name| RECORDER.contains(&name)), folder, 0);
@@ -137,26 +125,26 @@ fn follow_examples(folder: &Path) {
     drop(served);
 }
 
-/// What a user has filled in stays, and commands that delete say so in JSON too.
-fn check_what_is_left(tutorial: &Path) {
+/// User entries stay, and commands that delete report it in JSON too.
+fn check_remaining(tutorial: &Path) {
     let again = shell(tutorial, "wingd init && wingd check --config wingd.toml --json");
-    let said = String::from_utf8(again.stdout).unwrap();
-    assert!(said.contains("wingd.toml  is there already, left as it is"), "{said}");
-    let checked: serde_json::Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
-    assert_eq!((&checked["ok"], checked["faults"].as_array().unwrap().len()), (&true.into(), 0), "{said}");
-    assert!(checked["found"]["installation"].as_str().unwrap().contains("24 markers"), "{said}");
+    let messages = String::from_utf8(again.stdout).unwrap();
+    assert!(messages.contains("wingd.toml  exists, not changed"), "{messages}");
+    let checked: serde_json::Value = serde_json::from_str(messages.lines().last().unwrap()).unwrap();
+    assert_eq!((&checked["ok"], checked["faults"].as_array().unwrap().len()), (&true.into(), 0), "{messages}");
+    assert!(checked["found"]["installation"].as_str().unwrap().contains("24 markers"), "{messages}");
     let copied_away =
         "wingd copy store away --json && wingd prune store --verified-copy away --keep 0 --dry-run --json";
-    let said = String::from_utf8(shell(tutorial, copied_away).stdout).unwrap();
-    let objects: Vec<serde_json::Value> = said.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
-    assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{said}");
-    assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{said}");
+    let messages = String::from_utf8(shell(tutorial, copied_away).stdout).unwrap();
+    let objects: Vec<serde_json::Value> = messages.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{messages}");
+    assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{messages}");
 }
 
-/// The page of tables has each column that an export writes, and what it has in a column's place exists.
+/// The page of tables has each exported column, and every column that it names exists.
 fn check_tables(folder: &Path) {
     let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tables.md")).unwrap();
-    let said: std::collections::BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
+    let messages: std::collections::BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
     let mut written = std::collections::BTreeSet::new();
     for table in ["shots", "markers", "span", "parameters", "live"] {
         let script = format!("wingd export store --format csv --table {table} --flight f0001");
@@ -165,20 +153,18 @@ fn check_tables(folder: &Path) {
     }
     for name in &written {
         let value = name.strip_prefix("sigma_").unwrap_or(name);
-        assert!(said.contains(name.as_str()) || said.contains(value), "docs/tables.md lacks {name}");
+        assert!(messages.contains(name.as_str()) || messages.contains(value), "docs/tables.md lacks {name}");
     }
-    let unit =
-        |name: &&&str| ["_m", "_deg", "_px", "_s", "_ms", "_kg", "_hpa"].iter().any(|u| name.ends_with(u));
-    // Beside columns the page has the units' own endings, and version 1's names as examples.
-    let example = |name: &&&str| {
-        name.starts_with('_') || ["deflection_31.00564147942904_m", "twist_tip_deg"].contains(name)
-    };
-    for name in said.iter().filter(unit).filter(|name| !example(name)) {
+    let unit = |name: &&&str| ["_m", "_deg", "_px", "_s", "_ms", "_kg", "_hpa"].iter().any(|u| name.ends_with(u));
+    // In addition to columns the page has the unit suffixes, and version 1's names as examples.
+    let example =
+        |name: &&&str| name.starts_with('_') || ["deflection_31.00564147942904_m", "twist_tip_deg"].contains(name);
+    for name in messages.iter().filter(unit).filter(|name| !example(name)) {
         assert!(written.contains(*name), "nothing writes {name}");
     }
 }
 
-/// A column's name with the marker's, station's, pair's or number's place instead of it.
+/// A column's name with a placeholder for the marker, station, pair or number.
 fn general(name: &str) -> String {
     let part = |part: &str| match part {
         _ if part.len() == 3 && part.starts_with('s') && part[1..].parse::<u8>().is_ok() => "sNN".to_owned(),
@@ -193,7 +179,7 @@ fn general(name: &str) -> String {
     }
 }
 
-/// The store page's own reader gives the export's numbers, of a column that is packed and of one that may not be.
+/// The store page's own reader gives the export's numbers, of a packed column and of one that is not.
 fn check_column(folder: &Path) {
     let printed = |script: &str| String::from_utf8(shell(folder, script).stdout).unwrap();
     let table = printed("wingd export store --format csv --table live --flight f0001");
@@ -211,7 +197,7 @@ fn check_column(folder: &Path) {
 }
 
 #[test]
-fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
+fn every_command_of_the_pages_runs_after_the_tutorial() {
     let folder = tempfile::tempdir().unwrap();
     let tutorial = folder.path().join("tutorial");
     std::fs::create_dir(&tutorial).unwrap();
@@ -220,7 +206,7 @@ fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
     let (page, text) = pages.iter().find(|(page, _)| is_tutorial(page)).unwrap();
     blocks(text).iter().for_each(|block| assert!(follow_block(page, block, &tutorial, 0).is_none()));
     assert!(tutorial.join("report.html").exists());
-    check_what_is_left(&tutorial);
+    check_remaining(&tutorial);
     record(&tutorial);
     let inputs = ["docs/stress.md", "docs/aircraft-data.md"];
     let examples = folder.path().join("examples");
@@ -245,7 +231,7 @@ fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
 }
 
 #[test]
-fn what_does_not_run_here_is_proven_by_something_else_that_is_named() {
+fn commands_that_do_not_run_here_have_another_named_test() {
     let pages = pages();
     for (page, file) in BY_OTHERS {
         let runner = std::fs::read_to_string(Path::new(ROOT).join(file)).unwrap();
@@ -263,14 +249,14 @@ fn what_does_not_run_here_is_proven_by_something_else_that_is_named() {
                         .filter(|line| !CONSOLE.iter().any(|(begins, _)| line.starts_with(begins)))
                         .map(|line| format!("{page}:{}: nothing runs `{line}`", block.line)),
                 ),
-                other => wrong.push(format!("{page}:{}: what is a block of `{other}`?", block.line)),
+                other => wrong.push(format!("{page}:{}: unknown block type `{other}`", block.line)),
             }
         }
     }
     for (page, long, _) in SHORTER {
         let text = &pages.iter().find(|(name, _)| name == page).unwrap().1;
         if !text.contains(long) {
-            wrong.push(format!("{page}: `{long}` stands there no more"));
+            wrong.push(format!("{page}: `{long}` is no longer there"));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

@@ -1,7 +1,7 @@
-//! The reference pages say of every key that the program knows what its default is, and name no other.
+//! The reference pages give the default of every key that the program knows, and name no other key.
 //!
-//! A page's section names its table in its heading, shows the least that the table takes as TOML, and lists its keys. The
-//! program is asked for the keys that it knows by one that it does not, and for defaults by giving them: that changes nothing.
+//! A section of a page names its table in its heading, shows the minimal table as TOML, and lists its keys. The
+//! program lists its keys in reply to an unknown one, and confirms defaults if setting them changes nothing.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,7 +14,7 @@ use super::{ROOT, blocks};
 /// A key of no table.
 const UNKNOWN: &str = "a_key_that_no_table_has";
 
-/// What reads a file of such a table: a description of all it found, or the complaint.
+/// Reader of a file with such a table: a description of the values found, or the error.
 type Read<'a> = &'a dyn Fn(&Table) -> Result<String, String>;
 
 /// A part of a page, about one table.
@@ -23,11 +23,11 @@ struct Section {
     /// Names from the top down.
     path: Vec<String>,
     least: Table,
-    /// Key and what stands under `default`.
+    /// Key and content of the column `default`.
     rows: Vec<(String, String)>,
 }
 
-/// The sections of a page that are about a table; `base` is what each takes besides its own block.
+/// Sections of a page about a table; `base` is the text that each needs in addition to its own block.
 fn sections(page: &str, base: &Table) -> Vec<Section> {
     let text = std::fs::read_to_string(Path::new(ROOT).join(page)).unwrap();
     let parts = text.split("\n## ").skip(1).map(str::to_owned);
@@ -38,8 +38,7 @@ fn sections(page: &str, base: &Table) -> Vec<Section> {
         if rows.is_empty() {
             return None;
         }
-        let path =
-            name.map_or(vec![], |name| name.trim_matches(['[', ']']).split('.').map(str::to_owned).collect());
+        let path = name.map_or(vec![], |name| name.trim_matches(['[', ']']).split('.').map(str::to_owned).collect());
         let mut least = base.clone();
         for block in blocks(body).iter().filter(|block| block.language == "toml") {
             merge(&mut least, block.text.parse().unwrap());
@@ -56,7 +55,7 @@ fn row(line: &str) -> Option<(String, String)> {
     Some((key.to_owned(), (*cells.get(2)?).to_owned()))
 }
 
-/// A camera of another kind takes the place of the first; of all else a part.
+/// A camera of another kind replaces the first; other tables are merged.
 fn merge(into: &mut Table, from: Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
@@ -66,8 +65,8 @@ fn merge(into: &mut Table, from: Table) {
     }
 }
 
-/// The table of a path, made where it is missing; of a list of tables the first.
-fn at<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Table {
+/// The table of a path, created if it is missing; of a list of tables the first.
+fn table_at<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Table {
     path.iter().fold(table, |table, name| {
         let value = table.entry(name.clone()).or_insert_with(|| Value::Table(Table::new()));
         match value {
@@ -77,7 +76,7 @@ fn at<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Table {
     })
 }
 
-/// The names in a complaint: unknown field `x`, expected one of `a`, `b`.
+/// Names in an error: unknown field `x`, expected one of `a`, `b`.
 fn expected(complaint: &str) -> Option<BTreeSet<String>> {
     let (_, names) = complaint.split_once(&format!("unknown field `{UNKNOWN}`, expected "))?;
     let names = names.split('\n').next()?;
@@ -85,29 +84,28 @@ fn expected(complaint: &str) -> Option<BTreeSet<String>> {
 }
 
 impl Section {
-    fn with(&self, key: &str, value: Value) -> Table {
+    fn table_with(&self, key: &str, value: Value) -> Table {
         let mut table = self.least.clone();
-        at(&mut table, &self.path).insert(key.to_owned(), value);
+        table_at(&mut table, &self.path).insert(key.to_owned(), value);
         table
     }
 
-    fn without(&self, key: &str) -> Table {
+    fn table_without(&self, key: &str) -> Table {
         let mut table = self.least.clone();
-        at(&mut table, &self.path).remove(key);
+        table_at(&mut table, &self.path).remove(key);
         table
     }
 
-    /// What is wrong with it.
+    /// Faults of the section.
     fn faults(&self, read: Read) -> Vec<String> {
-        let complaint = read(&self.with(UNKNOWN, Value::Integer(1))).err().unwrap_or_default();
+        let complaint = read(&self.table_with(UNKNOWN, Value::Integer(1))).err().unwrap_or_default();
         let Some(mut known) = expected(&complaint) else { return vec![format!("no keys in: {complaint}")] };
         let listed: BTreeSet<String> = self.rows.iter().map(|(key, _)| key.clone()).collect();
-        // What tells kinds of one table apart is no field of either.
-        if at(&mut self.least.clone(), &self.path).contains_key("kind") {
+        // The key that selects the kind of a table is no field of any kind.
+        if table_at(&mut self.least.clone(), &self.path).contains_key("kind") {
             known.insert("kind".to_owned());
         }
-        let mut faults: Vec<String> =
-            known.difference(&listed).map(|key| format!("does not list `{key}`")).collect();
+        let mut faults: Vec<String> = known.difference(&listed).map(|key| format!("does not list `{key}`")).collect();
         faults.extend(listed.difference(&known).map(|key| format!("lists `{key}`, which is not known")));
         let wrong = |(key, default): &(String, String)| self.wrong_default(key, default, read);
         faults.extend(self.rows.iter().filter_map(wrong));
@@ -115,21 +113,20 @@ impl Section {
     }
 
     fn wrong_default(&self, key: &str, default: &str, read: Read) -> Option<String> {
-        let without = read(&self.without(key));
+        let without = read(&self.table_without(key));
         let literal = default.strip_prefix('`').and_then(|rest| rest.strip_suffix('`'));
         match (default, literal) {
             (required, _) if required.starts_with("required") => {
                 let missing = [format!("missing field `{key}`"), format!(".{key}: is missing")];
-                let asked = without.as_ref().is_err_and(|said| missing.iter().any(|m| said.contains(m)));
+                let asked = without.as_ref().is_err_and(|printed| missing.iter().any(|m| printed.contains(m)));
                 (!asked).then(|| format!("`{key}` is not required: {without:?}"))
             }
             (_, Some(literal)) => {
                 let value: Table = format!("value = {literal}").parse().unwrap();
-                let with = read(&self.with(key, value.get("value").unwrap().clone()));
-                (with.is_err() || with != without)
-                    .then(|| format!("the default of `{key}` is not {literal}: {with:?}"))
+                let with = read(&self.table_with(key, value.get("value").unwrap().clone()));
+                (with.is_err() || with != without).then(|| format!("the default of `{key}` is not {literal}: {with:?}"))
             }
-            _ => without.err().map(|said| format!("`{key}` cannot be left out: {said}")),
+            _ => without.err().map(|printed| format!("`{key}` cannot be omitted: {printed}")),
         }
     }
 }
@@ -152,14 +149,14 @@ fn configuration(table: &Table) -> Result<String, String> {
 }
 
 #[test]
-fn every_key_of_the_configuration_stands_on_its_page() {
+fn every_key_of_the_configuration_is_on_its_page() {
     let base = "camera.kind = \"replay\"\nstore.path = \"store\"".parse().unwrap();
     check("docs/reference/wingd-toml.md", &base, 50, &configuration);
     check("docs/reference/wingd-toml-camera.md", &base, 30, &configuration);
 }
 
 #[test]
-fn every_key_of_an_installation_stands_on_its_page() {
+fn every_key_of_an_installation_is_on_its_page() {
     let folder = tempfile::tempdir().unwrap();
     let fixture = Path::new(ROOT).join("fixtures/dev/installation");
     for name in ["camera.toml", "survey.csv"] {
@@ -171,8 +168,8 @@ fn every_key_of_an_installation_stands_on_its_page() {
     std::fs::write(folder.path().join("structure.csv"), beam).unwrap();
     let read = |table: &Table| {
         std::fs::write(folder.path().join("installation.toml"), table.to_string()).unwrap();
-        let said = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n");
-        let found = wingd::installation::load(folder.path()).map_err(said)?;
+        let printed = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n");
+        let found = wingd::installation::load(folder.path()).map_err(printed)?;
         Ok(format!("{:?}", (found.setup, found.cad, found.optics, found.structure)))
     };
     let base = std::fs::read_to_string(fixture.join("installation.toml")).unwrap().parse().unwrap();
@@ -180,7 +177,7 @@ fn every_key_of_an_installation_stands_on_its_page() {
 }
 
 #[test]
-fn the_check_of_the_pages_sees_what_is_wrong() {
+fn the_check_of_the_pages_detects_errors() {
     let base: Table = "camera.kind = \"replay\"\nstore.path = \"store\"".parse().unwrap();
     let section = |rows: &[(&str, &str)]| Section {
         heading: String::new(),

@@ -1,4 +1,4 @@
-//! Promises of README and docs: `commands` run, `keys` are known, what else is `named` is there, and the `text` can be read.
+//! Promises of README and docs: `commands` run, `keys` are known, `named` items exist, and the `text` is readable.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ struct Block {
 }
 
 impl Block {
-    /// Its lines without comments, one for each command: what ends in a backslash goes on.
+    /// Its lines without comments, one for each command; a backslash continues a line.
     fn lines(&self) -> Vec<String> {
         let whole = self.text.replace("\\\n", " ");
         let lines = whole.lines().map(|line| line.split(" #").next().unwrap_or_default().trim().to_owned());

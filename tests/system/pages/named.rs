@@ -6,13 +6,13 @@ use std::process::Command;
 
 use super::{ROOT, code, pages};
 
-/// What a command's own help says; `None` where there is no such command.
+/// Help text of a command; `None` if there is no such command.
 fn help_of(command: &str) -> Option<String> {
     let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args([command, "--help"]).output().unwrap();
     output.status.success().then(|| String::from_utf8(output.stdout).unwrap())
 }
 
-/// Built with a feature that this program may lack.
+/// Commands of optional features.
 const OPTIONAL: [&str; 1] = ["upload"];
 
 #[test]
@@ -22,17 +22,11 @@ fn commands_and_options_that_the_pages_name_exist() {
         for line in code(text) {
             let Some(rest) = line.strip_prefix("wingd ") else { continue };
             let words: Vec<&str> = rest.split_whitespace().collect();
-            let Some(command) =
-                words.first().filter(|w| w.chars().all(|c| c.is_ascii_lowercase() || c == '-'))
-            else {
+            let Some(command) = words.first().filter(|w| w.chars().all(|c| c.is_ascii_lowercase() || c == '-')) else {
                 continue;
             };
-            // What ends in a space is no command line but the beginning of a text.
-            if OPTIONAL.contains(command)
-                || command.starts_with('-')
-                || *command == "help"
-                || line.ends_with(' ')
-            {
+            // Code that ends in a space is no command line but the beginning of a text.
+            if OPTIONAL.contains(command) || command.starts_with('-') || *command == "help" || line.ends_with(' ') {
                 continue;
             }
             let help = helps.entry((*command).to_owned()).or_insert_with(|| help_of(command));
@@ -52,7 +46,7 @@ fn commands_and_options_that_the_pages_name_exist() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The names of the functions and modules of a test binary, or of all of them.
+/// Names of the functions and modules of a test binary, or of all of them.
 fn names_of_tests(binary: Option<&str>) -> String {
     let mut folders = match binary {
         Some(binary) => vec![Path::new(ROOT).join("tests").join(binary)],
@@ -73,7 +67,7 @@ fn names_of_tests(binary: Option<&str>) -> String {
     text
 }
 
-/// What a command line of a page names that is not there; `None` where all is.
+/// Name in a command line of a page that does not exist; `None` if all exist.
 fn missing(line: &str, makefile: &str) -> Option<String> {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words.as_slice() {
@@ -106,9 +100,7 @@ fn tests_and_targets_that_the_pages_name_exist() {
     let mut wrong = vec![];
     for (page, text) in pages() {
         let lines = code(&text).into_iter();
-        wrong.extend(
-            lines.filter_map(|l| missing(&l, &makefile).map(|what| format!("{page}: `{l}`: {what}"))),
-        );
+        wrong.extend(lines.filter_map(|l| missing(&l, &makefile).map(|what| format!("{page}: `{l}`: {what}"))));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

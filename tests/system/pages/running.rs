@@ -1,11 +1,11 @@
-//! What the pages' commands talk to: a shell in a folder, and programs that run beside it.
+//! Environment of the pages' commands: a shell in a folder, and background programs.
 
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
 
-/// How long a command may take, s, and something that runs beside it until it answers.
+/// Time limit of a command, and of a background program until it answers, s.
 const COMMAND: &str = "120";
 const ANSWER: Duration = Duration::from_secs(60);
 
@@ -21,7 +21,7 @@ pub fn shell(folder: &Path, script: &str) -> Output {
     in_shell(folder, "timeout", &[COMMAND, "sh", "-e", "-u", "-c", script]).output().unwrap()
 }
 
-/// Runs beside the others until it is dropped.
+/// A background program that runs until it is dropped.
 pub struct Running(Child);
 
 impl Running {
@@ -29,7 +29,7 @@ impl Running {
         Self(in_shell(folder, "sh", &["-c", &format!("exec {line}")]).spawn().unwrap())
     }
 
-    /// Started, and somebody listens at the port.
+    /// Started, and a program listens at the port.
     pub fn serving(folder: &Path, line: &str, port: u16) -> Self {
         let running = Self::start(folder, line);
         wait(line, || TcpStream::connect(("127.0.0.1", port)).is_ok());
@@ -38,8 +38,8 @@ impl Running {
 
     /// As `systemctl stop` does.
     pub fn stop(mut self) {
-        let told = Command::new("kill").arg(self.0.id().to_string()).status().unwrap();
-        assert!(told.success() && self.0.wait().unwrap().success(), "ends well when it is told to");
+        let killed = Command::new("kill").arg(self.0.id().to_string()).status().unwrap();
+        assert!(killed.success() && self.0.wait().unwrap().success(), "ends with success on a signal");
     }
 }
 
@@ -58,7 +58,7 @@ pub fn wait(what: &str, done: impl Fn() -> bool) {
     }
 }
 
-/// A port of the loopback that was free a moment ago.
+/// A port of the loopback interface that was free a moment ago.
 pub fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }

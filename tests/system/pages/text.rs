@@ -4,13 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::{ROOT, pages};
 
-/// A heading as a link names it.
+/// Anchor of a heading in a link.
 fn anchor(heading: &str) -> String {
-    let kept = heading
-        .to_lowercase()
-        .chars()
-        .filter(|c| c.is_alphanumeric() || " -_".contains(*c))
-        .collect::<String>();
+    let kept = heading.to_lowercase().chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c)).collect::<String>();
     kept.trim().replace(' ', "-")
 }
 
@@ -45,11 +41,11 @@ fn links_lead_somewhere_and_every_page_is_in_the_book() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Words of prose that a section may have, and a paragraph, which a reader takes in at once.
+/// Maximum number of words of prose in a section, and in a paragraph.
 const MAX_SECTION_WORDS: usize = 600;
 const MAX_PARAGRAPH_WORDS: usize = 120;
 
-/// A line of a page that is neither prose nor in a list: a table, a heading, a block.
+/// Whether a line of a page is neither prose nor in a list: a table, a heading, a block.
 fn is_aside(line: &str) -> bool {
     line.is_empty() || ["|", "#", "```", "!["].iter().any(|mark| line.starts_with(mark))
 }
@@ -83,10 +79,10 @@ fn no_section_and_no_paragraph_is_too_long_to_read() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// First words with which a page's first sentence does not name its subject.
+/// First words with which the first sentence of a page does not name its subject.
 const UNNAMED: [&str; 27] = [
-    "of", "in", "at", "on", "by", "with", "for", "from", "to", "what", "which", "where", "when", "how", "why",
-    "who", "that", "this", "these", "those", "it", "its", "they", "their", "here", "there", "as",
+    "of", "in", "at", "on", "by", "with", "for", "from", "to", "what", "which", "where", "when", "how", "why", "who",
+    "that", "this", "these", "those", "it", "its", "they", "their", "here", "there", "as",
 ];
 
 #[test]
@@ -99,18 +95,17 @@ fn the_first_sentence_of_a_page_names_its_subject() {
         (is_aside(&line) || line.starts_with("- ") || unnamed).then_some(line)
     };
     let manual = pages().into_iter().filter(|(page, _)| page != "docs/SUMMARY.md");
-    let wrong: Vec<String> =
-        manual.filter_map(|(page, text)| Some(format!("{page}: {}", begins(&text)?))).collect();
+    let wrong: Vec<String> = manual.filter_map(|(page, text)| Some(format!("{page}: {}", begins(&text)?))).collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(begins("# A\n\nOf it.\n").is_some() && begins("# A\n\nThe camera.\n").is_none());
 }
 
-/// Cells of a table's row; `\\|` and code may hold the mark itself.
+/// Cells of a row of a table; `\\|` and code may contain the separator.
 fn cells(row: &str) -> usize {
     row.trim().replace("\\|", "").trim_matches('|').split('|').count()
 }
 
-/// A blank line in a table parts its rows from its heading, and they are shown as text.
+/// A blank line in a table separates its rows from its heading, and they are shown as text.
 #[test]
 fn every_table_has_a_heading() {
     let mut wrong = vec![];
@@ -118,9 +113,7 @@ fn every_table_has_a_heading() {
         let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
         let begins = |k: usize| lines[k].starts_with('|') && (k == 0 || !lines[k - 1].starts_with('|'));
         let headed = |k: usize| lines.get(k + 1).is_some_and(|line| line.starts_with("|--"));
-        wrong.extend(
-            (0..lines.len()).filter(|k| begins(*k) && !headed(*k)).map(|k| format!("{page}:{}", k + 1)),
-        );
+        wrong.extend((0..lines.len()).filter(|k| begins(*k) && !headed(*k)).map(|k| format!("{page}:{}", k + 1)));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
@@ -144,7 +137,7 @@ fn every_row_of_a_table_has_its_headings_columns() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A manual says what is; what was belongs into a decision.
+/// A manual describes the present; history belongs in a decision.
 const DIARY: [&str; 6] = ["used to be", "no longer", "previously", "formerly", "| before |", "as of today"];
 
 #[test]

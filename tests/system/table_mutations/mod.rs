@@ -1,11 +1,11 @@
-//! Promise: a table that was changed never gives another value without a word.
+//! Promise: a changed table is never silently read with other values.
 //!
-//! Method: sound tables (survey, tie points, stiffness, mountings, hand measurements, board corners, aircraft data) are
-//! changed by a seeded kind: a column renamed, moved with or without its header, doubled or added; cells moved, added, left
-//! out, quoted; a unit, a decimal comma, a word for a number; a comment, a line moved; single characters. "Another" is told
-//! by a second, strict reading of the changed text, written here after RFC 4180 alone: where that one says what a cell is,
-//! the program must read that or refuse; where it cannot (a column twice, more cells than the header has, a number that is
-//! none, a quote in the middle) the program must refuse, or pass over what nobody asked for. Changes without a meaning must
+//! Method: sound tables (survey, tie points, stiffness, mountings, manual observations, board corners, aircraft data) are
+//! changed by a seeded kind: a column renamed, moved with or without its header, doubled or added; cells moved, added,
+//! removed, quoted; a unit, a decimal comma, a word for a number; a comment, a line moved; single characters. "Another" is decided
+//! by a second, strict reading of the changed text, written here after RFC 4180 alone: if it determines a cell,
+//! the program must read that value or refuse; if it does not (a column twice, more cells than the header has, an invalid
+//! number, a quote in the middle) the program must refuse, or ignore what nobody requested. Changes without a meaning must
 //! be read. 3,000 of each table, from the seed `WINGD_SEED` on (0).
 
 mod strict;
@@ -14,36 +14,34 @@ use std::path::Path;
 
 use rand::prelude::*;
 use rand::rngs::StdRng;
-use wingd::aircraft::{Mapping, Quantity, Table};
-use wingd::installation::{
-    Installation, load, read_corners, read_mountings, read_observations, read_stiffness,
-};
+use wingd::aircraft::{AircraftTable, Mapping, Quantity};
+use wingd::installation::{Installation, load, read_corners, read_mountings, read_observations, read_stiffness};
 use wingd::measure::adjust::Mounting;
 
-use self::strict::{KINDS, Kind, Read, Rows, strict};
+use self::strict::{KINDS, Kind, Read, Rows, read_strictly};
 use crate::mutations::first_seed;
 use crate::program::fixture;
 
-/// Changes of each table.
+/// Number of changes of each table.
 const CHANGES: u64 = 3000;
 
-/// What must come of a changed table.
+/// Expected reading of a changed table.
 #[derive(Clone, Copy, PartialEq)]
 enum Meaning {
-    /// What came of it before.
+    /// The reading before the change.
     None,
-    /// What the strict reading says, or a refusal.
+    /// The strict reading, or a refusal.
     AsWritten,
     /// A refusal.
     Contradiction,
 }
 
-/// Units of which none makes the altitude of the mapping, and one that nobody knows.
+/// Units that cannot belong to the mapping's altitude, and an unknown one.
 const OTHER_UNITS: [&str; 6] = ["ft", "m", "km", "hPa", "kg", "degC"];
 
-/// A change, and what must come of it.
+/// A change, and the expected reading.
 fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
-    let mut table = kind.sound();
+    let mut table = kind.sound_rows();
     let (rows, width) = (table.len(), table[0].len());
     let (row, column) = (rng.random_range(1..rows), rng.random_range(0..width));
     let kind_of_change = rng.random_range(0..if kind == Kind::Units { 18 } else { 16 });
@@ -61,7 +59,7 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
             }
         }),
         2 => table.iter_mut().flatten().for_each(|cell| *cell = format!(" {cell} ")),
-        // Where columns have no names, nobody can tell one more from those that are there.
+        // If columns have no names, an extra one cannot be detected.
         3 if kind != Kind::Iwg1 => {
             for (k, row) in table.iter_mut().enumerate() {
                 row.insert(column, if k == 0 { "other".into() } else { "\"a, \"\"b\"\"\"".into() });
@@ -77,10 +75,8 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
         8 => drop(table[row].remove(column)),
         9 => table[row].insert(column, ["", "1.5", "x"].choose(rng).unwrap().to_string()),
         10 => {
-            table[row][column] = ["nan", "inf", "NCD", "", "1,5", "1e400", "-", "\"1\"2", "\"1"]
-                .choose(rng)
-                .unwrap()
-                .to_string()
+            table[row][column] =
+                ["nan", "inf", "NCD", "", "1,5", "1e400", "-", "\"1\"2", "\"1"].choose(rng).unwrap().to_string()
         }
         11 => {
             let factor = *[1e3, 1e-3, 0.3048, 25.4].choose(rng).unwrap();
@@ -109,12 +105,12 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
     (text, meaning)
 }
 
-/// Those that a table's cells do not know.
+/// Changes that do not depend on the cells of a table.
 fn change_text(rng: &mut StdRng, kind: Kind, kind_of_change: i32, mut text: String) -> String {
     match kind_of_change {
         14 if !kind.is_aircraft() => {
             let at = text.match_indices('\n').map(|(at, _)| at + 1).choose(rng).unwrap();
-            text.insert_str(at, "# id,x_m: before the survey was made anew\n\n");
+            text.insert_str(at, "# id,x_m: before the survey was repeated\n\n");
         }
         14 => text = text.replace('\n', "\r\n"),
         15 => {
@@ -134,9 +130,8 @@ fn change_text(rng: &mut StdRng, kind: Kind, kind_of_change: i32, mut text: Stri
 
 /// The program's reading.
 fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation) -> Result<Rows, String> {
-    let said = |faults: Vec<wingd::installation::Fault>| {
-        faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
-    };
+    let printed =
+        |faults: Vec<wingd::installation::Fault>| faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     let file = directory.join("table.csv");
     std::fs::write(&file, text).unwrap();
     let number = |v: f64| Read::Number(v);
@@ -146,7 +141,7 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
             let sound = std::fs::read(fixture("dev/installation/survey.csv")).unwrap();
             std::fs::write(directory.join("survey.csv"), sound).unwrap();
             std::fs::write(directory.join(name), text).unwrap();
-            let setup = load(directory).map_err(said)?.setup;
+            let setup = load(directory).map_err(printed)?.setup;
             Ok(if kind == Kind::Survey {
                 let marker = |m: &wingd::measure::setup::SurveyMarker| {
                     let p = m.position_m;
@@ -166,13 +161,12 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
             })
         }
         Kind::Stiffness => {
-            let row = |s: &wingd::measure::stress::Section| {
-                [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec()
-            };
-            read_stiffness(&file).map(|all| all.iter().map(row).collect()).map_err(said)
+            let row =
+                |s: &wingd::measure::stress::StiffnessSection| [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec();
+            read_stiffness(&file).map(|all| all.iter().map(row).collect()).map_err(printed)
         }
         Kind::Mountings => {
-            Ok(mountings(&read_mountings(&file).map_err(said)?, strict(kind, text).unwrap_or_default()))
+            Ok(mountings(&read_mountings(&file).map_err(printed)?, read_strictly(kind, text).unwrap_or_default()))
         }
         Kind::Observations => {
             let setup = &installation.setup;
@@ -183,10 +177,10 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
                 let sigma = o.place.map(|p| p.covariance_px2[(0, 0)].sqrt());
                 vec![id, cell(u), cell(v), cell(sigma)]
             };
-            read_observations(&file, setup).map(|all| all.iter().map(row).collect()).map_err(said)
+            read_observations(&file, setup).map(|all| all.iter().map(row).collect()).map_err(printed)
         }
         Kind::Corners => {
-            let pictures = read_corners(&file).map_err(said)?;
+            let pictures = read_corners(&file).map_err(printed)?;
             let row = |image: &str, p: &wingd::measure::calibrate::BoardPoint| {
                 let values = [p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y].map(number);
                 [Read::Text(image.into())].into_iter().chain(values).collect::<Vec<Read>>()
@@ -206,9 +200,8 @@ fn mountings(found: &wingd::installation::Mountings, rows: Rows) -> Rows {
         if !numbers.contains(name) && name != "ground" {
             numbers.push(name.clone());
         }
-        let expected =
-            numbers.iter().position(|n| n == name).map_or(Mounting::OfTheGround, Mounting::Numbered);
-        let same = found.of(image) == Some(expected);
+        let expected = numbers.iter().position(|n| n == name).map_or(Mounting::Ground, Mounting::Numbered);
+        let same = found.find(image) == Some(expected);
         vec![Read::Text(image.clone()), Read::Text(if same { name.clone() } else { "another".into() })]
     };
     rows.into_iter().map(named).collect()
@@ -222,12 +215,12 @@ fn aircraft(kind: Kind, text: &str) -> Result<Rows, String> {
          [[column]]\nname = 'MACH'\nquantity = 'mach'\n"
     })
     .unwrap();
-    let table = Table::find(&mapping, &text.replace("\r\n", "\n")).map_err(|e| e.to_string())?;
+    let table = AircraftTable::parse(&mapping, &text.replace("\r\n", "\n")).map_err(|e| e.to_string())?;
     if let Some(word) = table.remarks.iter().find(|remark| remark.contains("before the header")) {
         return Err(word.clone());
     }
-    let places = [Quantity::PressureAltitudeM, Quantity::Mach]
-        .map(|q| Quantity::ALL.iter().position(|a| *a == q).unwrap());
+    let places =
+        [Quantity::PressureAltitudeM, Quantity::Mach].map(|q| Quantity::ALL.iter().position(|a| *a == q).unwrap());
     let row = |line: &str| {
         let sample = table.layout.read(line);
         let cell = |value: Option<f64>| value.map_or(Read::Text(String::new()), Read::Number);
@@ -237,10 +230,10 @@ fn aircraft(kind: Kind, text: &str) -> Result<Rows, String> {
     Ok(table.lines.iter().map(|(_, line)| row(line)).collect())
 }
 
-/// Whether a line without a moment, or a cell without a value, stands for what the program leaves out with a word.
-fn same(kind: Kind, read: &Rows, strict: &Rows) -> bool {
+/// Whether a line without a time, or a cell without a value, corresponds to one that the program omits with a message.
+fn agrees(kind: Kind, read: &Rows, strict: &Rows) -> bool {
     if kind == Kind::Corners {
-        // Pictures stand together.
+        // Images are grouped.
         let sorted = |rows: &Rows| {
             let mut rows: Vec<String> = rows.iter().map(|row| format!("{row:?}")).collect();
             rows.sort();
@@ -251,9 +244,8 @@ fn same(kind: Kind, read: &Rows, strict: &Rows) -> bool {
     if !kind.is_aircraft() {
         return read == strict;
     }
-    // Lines without a moment say nothing, and a row of units is left out: both are told.
-    let timed =
-        |rows: &Rows| rows.iter().filter(|row| matches!(row[0], Read::Number(_))).cloned().collect::<Rows>();
+    // Lines without a time contain nothing, and a row of units is omitted: both are reported.
+    let timed = |rows: &Rows| rows.iter().filter(|row| matches!(row[0], Read::Number(_))).cloned().collect::<Rows>();
     timed(read) == timed(strict)
 }
 
@@ -265,41 +257,41 @@ fn installation(directory: &Path) -> Installation {
     let text = std::fs::read_to_string(&main).unwrap();
     assert!(!text.contains("[cad]"));
     std::fs::write(&main, format!("{text}\n[cad]\ntie_points = \"ties.csv\"\n")).unwrap();
-    let ties: String = Kind::Ties.sound().iter().map(|row| row.join(",") + "\n").collect();
+    let ties: String = Kind::Ties.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
     std::fs::write(directory.join("ties.csv"), ties).unwrap();
     load(directory).unwrap()
 }
 
 #[test]
-fn a_changed_table_gives_no_other_value_in_silence() {
+fn a_changed_table_never_silently_gives_another_value() {
     let directory = tempfile::tempdir().unwrap();
     let installation = installation(directory.path());
     let mut failures = vec![];
     for kind in KINDS {
         let (mut refused, mut same_as_before) = (0, 0);
-        let sound: String = kind.sound().iter().map(|row| row.join(",") + "\n").collect();
-        let before = strict(kind, &sound).unwrap();
+        let sound: String = kind.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
+        let before = read_strictly(kind, &sound).unwrap();
         for seed in first_seed()..first_seed() + CHANGES {
             let mut rng = StdRng::seed_from_u64(seed);
             let (text, meaning) = change(&mut rng, kind);
             let read = program(kind, directory.path(), &text, &installation);
-            let (read, expected) = (&read, strict(kind, &text));
+            let (read, expected) = (&read, read_strictly(kind, &text));
             refused += usize::from(read.is_err());
-            same_as_before += usize::from(read.as_ref().is_ok_and(|rows| same(kind, rows, &before)));
+            same_as_before += usize::from(read.as_ref().is_ok_and(|rows| agrees(kind, rows, &before)));
             let wrong = match (read, &expected, meaning) {
                 (Err(_), ..) => meaning == Meaning::None,
                 (Ok(_), _, Meaning::Contradiction) => true,
-                (Ok(rows), _, Meaning::None) => !same(kind, rows, &before),
-                (Ok(rows), Some(expected), _) => !same(kind, rows, expected),
-                // What the strict reading cannot say the program may only read as it was.
-                (Ok(rows), None, _) => !same(kind, rows, &before),
+                (Ok(rows), _, Meaning::None) => !agrees(kind, rows, &before),
+                (Ok(rows), Some(expected), _) => !agrees(kind, rows, expected),
+                // If the strict reading is undetermined, the program may only read the original values.
+                (Ok(rows), None, _) => !agrees(kind, rows, &before),
             };
             if wrong {
                 eprintln!("{kind:?}, seed {seed}:\n{text}\n{read:?}\n{expected:?}\n");
                 failures.push((kind, seed));
             }
         }
-        let undo: String = kind.sound().iter().map(|row| row.join(",") + "\n").collect();
+        let undo: String = kind.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
         if kind == Kind::Ties {
             std::fs::write(directory.path().join("ties.csv"), undo).unwrap();
         }

@@ -11,7 +11,7 @@ pub enum Kind {
     Observations,
     Corners,
     Aircraft,
-    /// The same with a row of units.
+    /// The table with a row of units.
     Units,
     /// Lines of IWG1 without a header.
     Iwg1,
@@ -29,7 +29,7 @@ pub const KINDS: [Kind; 9] = [
     Kind::Iwg1,
 ];
 
-/// A cell as it is read: a number or a text.
+/// A cell as read: a number or a text.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Read {
     Number(f64),
@@ -42,14 +42,9 @@ impl Kind {
     /// Columns that are read, numbers marked.
     pub fn columns(self) -> &'static [(&'static str, bool)] {
         match self {
-            Self::Survey => &[
-                ("id", false),
-                ("diameter_m", true),
-                ("x_m", true),
-                ("y_m", true),
-                ("z_m", true),
-                ("sigma_m", true),
-            ],
+            Self::Survey => {
+                &[("id", false), ("diameter_m", true), ("x_m", true), ("y_m", true), ("z_m", true), ("sigma_m", true)]
+            }
             Self::Ties => &[
                 ("id", false),
                 ("x_m", true),
@@ -69,13 +64,13 @@ impl Kind {
         }
     }
 
-    /// Whether it is of aircraft data, in which lines and cells without a value are left out with a word.
+    /// Whether it is a table of aircraft data, in which lines and cells without a value are omitted with a message.
     pub fn is_aircraft(self) -> bool {
         matches!(self, Self::Aircraft | Self::Units | Self::Iwg1)
     }
 
-    /// Header and rows of a sound one.
-    pub fn sound(self) -> Vec<Vec<String>> {
+    /// Header and rows of a sound table.
+    pub fn sound_rows(self) -> Vec<Vec<String>> {
         let rows: Vec<String> = match self {
             Self::Survey => {
                 let text = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
@@ -91,13 +86,7 @@ impl Kind {
                 (1..9).map(|k| format!("M0{k},{}.5,{}.25,0.2{k}", 1000 + 100 * k, 800 + 50 * k)).collect()
             }
             Self::Corners => (0..8)
-                .map(|k| {
-                    format!(
-                        "a.png,1280,960,0.{k},0.2{k},{}.5,{}.25,0.01,0.02,0.1,yes",
-                        100 + 9 * k,
-                        200 + 7 * k
-                    )
-                })
+                .map(|k| format!("a.png,1280,960,0.{k},0.2{k},{}.5,{}.25,0.01,0.02,0.1,yes", 100 + 9 * k, 200 + 7 * k))
                 .collect(),
             Self::Aircraft | Self::Units => {
                 let units = (self == Self::Units).then(|| "-,FL,-,".to_owned());
@@ -130,7 +119,7 @@ impl Kind {
     }
 }
 
-/// RFC 4180 to the letter, blanks about cells but for; `None` where a text is none.
+/// Strict RFC 4180, except for blanks around cells; `None` for invalid text.
 fn cells(text: &str, comments: bool) -> Option<Vec<Vec<String>>> {
     let text = text.replace("\r\n", "\n");
     let kept = text.lines().filter(|line| !(comments && line.trim_start().starts_with('#')));
@@ -145,7 +134,7 @@ fn cells(text: &str, comments: bool) -> Option<Vec<Vec<String>>> {
                 (quoted, ended) = (true, false);
             }
             ('"', false) if cell.is_empty() => quoted = true,
-            // Nothing is quoted by a quote within.
+            // No quoting by a quote inside a cell.
             ('"', false) => cell.push(c),
             (',' | '\n', false) => {
                 row.push(std::mem::take(&mut cell).trim().to_owned());
@@ -162,8 +151,8 @@ fn cells(text: &str, comments: bool) -> Option<Vec<Vec<String>>> {
     (!quoted && row.is_empty()).then_some(rows)
 }
 
-/// What the text says of the columns that are read; `None` where it cannot be said.
-pub fn strict(kind: Kind, text: &str) -> Option<Rows> {
+/// Cells of the columns that are read; `None` if they are undetermined.
+pub fn read_strictly(kind: Kind, text: &str) -> Option<Rows> {
     if kind == Kind::Iwg1 {
         return Some(iwg1(text));
     }
@@ -188,7 +177,7 @@ pub fn strict(kind: Kind, text: &str) -> Option<Rows> {
         };
         if many { None } else { places.iter().map(read).collect::<Option<Vec<Read>>>() }
     };
-    // Lines that are cut short are left out of aircraft data.
+    // Truncated lines of aircraft data are omitted.
     rows.iter().filter(|row| !kind.is_aircraft() || row.len() >= header.len()).map(one).collect()
 }
 
@@ -196,9 +185,9 @@ fn is_record(line: &str) -> bool {
     line.trim_start().trim_start_matches('"').starts_with("IWG1")
 }
 
-/// Lines of IWG1 by the places of its fields, each from its keyword on; those of another number of fields are none.
+/// Lines of IWG1 by the positions of its fields, each from its keyword on; lines with another number of fields are omitted.
 fn iwg1(text: &str) -> Rows {
-    let width = Kind::Iwg1.sound()[0].len();
+    let width = Kind::Iwg1.sound_rows()[0].len();
     let quoted = |cell: &'_ str| cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).map(str::to_owned);
     let row = |line: &str| {
         let cells: Vec<String> =
@@ -215,7 +204,7 @@ fn iwg1(text: &str) -> Rows {
     parted.join("\n").lines().filter_map(row).collect()
 }
 
-/// A cell of the aircraft's table: a moment, or a value; one that is none is a text.
+/// A cell of the aircraft table: a time, or a value; an invalid one is a text.
 fn aircraft_cell(name: &str, cell: &str) -> Read {
     let utc = |civil: jiff::civil::DateTime| civil.to_zoned(jiff::tz::TimeZone::UTC).ok();
     let civil = || cell.parse().ok().and_then(utc).map(|zoned| zoned.timestamp());

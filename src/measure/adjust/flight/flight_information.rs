@@ -1,101 +1,103 @@
-//! What a flight's images tell of all that stays the same from flight to flight.
+//! Information of a flight's images about the flight-invariant parameters.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::flight_problem::FlightProblem;
-use super::joint::Joint;
-use super::solving::Solved;
+use super::joint::JointSolution;
+use super::solving::SolvedFlight;
 use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals, SURVEY};
 use crate::adjust::{AdjustError, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
 use crate::setup::{Orientation, Setup};
 
-/// A flight's normal equations for what flights have in common, reduced by all else; at the joint solution of its frames.
+/// Computes a flight's normal equations for the flight-invariant parameters, reduced by all other unknowns, at the joint
+/// solution of its frames.
 ///
 /// # Errors
-/// Where the flight cannot be solved, or its global test rejects: what contradicts the model teaches nothing.
-pub fn learn(
+/// Returns an error if the flight cannot be solved, or if its global test rejects the model: a flight that contradicts the
+/// model must not contribute to the prior.
+pub fn learn_from_flight(
     setup: &Setup,
     orientation: &Orientation,
     frames: &[Vec<Observation>],
     options: &Options,
 ) -> Result<FlightContribution, AdjustError> {
-    let scene = crate::adjust::scene::Scene::new(setup, orientation)?;
-    let input = crate::adjust::input::Input { setup, orientation, scene: &scene, options };
-    let Joint { solved, .. } = Joint::new(input, frames)?;
-    let Solved { setting, fit, judged } = &solved;
-    let (omega, redundancy) = judged.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
+    let scene = crate::adjust::scene::WingScene::new(setup, orientation)?;
+    let input = crate::adjust::input::AdjustmentInput { setup, orientation, scene: &scene, options };
+    let JointSolution { solved, .. } = JointSolution::new(input, frames)?;
+    let SolvedFlight { flight_problem, fit, tested_sum } = &solved;
+    let (omega, redundancy) = tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
     if global_test(omega, redundancy, options.global_alpha) == GlobalTest::Rejected {
-        let beside = if options.flight_prior.is_some() { " beside what other flights taught" } else { "" };
+        let given = if options.flight_prior.is_some() { " given the prior from other flights" } else { "" };
         return Err(AdjustError::Input(format!(
-            "the global test rejects it{beside} (variance factor {:.1}); what contradicts the model, or was flown with a \
-             changed installation, teaches nothing",
+            "the global test rejects the flight{given} (variance factor {:.1}): it contradicts the model or was flown with \
+             a changed installation, and was not used",
             omega / redundancy.max(1) as f64
         )));
     }
     let singular = || AdjustError::Input("the flight's normal equations are singular".into());
-    let normals = reduced(setting, fit).ok_or_else(singular)?;
+    let normals = reduce_normals(flight_problem, fit).ok_or_else(singular)?;
     let known = |(_, column): &(InvariantParameter, usize)| Estimate {
-        value: fit.global[*column] - setting.stated[*column],
+        value: fit.global[*column] - flight_problem.nominal[*column],
         sigma: Some(fit.covariance[(*column, *column)].max(0.0).sqrt()),
     };
-    Ok(FlightContribution { normals, known: setting.lasting.iter().map(known).collect() })
+    Ok(FlightContribution { normals, posterior: flight_problem.invariant.iter().map(known).collect() })
 }
 
-fn reduced(setting: &FlightProblem, fit: &Fit) -> Option<ReducedNormals> {
+fn reduce_normals(flight_problem: &FlightProblem, fit: &Fit) -> Option<ReducedNormals> {
     let p = fit.global.len();
     let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
-    let frames = setting.problem.groups.iter().zip(&fit.groups).take(setting.layouts.len());
+    let frames = flight_problem.problem.groups.iter().zip(&fit.groups).take(flight_problem.layouts.len());
     for (group, solved) in frames {
-        add_frame(group, solved, &mut normal, &mut gradient)?;
+        add_frame_normals(group, solved, &mut normal, &mut gradient)?;
     }
-    let lasting: Vec<usize> = setting.lasting.iter().map(|(_, column)| *column).collect();
-    let own: Vec<usize> = (0..p).filter(|column| !lasting.contains(column)).collect();
-    let is_own = |prior: &&Prior| prior.columns.iter().all(|column| own.contains(column));
-    for prior in setting.problem.priors.iter().filter(is_own) {
+    let invariant: Vec<usize> = flight_problem.invariant.iter().map(|(_, column)| *column).collect();
+    let flight_own: Vec<usize> = (0..p).filter(|column| !invariant.contains(column)).collect();
+    let is_own = |prior: &&Prior| prior.columns.iter().all(|column| flight_own.contains(column));
+    for prior in flight_problem.problem.priors.iter().filter(is_own) {
         let weight = prior.covariance.clone().cholesky()?.inverse();
         for (i, row) in prior.columns.iter().enumerate() {
             prior.columns.iter().enumerate().for_each(|(j, c)| normal[(*row, *c)] += weight[(i, j)]);
         }
     }
-    let of_own = normal.select_columns(&own);
-    let factor = of_own.select_rows(&own).cholesky()?;
-    let coupling = of_own.select_rows(&lasting);
-    let kept = normal.select_columns(&lasting).select_rows(&lasting);
-    let normal = kept - &coupling * factor.solve(&coupling.transpose());
+    let of_own = normal.select_columns(&flight_own);
+    let factor = of_own.select_rows(&flight_own).cholesky()?;
+    let coupling = of_own.select_rows(&invariant);
+    let invariant_block = normal.select_columns(&invariant).select_rows(&invariant);
+    let normal = invariant_block - &coupling * factor.solve(&coupling.transpose());
     let normal = (&normal + normal.transpose()) * 0.5;
-    // The gradient by what is the flight's own is 0 at the solution.
-    let value = fit.global.select_rows(&lasting) - setting.stated.select_rows(&lasting);
-    let right = &normal * value - gradient.select_rows(&lasting);
+    // The gradient with respect to the flight's own unknowns is 0 at the solution.
+    let value = fit.global.select_rows(&invariant) - flight_problem.nominal.select_rows(&invariant);
+    let right = &normal * value - gradient.select_rows(&invariant);
     let unknowns: Vec<InvariantParameter> =
-        setting.lasting.iter().map(|(lasting, _)| lasting.clone()).collect();
-    Some(ReducedNormals { unknowns, normal, right, sigmas: sigmas(setting, fit) })
+        flight_problem.invariant.iter().map(|(invariant, _)| invariant.clone()).collect();
+    Some(ReducedNormals { unknowns, normal, right, sigmas: invariant_sigmas(flight_problem, fit) })
 }
 
-/// Of what flights have in common without their images, as stated; of the rotation on ground, which only the ground frames
-/// tell, as solved.
-fn sigmas(setting: &FlightProblem, fit: &Fit) -> DVector<f64> {
+/// Standard deviations of the invariant parameters without the flight's images: prior values; for the rotation on the
+/// ground, which only the ground frames determine, the solved values.
+fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
     let mut sigmas = fit.covariance.diagonal().map(|variance| variance.max(f64::MIN_POSITIVE).sqrt());
-    for prior in &setting.problem.priors {
-        let own = prior.columns.iter().enumerate();
-        own.for_each(|(k, column)| sigmas[*column] = prior.covariance[(k, k)].sqrt());
+    for prior in &flight_problem.problem.priors {
+        let flight_own = prior.columns.iter().enumerate();
+        flight_own.for_each(|(k, column)| sigmas[*column] = prior.covariance[(k, k)].sqrt());
     }
-    let ground = setting.problem.groups.last().into_iter().flat_map(|group| &group.blocks);
-    for (member, block) in setting.ground_members.iter().zip(ground) {
-        let of = |(lasting, _): &&(InvariantParameter, usize)| {
-            lasting.term == SURVEY && lasting.marker == Some(member.marker)
+    let ground = flight_problem.problem.groups.last().into_iter().flat_map(|group| &group.blocks);
+    for (member, block) in flight_problem.ground_members.iter().zip(ground) {
+        let of_marker = |(invariant, _): &&(InvariantParameter, usize)| {
+            invariant.term == SURVEY && invariant.marker == Some(member.marker)
         };
-        for (lasting, column) in setting.lasting.iter().filter(of) {
-            sigmas[*column] = block.covariance[(lasting.index, lasting.index)].sqrt();
+        for (invariant, column) in flight_problem.invariant.iter().filter(of_marker) {
+            sigmas[*column] = block.covariance[(invariant.index, invariant.index)].sqrt();
         }
     }
-    let lasting: Vec<usize> = setting.lasting.iter().map(|(_, column)| *column).collect();
-    sigmas.select_rows(&lasting)
+    let invariant: Vec<usize> = flight_problem.invariant.iter().map(|(_, column)| *column).collect();
+    sigmas.select_rows(&invariant)
 }
 
 /// Adds a frame's normal equations, reduced by its own unknowns, and the gradient of half its sum of squares.
-fn add_frame(
+fn add_frame_normals(
     group: &Group,
     solved: &GroupFit,
     normal: &mut DMatrix<f64>,
@@ -104,7 +106,7 @@ fn add_frame(
     let (p, q) = (normal.nrows(), solved.local.len());
     let mut all = DMatrix::zeros(p + q, p + q);
     for (block, fit) in group.blocks.iter().zip(&solved.blocks) {
-        let (rows, right) = whitened(block, fit, p)?;
+        let (rows, right) = whiten_block(block, fit, p)?;
         all.gemm_tr(1.0, &rows, &rows, 1.0);
         gradient.gemv_tr(1.0, &rows.columns(0, p), &right, 1.0);
     }
@@ -120,8 +122,9 @@ fn add_frame(
     Some(())
 }
 
-/// A block's conditions, each of unit variance: derivatives by global, then by local parameters, and what is open.
-fn whitened(block: &Block, fit: &BlockFit, p: usize) -> Option<(DMatrix<f64>, DVector<f64>)> {
+/// Scales a block's conditions to unit variance; returns the derivatives with respect to global and local parameters, and
+/// the misclosures.
+fn whiten_block(block: &Block, fit: &BlockFit, p: usize) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let lin = &fit.linearised;
     let covariance = &lin.observations * &block.covariance * lin.observations.transpose();
     let lower = covariance.cholesky()?.l();

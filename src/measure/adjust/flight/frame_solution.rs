@@ -1,92 +1,98 @@
-//! A frame's result from a flight's solution.
+//! Result of one frame from a flight's solution.
 
 use super::frames::Flight;
-use super::solving::Solved;
-use super::tuning::STEADY_RAD;
-use super::usage::Removed;
+use super::solving::SolvedFlight;
+use super::tuning::STEADY_ROTATION_RAD;
+use super::usage::RemovedObservation;
 use crate::adjust::budget;
-use crate::adjust::outcome::Outcome;
-use crate::adjust::snooping::{Target, widened_marks};
-use crate::adjust::terms::stated_drift_rad;
-use crate::adjust::{Estimate, Method, Parameter, Solution};
-use crate::estimation::{AttributedInformation, Sources};
+use crate::adjust::outcome::FrameOutcome;
+use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
+use crate::adjust::terms::mount_drift_rad;
+use crate::adjust::{AdjustmentMethod, Estimate, Parameter, Solution};
+use crate::estimation::{AttributedInformation, VarianceSources};
 
-/// A drift so many times what is stated is remarked.
-const DOUBTED_DRIFT: f64 = 3.0;
+/// Ratio of the estimated to the configured drift from which a remark is added.
+const REMARKED_DRIFT_RATIO: f64 = 3.0;
 
-/// One frame's part of a solution, with what was removed from it or from all frames, after what else is remarked.
+/// Builds the result of one frame of a flight: its part of the solution and the observations removed from it or from all
+/// frames. `remarks` come first.
 pub fn frame_solution(
     flight: &Flight,
-    solved: &Solved,
-    removed: &[Removed],
+    solved: &SolvedFlight,
+    removed: &[RemovedObservation],
     frame: usize,
     remarks: Vec<String>,
-    sources: &Sources,
+    sources: &VarianceSources,
 ) -> Solution {
     let mut solution =
-        single_frame_solution(flight, solved, removed, (frame, Method::Flight), remarks, sources);
+        single_frame_solution(flight, solved, removed, (frame, AdjustmentMethod::Flight), remarks, sources);
     let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
-    solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
-    solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
+    solution.parameters.push(unmeasured("shape_departure", flight.hyperparameters.departure));
+    solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
     solution
 }
 
-/// The same without what frames show of one another.
+/// Builds the result of one frame without the parameters that only several frames determine.
 pub fn single_frame_solution(
     flight: &Flight,
-    Solved { setting, fit, judged }: &Solved,
-    removed: &[Removed],
-    (frame, method): (usize, Method),
+    SolvedFlight { flight_problem, fit, tested_sum }: &SolvedFlight,
+    removed: &[RemovedObservation],
+    (frame, method): (usize, AdjustmentMethod),
     mut remarks: Vec<String>,
-    sources: &Sources,
+    sources: &VarianceSources,
 ) -> Solution {
-    let (layout, members) = (&setting.layouts[frame], &setting.members[frame]);
-    let outcome = Outcome::new(&flight.input, layout, &setting.problem, fit, frame, members).judged(*judged);
-    let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == Target::Survey);
+    let (layout, members) = (&flight_problem.layouts[frame], &flight_problem.members[frame]);
+    let outcome = FrameOutcome::new(&flight.input, layout, &flight_problem.problem, fit, frame, members)
+        .judged_before_removal(*tested_sum);
+    let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
     let solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
     remarks.extend(solution.remarks);
-    remarks.extend(widened_marks(flight.factors.marks));
-    let caused = flight.cause.as_ref().zip(setting.cause);
-    remarks.extend(caused.map(|(cause, column)| cause.sentence(fit.global[column])));
+    remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
+    let displacement = flight.common_displacement.as_ref().zip(flight_problem.displacement_column);
+    remarks.extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
     remarks.extend(flight.exceedance_remarks());
     Solution { remarks, ..solution }
 }
 
-/// Calls `with` with all that a flight's solution rests on.
-pub fn with_sources<T>(
-    Solved { setting, fit, .. }: &Solved,
-    told: Option<&AttributedInformation>,
-    with: impl FnOnce(&Sources) -> T,
+/// Calls `with` with the error sources of a flight's solution.
+pub fn with_flight_sources<T>(
+    SolvedFlight { flight_problem, fit, .. }: &SolvedFlight,
+    attributed: Option<&AttributedInformation>,
+    with: impl FnOnce(&VarianceSources) -> T,
 ) -> T {
-    budget::with_sources(setting.blocks(), &setting.problem, fit, told, with)
+    budget::with_variance_sources(flight_problem.block_members(), &flight_problem.problem, fit, attributed, with)
 }
 
-/// What is remarked of what earlier flights taught.
-pub fn beside(flight: &Flight, solved: &Solved) -> Vec<String> {
-    let taught = flight.input.options.flight_prior.as_deref();
-    taught.map(|taught| taught.remark(solved.setting.problem.known.is_some())).into_iter().collect()
+/// Remarks about the prior from earlier flights.
+pub fn prior_remarks(flight: &Flight, solved: &SolvedFlight) -> Vec<String> {
+    let prior = flight.input.options.flight_prior.as_deref();
+    prior.map(|prior| prior.remark(solved.flight_problem.problem.known.is_some())).into_iter().collect()
 }
 
-/// What is remarked of a frame among the others.
+/// Remarks about a frame in relation to the flight.
 pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
-    let assumed = &flight.assumed;
-    let mountings = &assumed.mountings;
-    let by = if mountings.are_stated() { "as stated" } else { "by evidence" };
+    let hyperparameters = &flight.hyperparameters;
+    let mountings = &hyperparameters.mountings;
+    let origin = if mountings.are_specified() { "as specified" } else { "detected from the frames" };
     let mut remarks = vec![format!(
-        "adjusted with {} frames in {} mounting(s), {by}, this one in mounting {}; shapes depart from the shared one by {:.1} % of the usual spread",
+        "adjusted jointly: {} frames in {} mounting(s) ({origin}), this one in mounting {}; shapes differ from the shared one by {:.1} % of the prior spread",
         flight.frames.len(),
         mountings.count(),
-        mountings.of(frame) + 1,
-        1e2 * assumed.departure
+        mountings.mounting_of_frame(frame) + 1,
+        1e2 * hyperparameters.departure
     )];
-    let stated = stated_drift_rad(flight.input.setup);
-    if assumed.drift_rad > DOUBTED_DRIFT * stated.max(STEADY_RAD) {
+    let configured = mount_drift_rad(flight.input.setup);
+    if hyperparameters.drift_rad > REMARKED_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
         remarks.push(format!(
-            "the camera turned by {:.3} mrad from frame to frame within its mountings, {:.3} are stated \
-             (camera.mount_drift_mrad): {}",
-            1e3 * assumed.drift_rad,
-            1e3 * stated,
-            if mountings.are_stated() { "was it remounted within one of them?" } else { "look at its mount" }
+            "the camera rotated by {:.3} mrad from frame to frame within its mountings, more than the {:.3} mrad of \
+             camera.mount_drift_mrad; the larger drift was used. {}",
+            1e3 * hyperparameters.drift_rad,
+            1e3 * configured,
+            if mountings.are_specified() {
+                "Check whether it was remounted within one of them"
+            } else {
+                "Check the camera mount"
+            }
         ));
     }
     remarks

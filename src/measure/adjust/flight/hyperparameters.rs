@@ -1,139 +1,139 @@
-//! What a flight's setting rests on beside observations: assumed at first, then as the last solution shows it.
+//! Hyperparameters of a flight: assumed first, then taken from the last solution.
 
 use nalgebra::{DVector, Matrix3, Vector3};
 
-use super::mountings::Mountings;
-use crate::adjust::input::Input;
-use crate::adjust::layout::Layout;
+use super::mountings::FrameMountings;
+use crate::adjust::input::AdjustmentInput;
+use crate::adjust::layout::ParameterLayout;
 use crate::adjust::term::ParameterScope;
-use crate::adjust::terms::stated_drift_rad;
-use crate::adjust::values::Values;
+use crate::adjust::terms::mount_drift_rad;
+use crate::adjust::values::UnknownValues;
 use crate::estimation::Fit;
 
-/// Departure of a frame's shape from the shared one to begin with, a share of the usual width of shapes.
-pub const DEPARTURE: f64 = 0.03;
-/// Bending to begin with, and what a swing is a share of, 1/m.
-pub const USUAL_CURVATURE_PER_M: f64 = 0.005;
-/// Bending below this counts as unbent, 1/m.
+/// Initial departure of a frame's shape from the shared shape, as a fraction of the prior spread of shapes.
+pub const INITIAL_DEPARTURE: f64 = 0.03;
+/// Initial curvature, and the reference for vibration, 1/m.
+pub const TYPICAL_CURVATURE_PER_M: f64 = 0.005;
+/// Curvature below which the wing counts as unbent, 1/m.
 const MIN_CURVATURE_PER_M: f64 = 2e-4;
 
-/// Drift in pitch over that about the other axes, which tell it: the mean of a variance that some f degrees of freedom tell
-/// is f / (f - 2) times what they show. A random walk of ten frames leaves about five in yaw and roll together.
-const PITCH_DRIFT: f64 = 1.3;
+/// Ratio of pitch drift to the drift about the other axes, which determine it. With f degrees of freedom the expected
+/// variance is f / (f - 2) times the estimate; a random walk of ten frames has about five in yaw and roll together.
+const PITCH_DRIFT_FACTOR: f64 = 1.3;
 
-/// What is taken for granted of a flight's frames.
+/// Hyperparameters of a flight's frames.
 #[derive(Clone, Debug)]
 pub struct FlightHyperparameters<'a> {
-    /// Leading coefficient of each frame's curvature, 1/m.
+    /// Leading curvature coefficient of each frame, 1/m.
     pub amplitudes_per_m: Vec<f64>,
-    /// A frame's departure from the shared shape, a share of the usual width of shapes.
+    /// Departure of a frame from the shared shape, as a fraction of the prior spread of shapes.
     pub departure: f64,
-    /// A frame's swing in shapes of its own, such as the second mode's, a share of what no fleet explains at the usual bending, for it
-    /// does not grow with the deflection; 0: frames do not swing.
-    pub swing: f64,
-    /// Which mounting each frame belongs to.
-    pub mountings: Mountings<'a>,
+    /// Vibration of a frame in shapes of its own, such as the second mode, as a fraction of the spread that the fleet does
+    /// not explain at typical bending; it does not grow with the deflection. 0: no vibration.
+    pub oscillation: f64,
+    /// Mounting of each frame.
+    pub mountings: FrameMountings<'a>,
     /// Standard deviation of a frame's rotation about its mounting's, rad.
     pub drift_rad: f64,
-    /// Per frame what its mounting's unknowns are with its own part of the rotation, which is the first three.
-    of_mounting: Vec<DVector<f64>>,
-    /// How each frame bends and twists.
-    bendings: Vec<OfFrame>,
+    /// Unknowns of the mounting for each frame; the first three are the rotation including the frame's own part.
+    mounting_values: Vec<DVector<f64>>,
+    /// Bending and twist of each frame.
+    bendings: Vec<FrameBending>,
 }
 
-/// How a frame bends and twists; empty before the first solution.
+/// Bending and twist of a frame; empty before the first solution.
 #[derive(Clone, Debug, Default)]
-pub struct OfFrame {
-    /// 1/m.
+pub struct FrameBending {
     pub curvature_per_m: Vec<f64>,
-    /// Of the twist's basis, rad.
+    /// Coefficients of the twist basis, rad.
     pub twist_rad: Vec<f64>,
 }
 
 impl<'a> FlightHyperparameters<'a> {
-    /// Before the first solution.
-    pub fn at_first(input: &Input, frames: usize, mountings: Mountings<'a>) -> Self {
+    /// Values before the first solution.
+    pub fn initial(input: &AdjustmentInput, frames: usize, mountings: FrameMountings<'a>) -> Self {
         Self {
-            amplitudes_per_m: vec![USUAL_CURVATURE_PER_M; frames],
-            departure: DEPARTURE,
-            swing: 0.0,
+            amplitudes_per_m: vec![TYPICAL_CURVATURE_PER_M; frames],
+            departure: INITIAL_DEPARTURE,
+            oscillation: 0.0,
             mountings,
-            drift_rad: stated_drift_rad(input.setup),
-            of_mounting: vec![DVector::zeros(3); frames],
-            bendings: vec![OfFrame::default(); frames],
+            drift_rad: mount_drift_rad(input.setup),
+            mounting_values: vec![DVector::zeros(3); frames],
+            bendings: vec![FrameBending::default(); frames],
         }
     }
 
-    /// With another frame's bending.
-    pub fn bent(self, curvature_per_m: f64) -> Self {
-        Self { amplitudes_per_m: vec![amplitude(curvature_per_m)], ..self }
+    /// Sets the bending of a single frame.
+    pub fn with_bending(self, curvature_per_m: f64) -> Self {
+        Self { amplitudes_per_m: vec![bounded_amplitude(curvature_per_m)], ..self }
     }
 
-    /// With how far frames depart from the shared shape, by other loads and by swings.
-    pub fn departing(self, departure: f64, swing: f64) -> Self {
-        Self { departure, swing, ..self }
+    /// Sets the departures from the shared shape that are due to other loads and to vibration.
+    pub fn with_departures(self, departure: f64, oscillation: f64) -> Self {
+        Self { departure, oscillation, ..self }
     }
 
-    /// Takes over what a solution says of a frame.
-    pub fn learn(&mut self, frame: usize, layout: &Layout, fit: &Fit) {
+    /// Updates a frame's values from a solution.
+    pub fn update_from_frame(&mut self, frame: usize, layout: &ParameterLayout, fit: &Fit) {
         let local = &fit.groups[frame].local;
-        self.amplitudes_per_m[frame] = amplitude(local[0]);
-        let mut own = fit.global.rows(layout.own.first, layout.own.count).into_owned();
-        if let Some(first) = own_rotation_column(layout) {
+        self.amplitudes_per_m[frame] = bounded_amplitude(local[0]);
+        let mut own = fit.global.rows(layout.mounting.first, layout.mounting.count).into_owned();
+        if let Some(first) = frame_rotation_column(layout) {
             let mut rotation = own.rows_mut(0, 3);
             rotation += local.rows(first, 3);
         }
-        self.of_mounting[frame] = own;
-        let Values { curvature_per_m, twist_rad, .. } = layout.values(&fit.global, local);
-        self.bendings[frame] = OfFrame { curvature_per_m, twist_rad };
+        self.mounting_values[frame] = own;
+        let UnknownValues { curvature_per_m, twist_rad, .. } = layout.values(&fit.global, local);
+        self.bendings[frame] = FrameBending { curvature_per_m, twist_rad };
     }
 
-    /// How a frame bends, with the twist that all frames show together at its amplitude; `None` before the first solution and
-    /// of a frame alone. What all frames tell of the places of root and axis has an answer to each frame's twist in it, whose
-    /// noise passes for knowledge where frames are many.
-    pub fn usual_bending(&self, frame: usize) -> Option<OfFrame> {
-        let of = self.bendings.get(frame).filter(|of| self.bendings.len() > 1 && !of.twist_rad.is_empty())?;
+    /// Bending of a frame, with the twist that all frames together show at its amplitude; `None` before the first solution
+    /// and for a single frame. Derivatives with respect to the estimated dimensions depend on the twist. With each frame's
+    /// own twist, its noise would be counted as information if there are many frames.
+    pub fn smoothed_bending(&self, frame: usize) -> Option<FrameBending> {
+        let bending =
+            self.bendings.get(frame).filter(|bending| self.bendings.len() > 1 && !bending.twist_rad.is_empty())?;
         let at = self.amplitudes_per_m[frame];
         let one = |k: usize| {
             let all = self.amplitudes_per_m.iter().zip(&self.bendings);
-            on_a_line(all.map(|(a, of)| (*a, of.twist_rad.get(k).copied().unwrap_or(0.0))), at)
+            value_on_line(all.map(|(a, other)| (*a, other.twist_rad.get(k).copied().unwrap_or(0.0))), at)
         };
-        let twist_rad = (0..of.twist_rad.len()).map(one).collect();
-        Some(OfFrame { twist_rad, ..of.clone() })
+        let twist_rad = (0..bending.twist_rad.len()).map(one).collect();
+        Some(FrameBending { twist_rad, ..bending.clone() })
     }
 
     /// Mean of a mounting's unknowns over its frames.
-    pub fn mean(&self, mounting: usize) -> DVector<f64> {
-        let frames = (0..self.of_mounting.len()).filter(|f| self.mountings.of(*f) == mounting);
-        let own: Vec<_> = frames.map(|f| &self.of_mounting[f]).collect();
+    pub fn mounting_mean(&self, mounting: usize) -> DVector<f64> {
+        let frames = (0..self.mounting_values.len()).filter(|f| self.mountings.mounting_of_frame(*f) == mounting);
+        let own: Vec<_> = frames.map(|f| &self.mounting_values[f]).collect();
         let mut sum = DVector::zeros(own.first().map_or(0, |o| o.len()));
         own.iter().for_each(|o| sum += *o);
         sum / own.len().max(1) as f64
     }
 
-    /// A frame's rotation about its mounting's, camera frame, rad.
-    pub fn own_rotation_rad(&self, frame: usize) -> Vector3<f64> {
-        let mean = self.mean(self.mountings.of(frame));
-        (self.of_mounting[frame].rows(0, 3) - mean.rows(0, 3)).fixed_rows::<3>(0).into_owned()
+    /// Rotation of a frame about its mounting's, camera frame, rad.
+    pub fn frame_rotation_rad(&self, frame: usize) -> Vector3<f64> {
+        let mean = self.mounting_mean(self.mountings.mounting_of_frame(frame));
+        (self.mounting_values[frame].rows(0, 3) - mean.rows(0, 3)).fixed_rows::<3>(0).into_owned()
     }
 
-    /// Root mean square of the rotations about their mountings' means, each axis, rad.
+    /// Root mean square of the frames' rotations about their mountings' means, per axis, rad.
     pub fn rotations_rms_rad(&self) -> f64 {
-        let frames = self.of_mounting.len();
-        let sum: f64 = (0..frames).map(|f| self.own_rotation_rad(f).norm_squared()).sum();
+        let frames = self.mounting_values.len();
+        let sum: f64 = (0..frames).map(|f| self.frame_rotation_rad(f).norm_squared()).sum();
         (sum / (3 * frames.max(1)) as f64).sqrt()
     }
 
-    /// Of a frame's rotation about its mounting's, camera frame, rad^2.
+    /// Covariance of a frame's rotation about its mounting's, camera frame, rad^2.
     pub fn drift_covariance(&self, camera_from_wing: &Matrix3<f64>) -> Matrix3<f64> {
         let pitch = camera_from_wing * Vector3::z();
-        let more = pitch * pitch.transpose() * (PITCH_DRIFT * PITCH_DRIFT - 1.0);
+        let more = pitch * pitch.transpose() * (PITCH_DRIFT_FACTOR * PITCH_DRIFT_FACTOR - 1.0);
         (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
     }
 }
 
-/// Value at a place of the straight line nearest to these.
-fn on_a_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
+/// Value at a position on the least-squares line through the points.
+fn value_on_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
     let count = points.clone().count().max(1) as f64;
     let (x, y) = points.clone().fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x, sy + y));
     let (x, y) = (x / count, y / count);
@@ -142,13 +142,13 @@ fn on_a_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
     y + if square > 0.0 { both / square * (at - x) } else { 0.0 }
 }
 
-fn amplitude(curvature_per_m: f64) -> f64 {
+fn bounded_amplitude(curvature_per_m: f64) -> f64 {
     curvature_per_m.abs().max(MIN_CURVATURE_PER_M)
 }
 
 /// First local column of a frame's rotation about its mounting's.
-pub fn own_rotation_column(layout: &Layout) -> Option<usize> {
-    layout.rotation.iter().find_map(|place| match place {
+pub fn frame_rotation_column(layout: &ParameterLayout) -> Option<usize> {
+    layout.rotation.iter().find_map(|scope| match scope {
         ParameterScope::Local(first) => Some(*first),
         ParameterScope::Global(_) => None,
     })

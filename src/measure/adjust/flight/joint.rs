@@ -1,69 +1,77 @@
-//! All frames of a flight with their joint solution, from start to end.
+//! Joint adjustment of all frames of a flight, from start to end.
 
-use super::frame_solution::{beside, flight_remarks, frame_solution, single_frame_solution, with_sources};
+use super::frame_solution::{
+    flight_remarks, frame_solution, prior_remarks, single_frame_solution, with_flight_sources,
+};
 use super::frames::Flight;
 use super::hyperparameters::FlightHyperparameters;
-use super::mountings::Mountings;
-use super::solving::Solved;
-use super::usage::Removed;
-use crate::adjust::input::Input;
-use crate::adjust::{AdjustError, Method, Observation, Solution};
+use super::mountings::FrameMountings;
+use super::solving::SolvedFlight;
+use super::usage::RemovedObservation;
+use crate::adjust::input::AdjustmentInput;
+use crate::adjust::{AdjustError, AdjustmentMethod, Observation, Solution};
 
-/// Rounds in which departure and drift settle once the mountings are found.
+/// Number of rounds in which departure and drift settle after the mountings are determined.
 const DEPARTURE_ROUNDS: usize = 3;
 
-/// A flight that was solved.
-pub struct Joint<'a> {
-    /// What it is.
+/// A solved flight.
+pub struct JointSolution<'a> {
     pub flight: Flight<'a>,
-    /// With what is left of it.
-    pub solved: Solved,
-    /// What is not.
-    pub removed: Vec<Removed>,
+    /// Solution with the remaining observations.
+    pub solved: SolvedFlight,
+    /// Observations removed by data snooping.
+    pub removed: Vec<RemovedObservation>,
 }
 
-impl<'a> Joint<'a> {
-    /// Of frames whose mountings, drift and departures from the shared shape are to be found.
-    pub fn new(input: Input<'a>, frames: &'a [Vec<Observation>]) -> Result<Self, AdjustError> {
-        let stated = Mountings::unknown(input.options.mountings.as_deref());
-        let mut flight =
-            Flight::new(input, frames, FlightHyperparameters::at_first(&input, frames.len(), stated))?;
-        let (solved, mut removed) = flight.without_blunders_or_cause()?;
-        let solved = flight.tune(solved, 1)?;
+impl<'a> JointSolution<'a> {
+    /// Solves frames and determines their mountings, drift and departures from the shared shape.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn new(input: AdjustmentInput<'a>, frames: &'a [Vec<Observation>]) -> Result<Self, AdjustError> {
+        let mountings = FrameMountings::undetermined(input.options.mountings.as_deref());
+        let mut flight = Flight::new(input, frames, FlightHyperparameters::initial(&input, frames.len(), mountings))?;
+        let (solved, mut removed) = flight.remove_or_explain_outliers()?;
+        let solved = flight.tune_variances(solved, 1)?;
         flight.find_mountings(&solved);
-        let solved = flight.solve(Some(&solved.fit))?;
-        let solved = flight.readmit(solved, &mut removed)?;
-        let rough = flight.tune(solved, DEPARTURE_ROUNDS)?;
-        let solved = flight.finish(&rough.fit)?;
+        let solved = flight.solve_rough(Some(&solved.fit))?;
+        let solved = flight.readmit_observations(solved, &mut removed)?;
+        let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
+        let solved = flight.solve_converged(&rough.fit)?;
         Ok(Self { flight, solved, removed })
     }
 
-    /// Of one frame, which tells nothing of these.
-    pub fn alone(mut flight: Flight<'a>) -> Result<Self, AdjustError> {
-        let (solved, mut removed) = flight.without_blunders_or_cause()?;
-        let rough = flight.readmit(solved, &mut removed)?;
-        let solved = flight.finish(&rough.fit)?;
+    /// Solves one frame, which does not determine mountings, drift or departures.
+    ///
+    /// # Errors
+    /// Returns an error if the frame has no solution.
+    pub fn for_single_frame(mut flight: Flight<'a>) -> Result<Self, AdjustError> {
+        let (solved, mut removed) = flight.remove_or_explain_outliers()?;
+        let rough = flight.readmit_observations(solved, &mut removed)?;
+        let solved = flight.solve_converged(&rough.fit)?;
         Ok(Self { flight, solved, removed })
     }
 
-    /// Of each frame.
-    pub fn solutions(&self) -> Vec<Solution> {
+    /// Results of all frames.
+    pub fn frame_solutions(&self) -> Vec<Solution> {
         let Self { flight, solved, removed } = self;
-        with_sources(solved, None, |sources| {
+        with_flight_sources(solved, None, |sources| {
             let one = |frame: usize| {
-                let remarks = [beside(flight, solved), flight_remarks(flight, frame)].concat();
+                let remarks = [prior_remarks(flight, solved), flight_remarks(flight, frame)].concat();
                 frame_solution(flight, solved, removed, frame, remarks, sources)
             };
             (0..flight.frames.len()).map(one).collect()
         })
     }
 
-    /// Of a single frame.
-    pub fn solution(&self, method: Method) -> Solution {
+    /// Result of the first frame, for a flight of one frame.
+    pub fn single_solution(&self, method: AdjustmentMethod) -> Solution {
         let Self { flight, solved, removed } = self;
-        with_sources(solved, None, |sources| match method {
-            Method::Flight => frame_solution(flight, solved, removed, 0, beside(flight, solved), sources),
-            _ => single_frame_solution(flight, solved, removed, (0, method), beside(flight, solved), sources),
+        with_flight_sources(solved, None, |sources| match method {
+            AdjustmentMethod::Flight => {
+                frame_solution(flight, solved, removed, 0, prior_remarks(flight, solved), sources)
+            }
+            _ => single_frame_solution(flight, solved, removed, (0, method), prior_remarks(flight, solved), sources),
         })
     }
 }

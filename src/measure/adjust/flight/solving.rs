@@ -1,4 +1,4 @@
-//! A flight's solutions, each the start of the next.
+//! Solutions of a flight, each the start of the next.
 
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
@@ -6,34 +6,39 @@ use crate::adjust::AdjustError;
 use crate::adjust::snooping::ResidualSum;
 use crate::estimation::{Fit, SolveOptions};
 
-/// A flight's setting with its solution.
-pub struct Solved {
-    /// What was solved.
-    pub setting: FlightProblem,
-    /// Its solution.
+/// Flight problem with its solution.
+pub struct SolvedFlight {
+    pub flight_problem: FlightProblem,
+    /// Solution of the problem.
     pub fit: Fit,
-    /// What the global test judges instead of it, where much was removed.
-    pub judged: Option<ResidualSum>,
+    /// Sum of squares for the global test in place of that of `fit`, if many observations were removed.
+    pub tested_sum: Option<ResidualSum>,
 }
 
 impl Flight<'_> {
-    /// A rough solution, near enough for the decisions that follow from it; what it shows is taken for granted from then on.
-    pub fn solve(&mut self, from: Option<&Fit>) -> Result<Solved, AdjustError> {
-        let solved = self.solve_by(&SolveOptions { rough: true, residuals: from })?;
-        for (frame, layout) in solved.setting.layouts.iter().enumerate() {
-            self.assumed.learn(frame, layout, &solved.fit);
+    /// Computes a rough solution, accurate enough for the decisions based on it, and updates the hyperparameters from it.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn solve_rough(&mut self, from: Option<&Fit>) -> Result<SolvedFlight, AdjustError> {
+        let solved = self.solve_with(&SolveOptions { rough: true, residuals: from })?;
+        for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
+            self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
         }
         Ok(solved)
     }
 
-    /// The solution itself, from a rough one.
-    pub fn finish(&self, rough: &Fit) -> Result<Solved, AdjustError> {
-        self.solve_by(&SolveOptions { rough: false, residuals: Some(rough) })
+    /// Computes the converged solution, starting from a rough one.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn solve_converged(&self, rough: &Fit) -> Result<SolvedFlight, AdjustError> {
+        self.solve_with(&SolveOptions { rough: false, residuals: Some(rough) })
     }
 
-    fn solve_by(&self, course: &SolveOptions) -> Result<Solved, AdjustError> {
-        let setting = FlightProblem::new(self, course.residuals);
-        let fit = setting.solve(self.input.scene, course)?;
-        Ok(Solved { setting, fit, judged: self.judged })
+    fn solve_with(&self, solve_options: &SolveOptions) -> Result<SolvedFlight, AdjustError> {
+        let flight_problem = FlightProblem::new(self, solve_options.residuals);
+        let fit = flight_problem.solve(self.input.scene, solve_options)?;
+        Ok(SolvedFlight { flight_problem, fit, tested_sum: self.tested_sum })
     }
 }

@@ -1,45 +1,44 @@
-//! Which of a flight's observations take part.
+//! Observations of a flight that are in use.
 
-use crate::adjust::snooping::{Suspect, Target};
+use crate::adjust::snooping::{Suspect, SuspectTarget};
 
-/// A suspect that was taken out.
+/// An observation removed by data snooping.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Removed {
-    /// The group that it was found in: a frame, or behind the last one survey and ground frame.
+pub struct RemovedObservation {
+    /// Group in which it was found: a frame, or survey and ground frame after the last one.
     pub group: usize,
-    /// What of it.
     pub suspect: Suspect,
 }
 
-/// What takes part.
+/// Observations in use.
 #[derive(Clone, Debug)]
-pub struct Usage {
-    /// Images in flight, per frame and marker.
+pub struct FlightUsage {
+    /// Flight images, per frame and marker.
     pub frames: Vec<Vec<bool>>,
-    /// Images on ground, per marker.
+    /// Ground-frame images, per marker.
     pub ground: Vec<bool>,
 }
 
-impl Usage {
-    /// Everything that there is.
-    pub fn all(frames: usize, markers: usize) -> Self {
+impl FlightUsage {
+    /// Uses all observations.
+    pub fn all_used(frames: usize, markers: usize) -> Self {
         Self { frames: vec![vec![true; markers]; frames], ground: vec![true; markers] }
     }
 
-    /// Everything but what was removed.
-    pub fn all_but(&mut self, removed: &[Removed]) {
+    /// Uses all observations except the removed ones.
+    pub fn reset_except(&mut self, removed: &[RemovedObservation]) {
         self.frames.iter_mut().for_each(|frame| frame.fill(true));
         self.ground.fill(true);
         removed.iter().for_each(|removed| self.remove(removed));
     }
 
-    /// A wrong image leaves its frame, a wrong surveyed position takes its marker out everywhere.
-    pub fn remove(&mut self, Removed { group, suspect }: &Removed) {
+    /// Removes an observation: a wrong image from its frame, a wrong surveyed position with its marker from all frames.
+    pub fn remove(&mut self, RemovedObservation { group, suspect }: &RemovedObservation) {
         match self.frames.get_mut(*group) {
             Some(frame) => frame[suspect.marker] = false,
             None => self.ground[suspect.marker] = false,
         }
-        if suspect.target == Target::Survey {
+        if suspect.target == SuspectTarget::Survey {
             self.frames.iter_mut().for_each(|frame| frame[suspect.marker] = false);
         }
     }

@@ -1,35 +1,36 @@
-//! A marker's deflections, counted from three places, and what they answer to.
+//! Deflections of a marker relative to the three references, with derivatives.
 
 use nalgebra::Vector3;
 
-use super::Outcome;
-use crate::adjust::Reference;
+use super::FrameOutcome;
+use crate::adjust::DeflectionReference;
 use crate::adjust::marker_state::MarkerState;
-use crate::adjust::scene::moved;
+use crate::adjust::scene::marker_displacement;
 use crate::estimation::Gradient;
 
-impl Outcome<'_> {
-    /// Of one deflection of a marker that was seen.
-    pub fn deflection_gradient(&self, marker: usize, reference: Reference) -> Option<Gradient> {
-        let block = self.block_of(marker)?;
-        let (ground, state) = self.state(block);
-        let mut all = self.gradient(3, &[marker]);
+impl FrameOutcome<'_> {
+    /// Gradient of a used marker's deflection relative to `reference`; `None` if the marker was not used.
+    pub fn deflection_gradient(&self, marker: usize, reference: DeflectionReference) -> Option<Gradient> {
+        let block = self.image_block(marker)?;
+        let (ground, state) = self.marker_state(block);
+        let mut all = self.empty_gradient(3, &[marker]);
         let up = Vector3::y();
-        self.add(&mut all, block, &state, &[up; 3], &[-up; 3]);
-        self.add_references(&mut all, &state, &(state.carried.position_m - ground), [0, 1, 2]);
+        self.add_position(&mut all, block, &state, &[up; 3], &[-up; 3]);
+        self.add_reference_derivatives(&mut all, &state, &(state.carried.position_m - ground), [0, 1, 2]);
         Some(all.single_function(reference as usize))
     }
 
-    /// Deflections against survey, ground frame and the root's tangent, m; `None` for a fixed mark.
-    pub(super) fn deflections(&self, state: &MarkerState, ground: &Vector3<f64>) -> Option<[f64; 3]> {
-        let root_m = self.values.by_root_m(&state.from_root_m?).y;
+    /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target.
+    pub(super) fn marker_deflections(&self, state: &MarkerState, ground: &Vector3<f64>) -> Option<[f64; 3]> {
+        let root_m = self.values.root_displacement_m(&state.from_root_m?).y;
         let deflection = state.carried.position_m.y - ground.y;
-        let against_ground = deflection - moved(&self.values.moved_on_ground_m, state.marker).y;
+        let against_ground = deflection - marker_displacement(&self.values.moved_on_ground_m, state.marker).y;
         Some([deflection, against_ground, against_ground - root_m])
     }
 
-    /// What sets the three deflections apart, and along what they are counted: their functions' further derivatives.
-    pub(super) fn add_references(
+    /// Adds the derivatives that distinguish the three deflections, and those with respect to the direction of the
+    /// vertical.
+    pub(super) fn add_reference_derivatives(
         &self,
         gradient: &mut Gradient,
         state: &MarkerState,
@@ -37,16 +38,22 @@ impl Outcome<'_> {
         [survey, ground, root]: [usize; 3],
     ) {
         for (placed, k) in self.layout.unknowns() {
-            let mut put = |function, by| self.layout.put(gradient, placed.place, k, function, by);
-            let leaning = placed.term.along_vertical(k, displacement_m);
-            let on_ground = placed.term.ground(k, state.marker).y;
+            let mut put = |function, by| self.layout.add_derivative(gradient, placed.scope, k, function, by);
+            let leaning = placed.term.vertical_derivative(k, displacement_m);
+            let on_ground = placed.term.ground_derivative(k, state.marker).y;
             put(survey, leaning);
             put(ground, leaning - on_ground);
             put(root, leaning - on_ground);
         }
         for placed in &self.layout.root {
             for k in 0..placed.term.size {
-                self.layout.put(gradient, placed.place, k, root, -placed.term.position(k, state).y);
+                self.layout.add_derivative(
+                    gradient,
+                    placed.scope,
+                    k,
+                    root,
+                    -placed.term.position_derivative(k, state).y,
+                );
             }
         }
     }

@@ -1,20 +1,21 @@
-//! What the global test judges, and what follows from its verdict.
+//! Global test of a frame's solution, and its consequences.
 
-use super::Outcome;
+use super::FrameOutcome;
 use crate::adjust::snooping::ResidualSum;
 use crate::estimation::quality;
 
-impl Outcome<'_> {
-    /// Judged by what there was before much was removed, if anything was: removal cannot buy a passed test.
-    pub fn judged(self, before: Option<ResidualSum>) -> Self {
+impl FrameOutcome<'_> {
+    /// Uses the sum of squares from before the removal of many observations, if any, for the global test. A test that
+    /// passes only because observations were removed is not valid.
+    pub fn judged_before_removal(self, before: Option<ResidualSum>) -> Self {
         match before {
-            Some(judged) => Self { judged, before_removal: true, ..self }.tested(),
+            Some(tested_sum) => Self { tested_sum, before_removal: true, ..self }.with_global_test(),
             None => self,
         }
     }
 
-    pub(super) fn tested(mut self) -> Self {
-        let ResidualSum { omega, redundancy } = self.judged;
+    pub(super) fn with_global_test(mut self) -> Self {
+        let ResidualSum { omega, redundancy } = self.tested_sum;
         let options = self.input.options;
         self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
         self.posterior = quality::is_posterior(options.sigma, self.global_test);
@@ -23,15 +24,15 @@ impl Outcome<'_> {
     }
 
     pub(super) fn variance_factor(&self) -> Option<f64> {
-        let ResidualSum { omega, redundancy } = self.judged;
+        let ResidualSum { omega, redundancy } = self.tested_sum;
         (redundancy > 0).then(|| omega / redundancy as f64)
     }
 
-    /// Said where much was removed.
+    /// Remark for a result from which many observations were removed.
     pub(super) fn removal_remark(&self) -> Option<String> {
         self.before_removal.then(|| {
-            "so many markers are out that one cause is likelier than as many blunders: the global test judges all of \
-             them, and standard deviations follow it"
+            "many markers were removed, so one common cause is more likely than independent outliers: the global test and \
+             the standard deviations include the removed markers. Check for a moved camera, part or panel"
                 .into()
         })
     }

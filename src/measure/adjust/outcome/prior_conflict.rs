@@ -1,20 +1,20 @@
-//! What earlier flights taught, held against the frames that it is to help.
+//! Comparison of the prior from earlier flights with the frames to which it is applied.
 
 use crate::adjust::{AdjustError, GlobalTest, Options, Solution};
 
-/// Said first of a result that does without what was learnt.
-const CONTRADICTED: &str = "what earlier flights taught contradicts this, and is not used: has something of the installation \
-    changed since (a marker, the window, the camera)? Survey it, or learn again without the flights before the change";
+/// First remark of a result that does not use the prior because it conflicts.
+const CONFLICT_REMARK: &str = "flight_prior.json is inconsistent with these images and was not used: check whether a marker, \
+    the window or the camera has changed; if so, survey it again, or run `wingd learn` without the flights before the change";
 
-/// A solution with what earlier flights taught; where the global test rejects that, and passes without, the one without,
-/// which says so.
+/// Solves with the prior from earlier flights. If the global test rejects that solution and passes without the prior,
+/// returns the one without it, with a remark.
 pub fn with_prior_if_consistent<T>(
     options: &Options,
     solve: impl Fn(&Options) -> Result<T, AdjustError>,
-    of: impl Fn(&mut T) -> &mut [Solution],
+    solutions: impl Fn(&mut T) -> &mut [Solution],
 ) -> Result<T, AdjustError> {
     let mut with = solve(options);
-    let is_rejected = |solved: &mut T| of(solved).iter().any(|s| s.global_test == GlobalTest::Rejected);
+    let is_rejected = |solved: &mut T| solutions(solved).iter().any(|s| s.global_test == GlobalTest::Rejected);
     if options.flight_prior.is_none() || with.as_mut().is_ok_and(|with| !is_rejected(with)) {
         return with;
     }
@@ -22,6 +22,6 @@ pub fn with_prior_if_consistent<T>(
     if is_rejected(&mut without) && with.is_ok() {
         return with;
     }
-    of(&mut without).iter_mut().for_each(|solution| solution.remarks.insert(0, CONTRADICTED.into()));
+    solutions(&mut without).iter_mut().for_each(|solution| solution.remarks.insert(0, CONFLICT_REMARK.into()));
     Ok(without)
 }

@@ -1,4 +1,4 @@
-//! The paper's conditions (equations 6 and 7 in their regular form) and their derivatives.
+//! Conditions of the paper (equations 6 and 7 in regular form) and their derivatives.
 
 use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 
@@ -8,41 +8,40 @@ use crate::estimation::{EstimationError, GroupPoint, Linearised};
 use crate::geometry::WingFrame;
 use crate::setup::{Orientation, Setup};
 
-/// Observations of one marker, in this order.
+/// Index of the arc length among the observations of one marker.
 pub const ARC_LENGTH: usize = 0;
-/// Ground height in the wing frame.
+/// Index of the ground height in the wing frame among the observations.
 pub const HEIGHT: usize = 1;
-/// Pixel, first of two.
+/// Index of the first of two pixel coordinates among the observations.
 pub const PIXEL: usize = 2;
-/// Their number.
+/// Number of observations per marker.
 pub const PER_MARKER: usize = 4;
 
-/// What is the same for all markers.
-pub struct Geometry<'a> {
-    /// The user's numbers.
+/// Geometry shared by all markers.
+pub struct ProfileGeometry<'a> {
     pub setup: &'a Setup,
-    /// Wing frame of the installation.
     pub frame: WingFrame,
     wing_from_camera: Rotation3<f64>,
     /// The window's panes in flight, camera frame.
     pane: Option<Plate>,
-    /// Length in flight over length on ground.
+    /// Length in flight over length on the ground.
     thermal_scale: f64,
 }
 
-/// The ray outside the window, scaled so that its part in the vertical plane has unit length, with the derivative by the
-/// pixel (undistortion included).
+/// Ray outside the window, scaled to unit length in the vertical plane, with its derivative with respect to the pixel
+/// (including undistortion).
 pub struct PlaneRay {
-    /// A point on it, wing frame, m: the projection centre, shifted by the panes.
+    /// Point on the ray, wing frame, m: the projection centre, shifted by the panes.
     pub from_m: Vector3<f64>,
-    /// Wing frame; times d it is the marker, seen from `from_m` (equations 8 and 10).
+    /// Direction in the wing frame; multiplied by d it is the vector from `from_m` to the marker (equations 8 and 10).
     pub direction: Vector3<f64>,
-    /// d direction / d pixel, 1/px; that of `from_m` is smaller by the panes' thickness over the distance.
+    /// d direction / d pixel, 1/px. The derivative of `from_m` is smaller by the ratio of pane thickness to distance and is
+    /// neglected.
     pub by_pixel: Matrix3x2<f64>,
 }
 
-impl<'a> Geometry<'a> {
-    /// For one frame.
+impl<'a> ProfileGeometry<'a> {
+    /// Prepares the geometry of one frame.
     pub fn new(setup: &'a Setup, orientation: &Orientation) -> Self {
         let frame = setup.wing_frame();
         let wing_from_camera = frame.wing_from_survey * orientation.camera_from_survey.inverse();
@@ -51,19 +50,22 @@ impl<'a> Geometry<'a> {
         Self { setup, frame, wing_from_camera, pane, thermal_scale }
     }
 
-    /// Arc length on ground from the bending root and height, wing frame, m (table 1 of the paper).
-    pub fn ground(&self, marker: usize) -> Option<(f64, f64)> {
+    /// Arc length on the ground from the bending root, and height, wing frame, m (table 1 of the paper).
+    pub fn ground_coordinates(&self, marker: usize) -> Option<(f64, f64)> {
         let p = self.frame.wing_point(&self.setup.markers.get(marker)?.position_m);
         Some((p.x - self.setup.root_offset_m, p.y))
     }
 
-    /// Arc length in flight of one on ground, m.
-    pub fn in_flight(&self, ground_length_m: f64) -> f64 {
+    /// Converts an arc length on the ground to the arc length in flight, m.
+    pub fn flight_length_m(&self, ground_length_m: f64) -> f64 {
         ground_length_m * self.thermal_scale
     }
 
-    /// The ray of a pixel; it must point outboard.
-    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, EstimationError> {
+    /// Computes the ray of a pixel.
+    ///
+    /// # Errors
+    /// Returns an error if the pixel has no ray or the ray does not point outboard.
+    pub fn plane_ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, EstimationError> {
         let (ray, jacobian) =
             self.setup.lens.ray_with_jacobian(pixel).map_err(|e| EstimationError::Input(e.to_string()))?;
         let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside_ray(&ray));
@@ -82,35 +84,37 @@ impl<'a> Geometry<'a> {
         Ok(PlaneRay { from_m, direction: ray / plane, by_pixel })
     }
 
-    /// All markers' conditions; each is a group of its own.
+    /// Linearises the conditions of all markers; each marker is a group of its own.
+    ///
+    /// # Errors
+    /// Returns an error if a pixel has no valid ray.
     pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
         if blocks.is_empty() {
             let empty = Linearised::empty(2, vec![0], 1, PER_MARKER);
             blocks.extend(at.observed.iter().map(|_| empty.clone()));
         }
         let (a, d) = (at.global[0], at.local[0]);
-        blocks.iter_mut().zip(at.observed).try_for_each(|(block, seen)| self.block(a, d, seen, block))
+        blocks.iter_mut().zip(at.observed).try_for_each(|(block, seen)| self.linearise_marker(a, d, seen, block))
     }
 
-    /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset`,
-    /// `y' = f_y + d r_y`, f the ray's point at the window.
-    fn block(
+    /// Linearises one marker: `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset` and `y' =
+    /// f_y + d r_y`, where f is the point of the ray at the window.
+    fn linearise_marker(
         &self,
         a: f64,
         d: f64,
         seen: &DVector<f64>,
         out: &mut Linearised,
     ) -> Result<(), EstimationError> {
-        let ray = self.ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
+        let ray = self.plane_ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
         let x = ray.from_m.x + d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);
         let slope = 2.0 * a * x;
         let rise = a * x * x - ray.from_m.y - d * ray.direction.y;
-        out.misclosure[0] = arc.length_m - self.in_flight(seen[ARC_LENGTH]);
+        out.misclosure[0] = arc.length_m - self.flight_length_m(seen[ARC_LENGTH]);
         out.misclosure[1] = seen[HEIGHT] + rise;
         (out.global[0], out.global[1]) = (arc.by_a, x * x);
-        (out.local[0], out.local[1]) =
-            (arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y);
+        (out.local[0], out.local[1]) = (arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y);
         out.observations[(0, ARC_LENGTH)] = -self.thermal_scale;
         out.observations[(1, HEIGHT)] = 1.0;
         for k in 0..2 {

@@ -1,12 +1,11 @@
-//! The parabola y = a x^2 and its arc length (paper, equations 3 to 5), regular at a = 0.
+//! Parabola y = a x^2 and its arc length (paper, equations 3 to 5), regular at a = 0.
 
-/// Slope t = 2 a x below which the series is used; its first term left out is below 1e-15 there.
+/// Slope t = 2 a x below which the series is used; the first omitted term is below 1e-15 there.
 const SERIES_LIMIT: f64 = 0.1;
 
 /// Arc length from the vertex to x, with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArcLength {
-    /// m.
     pub length_m: f64,
     /// d length / d x.
     pub by_x: f64,
@@ -16,17 +15,17 @@ pub struct ArcLength {
 
 /// Arc length of y = a x^2 from 0 to x, `l = x g(t)`, `t = 2 a x`.
 ///
-/// The paper multiplies its condition by 4 a (equation 6), which makes it 0 = 0 at a = 0. The
-/// length itself is analytic there: `g = (sqrt(1 + t^2) + asinh(t) / t) / 2 = 1 + t^2/6 - ...`.
+/// The paper multiplies its condition by 4 a (equation 6), which makes it 0 = 0 at a = 0. The length itself is analytic
+/// there: `g = (sqrt(1 + t^2) + asinh(t) / t) / 2 = 1 + t^2/6 - ...`.
 pub fn arc_length(x_m: f64, a_per_m: f64) -> ArcLength {
     let t = 2.0 * a_per_m * x_m;
-    let (g, slope) = if t.abs() < SERIES_LIMIT { series(t) } else { closed_form(t) };
+    let (g, slope) = if t.abs() < SERIES_LIMIT { series_expansion(t) } else { closed_form(t) };
     ArcLength { length_m: x_m * g, by_x: t.hypot(1.0), by_a: 2.0 * x_m * x_m * slope }
 }
 
-/// x at an arc length, m: the inverse of [`arc_length`] by Newton's iteration from above, where the
-/// length is convex.
-pub fn span_of(length_m: f64, a_per_m: f64) -> f64 {
+/// Computes x at an arc length, m: the inverse of [`arc_length`], by Newton's iteration from above (the arc length is
+/// convex in x).
+pub fn span_from_length(length_m: f64, a_per_m: f64) -> f64 {
     let mut x = length_m;
     for _ in 0..20 {
         let arc = arc_length(x, a_per_m);
@@ -39,12 +38,12 @@ pub fn span_of(length_m: f64, a_per_m: f64) -> f64 {
     x
 }
 
-/// g and dg/dt near 0: the binomial series of sqrt(1 + t^2), integrated term by term.
-fn series(t: f64) -> (f64, f64) {
-    const C: [f64; 6] = [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
+/// Values of g and dg/dt near 0: the binomial series of sqrt(1 + t^2), integrated term by term.
+fn series_expansion(t: f64) -> (f64, f64) {
+    const COEFFICIENTS: [f64; 6] = [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
     let w = t * t;
-    let value = C.iter().rev().fold(0.0, |sum, c| (sum + c) * w);
-    let slope = C.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum * w + 2.0 * (k as f64 + 1.0) * c);
+    let value = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * w);
+    let slope = COEFFICIENTS.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum * w + 2.0 * (k as f64 + 1.0) * c);
     (1.0 + value, slope * t)
 }
 
@@ -63,7 +62,7 @@ mod tests {
     #[test]
     fn series_and_closed_form_meet() {
         for t in [0.03, 0.06, SERIES_LIMIT, -SERIES_LIMIT] {
-            let ((g, slope), (g2, slope2)) = (series(t), closed_form(t));
+            let ((g, slope), (g2, slope2)) = (series_expansion(t), closed_form(t));
             assert!((g - g2).abs() < 4e-15, "{t}: {g} {g2}");
             assert!((slope - slope2).abs() < 2e-14, "{t}: {slope} {slope2}");
         }
@@ -103,7 +102,7 @@ mod tests {
 
         #[test]
         fn the_span_returns_the_length(length in 0.0..60.0f64, a in -0.05..0.05f64) {
-            prop_assert!((arc_length(span_of(length, a), a).length_m - length).abs() < 1e-12 * (1.0 + length));
+            prop_assert!((arc_length(span_from_length(length, a), a).length_m - length).abs() < 1e-12 * (1.0 + length));
         }
 
         #[test]

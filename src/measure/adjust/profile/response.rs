@@ -1,16 +1,16 @@
-//! How a and the distances answer to the observations, to first order.
+//! First-order response of a and the distances to the observations.
 //!
-//! The paper's polar point determination (equation 8) uses the **observed** direction with the
-//! adjusted distance, so that torsion stays visible; its covariance needs their correlation.
+//! The paper's polar point determination (equation 8) uses the **observed** direction with the adjusted distance, so that
+//! torsion remains visible. Its covariance therefore needs their correlation.
 
 use nalgebra::{DMatrix, Matrix4, RowVector4};
 
 use super::conditions::{ARC_LENGTH, PER_MARKER, PIXEL};
 use crate::estimation::{Fit, Problem};
 
-/// A scalar that depends on a, on one marker's distance and on its observations.
+/// Scalar function of a, of one marker's distance and of its observations.
 #[derive(Clone, Copy, Debug)]
-pub struct Function {
+pub struct MarkerFunction {
     marker: usize,
     /// Total derivative by a.
     by_a: f64,
@@ -29,14 +29,14 @@ struct MarkerResponse {
     covariance: Matrix4<f64>,
 }
 
-/// Linear response of all.
-pub struct Response {
+/// Linear response of all markers.
+pub struct LinearResponse {
     markers: Vec<MarkerResponse>,
     variance_a: f64,
 }
 
-impl Response {
-    /// From the normal equations at the solution.
+impl LinearResponse {
+    /// Computes the response from the normal equations at the solution.
     pub fn new(problem: &Problem, fit: &Fit) -> Self {
         let variance_a = fit.covariance[(0, 0)];
         let pairs = problem.groups.iter().zip(&fit.groups);
@@ -48,19 +48,19 @@ impl Response {
             let a = lin.global.transpose() * (&weight - from_local) * b * -variance_a;
             let distance = &solved.conditional * lin.local.transpose() * &weight * b * -1.0;
             Some(MarkerResponse {
-                a: row(&a),
+                a: row_vector(&a),
                 distance_by_a: solved.sensitivity[(0, 0)],
-                distance: row(&distance),
+                distance: row_vector(&distance),
                 covariance: Matrix4::from_column_slice(block.covariance.as_slice()),
             })
         });
         Self { markers: markers.collect(), variance_a }
     }
 
-    /// A function of a marker's distance and of its observations.
-    pub fn function(&self, marker: usize, by_distance: f64, by_observations: RowVector4<f64>) -> Function {
+    /// Creates a function of a marker's distance and observations from its derivatives.
+    pub fn marker_function(&self, marker: usize, by_distance: f64, by_observations: RowVector4<f64>) -> MarkerFunction {
         let own = &self.markers[marker];
-        Function {
+        MarkerFunction {
             marker,
             by_a: by_distance * own.distance_by_a,
             by_own: own.distance * by_distance + by_observations,
@@ -68,7 +68,7 @@ impl Response {
     }
 
     /// Covariance of two functions, a priori.
-    pub fn covariance(&self, f: &Function, g: &Function) -> f64 {
+    pub fn covariance(&self, f: &MarkerFunction, g: &MarkerFunction) -> f64 {
         let common = f.by_a * g.by_a * self.variance_a;
         let crossed = f.by_a * self.with_a(g) + g.by_a * self.with_a(f);
         let own = if f.marker == g.marker {
@@ -79,8 +79,8 @@ impl Response {
         common + crossed + own
     }
 
-    /// The parts of a function's variance that come from the survey and from the images.
-    pub fn parts(&self, f: &Function) -> [f64; 2] {
+    /// Contributions of the survey and of the images to a function's variance.
+    pub fn variance_parts(&self, f: &MarkerFunction) -> [f64; 2] {
         let mut parts = [0.0; 2];
         for (index, marker) in self.markers.iter().enumerate() {
             let own = if index == f.marker { f.by_own } else { RowVector4::zeros() };
@@ -95,17 +95,17 @@ impl Response {
     }
 
     /// Covariance of a function with a.
-    pub fn covariance_with_a(&self, f: &Function) -> f64 {
+    pub fn covariance_with_a(&self, f: &MarkerFunction) -> f64 {
         f.by_a * self.variance_a + self.with_a(f)
     }
 
     /// Covariance of a with a function's own observations.
-    fn with_a(&self, f: &Function) -> f64 {
+    fn with_a(&self, f: &MarkerFunction) -> f64 {
         let marker = &self.markers[f.marker];
         (marker.a * marker.covariance * f.by_own.transpose())[(0, 0)]
     }
 }
 
-fn row(m: &DMatrix<f64>) -> RowVector4<f64> {
+fn row_vector(m: &DMatrix<f64>) -> RowVector4<f64> {
     RowVector4::from_fn(|_, k| if k < PER_MARKER { m[(0, k)] } else { 0.0 })
 }

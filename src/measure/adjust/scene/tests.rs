@@ -1,4 +1,4 @@
-//! The observation equation written a second time over dual numbers, with a quadrature of its own.
+//! Independent implementation of the observation equation with dual numbers and its own quadrature.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use num_dual::{Dual64, DualNum};
 use super::*;
 use crate::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
 use crate::adjust::example::{orientation, setup, window};
-use crate::adjust::shapes::shapes_at;
-use crate::setup::{Setup, Uncertainty};
+use crate::adjust::shapes::curvature_integrals;
+use crate::setup::{Setup, SetupUncertainty};
 
 const STEPS: usize = 4000;
 const C: usize = 5;
@@ -20,30 +20,29 @@ const ALL: usize = C + T + RAISE_TERMS + 3 + 3 + 3 + 3 + 1;
 
 type Dual3 = [Dual64; 3];
 
-fn turned(w: &[Dual64], p: Dual3) -> Dual3 {
+fn rotate_point(w: &[Dual64], p: Dual3) -> Dual3 {
     let angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     let angle = angle2.sqrt();
     let (a, b) = (angle.sin() / angle, (-angle.cos() + 1.0) / angle2);
-    let cross = |p: Dual3| -> Dual3 {
-        [w[1] * p[2] - w[2] * p[1], w[2] * p[0] - w[0] * p[2], w[0] * p[1] - w[1] * p[0]]
-    };
+    let cross =
+        |p: Dual3| -> Dual3 { [w[1] * p[2] - w[2] * p[1], w[2] * p[0] - w[0] * p[2], w[0] * p[1] - w[1] * p[0]] };
     let (once, twice) = (cross(p), cross(cross(p)));
     std::array::from_fn(|k| p[k] + a * once[k] + b * twice[k])
 }
 
-fn by_matrix(m: &Matrix3<f64>, p: Dual3) -> Dual3 {
+fn multiply_matrix(m: &Matrix3<f64>, p: Dual3) -> Dual3 {
     std::array::from_fn(|i| p[0] * m[(i, 0)] + p[1] * m[(i, 1)] + p[2] * m[(i, 2)])
 }
 
 /// Slope of the bending at an arc length.
-fn bent(scene: &Scene, c: &[Dual64], arc: f64) -> Dual64 {
+fn bending_slope(scene: &WingScene, c: &[Dual64], arc: f64) -> Dual64 {
     let length = scene.ground.axis.length_m;
-    let shapes = shapes_at(arc / length);
+    let shapes = curvature_integrals(arc / length);
     c.iter().zip(shapes).fold(Dual64::from(0.0), |sum, (c, s)| sum + *c * (s * length))
 }
 
-/// A marker in flight: the raised ground axis turned piece by piece, and the rigid arm at its end.
-fn in_flight(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> Dual3 {
+/// Position of a marker in flight: the raised ground axis is rotated piece by piece, with the rigid arm at its end.
+fn flight_position(scene: &WingScene, marker: usize, x: &[Dual64; ALL]) -> Dual3 {
     let (c, rest) = x.split_at(C);
     let (t, rest) = rest.split_at(T);
     let (h, rest) = rest.split_at(RAISE_TERMS);
@@ -59,7 +58,7 @@ fn in_flight(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> Dual3 {
         let rise = h[1] + h[2] * (2.0 * eta) + h[3] * (3.0 * eta * eta);
         let (sin, cos) = axis.slope_rad(arc).sin_cos();
         let (dx, dy) = (Dual64::from(cos * step), rise * (step / axis.length_m) + sin * step);
-        let turn = bent(scene, c, arc);
+        let turn = bending_slope(scene, c, arc);
         ground = [ground[0] + dx, ground[1] + dy];
         flight[0] += scale * (dx * turn.cos() - dy * turn.sin());
         flight[1] += scale * (dx * turn.sin() + dy * turn.cos());
@@ -68,10 +67,10 @@ fn in_flight(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> Dual3 {
     let arm = [p[0] - ground[0], p[1] - ground[1], p[2] - axis.root_m.z];
     let along = arm[0] * slope.cos() + arm[1] * slope.sin();
     let normal = arm[1] * slope.cos() - arm[0] * slope.sin();
-    let twist = t.iter().zip(twist_basis(axis, end)).fold(Dual64::from(0.0), |s, (t, b)| s + *t * b)
-        * scene.ground.nose;
+    let twist =
+        t.iter().zip(twist_basis(axis, end)).fold(Dual64::from(0.0), |s, (t, b)| s + *t * b) * scene.ground.nose;
     let (n, z) = (normal * twist.cos() - arm[2] * twist.sin(), normal * twist.sin() + arm[2] * twist.cos());
-    let slope = slope + bent(scene, c, end);
+    let slope = slope + bending_slope(scene, c, end);
     [
         flight[0] + scale * (along * slope.cos() - n * slope.sin()),
         flight[1] + scale * (along * slope.sin() + n * slope.cos()),
@@ -79,13 +78,13 @@ fn in_flight(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> Dual3 {
     ]
 }
 
-fn pixel(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> [Dual64; 2] {
+fn reference_pixel(scene: &WingScene, marker: usize, x: &[Dual64; ALL]) -> [Dual64; 2] {
     let pose = &x[C + T + RAISE_TERMS..];
-    let mut p = in_flight(scene, marker, x);
+    let mut p = flight_position(scene, marker, x);
     for k in 0..3 {
         p[k] -= pose[6 + k];
     }
-    let seen = turned(&pose[..3], turned(&pose[3..6], by_matrix(&scene.camera_from_wing, p)));
+    let seen = rotate_point(&pose[..3], rotate_point(&pose[3..6], multiply_matrix(&scene.camera_from_wing, p)));
     let (x, y) = (seen[0] / seen[2], seen[1] / seen[2]);
     let l = &scene.lens;
     let r2 = x * x + y * y;
@@ -96,20 +95,30 @@ fn pixel(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> [Dual64; 2] {
     ]
 }
 
-/// The same from the code under test: pixel and its derivative to each unknown.
-fn coded(scene: &Scene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vector2<f64>>) {
+/// Pixel and its derivatives with respect to each unknown, from the code under test.
+fn computed_pixel(scene: &WingScene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let at = |from: usize| Vector3::new(x[from], x[from + 1], x[from + 2]);
     let first = C + T + RAISE_TERMS;
-    let pose =
-        Pose { mount_rad: at(first), ground_rad: at(first + 3), centre_m: at(first + 6), ..Pose::default() };
+    let pose = CameraPose {
+        mount_rad: at(first),
+        ground_rad: at(first + 3),
+        centre_m: at(first + 6),
+        ..CameraPose::default()
+    };
     let bending = Bending {
         curvature_per_m: &x[..C],
         twist_rad: &x[C..C + T],
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
     };
-    let state = scene.marker(marker, &scene.bend(&bending), &at(first + 9), &bending, &[0.0; ESTIMATED]);
-    let seen = scene.project(&state.carried.position_m, &scene.camera(&pose)).unwrap();
+    let state = scene.marker_with_dimensions(
+        marker,
+        &scene.bend(&bending),
+        &at(first + 9),
+        &bending,
+        &[0.0; ESTIMATED_DIMENSIONS],
+    );
+    let seen = scene.project(&state.carried.position_m, &scene.flight_camera(&pose)).unwrap();
     let by = seen.by_point;
     let mut list: Vec<Vector2<f64>> = state.by_curvature[..C].iter().map(|d| by * d).collect();
     list.extend(state.by_twist[..T].iter().chain(&state.by_raise).map(|d| by * d));
@@ -121,21 +130,20 @@ fn coded(scene: &Scene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vec
 
 #[test]
 fn derivatives_match_dual_numbers() {
-    let scene = Scene::new(&setup(), &orientation()).unwrap();
+    let scene = WingScene::new(&setup(), &orientation()).unwrap();
     for marker in [0, 3, 8] {
         let ground = scene.ground.stations[marker].surveyed_m;
         let mut x = [0.0; ALL];
-        let usual = [4e-3, 2e-3, -1e-3, 5e-4, 2e-4, 0.03, -0.02, 0.01, 4e-3, -6e-3, 3e-3, 2e-3];
-        x[..usual.len()].copy_from_slice(&usual);
+        let typical = [4e-3, 2e-3, -1e-3, 5e-4, 2e-4, 0.03, -0.02, 0.01, 4e-3, -6e-3, 3e-3, 2e-3];
+        x[..typical.len()].copy_from_slice(&typical);
         let camera = [2e-3, -1e-3, 3e-3, 1e-3, 2e-3, -1e-3, 2e-3, 3e-3, -2e-3];
-        x[usual.len()..ALL - 4].copy_from_slice(&camera);
+        x[typical.len()..ALL - 4].copy_from_slice(&camera);
         x[ALL - 4..ALL - 1].copy_from_slice(ground.as_slice());
         x[ALL - 1] = 0.9984;
-        let (found, derivatives) = coded(&scene, marker, &x);
+        let (found, derivatives) = computed_pixel(&scene, marker, &x);
         for (k, derivative) in derivatives.iter().enumerate() {
-            let seeded: [Dual64; ALL] =
-                std::array::from_fn(|i| Dual64::new(x[i], if i == k { 1.0 } else { 0.0 }));
-            let expected = pixel(&scene, marker, &seeded);
+            let seeded: [Dual64; ALL] = std::array::from_fn(|i| Dual64::new(x[i], if i == k { 1.0 } else { 0.0 }));
+            let expected = reference_pixel(&scene, marker, &seeded);
             for axis in 0..2 {
                 let (value, slope) = (expected[axis].re, expected[axis].eps);
                 assert!((found[axis] - value).abs() < 1e-3, "marker {marker}: {} {value}", found[axis]);
@@ -153,24 +161,24 @@ fn derivatives_match_dual_numbers() {
 
 #[test]
 fn derivatives_through_a_bowed_pane_match_differences() {
-    let scene = Scene::new(&Setup { window: Some(window()), ..setup() }, &orientation()).unwrap();
-    let pose = Pose {
+    let scene = WingScene::new(&Setup { window: Some(window()), ..setup() }, &orientation()).unwrap();
+    let pose = CameraPose {
         mount_rad: Vector3::new(2e-3, -1e-3, 3e-3),
         ground_rad: Vector3::new(1e-3, 2e-3, -1e-3),
         centre_m: Vector3::new(1e-3, 2e-3, -1e-3),
         window_m: Vector3::new(-1e-3, 1e-3, 1e-3),
         bow: 0.2,
-        ..Pose::default()
+        ..CameraPose::default()
     };
     let point = Vector3::new(9.0, -1.1, 0.8);
-    let seen = scene.project(&point, &scene.camera(&pose)).unwrap();
+    let seen = scene.project(&point, &scene.flight_camera(&pose)).unwrap();
     let plane = scene.project(&point, &scene.ground_camera(&pose)).unwrap();
     assert_eq!(plane.by_bow, Vector2::zeros());
-    let difference = |change: &dyn Fn(&mut Pose, &mut Vector3<f64>, f64), step: f64| {
+    let difference = |change: &dyn Fn(&mut CameraPose, &mut Vector3<f64>, f64), step: f64| {
         let at = |h: f64| {
             let (mut pose, mut point) = (pose, point);
             change(&mut pose, &mut point, h);
-            scene.project(&point, &scene.camera(&pose)).unwrap().pixel
+            scene.project(&point, &scene.flight_camera(&pose)).unwrap().pixel
         };
         (at(step) - at(-step)) / (2.0 * step)
     };
@@ -182,21 +190,17 @@ fn derivatives_through_a_bowed_pane_match_differences() {
         close(column(&seen.by_point), difference(&|_, p, h| p[k] += h, 1e-3), 1e-5);
         close(-column(&seen.by_point), difference(&|pose, _, h| pose.window_m[k] += h, 1e-3), 1e-5);
         close(column(&seen.by_mount), difference(&|pose, _, h| pose.mount_rad[k] += h, 1e-5), 1e-5);
-        close(
-            column(&seen.by_ground_rotation),
-            difference(&|pose, _, h| pose.ground_rad[k] += h, 1e-5),
-            1e-5,
-        );
+        close(column(&seen.by_ground_rotation), difference(&|pose, _, h| pose.ground_rad[k] += h, 1e-5), 1e-5);
     }
     close(seen.by_bow, difference(&|pose, _, h| pose.bow += h, 1e-3), 1e-3);
 }
 
-/// A root, an axis and a span that lie elsewhere, held against a scene that is built there; lens against differences.
+/// Compares a root, an axis and a span that are moved by corrections with a scene built there.
 #[test]
-fn what_is_estimated_moves_markers_as_a_scene_built_elsewhere() {
-    let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
-    let scene = Scene::new(&free, &orientation()).unwrap();
-    let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::NONE };
+fn corrected_dimensions_match_a_scene_built_with_them() {
+    let free = Setup { uncertainty: SetupUncertainty::default(), ..setup() };
+    let scene = WingScene::new(&free, &orientation()).unwrap();
+    let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::UNBENT };
     let (sin, cos) = 0.01f64.sin_cos();
     let moved = [
         ([0.3, 0.0, 0.0], Setup { root_offset_m: 0.8, ..setup() }),
@@ -204,35 +208,44 @@ fn what_is_estimated_moves_markers_as_a_scene_built_elsewhere() {
         ([0.0, 0.0, 0.01], Setup { span_direction: Vector2::new(cos, sin), ..setup() }),
     ];
     for (estimated, there) in moved {
-        let other = Scene::new(&there, &orientation()).unwrap();
+        let other = WingScene::new(&there, &orientation()).unwrap();
         for marker in [0, 4, 8] {
             let here = scene.ground.stations[marker].surveyed_m;
-            let found = scene.marker(marker, &scene.bend(&bending), &here, &bending, &estimated);
+            let found = scene.marker_with_dimensions(marker, &scene.bend(&bending), &here, &bending, &estimated);
             let there = other.ground.stations[marker].surveyed_m;
-            let built = other.marker(marker, &other.bend(&bending), &there, &bending, &[0.0; ESTIMATED]);
-            let place = |s: &Scene, p: &Vector3<f64>| s.ground.frame.survey_point(p);
-            let found_m = place(&scene, &found.carried.position_m);
-            let error = found_m - place(&other, &built.carried.position_m);
-            let held = scene.marker(marker, &scene.bend(&bending), &here, &bending, &[0.0; ESTIMATED]);
-            let effect = (found_m - place(&scene, &held.carried.position_m)).norm();
-            assert!(
-                error.norm() < 1e-3 + 0.03 * effect,
-                "{estimated:?} marker {marker}: {error} of {effect}"
+            let built = other.marker_with_dimensions(
+                marker,
+                &other.bend(&bending),
+                &there,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
             );
+            let survey_position = |s: &WingScene, p: &Vector3<f64>| s.ground.frame.survey_point(p);
+            let found_m = survey_position(&scene, &found.carried.position_m);
+            let error = found_m - survey_position(&other, &built.carried.position_m);
+            let nominal = scene.marker_with_dimensions(
+                marker,
+                &scene.bend(&bending),
+                &here,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
+            );
+            let effect = (found_m - survey_position(&scene, &nominal.carried.position_m)).norm();
+            assert!(error.norm() < 1e-3 + 0.03 * effect, "{estimated:?} marker {marker}: {error} of {effect}");
         }
     }
 }
 
 #[test]
 fn derivatives_by_the_lens_match_differences() {
-    let scene = Scene::new(&setup(), &orientation()).unwrap();
+    let scene = WingScene::new(&setup(), &orientation()).unwrap();
     let point = Vector3::new(9.0, -1.1, 0.8);
-    let seen = scene.project(&point, &scene.camera(&Pose::default())).unwrap();
+    let seen = scene.project(&point, &scene.flight_camera(&CameraPose::default())).unwrap();
     for (k, step) in [1.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5].into_iter().enumerate() {
         let at = |sign: f64| {
-            let mut pose = Pose::default();
+            let mut pose = CameraPose::default();
             pose.lens[k] = sign * step;
-            scene.project(&point, &scene.camera(&pose)).unwrap().pixel
+            scene.project(&point, &scene.flight_camera(&pose)).unwrap().pixel
         };
         let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
         let error = (difference - seen.by_lens.column(k)).norm();
@@ -240,33 +253,33 @@ fn derivatives_by_the_lens_match_differences() {
     }
 }
 
-/// A frame's unknowns that all move a marker: a plane of bending that leans, a root that turned, what is only estimated.
-fn leaning() -> Values {
-    Values {
+/// Values of all unknowns that move a marker: tilted bending plane, rotated root, corrected dimensions.
+fn tilted_values() -> UnknownValues {
+    UnknownValues {
         curvature_per_m: vec![4e-3, 1e-3],
         twist_rad: vec![0.03, -0.02],
         raise_m: [0.02, -0.01, 0.0, 0.0],
         estimated: [0.1, 0.05, 0.005],
         root_rotation_rad: Vector3::new(1e-2, -2e-2, 1e-2),
         plane_rad: Some(0.03),
-        ..Values::expected(0.999)
+        ..UnknownValues::nominal(0.999)
     }
 }
 
 #[test]
-fn derivatives_of_a_wing_that_leans_match_differences() {
-    let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
-    let scene = Scene::new(&free, &orientation()).unwrap();
-    let usual = leaning();
-    let answers = Some(Arc::new(scene.answers(&usual.bending())));
-    for values in [usual.clone(), Values { answers, ..usual }] {
+fn derivatives_of_a_tilted_wing_match_differences() {
+    let free = Setup { uncertainty: SetupUncertainty::default(), ..setup() };
+    let scene = WingScene::new(&free, &orientation()).unwrap();
+    let typical = tilted_values();
+    let answers = Some(Arc::new(scene.dimension_derivatives(&typical.bending())));
+    for values in [typical.clone(), UnknownValues { dimension_derivatives: answers, ..typical }] {
         let marker = 5;
         let ground = scene.ground.stations[marker].surveyed_m;
-        let at = |values: &Values, ground: &Vector3<f64>| {
-            scene.in_flight(marker, &scene.bent(values), ground, values)
+        let at = |values: &UnknownValues, ground: &Vector3<f64>| {
+            scene.marker_in_flight(marker, &scene.bend_frame(values), ground, values)
         };
         let state = at(&values, &ground);
-        let close = |name: &str, found: Vector3<f64>, step: f64, change: &dyn Fn(&mut Values, f64)| {
+        let close = |name: &str, found: Vector3<f64>, step: f64, change: &dyn Fn(&mut UnknownValues, f64)| {
             let moved = |h: f64| {
                 let mut values = values.clone();
                 change(&mut values, h);
@@ -283,7 +296,7 @@ fn derivatives_of_a_wing_that_leans_match_differences() {
             close("twist", state.by_twist[k], 1e-4, &|v, h| v.twist_rad[k] += h);
             close("raise", state.by_raise[k], 1e-4, &|v, h| v.raise_m[k] += h);
         }
-        for k in 0..ESTIMATED {
+        for k in 0..ESTIMATED_DIMENSIONS {
             close("estimated", state.by_estimated[k], 1e-4, &|v, h| v.estimated[k] += h);
             let there = |h: f64| at(&values, &(ground + Vector3::ith(k, h))).carried.position_m;
             let by_ground = (there(1e-4) - there(-1e-4)) / 2e-4;

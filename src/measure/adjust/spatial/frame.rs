@@ -1,4 +1,4 @@
-//! One frame set up for the engine: its unknowns, its observations, its conditions.
+//! Frame prepared for the estimation engine: unknowns, observations, conditions.
 
 use std::sync::Arc;
 
@@ -7,147 +7,150 @@ use nalgebra::DVector;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
 use crate::adjust::common_displacement::CommonDisplacement;
-use crate::adjust::factors::Factors;
-use crate::adjust::input::{Input, Sights};
-use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
-use crate::adjust::scene::Scene;
-use crate::adjust::term::Columns;
+use crate::adjust::input::{AdjustmentInput, FrameObservations};
+use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
+use crate::adjust::prior_scales::PriorScales;
+use crate::adjust::scene::WingScene;
+use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
     Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_with_options,
 };
 use crate::setup::Thermal;
 
-/// Which observations take part.
+/// Observations in use.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Usage {
-    /// Per marker of the survey: its image in flight.
+pub(super) struct FrameUsage {
+    /// Flight images, per marker of the survey.
     pub flight: Vec<bool>,
-    /// Its image on ground.
+    /// Ground-frame images, per marker of the survey.
     pub ground: Vec<bool>,
 }
 
-impl Usage {
-    /// Everything that there is.
-    pub fn all(markers: usize) -> Self {
+impl FrameUsage {
+    /// Uses all observations.
+    pub fn all_used(markers: usize) -> Self {
         Self { flight: vec![true; markers], ground: vec![true; markers] }
     }
 }
 
-/// One frame's observations, what of them takes part, and the order that the curvature is sought with.
+/// Observations of one frame, those in use, and the number of curvature terms.
 #[derive(Clone)]
-pub(super) struct Single<'a> {
-    pub input: Input<'a>,
-    pub sights: Sights<'a>,
-    pub usage: Usage,
+pub(super) struct SingleFrame<'a> {
+    pub input: AdjustmentInput<'a>,
+    pub observations: FrameObservations<'a>,
+    pub usage: FrameUsage,
     pub terms: usize,
-    /// By how much more than stated marks and skin are taken to move.
-    pub factors: Factors,
-    /// What many markers have in common.
-    pub cause: Option<CommonDisplacement>,
+    /// Factors of the prior standard deviations of in-flight motion.
+    pub prior_scales: PriorScales,
+    /// Common displacement of several markers.
+    pub common_displacement: Option<CommonDisplacement>,
 }
 
-/// A frame set up for the engine.
-pub(super) struct Frame<'a> {
-    pub scene: &'a Scene,
-    pub layout: Layout,
+/// A frame prepared for the estimation engine.
+pub(super) struct FrameProblem<'a> {
+    pub scene: &'a WingScene,
+    pub layout: ParameterLayout,
     pub problem: Problem,
-    pub members: Vec<Member>,
+    pub members: Vec<BlockMember>,
 }
 
-/// The values a frame starts from.
-pub(super) struct Start<'a> {
-    /// Leading coefficient that the shape ratios are weighed with.
+/// Start values of a frame.
+pub(super) struct FrameStart<'a> {
+    /// Leading curvature coefficient with which the shape ratios are weighted, 1/m.
     pub amplitude_per_m: f64,
-    /// Earlier solution of the same layout but for the number of terms.
-    pub from: Option<(&'a Layout, &'a DVector<f64>)>,
+    /// Earlier solution with the same layout except for the number of curvature terms.
+    pub from: Option<(&'a ParameterLayout, &'a DVector<f64>)>,
 }
 
-impl<'a> Frame<'a> {
-    pub fn new(single: &Single<'a>, start: &Start) -> Self {
+impl<'a> FrameProblem<'a> {
+    /// Sets up the problem of a single frame at a starting point.
+    pub fn new(single: &SingleFrame<'a>, start: &FrameStart) -> Self {
         let input = &single.input;
-        let mut columns = Columns::default();
-        let layout = layout(single, start.amplitude_per_m, &mut columns);
+        let mut columns = ColumnAllocator::default();
+        let layout = frame_layout(single, start.amplitude_per_m, &mut columns);
         let mut members = vec![];
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
-            let mut member = Member { marker, flight: None, ground: None };
-            let block = block(single, &mut member);
+            let mut member = BlockMember { marker, flight: None, ground: None };
+            let block = marker_block(single, &mut member);
             if member.flight.is_some() || member.ground.is_some() {
                 members.push(member);
                 blocks.push(block);
             }
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
-        let Columns { missing, priors, .. } = columns;
+        let ColumnAllocator { missing, priors, .. } = columns;
         let start = start_values(&layout, missing.len(), start);
         let problem = Problem { start, missing, priors, known: None, groups: vec![group] };
         Self { scene: input.scene, layout, problem, members }
     }
 
-    /// All blocks of the frame at a point.
+    /// Linearises all blocks of the frame at a point.
     pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
         self.layout.linearise(self.scene, &self.members, at, blocks)
     }
 
-    pub fn solve(&self, course: &SolveOptions) -> Result<Fit, EstimationError> {
-        solve_with_options(&self.problem, course, |at, blocks| self.linearise(at, blocks))
+    /// Solves the frame's problem.
+    pub fn solve(&self, solve_options: &SolveOptions) -> Result<Fit, EstimationError> {
+        solve_with_options(&self.problem, solve_options, |at, blocks| self.linearise(at, blocks))
     }
 }
 
-fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
+fn frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &mut ColumnAllocator) -> ParameterLayout {
     let (input, curvature_terms) = (&single.input, single.terms);
-    let stayed = input.options.is_of_the_ground();
+    let stayed = input.options.keeps_ground_mounting();
     let first = [
-        terms::curvature(curvature_terms, Some(amplitude_per_m)),
-        terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
-        terms::rotation(input, stayed),
+        terms::curvature_term(curvature_terms, Some(amplitude_per_m)),
+        terms::twist_term(input.options.twist_terms.min(MAX_TWIST_TERMS)),
+        terms::mounting_rotation(input, stayed),
     ];
-    let first = first.map(|term| columns.place(term));
-    let shared = terms::shared(input, columns);
-    let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
+    let first = first.map(|term| columns.allocate_term(term));
+    let shared = terms::allocate_shared_terms(input, columns);
+    let mounting = terms::mounting_terms(input, stayed).into_iter().map(|term| columns.allocate_term(term));
     let mounting: Vec<_> = mounting.collect();
-    let others = terms::of_frame(input, &single.sights, &single.factors, false)
+    let others = terms::frame_terms(input, &single.observations, &single.prior_scales, false)
         .into_iter()
-        .map(|term| columns.place(term));
+        .map(|term| columns.allocate_term(term));
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
-    let motions = Arc::new(Motions::place(input, &single.factors, columns));
-    // Behind all others, so that a solution without it is one to start from.
+    let motions = Arc::new(MarkerMotions::allocate(input, &single.prior_scales, columns));
+    // After all others, so that a solution without it can be used as the start.
     let first_own = columns.missing.len();
-    let cause = single.cause.as_ref().map(|cause| columns.place(cause.term(input)));
-    let cause: Vec<_> = cause.into_iter().collect();
-    Layout {
-        curvature: curvature.place,
+    let displacement =
+        single.common_displacement.as_ref().map(|displacement| columns.allocate_term(displacement.term(input)));
+    let displacement: Vec<_> = displacement.into_iter().collect();
+    ParameterLayout {
+        curvature: curvature.scope,
         curvature_terms,
-        twist: twist.place,
+        twist: twist.scope,
         twist_terms: twist.term.size,
-        rotation: vec![rotation.place],
+        rotation: vec![rotation.scope],
         axis_height: shared.axis_height,
-        terms: [&first, &shared.placed[..], &mounting, &others, &cause].concat(),
+        terms: [&first, &shared.placed[..], &mounting, &others, &displacement].concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
-        survey: Survey::Observed,
+        ground_positions: GroundPositions::Observed,
         motions,
-        answers: None,
+        dimension_derivatives: None,
         root: shared.root,
         head,
-        own: Own { first: first_own, count: cause.len() },
+        mounting: MountingColumns { first: first_own, count: displacement.len() },
         local: 0,
     }
 }
 
-/// Survey, flight image and ground image of a marker as one block.
-fn block(single: &Single, member: &mut Member) -> Block {
+/// Builds a marker's block of survey, flight image and ground-frame image.
+fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     let (input, usage) = (&single.input, &single.usage);
-    let flight = single.sights[member.marker].filter(|_| usage.flight[member.marker]);
-    let ground = input.scene.ground_sights[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
+    let flight = single.observations[member.marker].filter(|_| usage.flight[member.marker]);
+    let ground = input.scene.ground_observations[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
     survey_block(input, member.marker, flight.into_iter().chain(ground))
 }
 
-fn start_values(layout: &Layout, columns: usize, start: &Start) -> DVector<f64> {
+fn start_values(layout: &ParameterLayout, columns: usize, start: &FrameStart) -> DVector<f64> {
     let mut values = DVector::zeros(columns);
     if let Some((from, solution)) = start.from {
         let (old, new) = (from.curvature_terms, layout.curvature_terms);

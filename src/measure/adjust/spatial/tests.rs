@@ -4,65 +4,68 @@ use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;
 use crate::adjust::example::{orientation, setup, window};
-use crate::adjust::flight_prior::{LASTING, MARKS, SKIN};
-use crate::adjust::layout::Motions;
-use crate::adjust::term::Columns;
+use crate::adjust::flight_prior::{FIXED_TARGET_MOTION, INVARIANT_TERMS, SKIN_MOTION};
+use crate::adjust::layout::MarkerMotions;
+use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::GroupPoint;
-use crate::setup::{FlightEffectPriors, Uncertainty};
+use crate::setup::{FlightEffectPriors, SetupUncertainty};
 
 #[test]
 fn derivatives_match_differences() {
-    hold(setup());
-    // Every term that an installation may have but for the panes', which the scene's tests hold.
+    check_derivatives(setup());
+    // All terms that an installation may have except the panes', which the scene's tests cover.
     let lens = Some(SMatrix::identity() * 1e-8);
-    let uncertainty = Uncertainty { lens, in_flight: FlightEffectPriors::DEFAULT, ..Uncertainty::default() };
+    let uncertainty = SetupUncertainty { lens, in_flight: FlightEffectPriors::DEFAULT, ..SetupUncertainty::default() };
     let mut all = Setup { uncertainty, ..setup() };
     (all.markers[0].fixed, all.markers[0].flight_motion_m) = (true, 5e-4);
     (3..5).for_each(|k| all.markers[k].part = Some("aileron".into()));
-    hold(all);
+    check_derivatives(all);
 }
 
-/// What flights teach is bound by names: each is that of a term, or of a prior on markers' motions.
+/// The flight prior identifies parameters by name: each name must be that of a term, or of a prior on marker motion.
 #[test]
-fn what_flights_have_in_common_bears_the_terms_names() {
-    let uncertainty = Uncertainty {
+fn invariant_terms_have_the_names_of_terms() {
+    let uncertainty = SetupUncertainty {
         lens: Some(SMatrix::identity() * 1e-8),
         in_flight: FlightEffectPriors::DEFAULT,
-        ..Uncertainty::default()
+        ..SetupUncertainty::default()
     };
     let mut setup = Setup { uncertainty, window: Some(window()), ..setup() };
     (setup.markers[0].fixed, setup.markers[0].flight_motion_m) = (true, 5e-4);
     let orientation = orientation();
-    let scene = Scene::new(&setup, &orientation).unwrap();
+    let scene = WingScene::new(&setup, &orientation).unwrap();
     let options = Options::default();
-    let input = Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
-    let mut columns = Columns::default();
-    let shared = terms::shared(&input, &mut columns);
-    for name in LASTING {
+    let input = AdjustmentInput { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
+    let mut columns = ColumnAllocator::default();
+    let shared = terms::allocate_shared_terms(&input, &mut columns);
+    for name in INVARIANT_TERMS {
         assert!(shared.placed.iter().any(|placed| placed.term.name == name), "no term is called {name}");
     }
-    Motions::place(&input, &Factors::default(), &mut columns);
-    for name in [SKIN, MARKS] {
+    MarkerMotions::allocate(&input, &PriorScales::default(), &mut columns);
+    for name in [SKIN_MOTION, FIXED_TARGET_MOTION] {
         assert!(columns.priors.iter().any(|prior| prior.name == name), "no prior is called {name}");
     }
 }
 
-fn hold(setup: Setup) {
+fn check_derivatives(setup: Setup) {
     let orientation = orientation();
-    let scene = Scene::new(&setup, &orientation).unwrap();
+    let scene = WingScene::new(&setup, &orientation).unwrap();
     let options = Options::default();
-    let observation = |marker| Observation {
-        marker,
-        pixel: Vector2::new(1900.0, 1500.0),
-        covariance_px2: Matrix2::identity(),
-    };
+    let observation =
+        |marker| Observation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
     let observations: Vec<_> = (0..9).map(observation).collect();
-    let sights = by_marker(&setup, &observations).unwrap();
-    let input = Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
-    let single =
-        Single { input, sights, usage: Usage::all(9), terms: 5, factors: Factors::default(), cause: None };
-    let frame = Frame::new(&single, &Start { amplitude_per_m: 0.005, from: None });
+    let frame_observations = order_by_marker(&setup, &observations).unwrap();
+    let input = AdjustmentInput { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
+    let single = SingleFrame {
+        input,
+        observations: frame_observations,
+        usage: FrameUsage::all_used(9),
+        terms: 5,
+        prior_scales: PriorScales::default(),
+        common_displacement: None,
+    };
+    let frame = FrameProblem::new(&single, &FrameStart { amplitude_per_m: 0.005, from: None });
     let p = frame.problem.start.len();
     let global = DVector::from_fn(p, |k, _| match k {
         0..5 => 0.004 / (1.0 + k as f64),
@@ -86,10 +89,7 @@ fn hold(setup: Setup) {
             let at = block.columns.iter().position(|c| *c == column);
             let derivative = at.map_or_else(|| 0.0 * &difference, |at| block.global.column(at).into_owned());
             let error = (&difference - &derivative).norm();
-            assert!(
-                error < 1e-5 * (1.0 + difference.norm()),
-                "column {column} block {b}: {difference} {derivative}"
-            );
+            assert!(error < 1e-5 * (1.0 + difference.norm()), "column {column} block {b}: {difference} {derivative}");
         }
     }
     for k in 0..7 {

@@ -1,270 +1,291 @@
-//! What flight moves by a little: each unknown displaces every marker in proportion. To first order nothing else is needed,
-//! since none of them moves a marker by more than some centimetres.
+//! Small displacements in flight: each unknown displaces the markers in proportion to its value. A first-order model is
+//! sufficient because each displacement is at most some centimetres.
 
 use nalgebra::Vector3;
 
-use super::wing::torques;
+use super::wing::torque_term;
 use crate::adjust::beam::Bending;
-use crate::adjust::factors::Factors;
-use crate::adjust::input::{Input, Sights};
-use crate::adjust::scene::Scene;
-use crate::adjust::term::{Displacement, DisplacementEpoch, Effect, Term};
+use crate::adjust::input::{AdjustmentInput, FrameObservations};
+use crate::adjust::prior_scales::PriorScales;
+use crate::adjust::scene::WingScene;
+use crate::adjust::term::{Displacement, DisplacementEpoch, ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::setup::{FlightEffectPriors, SurveyMarker, Vibration};
 
-type Field = Vec<Vector3<f64>>;
+type DisplacementField = Vec<Vector3<f64>>;
 
-const MISSING: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
+const MISSING_MOTION: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
 
-fn moves(name: &'static str, instant: DisplacementEpoch, fields: Vec<Field>, sigmas: &[f64]) -> Term {
+fn displacement_term(
+    name: &'static str,
+    instant: DisplacementEpoch,
+    fields: Vec<DisplacementField>,
+    sigmas: &[f64],
+) -> ParameterTerm {
     let prior = |(k, sigma): (usize, &f64)| Prior::scalar(name, k, 0.0, *sigma);
-    Term {
+    ParameterTerm {
         name,
-        missing: MISSING,
+        missing: MISSING_MOTION,
         size: fields.len(),
         priors: sigmas.iter().enumerate().map(prior).collect(),
-        enter: |_, _| (),
-        effect: Effect::Moves(Displacement { instant, fields }),
+        add_values: |_, _| (),
+        effect: TermEffect::Displacement(Displacement { epoch: instant, fields }),
     }
 }
 
-/// Deflection of a cantilever's first mode over that of its tip, and its slope, by the share of the length.
-fn mode(eta: f64) -> (f64, f64) {
+/// Deflection and slope of a cantilever's first mode relative to its tip deflection, at a fraction of the length.
+fn first_mode(eta: f64) -> (f64, f64) {
     (eta * eta * (3.0 - eta) / 2.0, 1.5 * eta * (2.0 - eta))
 }
 
-/// One on the wing.
-struct OnWing {
+/// Marker on the wing.
+struct WingPoint {
     marker: usize,
-    /// Share of the length.
+    /// Position as a fraction of the length.
     eta: f64,
-    /// Arm along the chord from the axis, m.
+    /// Chordwise arm from the axis, m.
     arm_m: f64,
 }
 
-fn wing(scene: &Scene) -> impl Iterator<Item = OnWing> {
+fn wing_points(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
     let axis = &scene.ground.axis;
     let stations = scene.ground.stations.iter().enumerate().filter(|(k, _)| !scene.is_fixed(*k));
-    stations.map(|(marker, s)| OnWing {
+    stations.map(|(marker, s)| WingPoint {
         marker,
         eta: s.arc_m / axis.length_m,
         arm_m: s.surveyed_m.z - axis.root_m.z,
     })
 }
 
-fn empty(scene: &Scene) -> Field {
+fn zero_field(scene: &WingScene) -> DisplacementField {
     vec![Vector3::zeros(); scene.ground.stations.len()]
 }
 
-/// Bend of the wing between survey and ground frame, at the tip, m: the shape in which deflection bends it, scaled.
-pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
+/// Bend of the wing between survey and ground frame, tip deflection in m; its shape is that of bending under load.
+pub fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let unbent = Bending { curvature_per_m: &[0.0], ..Bending::NONE };
+    let unbent = Bending { curvature_per_m: &[0.0], ..Bending::UNBENT };
     let flat = scene.bend(&unbent);
-    let mut field = empty(scene);
-    for OnWing { marker, .. } in wing(scene) {
+    let mut field = zero_field(scene);
+    for WingPoint { marker, .. } in wing_points(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
-        let state = scene.marker(marker, &flat, &ground_m, &unbent, &Default::default());
+        let state = scene.marker_with_dimensions(marker, &flat, &ground_m, &unbent, &Default::default());
         field[marker] = state.by_curvature[0];
     }
-    // The tip's: the outermost marker's, carried on as the square of the length.
-    let outermost = wing(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
+    // Tip deflection: that of the outermost marker, extrapolated with the square of the length.
+    let outermost = wing_points(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
     let name = "bend between survey and ground frame";
-    (tip > 0.0).then(|| moves(name, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
+    (tip > 0.0).then(|| displacement_term(name, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
 }
 
-/// Bulges of the skin along the wing.
-const BULGES: usize = 8;
-/// Standard deviation of what neighbouring markers move by together over that of what each moves by itself: bays of a tank
-/// under fuel and pressure against a panel between two stringers. An assumption.
-const TOGETHER: f64 = 2.5;
+/// Number of skin bulges along the wing.
+const BULGE_COUNT: usize = 8;
+/// Standard deviation of the common motion of neighbouring markers, relative to that of each single marker: tank bays under
+/// fuel and pressure compared with a panel between two stringers. An assumption.
+const BULGE_RATIO: f64 = 2.5;
 
-/// The skin over lengths of many panels, along its normal, m; `sigma_m`: of what each marker moves by itself.
-fn bulges(scene: &Scene, sigma_m: f64) -> Option<Term> {
+/// Bulges of the skin along its normal over the length of several panels, m. `sigma_m`: prior standard deviation of a
+/// single marker's motion.
+fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let mut fields = vec![empty(scene); BULGES];
-    let bulge = |k: usize, eta: f64| (-(eta * BULGES as f64 - k as f64 - 0.5).powi(2)).exp();
-    for OnWing { marker, eta, .. } in wing(scene) {
-        let normal = scene.ground.axis.normal(scene.ground.stations[marker].arc_m);
-        let of_all: [f64; BULGES] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
-        // As wide everywhere.
+    let mut fields = vec![zero_field(scene); BULGE_COUNT];
+    let bulge = |k: usize, eta: f64| (-(eta * BULGE_COUNT as f64 - k as f64 - 0.5).powi(2)).exp();
+    for WingPoint { marker, eta, .. } in wing_points(scene) {
+        let normal = scene.ground.axis.skin_normal(scene.ground.stations[marker].arc_m);
+        let of_all: [f64; BULGE_COUNT] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
+        // Equal standard deviation at all positions.
         let rms = of_all.iter().map(|b| b * b).sum::<f64>().sqrt();
         for (field, share) in fields.iter_mut().zip(of_all) {
             field[marker] = normal * (share / rms);
         }
     }
-    Some(moves("bulges of the skin", DisplacementEpoch::InFlight, fields, &[TOGETHER * sigma_m; BULGES]))
+    Some(displacement_term(
+        "bulges of the skin",
+        DisplacementEpoch::InFlight,
+        fields,
+        &[BULGE_RATIO * sigma_m; BULGE_COUNT],
+    ))
 }
 
-/// Second unknown of the bending in the wing's plane over the first.
-const SECOND_IN_PLANE: f64 = 0.4;
+/// Prior standard deviation of the second unknown of in-plane bending relative to the first.
+const SECOND_IN_PLANE_RATIO: f64 = 0.4;
 
-/// Bending in the wing's plane at the tip, aft on a right wing, m: as the first mode, and a part that grows farther
-/// outboard; sections turn with it.
-fn in_plane(scene: &Scene, sigma_m: f64) -> Option<Term> {
+/// Bending in the wing's plane, at the tip, aft on a right wing, m: the first mode, and a part that is larger outboard.
+/// Sections rotate with it.
+fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let mut fields = vec![empty(scene); 2];
+    let mut fields = vec![zero_field(scene); 2];
     let length_m = scene.ground.axis.length_m;
-    for OnWing { marker, eta, arm_m } in wing(scene) {
-        let shapes = [mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
+    for WingPoint { marker, eta, arm_m } in wing_points(scene) {
+        let shapes = [first_mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
         for (field, (deflection, slope)) in fields.iter_mut().zip(shapes) {
             field[marker] = Vector3::new(-arm_m * slope / length_m, 0.0, deflection);
         }
     }
-    let sigmas = [sigma_m, SECOND_IN_PLANE * sigma_m];
-    Some(moves("bending in the wing's plane", DisplacementEpoch::InFlight, fields, &sigmas))
+    let sigmas = [sigma_m, SECOND_IN_PLANE_RATIO * sigma_m];
+    Some(displacement_term("bending in the wing's plane", DisplacementEpoch::InFlight, fields, &sigmas))
 }
 
-/// Standard deviations of a part's deflection, rad, of its hinge's height, m, and along the chord, m: a part turns by some
-/// ten degrees about a hinge that nobody surveys.
-const PART: [f64; 3] = [0.2, 0.1, 0.02];
+/// Prior standard deviations of a moving part's deflection, rad, of its hinge's height, m, and along the chord, m: a part
+/// deflects by some ten degrees about a hinge that is not surveyed.
+const PART_SIGMAS: [f64; 3] = [0.2, 0.1, 0.02];
 
-/// One moving part with these markers.
-fn part(scene: &Scene, of: &[usize]) -> Term {
-    let place = |marker: usize| scene.ground.stations[marker].surveyed_m.z;
-    let mean_m = of.iter().map(|k| place(*k)).sum::<f64>() / of.len().max(1) as f64;
-    let mut fields = vec![empty(scene); PART.len()];
-    for &marker in of {
-        fields[0][marker] = Vector3::y() * (place(marker) - mean_m);
+/// Motion of one moving part that carries these markers.
+fn moving_part(scene: &WingScene, markers: &[usize]) -> ParameterTerm {
+    let chord_m = |marker: usize| scene.ground.stations[marker].surveyed_m.z;
+    let mean_m = markers.iter().map(|k| chord_m(*k)).sum::<f64>() / markers.len().max(1) as f64;
+    let mut fields = vec![zero_field(scene); PART_SIGMAS.len()];
+    for &marker in markers {
+        fields[0][marker] = Vector3::y() * (chord_m(marker) - mean_m);
         fields[1][marker] = Vector3::y();
         fields[2][marker] = Vector3::z();
     }
-    moves("moving part", DisplacementEpoch::InFlight, fields, &PART)
+    displacement_term("moving part", DisplacementEpoch::InFlight, fields, &PART_SIGMAS)
 }
 
-/// All moving parts that markers sit on.
-fn parts(scene: &Scene, markers: &[SurveyMarker]) -> Vec<Term> {
+/// Motions of all parts that carry markers.
+fn moving_parts(scene: &WingScene, markers: &[SurveyMarker]) -> Vec<ParameterTerm> {
     let mut names: Vec<&str> = markers.iter().filter_map(|m| m.part.as_deref()).collect();
     names.sort_unstable();
     names.dedup();
-    let of = |name: &str| -> Vec<usize> {
+    let markers_of = |name: &str| -> Vec<usize> {
         (0..markers.len()).filter(|k| markers[*k].part.as_deref() == Some(name)).collect()
     };
-    names.into_iter().map(|name| part(scene, &of(name))).collect()
+    names.into_iter().map(|name| moving_part(scene, &markers_of(name))).collect()
 }
 
-/// How far markers may be displaced that have a cause in common, m: as much as a part turns or a survey jumps.
-const COMMON_CAUSE_M: f64 = 0.1;
+/// Prior standard deviation of a common displacement, m: as large as that of a moving part or an offset between two
+/// surveys.
+const COMMON_DISPLACEMENT_SIGMA_M: f64 = 0.1;
 
-/// Markers that are displaced together by so much.
-pub fn common_cause(field: Vec<Vector3<f64>>) -> Term {
-    moves("common cause", DisplacementEpoch::InFlight, vec![field], &[COMMON_CAUSE_M])
+/// Common displacement of several markers.
+pub fn common_displacement(field: Vec<Vector3<f64>>) -> ParameterTerm {
+    displacement_term("common cause", DisplacementEpoch::InFlight, vec![field], &[COMMON_DISPLACEMENT_SIGMA_M])
 }
 
-/// Root mean square of a sinusoid's velocity and of half its acceleration, its unit per s and per s^2.
-fn rates(vibration: Vibration) -> [f64; 2] {
+/// Root mean square of a sinusoid's velocity and of half its acceleration, per s and per s^2.
+fn rms_rates(vibration: Vibration) -> [f64; 2] {
     let circular = std::f64::consts::TAU * vibration.frequency_hz;
     let rms = vibration.amplitude / 2f64.sqrt();
     [rms * circular, 0.5 * rms * circular * circular]
 }
 
-/// Instants of the markers' rows against the middle row's, s; 0 where a marker is not seen.
-fn row_times_s(scene: &Scene, sights: &Sights, height_px: f64, readout_s: f64) -> Vec<f64> {
+/// Times of the markers' image rows relative to the middle row, s; 0 for a marker without an observation.
+fn row_times_s(scene: &WingScene, frame_observations: &FrameObservations, height_px: f64, readout_s: f64) -> Vec<f64> {
     let time_s = |v: f64| (v / height_px - 0.5) * readout_s;
-    let of = |k: usize| sights.get(k).copied().flatten().map_or(0.0, |seen| time_s(seen.pixel.y));
-    (0..scene.ground.stations.len()).map(of).collect()
+    let time_of = |k: usize| frame_observations.get(k).copied().flatten().map_or(0.0, |seen| time_s(seen.pixel.y));
+    (0..scene.ground.stations.len()).map(time_of).collect()
 }
 
-/// The wing's vibration, by name.
+/// Term name of the wing's vibration.
 pub const VIBRATION: &str = "vibration of the wing";
-/// The camera's.
+/// Term name of the camera's shake.
 pub const SHAKE: &str = "shake of the camera";
 
-/// The wing in its first mode while the rows are read: its tip's velocity at the middle row, m/s.
-fn vibration(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
-    let mut field = empty(scene);
-    for OnWing { marker, eta, .. } in wing(scene) {
-        field[marker] = Vector3::y() * (mode(eta).0 * times_s[marker]);
+/// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
+fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
+    let mut field = zero_field(scene);
+    for WingPoint { marker, eta, .. } in wing_points(scene) {
+        field[marker] = Vector3::y() * (first_mode(eta).0 * times_s[marker]);
     }
-    let [velocity, _] = rates(of);
-    (velocity > 0.0).then(|| moves(VIBRATION, DisplacementEpoch::AtItsRow, vec![field], &[velocity]))
+    let [velocity, _] = rms_rates(vibration);
+    (velocity > 0.0).then(|| displacement_term(VIBRATION, DisplacementEpoch::AtMarkerRow, vec![field], &[velocity]))
 }
 
-/// The camera about its two transverse axes while the rows are read, rad/s and rad/s^2. A camera that turns sees what
-/// points that turn the other way about it show.
-fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
+/// Shake of the camera about its two transverse axes during readout, rad/s and rad/s^2. A rotation of the camera is
+/// modelled as the opposite rotation of all points about it.
+fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
     let mut fields = vec![];
     for (axis, power) in [(Vector3::x(), 1), (Vector3::x(), 2), (Vector3::y(), 1), (Vector3::y(), 2)] {
         let about = scene.camera_from_wing.transpose() * axis;
         let stations = scene.ground.stations.iter().zip(times_s);
         fields.push(stations.map(|(s, t)| s.surveyed_m.cross(&about) * t.powi(power)).collect());
     }
-    let [velocity, acceleration] = rates(of);
+    let [velocity, acceleration] = rms_rates(vibration);
     let sigmas = [velocity, acceleration, velocity, acceleration];
-    (velocity > 0.0).then(|| moves(SHAKE, DisplacementEpoch::AtItsRow, fields, &sigmas))
+    (velocity > 0.0).then(|| displacement_term(SHAKE, DisplacementEpoch::AtMarkerRow, fields, &sigmas))
 }
 
-/// Of drag, and of the torque that trims an aircraft: the part of the standard deviation that a flight's frames have in
-/// common, and the part that each has for itself. A wing bends and twists alike in one flight but for gusts, flaps and turns.
-const OF_FLIGHT: (f64, f64) = (0.9, 0.436);
+/// Components of in-plane bending and control-surface torque, as fractions of the prior standard deviation: shared by all
+/// frames of a flight, and independent per frame. Within a flight they differ only by gusts, flaps and turns.
+const FLIGHT_AND_FRAME_SIGMA: (f64, f64) = (0.9, 0.436);
 
-fn in_plane_and_torque(input: &Input, share: f64) -> Vec<Term> {
-    let width = &input.setup.uncertainty.in_flight;
-    in_plane(input.scene, share * width.in_plane_m)
+fn in_plane_and_torque(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
+    let effects = &input.setup.uncertainty.in_flight;
+    in_plane(input.scene, share * effects.in_plane_m)
         .into_iter()
-        .chain(torques(share * width.torque_rad))
+        .chain(torque_term(share * effects.torque_rad))
         .collect()
 }
 
-/// What all frames have in common, with this share of what else each has for itself.
-fn in_common(input: &Input, share: f64) -> Vec<Term> {
-    let skin = bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
+/// Terms that all frames share. `share`: fraction of the prior standard deviation of in-plane bending and torque.
+fn shared_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
+    let skin = skin_bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
     in_plane_and_torque(input, share).into_iter().chain(skin).collect()
 }
 
-/// What a flight's frames have in common of what each has for itself, and the skin.
-pub fn of_flight(input: &Input) -> Vec<Term> {
-    in_common(input, OF_FLIGHT.0)
+/// Terms that the frames of a flight share: skin bulges and the common component of in-plane bending and torque.
+pub fn flight_terms(input: &AdjustmentInput) -> Vec<ParameterTerm> {
+    shared_terms(input, FLIGHT_AND_FRAME_SIGMA.0)
 }
 
-/// What each frame has for itself beside bending, twist and rotation; `in_flight`: beside [`of_flight`].
-pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bool) -> Vec<Term> {
-    let mut terms = if in_flight { in_plane_and_torque(input, OF_FLIGHT.1) } else { in_common(input, 1.0) };
-    terms.extend(parts(input.scene, &input.setup.markers));
-    terms.extend(of_rows(input, sights, factors));
+/// Terms of a single frame in addition to bending, twist and rotation. `in_flight`: the flight also has [`flight_terms`].
+pub fn frame_terms(
+    input: &AdjustmentInput,
+    frame_observations: &FrameObservations,
+    scales: &PriorScales,
+    in_flight: bool,
+) -> Vec<ParameterTerm> {
+    let mut terms =
+        if in_flight { in_plane_and_torque(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
+    terms.extend(moving_parts(input.scene, &input.setup.markers));
+    terms.extend(row_terms(input, frame_observations, scales));
     terms
 }
 
-/// What of it follows from the rows in which this frame shows its markers.
-pub fn of_rows(input: &Input, sights: &Sights, factors: &Factors) -> Vec<Term> {
-    let FlightEffectPriors { readout_s, vibration: of_wing, shake: of_camera, .. } =
-        input.setup.uncertainty.in_flight;
+/// Terms that depend on the image rows of the markers in this frame.
+pub fn row_terms(
+    input: &AdjustmentInput,
+    frame_observations: &FrameObservations,
+    scales: &PriorScales,
+) -> Vec<ParameterTerm> {
+    let FlightEffectPriors { readout_s, vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty.in_flight;
     if readout_s <= 0.0 {
         return vec![];
     }
-    let times_s = row_times_s(input.scene, sights, f64::from(input.setup.lens.height), readout_s);
-    let times = |of: Vibration, factor| Vibration { amplitude: factor * of.amplitude, ..of };
+    let times_s = row_times_s(input.scene, frame_observations, f64::from(input.setup.lens.height), readout_s);
+    let scaled = |vibration: Vibration, factor| Vibration { amplitude: factor * vibration.amplitude, ..vibration };
     let terms = [
-        vibration(input.scene, &times_s, times(of_wing, factors.vibration)),
-        shake(input.scene, &times_s, times(of_camera, factors.shake)),
+        wing_vibration(input.scene, &times_s, scaled(of_wing, scales.vibration)),
+        camera_shake(input.scene, &times_s, scaled(of_camera, scales.shake)),
     ];
     terms.into_iter().flatten().collect()
 }
 
-/// Three unknowns, each known to be 0 as well as this.
-fn three(name: &'static str, sigma: f64) -> Vec<Prior> {
+/// Priors of three unknowns with mean 0 and this standard deviation.
+fn vector_priors(name: &'static str, sigma: f64) -> Vec<Prior> {
     (0..3).map(|k| Prior::scalar(name, k, 0.0, sigma)).collect()
 }
 
-/// Rotation of the root against the cabin since the ground frame, about the wing frame's axes, rad. Marks that are fixed to
-/// the cabin stay.
-fn root_turn(sigma_rad: f64) -> Term {
+/// Rotation of the root relative to the cabin since the ground frame, about the wing frame's axes, rad. Targets fixed to
+/// the cabin do not move.
+fn root_rotation(sigma_rad: f64) -> ParameterTerm {
     let name = "rotation of the root";
-    Term {
+    ParameterTerm {
         name,
         missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
         size: 3,
-        priors: three(name, sigma_rad),
-        enter: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
-        effect: Effect::Wing {
+        priors: vector_priors(name, sigma_rad),
+        add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
+        effect: TermEffect::Wing {
             position: |state, k| {
                 state.from_root_m.map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
             },
@@ -277,16 +298,16 @@ fn root_turn(sigma_rad: f64) -> Term {
     }
 }
 
-/// Its shift, m.
-fn root_shift(sigma_m: f64) -> Term {
+/// Shift of the root relative to the cabin since the ground frame, m.
+fn root_shift(sigma_m: f64) -> ParameterTerm {
     let name = "shift of the root";
-    Term {
+    ParameterTerm {
         name,
         missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
         size: 3,
-        priors: three(name, sigma_m),
-        enter: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
-        effect: Effect::Wing {
+        priors: vector_priors(name, sigma_m),
+        add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
+        effect: TermEffect::Wing {
             position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
             deflections: |curve, k| vec![f64::from(u8::from(k == 1)); curve.bent.len()],
             twist: |_, _| 0.0,
@@ -294,23 +315,23 @@ fn root_shift(sigma_m: f64) -> Term {
     }
 }
 
-/// The root's motion against the cabin, as far as it is not held.
-pub fn root(width: &FlightEffectPriors) -> impl Iterator<Item = Term> {
-    let turn = (width.root_rotation_rad > 0.0).then(|| root_turn(width.root_rotation_rad));
-    turn.into_iter().chain((width.root_translation_m > 0.0).then(|| root_shift(width.root_translation_m)))
+/// Terms of the root's motion relative to the cabin, without those that are fixed.
+pub fn root_motion(effects: &FlightEffectPriors) -> impl Iterator<Item = ParameterTerm> {
+    let turn = (effects.root_rotation_rad > 0.0).then(|| root_rotation(effects.root_rotation_rad));
+    turn.into_iter().chain((effects.root_translation_m > 0.0).then(|| root_shift(effects.root_translation_m)))
 }
 
-/// The survey's vertical about the wing frame's X and Z, rad: deflections are counted along it, and the wing bends in the plane that
-/// is upright by it.
-pub fn vertical(sigma_rad: f64) -> Term {
+/// Error of the survey's vertical about the wing frame's X and Z, rad. Deflections are counted along the vertical, and the
+/// bending plane contains it.
+pub fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
     let name = "vertical of the survey";
-    Term {
+    ParameterTerm {
         name,
         missing: "the survey's vertical cannot be determined",
         size: 2,
         priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
-        enter: |x, values| values.plane_rad = Some(x[0]),
-        effect: Effect::Vertical {
+        add_values: |x, values| values.plane_rad = Some(x[0]),
+        effect: TermEffect::Vertical {
             deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
             position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
         },

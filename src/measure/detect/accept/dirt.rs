@@ -1,5 +1,6 @@
-//! What lies on the skin right beside a disc, as dirt that the air draws along it does, shifts its edge and leaves no
-//! trace in the residuals. Beside the disc it shows: where one side is darker than the other, the disc's place is doubted.
+//! Contamination of the skin next to a disc, such as dirt drawn along it by the air flow. It shifts the disc's edge and
+//! leaves no residuals, but it shows next to the disc: if one side is darker than the other, the variance of the disc's
+//! position across is increased.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
@@ -11,53 +12,56 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
-/// A pixel of the skin.
 struct SkinPixel {
-    /// What the light's terms are there: 1, along and across the disc in semi-axes, along squared.
+    /// Terms of the light model: 1, position along and across the disc in semi-axes, position along squared.
     terms: Vector4<f64>,
-    /// Grey levels.
+    /// Grey value, grey levels.
     value: f64,
-    /// How much an edge beside it faces across the disc; negative on the one side.
-    faces: f64,
-    /// Whether it is one of the nearest.
+    /// Component of the outline's normal across the disc; negative on one side.
+    facing: f64,
+    /// True if the pixel is one of the nearest to the outline.
     is_near: bool,
 }
 
-/// Adds to the covariance of what was measured as a whole disc, without glare, what lies on the skin beside it makes doubtful;
-/// other markers are not looked at.
+/// Adds the variance due to contamination of the skin to a disc that was measured whole and without glare; other markers
+/// stay unchanged.
 pub fn inflate_for_dirt(image: &Raster, measured: &mut MeasuredMarker, others: &[Ellipse]) {
     let MeasuredMarker { detection, blur, through_glare, is_whole, .. } = measured;
     if detection.shape == Shape::Circle && *is_whole && !*through_glare {
         let variance = variance_across(image, detection, *blur, others);
-        detection.covariance_px2.add_along(CovarianceSource::Beside, detection.ellipse().across(), variance);
+        detection.covariance_px2.add_along(
+            CovarianceSource::Contamination,
+            detection.ellipse().minor_direction(),
+            variance,
+        );
     }
 }
 
-/// By how much the place of a disc across its axis is doubted, px^2.
+/// Returns the variance of a disc's position across its axis due to unequal skin on its two sides, px^2.
 fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
-    let spots = sample_skin(image, &disc.ellipse(), blur, others);
-    let Some((light, scale)) = fit_skin_light(&spots) else { return 0.0 };
-    let most = DIRT.most * disc.contrast;
+    let pixels = sample_skin(image, &disc.ellipse(), blur, others);
+    let Some((light, scale)) = fit_skin_light(&pixels) else { return 0.0 };
+    let max_difference = DIRT.max_contrast * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
-    for spot in spots.iter().filter(|spot| spot.is_near) {
-        let [sum, weight] = &mut sides[usize::from(spot.faces < 0.0)];
-        let darker = (light.dot(&spot.terms) - spot.value).clamp(-most, most);
-        *sum += darker * spot.faces;
-        *weight += spot.faces * spot.faces;
+    for pixel in pixels.iter().filter(|pixel| pixel.is_near) {
+        let [sum, weight] = &mut sides[usize::from(pixel.facing < 0.0)];
+        let darker = (light.dot(&pixel.terms) - pixel.value).clamp(-max_difference, max_difference);
+        *sum += darker * pixel.facing;
+        *weight += pixel.facing * pixel.facing;
     }
     let [[one, m], [other, n]] = sides;
-    if m.min(n) < DIRT.least_px {
+    if m.min(n) < DIRT.min_px {
         return 0.0;
     }
     let shift = |darker: f64| 0.5 * DIRT.shift_blurs * blur * darker / disc.contrast;
     let square = shift(one / m + other / n).powi(2);
-    let chance = shift(DIRT.together * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
-    (square - DIRT.chance * DIRT.chance * chance).max(0.0)
+    let chance = shift(DIRT.correlation * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
+    (square - DIRT.chance_sigmas * DIRT.chance_sigmas * chance).max(0.0)
 }
 
-/// The skin on both sides of a disc.
+/// Samples the skin on both sides of a disc.
 fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<SkinPixel> {
-    let (along, across) = (ellipse.axis(), ellipse.across());
+    let (along, across) = (ellipse.major_direction(), ellipse.minor_direction());
     let (major, minor) = (ellipse.major, ellipse.minor);
     let skirt = DIRT.skirt_blurs * blur;
     let near = |other: &&Ellipse| {
@@ -65,7 +69,7 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
         !ellipse.contains(other.centre)
             && apart < other.major + major + 2.0 * skirt + DIRT.clear_blurs * blur + DIRT.reach_px as f64
     };
-    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.larger(1.0, skirt)).collect();
+    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.enlarged(1.0, skirt)).collect();
     let last = (DIRT.length * major / DIRT.step_px).max(DIRT.steps) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {
@@ -83,8 +87,8 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
                 let (p, q) = (s / major, t / minor);
                 out.push(SkinPixel {
                     terms: Vector4::new(1.0, p, q, p * p),
-                    value: f64::from(image.nearest(at.x, at.y)),
-                    faces: side * normal.y,
+                    value: f64::from(image.nearest_value(at.x, at.y)),
+                    facing: side * normal.y,
                     is_near: j < DIRT.nearest_px,
                 });
             }
@@ -93,24 +97,25 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
     out
 }
 
-/// The skin's light, as a plane with a square term along the disc, with the scale of what it leaves; `None` of too few pixels.
-fn fit_skin_light(spots: &[SkinPixel]) -> Option<(Vector4<f64>, f64)> {
+/// Fits the skin's light as a plane with a quadratic term along the disc. Returns it with the scale of its residuals, grey
+/// levels; `None` with too few pixels.
+fn fit_skin_light(pixels: &[SkinPixel]) -> Option<(Vector4<f64>, f64)> {
     let mut found: Option<(Vector4<f64>, f64)> = None;
-    let mut residuals = Vec::with_capacity(spots.len());
+    let mut residuals = Vec::with_capacity(pixels.len());
     for _ in 0..DIRT.rounds {
         let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
-        for spot in spots {
+        for pixel in pixels {
             let weight = found.as_ref().map_or(1.0, |(light, scale)| {
-                let r = (spot.value - light.dot(&spot.terms)) / (DIRT.cut_scales * scale);
+                let r = (pixel.value - light.dot(&pixel.terms)) / (DIRT.cut_scales * scale);
                 (1.0 - r * r).max(0.0).powi(2)
             });
-            let weighted = spot.terms * weight;
-            normal += weighted * spot.terms.transpose();
-            right += weighted * spot.value;
+            let weighted = pixel.terms * weight;
+            normal += weighted * pixel.terms.transpose();
+            right += weighted * pixel.value;
         }
         let light = normal.cholesky()?.solve(&right);
         residuals.clear();
-        residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs() as f32));
+        residuals.extend(pixels.iter().map(|pixel| (pixel.value - light.dot(&pixel.terms)).abs() as f32));
         found = Some((light, robust_sigma(&mut residuals) + DIRT.floor));
     }
     found

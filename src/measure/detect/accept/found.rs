@@ -1,11 +1,11 @@
-//! What a search has found so far.
+//! Accepted and rejected detections during a search.
 
 use nalgebra::Vector2;
 
 use super::verdict::MeasuredMarker;
 use crate::detect::detection::{RejectReason, Rejected};
 
-/// What a search yields, in order of discovery.
+/// Result of a search, in order of discovery.
 #[derive(Default)]
 pub struct FoundMarkers {
     pub measured: Vec<MeasuredMarker>,
@@ -13,12 +13,12 @@ pub struct FoundMarkers {
 }
 
 impl FoundMarkers {
-    /// Whether a place, px, lies in something that was measured.
+    /// Returns whether a position, px, lies in a measured marker.
     pub fn contains(&self, at: Vector2<f64>) -> bool {
         self.measured.iter().any(|m| m.detection.ellipse().contains(at))
     }
 
-    /// Puts an answer in the place of a former one, or beside all of them.
+    /// Replaces the marker of an index, or adds a new one.
     pub fn replace_or_add(&mut self, own: Option<usize>, new: MeasuredMarker) {
         match own.and_then(|i| self.measured.get_mut(i)) {
             Some(old) => *old = new,
@@ -26,18 +26,18 @@ impl FoundMarkers {
         }
     }
 
-    /// Moves a detection to those turned down.
+    /// Moves a marker to the rejected ones.
     pub fn reject(&mut self, index: usize, reason: RejectReason) {
         let ellipse = self.measured.remove(index).detection.ellipse();
-        self.rejected.push(Rejected::of(&ellipse, reason));
+        self.rejected.push(Rejected::from_ellipse(&ellipse, reason));
     }
 
-    /// Moves those with these indices, in ascending order.
+    /// Rejects the markers of some indices, given in ascending order.
     pub fn reject_indices(&mut self, reason: RejectReason, indices: &[usize]) {
         indices.iter().rev().for_each(|&i| self.reject(i, reason));
     }
 
-    /// Moves all that are not wanted.
+    /// Rejects all markers that match a condition.
     pub fn reject_matching(&mut self, reason: RejectReason, unwanted: impl Fn(&MeasuredMarker) -> bool) {
         let all = self.measured.iter().enumerate();
         let indices: Vec<usize> = all.filter(|(_, m)| unwanted(m)).map(|(i, _)| i).collect();

@@ -1,7 +1,8 @@
-//! What the image formula leaves of a marker beyond noise: a phone's processing, another light within it, a streak of fluid, paint.
+//! Residuals beyond noise that the image formula leaves of a marker: image processing of a phone, uneven light within it, a
+//! streak of fluid, paint.
 //!
-//! A bias of some grey levels at an edge shifts it by that part of its width which they are of the contrast. The fit follows what
-//! all edges have in common; that its parts are biased each by its own shows as residuals, and to which side does not.
+//! A grey-level bias at an edge shifts it by the fraction (bias over contrast) of the edge's width. The fit follows the
+//! bias common to all edges; differing biases of its parts show as residuals, but not in which direction they shift it.
 
 use std::f64::consts::TAU;
 
@@ -13,19 +14,20 @@ use crate::detect::image::noise;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
-/// Adds that to the covariance, in a frame with some noise, grey levels: along and across the marker as its own fit tells the two.
+/// Adds the variance due to misfit to a marker's covariance, in proportion to the fit's own covariance along and across.
+/// `noise` is that of the frame, grey levels.
 pub fn inflate_for_misfit(image: &Raster, marker: &mut MeasuredMarker, noise: f64) {
     let px = shift_px(image, marker, noise);
     let covariance = &mut marker.detection.covariance_px2;
-    let fit = covariance.of(CovarianceSource::Fit);
+    let fit = covariance.contribution(CovarianceSource::Fit);
     let least = fit.symmetric_eigenvalues().min();
     if px > 0.0 && least > 0.0 {
         covariance.add(CovarianceSource::Misfit, fit * (px * px / least));
     }
 }
 
-/// Standard deviation of the centre where the fit tells it best, px; 0 where residuals are noise alone, of which JPEG leaves
-/// more at edges than elsewhere.
+/// Returns the standard deviation of the centre in its best-determined direction, px; 0 if the residuals are noise alone,
+/// of which JPEG leaves more at edges than elsewhere.
 fn shift_px(image: &Raster, marker: &MeasuredMarker, noise: f64) -> f64 {
     if !marker.is_systematic {
         return 0.0;
@@ -33,16 +35,16 @@ fn shift_px(image: &Raster, marker: &MeasuredMarker, noise: f64) -> f64 {
     let detection = &marker.detection;
     let contrast = detection.contrast;
     let beyond = |noise: f64| {
-        let explained = (VERDICT.poor.0 * noise).powi(2) + (WEIGHT.floor * contrast).powi(2);
+        let explained = (VERDICT.max_rms.0 * noise).powi(2) + (WEIGHT.floor * contrast).powi(2);
         (detection.fit_rms.powi(2) - explained).max(0.0)
     };
     let mut left = beyond(noise);
     if left > 0.0 && detection.shape == Shape::Circle {
-        let about = noise::about(image, &detection.ellipse()).max(VERDICT.lost_noise);
+        let about = noise::noise_around(image, &detection.ellipse()).max(VERDICT.edge_noise);
         left = left.min(beyond(about));
     }
     // The width of a blurred edge: contrast over its slope.
-    MISFIT.of_width * TAU.sqrt() * marker.blur * left.sqrt() / contrast
+    MISFIT.edge_fraction * TAU.sqrt() * marker.blur * left.sqrt() / contrast
 }
 
 #[cfg(test)]
@@ -54,13 +56,14 @@ mod tests {
     use crate::detect::detection::covariance::Covariance;
     use crate::setup::Shape;
 
-    /// What a disc's place is doubted by along and across it, px, whose fit leaves so many grey levels, of noise alone or not.
-    fn doubts(fit_rms: f64, is_systematic: bool) -> [f64; 2] {
+    /// Returns the standard deviation along and across, px, that a disc gets for given residuals, grey levels, systematic
+    /// or not.
+    fn inflations(fit_rms: f64, is_systematic: bool) -> [f64; 2] {
         let fit = Matrix2::new(0.0025, 0.0, 0.0, 0.0001);
         let detection = Detection {
             shape: Shape::Circle,
             centre_px: Vector2::new(300.0, 200.0),
-            covariance_px2: Covariance::of_fit(fit, fit),
+            covariance_px2: Covariance::from_fit(fit, fit),
             semi_major_px: 60.0,
             semi_minor_px: 8.0,
             angle_rad: 0.0,
@@ -70,14 +73,14 @@ mod tests {
         let mut disc = MeasuredMarker { blur: 0.8, is_systematic, ..MeasuredMarker::whole(detection) };
         let even = Raster::new(600, 400, vec![160; 600 * 400]).expect("a value for each pixel");
         inflate_for_misfit(&even, &mut disc, 1.0);
-        let doubt = disc.detection.covariance_px2.of(CovarianceSource::Misfit);
-        [doubt[(0, 0)].sqrt(), doubt[(1, 1)].sqrt()]
+        let misfit = disc.detection.covariance_px2.contribution(CovarianceSource::Misfit);
+        [misfit[(0, 0)].sqrt(), misfit[(1, 1)].sqrt()]
     }
 
     #[test]
-    fn what_noise_and_the_formula_explain_costs_nothing_and_more_does() {
-        assert_eq!([doubts(2.5, true), doubts(6.0, false)], [[0.0; 2]; 2]);
-        let [along, across] = doubts(6.0, true);
+    fn only_unexplained_residuals_inflate_the_covariance() {
+        assert_eq!([inflations(2.5, true), inflations(6.0, false)], [[0.0; 2]; 2]);
+        let [along, across] = inflations(6.0, true);
         // Half of 5.4 % of an edge of 2 px.
         assert!((across - 0.054).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
     }

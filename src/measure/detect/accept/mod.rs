@@ -1,6 +1,5 @@
-//! Whether a fit is a marker, and with what accuracy; what a frame's markers tell of one another.
+//! Acceptance of fits as markers with their accuracy, and comparison of a frame's markers with each other.
 
-pub mod better;
 pub mod consistency;
 pub mod correlated;
 pub mod dirt;
@@ -9,4 +8,5 @@ pub mod lost_contrast;
 pub mod misfit;
 pub mod options;
 pub mod pattern;
+pub mod preference;
 pub mod verdict;

@@ -1,203 +1,210 @@
-//! Tuned numbers of what is accepted: meaning, unit, origin.
+//! Tuned numbers of the acceptance: meaning, unit, origin.
 
 numbers! {
-    /// What a fit must be to be a marker.
+    /// Conditions for a fit to be accepted as a marker.
     VERDICT: VerdictOptions {
-        /// Share of a disc's sag that is added along its axis: how a decal lies on a curved skin is not known, and
-        /// stretched or not differs by the sag times the skin's slope, for which one in fourteen stands.
-        laid: f64 = 0.07,
-        /// Share of a disc's outline that glare may hide. Chosen on the rendered glare frames; `tests/detect/glare.rs`.
-        hidden_by_glare: f64 = 0.64,
-        /// What glare's fringe, up to a tenth of the skin's light before it is seen, does to an edge beside it, px.
-        /// Derived: a tenth of an edge's width.
+        /// Fraction of a disc's sag that is added along its axis as a standard deviation. It is unknown how a decal lies on
+        /// a curved skin; stretched or not differs by the sag times the skin's slope, for which 1/14 is assumed.
+        decal_stretch: f64 = 0.07,
+        /// Largest fraction of a disc's outline that glare may hide. Chosen on the rendered glare frames;
+        /// `tests/detect/glare.rs`.
+        max_glare_fraction: f64 = 0.64,
+        /// Shift of an edge due to the fringe of glare, px: up to 10 % of the skin's light, before it is visible. Derived:
+        /// 10 % of an edge's width.
         fringe_px: f64 = 0.1,
-        /// The same where most of the fringe is left out, or measured. Normalised errors of 1626 discs in glare 0.99
-        /// and 0.96 (`docs/decisions/0014`).
-        rest_of_fringe_px: f64 = 0.06,
-        /// Semi-minor axis below which it shifts a disc less across, px: both edges lie in about the same light. Chosen
-        /// with the last one.
-        even_px: f64 = 20.0,
-        /// Greatest standard deviation of a centre, px. Chosen: beyond, it bears nothing on the wing's shape.
-        vaguest_px: f64 = 2.0,
-        /// The same of a disc whose length is predicted, so that no more than the place along it is in doubt.
-        vaguest_predicted_px: f64 = 2.5,
-        /// The same of quadrants whose outline is predicted: edges that only point at their crossing are off by more
-        /// than they say (1.3 px with 0.4 px stated; `tests/detect/closer.rs`).
-        vaguest_crossing_px: f64 = 0.5,
-        /// Axis ratio of the flattest disc. Seen from a metre above the skin, discs are 1:28 on a wing that bends
-        /// downwards, and seams are far flatter.
-        flattest: f64 = 40.0,
-        /// That of quadrants, which are nearer: flatter ones are two discs side by side.
-        flattest_quadrants: f64 = 26.0,
-        /// Least darkness: 3 % of the grey of white or skin. Dirt and panel lines are as pale.
-        least_dark: f64 = 0.06,
-        /// Least contrast, grey levels: steps of JPEG's are as high.
-        least_contrast: f64 = 5.0,
-        /// The same in standard deviations of the noise: of the hundred pixels about the smallest marker's edge chance makes
-        /// no such step.
-        over_noise: f64 = 4.0,
-        /// Greatest blur that is measured, px. Chosen: farther out of focus than a camera is left.
-        softest_px: f64 = 3.2,
-        /// Greatest root mean square of a marker's residuals over the noise, and beside that over its contrast, ratios. Chosen:
+        /// Shift of an edge if most of the fringe is excluded or measured, px. Normalised errors of 1626 discs in glare
+        /// 0.99 and 0.96 (`docs/decisions/0014`).
+        residual_fringe_px: f64 = 0.06,
+        /// Semi-minor axis below which glare shifts a disc less across, px: both edges lie in about the same light. Chosen
+        /// together with `residual_fringe_px`.
+        uniform_light_px: f64 = 20.0,
+        /// Largest standard deviation of a centre, px. Chosen: beyond, it does not constrain the wing's shape.
+        max_sigma_px: f64 = 2.0,
+        /// Largest standard deviation of a disc's centre if its length is predicted, so that only the position along it is
+        /// uncertain, px.
+        max_sigma_predicted_px: f64 = 2.5,
+        /// Largest standard deviation of quadrants' centre if their outline is predicted, px: edges that only point at
+        /// their crossing are less accurate than their residuals indicate (1.3 px error with a standard deviation of 0.4
+        /// px; `tests/detect/second_pass.rs`).
+        max_sigma_crossing_px: f64 = 0.5,
+        /// Largest axis ratio of a disc. Seen from 1 m above the skin, discs are 1:28 on a wing that bends downwards, and
+        /// seams are far flatter.
+        max_axis_ratio: f64 = 40.0,
+        /// Largest axis ratio of quadrants, which are nearer: flatter ones are two discs side by side.
+        max_axis_ratio_quadrants: f64 = 26.0,
+        /// Smallest darkness: 3 % of the grey of white or skin. Dirt and panel lines are as pale.
+        min_darkness: f64 = 0.06,
+        /// Smallest contrast, grey levels: steps of JPEG are as high.
+        min_contrast: f64 = 5.0,
+        /// Smallest contrast in standard deviations of the noise: the 100 pixels around the smallest marker's edge do not
+        /// show such a step at random.
+        min_contrast_over_noise: f64 = 4.0,
+        /// Largest blur that is measured, px. Chosen: a camera is not used farther out of focus.
+        max_blur_px: f64 = 3.2,
+        /// Largest root mean square of a marker's residuals: over the noise, plus over its contrast, ratios. Chosen:
         /// `tests/detect/bad_light.rs`.
-        poor: (f64, f64) = (1.6, 0.05),
-        /// Least mean weight of its pixels: of less, half shows something else.
-        inliers: f64 = 0.55,
-        /// How far a fit may end from where it began, as a share of the semi-major axis, and px beside that.
-        moved: (f64, f64) = (0.25, 2.0),
-        /// How near an outline may come to the middle of the frame's outermost pixels, px.
+        max_rms: (f64, f64) = (1.6, 0.05),
+        /// Smallest mean weight of a marker's pixels: below, half of them show something else.
+        min_inliers: f64 = 0.55,
+        /// Largest distance of a fit from its start: fraction of the semi-major axis, plus px.
+        max_shift: (f64, f64) = (0.25, 2.0),
+        /// Smallest distance of an outline from the centre of the frame's outermost pixels, px.
         rim_px: f64 = 0.5,
-        /// Least semi-axes, px: fewer pixels tell no outline.
-        least_px: [f64; 2] = [3.5, 0.8],
-        /// Standard deviations (`PRIOR.taper`) by which a disc's ends may differ.
-        lopsided: f64 = 4.0,
-        /// Greatest standard deviation of any centre, as a share of the semi-major axis.
-        vaguest: f64 = 0.05,
-        /// The same of what is seen as a whole, and px where that is less: such an outline tells more than a part does.
-        vaguest_whole: (f64, f64) = (0.02, 0.6),
-        /// How many times that may be of a disc whose length is predicted.
-        predicted: f64 = 2.0,
-        /// Sum of a place's variances up to which nothing can hide much of a marker, px^2.
-        sure_px2: f64 = 0.1,
-        /// What noise may be at edges, grey levels, where JPEG has left none of it beside them. Chosen;
+        /// Smallest semi-axes, px: fewer pixels do not determine an outline.
+        min_axes_px: [f64; 2] = [3.5, 0.8],
+        /// Largest difference of a disc's two ends, standard deviations (`PRIOR.taper`).
+        max_taper_sigmas: f64 = 4.0,
+        /// Largest standard deviation of any centre, as a fraction of the semi-major axis.
+        max_relative_sigma: f64 = 0.05,
+        /// Largest standard deviation of the centre of a marker seen whole: fraction of the semi-major axis, and at least
+        /// px. A complete outline determines more than a part does.
+        max_sigma_whole: (f64, f64) = (0.02, 0.6),
+        /// Factor on `max_sigma_whole` for a disc whose length is predicted.
+        predicted_factor: f64 = 2.0,
+        /// Sum of a position's variances up to which nothing can hide a large part of a marker, px^2.
+        certain_px2: f64 = 0.1,
+        /// Noise that may remain at edges if JPEG has removed it next to them, grey levels. Chosen;
         /// `tests/detect/bad_light.rs`.
-        lost_noise: f64 = 1.0,
+        edge_noise: f64 = 1.0,
     }
 
-    /// Quadrants of a target against squares of a checkerboard.
+    /// Distinction of quadrant targets from squares of a checkerboard.
     PATTERN: PatternOptions {
-        /// How much farther black may reach along the middle of a quadrant than to both sides of it, a ratio. Half way
-        /// between a circle's 1 and a square's 1.37; `tests/detect/background.rs`.
-        corner: f64 = 1.18,
-        /// Where beyond the outline skin begins: blurs, and at least and at most radii.
-        beyond_blurs: f64 = 2.0,
-        beyond: (f64, f64) = (0.1, 0.2),
-        /// Three places from there, radii, all short of the corner at 1.25 radii of a square of the same size. Most of them
-        /// decide, for the outline is rough, and a line may cross it.
-        places: [f64; 3] = [0.0, 0.04, 0.08],
-        /// Where black is looked at, radii: blur brightens a thin tip.
-        inside: f64 = 0.75,
-        /// Share of the way from black to white by which skin is lighter than black: it may be darker than half way.
-        lighter: f64 = 0.2,
-        /// Share of the contrast below white at which black ends.
-        ends: f64 = 0.6,
-        /// From where to where that is sought, and in which steps, radii.
-        reach: (f64, f64) = (0.5, 1.7),
-        step: f64 = 0.02,
-        /// Least semi-minor axis of which that can be told, blurs. Chosen; `tests/detect/background.rs`.
-        tells_corner_blurs: f64 = 8.0,
-        /// Where, from the middle (0) to the edges (1) of a quadrant, its sides are looked at. Chosen: a square's
-        /// corner is far, the edges' blur not yet near.
-        aside: f64 = 0.65,
+        /// Largest ratio of the extents of black along the middle of a quadrant and along both sides of it. Half way
+        /// between 1 of a circle and 1.37 of a square; `tests/detect/background.rs`.
+        min_corner_ratio: f64 = 1.18,
+        /// Distance beyond the outline at which skin begins: blurs (`skin_start_blurs`), limited to a range of radii
+        /// (`skin_start`).
+        skin_start_blurs: f64 = 2.0,
+        skin_start: (f64, f64) = (0.1, 0.2),
+        /// Three positions from there, radii, all short of the corner at 1.25 radii of a square of the same size. The
+        /// majority decides, because the outline is rough and a line may cross it.
+        skin_radii: [f64; 3] = [0.0, 0.04, 0.08],
+        /// Position at which black is sampled, radii: blur brightens a thin tip.
+        black_radius: f64 = 0.75,
+        /// Fraction of the way from black to white by which skin must be lighter than black: it may be darker than half
+        /// way.
+        min_lighter: f64 = 0.2,
+        /// Fraction of the contrast below white at which black ends.
+        end_contrast: f64 = 0.6,
+        /// Range and step of the search for that end, radii.
+        end_range: (f64, f64) = (0.5, 1.7),
+        end_step: f64 = 0.02,
+        /// Smallest semi-minor axis for which a corner can be recognised, blurs. Chosen; `tests/detect/background.rs`.
+        min_corner_blurs: f64 = 8.0,
+        /// Position of a quadrant's sides between its middle (0) and its edges (1). Chosen: a square's corner is far away,
+        /// the blur of the edges not yet near.
+        side_position: f64 = 0.65,
     }
 
-    /// What a frame's markers have in common.
+    /// Limits for the consistency of a frame's markers.
     CONSISTENCY: ConsistencyOptions {
-        /// How far out, from the centre (0) to the outline (1), the centre of one thing lies in another outline at most that is
-        /// the same thing, seen at another level.
-        within: f64 = 0.5,
-        /// The same of a disc and quadrants.
-        within_other: f64 = 0.8,
-        /// Skin between two discs in a row from which on they are no quadrants, blurs: the black of quadrants meets.
-        /// The test of this file.
-        apart_blurs: f64 = 3.0,
-        /// Greatest blur over the median one, a ratio: one lens makes all edges. Chosen on the rendered sets; the test
-        /// of this file.
-        softer: f64 = 2.0,
-        /// Semi-minor axis of quadrants, blurs, from which on their own edges tell that they are out of focus and no
-        /// shadow. Derived: a mark of 0.1 m at 3 m has 50 and more, what a shadow's edge makes of one on the wing fewer
-        /// than 8. The test of this file's neighbour, `consistency.rs`.
+        /// Largest normalised radius (0 centre, 1 outline) of a centre in another outline for the two to be one marker,
+        /// segmented at two thresholds.
+        same_radius: f64 = 0.5,
+        /// Largest such radius between a disc and quadrants.
+        same_radius_other_shape: f64 = 0.8,
+        /// Smallest width of skin between two discs for them not to be quadrants, blurs: the black parts of quadrants meet.
+        /// Tested in `consistency.rs`.
+        disc_gap_blurs: f64 = 3.0,
+        /// Largest blur over the median one, a ratio: one lens produces all edges. Chosen on the rendered sets; tested in
+        /// `consistency.rs`.
+        max_blur_ratio: f64 = 2.0,
+        /// Semi-minor axis of quadrants, blurs, from which on their own edges show that they are out of focus and no
+        /// shadow. Derived: a marker of 0.1 m at 3 m has 50 and more, a shadow's edge on a marker on the wing fewer than 8.
+        /// Tested in `consistency.rs`.
         crisp_blurs: f64 = 12.0,
-        /// Markers that tell it. Fewer may all be something else.
-        blurs: usize = 5,
-        /// Flat things that tell the skin's horizon. Fewer may all be something else.
-        directions: usize = 5,
-        /// Axis ratio from which on a direction is told.
-        flat: f64 = 2.0,
-        /// Of discs how flat one must be to be judged, and how far across it may lie, rad: of 20 300 markers in 116
-        /// rendered sets none lies more than 0.3 rad across.
+        /// Smallest number of markers for the median blur. Fewer may all be something else.
+        min_blurs: usize = 5,
+        /// Smallest number of flat detections for the direction of the skin's horizon. Fewer may all be something else.
+        min_directions: usize = 5,
+        /// Axis ratio from which on a direction is determined.
+        min_flatness: f64 = 2.0,
+        /// Axis ratio from which on a disc's direction is checked, and its largest deviation, rad: of 20,300 markers in 116
+        /// rendered sets none deviates by more than 0.3 rad.
         disc_across: (f64, f64) = (8.0, 0.6),
-        /// The same of quadrants, which lie up to 0.41 rad across near the camera.
+        /// Axis ratio and largest deviation of quadrants, which deviate by up to 0.41 rad near the camera.
         quadrants_across: (f64, f64) = (2.5, 0.8),
-        /// Size of the next larger one over a thing that is too small to be a marker: one would have to be so many
-        /// times as far away as all others. Chosen on the rendered sets; `tests/detect/near.rs`.
-        gap: f64 = 2.5,
-        /// How much longer those beside a thing must be that tell it: other dots do not.
-        longer: f64 = 1.3,
-        /// Larger ones that tell it: of the nearest one more, for that may be a dot.
-        sizes: usize = 4,
+        /// Size of the next larger marker over that of a detection that is too small to be a marker, a ratio: it would have
+        /// to be that many times farther away than all others. Chosen on the rendered sets; `tests/detect/near.rs`.
+        max_size_ratio: f64 = 2.5,
+        /// Ratio by which neighbours must be longer to predict a size: other dots do not.
+        min_longer: f64 = 1.3,
+        /// Smallest number of larger neighbours; one more of the nearest is used, because one of them may be a dot.
+        min_larger: usize = 4,
     }
 
-    /// Residuals that hang together in all of a frame's markers.
+    /// Correlation of residuals that all of a frame's markers have in common.
     CORRELATED: CorrelatedOptions {
-        /// How far the median ratio of a frame's markers exceeds 1 by chance. Derived: with twenty of them, two
-        /// standard deviations.
-        chance: f64 = 1.25,
-        /// Fewer markers do not tell. Derived: the median of eight scatters by 0.4 of one's scatter.
-        least: usize = 8,
+        /// Level of the median ratio of a frame's markers that noise alone can reach. Derived: 2 standard deviations with
+        /// 20 markers.
+        chance_level: f64 = 1.25,
+        /// Smallest number of markers. Derived: the median of 8 scatters by 0.4 of the scatter of one.
+        min_markers: usize = 8,
     }
 
-    /// Dirt along a disc. Chosen on 2244 discs of 24 rendered sets, whose normalised error across fell from 1.21 to
-    /// 1.06; `tests/detect/dirt.rs` holds it.
+    /// Contamination along a disc. Chosen on 2244 discs of 24 rendered sets, whose normalised error across fell from 1.21
+    /// to 1.06; `tests/detect/dirt.rs`.
     DIRT: DirtOptions {
-        /// Where the skin is looked at, blurs from the outline: there the edge leaves 1 % of its contrast.
+        /// Distance from the outline at which the skin is sampled, blurs: there the edge leaves 1 % of its contrast.
         clear_blurs: f64 = 2.2,
-        /// How many pixels outwards from there.
+        /// Number of pixels sampled outwards from there.
         reach_px: usize = 6,
-        /// Of these the nearest, which tell, px.
+        /// Number of these, from the outline, that are compared between the sides, px.
         nearest_px: usize = 3,
-        /// At every so many along the disc, px.
+        /// Step of the samples along the disc, px.
         step_px: f64 = 2.0,
-        /// At so many places to each side of the middle at least.
+        /// Smallest number of samples to each side of the middle.
         steps: f64 = 5.0,
-        /// At what share of its length: tips face along it.
+        /// Sampled part of the disc's length, a fraction: the tips face along it.
         length: f64 = 0.85,
-        /// How far another marker's blur reaches, blurs. Derived: beyond, it leaves 0.1 % of its contrast.
+        /// Reach of another marker's blur, blurs. Derived: beyond, it leaves 0.1 % of its contrast.
         skirt_blurs: f64 = 3.0,
-        /// Pixels of a side that must be seen.
-        least_px: f64 = 20.0,
-        /// Share of the contrast up to which what is unlike the skin counts: more is another thing.
-        most: f64 = 0.5,
-        /// How far what lies beside an edge shifts it, in blurs, for each contrast that it is darker than the skin.
-        /// Near the slope of a blurred edge, sqrt(2 pi) = 2.5.
+        /// Smallest number of pixels that must be visible on a side.
+        min_px: f64 = 20.0,
+        /// Largest difference from the skin that counts, as a fraction of the contrast: a larger one is another object.
+        max_contrast: f64 = 0.5,
+        /// Shift of an edge, blurs, by contamination next to it that is darker than the skin by one contrast. Near the
+        /// slope of a blurred edge, sqrt(2 pi) = 2.5.
         shift_blurs: f64 = 2.25,
-        /// By how much the mean of residuals that hang together scatters more than that of independent ones.
-        together: f64 = 2.0,
-        /// Standard deviations up to which a difference is chance.
-        chance: f64 = 2.0,
-        /// Rounds of the robust fit of the skin's light: it hardly changes after two.
+        /// Factor of the scatter of the mean of correlated residuals over that of independent ones.
+        correlation: f64 = 2.0,
+        /// Standard deviations up to which a difference is not significant.
+        chance_sigmas: f64 = 2.0,
+        /// Iterations of the robust fit of the skin's light: it hardly changes after two.
         rounds: usize = 3,
-        /// Residual scales from which on a pixel has no say in it: Tukey's biweight, 95 % efficient.
+        /// Residual scales from which on a pixel has no weight: Tukey's biweight, 95 % efficient.
         cut_scales: f64 = 4.7,
-        /// Least scale of residuals, grey levels. Derived: a grey value is a whole number, 1/sqrt(12).
+        /// Smallest scale of residuals, grey levels. Derived: rounding of grey values, 1/sqrt(12).
         floor: f64 = 0.3,
     }
 
-    /// Contrast that quadrants have lost against the frame's others.
+    /// Contrast that quadrants have lost compared with the frame's others.
     LOST: LostContrastOptions {
-        /// Quadrants that tell what is usual. Chosen: of fewer one decides.
-        least: usize = 4,
-        /// Share that is chance. Derived: on the clear frames of five rendered sets quadrants' darkness lies up to 0.09 below the
-        /// upper quartile of their frame.
-        chance: f64 = 0.1,
-        /// Quadrants that must have lost some for all of the frame's markers to be doubted: on one something may lie.
-        several: usize = 2,
+        /// Smallest number of quadrants for a reference contrast. Chosen: with fewer, a single one decides.
+        min_quadrants: usize = 4,
+        /// Fraction that is not significant. Derived: in the clear frames of five rendered sets, the darkness of quadrants
+        /// is up to 0.09 below the upper quartile of their frame.
+        chance_fraction: f64 = 0.1,
+        /// Smallest number of affected quadrants for which all of the frame's markers are affected: a single one may just
+        /// be covered.
+        min_affected: usize = 2,
     }
 
-    /// What the image formula leaves beyond what noise may (`VERDICT.poor`).
+    /// Residuals beyond the limit that noise explains (`VERDICT.max_rms`).
     MISFIT: MisfitOptions {
-        /// Share of an edge's width by which a marker is shifted for residuals as large as its contrast. Chosen: about half of what is
-        /// left is a bias of the edge, the rest changes its form alone. Errors of 1500 markers of eight rendered sets are then 0.8
-        /// to 1.2 standard deviations (`docs/validation/2026-11-cabin.md`).
-        of_width: f64 = 0.5,
+        /// Shift of a marker for residuals as large as its contrast, as a fraction of an edge's width. Chosen: about half
+        /// of the residuals are a bias of the edge, the rest only changes its form. Errors of 1500 markers of eight
+        /// rendered sets are then 0.8 to 1.2 standard deviations (`docs/validation/2026-11-cabin.md`).
+        edge_fraction: f64 = 0.5,
     }
 
-    /// Which of two answers for one thing is kept.
-    BETTER: BetterOptions {
-        /// Size of one over the other's, products of their semi-axes, from which on the smaller one is a part: a decal or glare that
-        /// hides half of a disc.
-        part: f64 = 2.0,
-        /// Standard deviations by which two answers for one place may differ: one in 16 000 by chance.
-        alike_sigmas: f64 = 4.0,
+    /// Choice between two measurements of one marker.
+    PREFERENCE: PreferenceOptions {
+        /// Ratio of the sizes (products of semi-axes) from which on the smaller measurement is a part: a decal or glare
+        /// that hides half of a disc.
+        part_ratio: f64 = 2.0,
+        /// Standard deviations by which two measurements of one position may differ: 1 in 16,000 at random.
+        same_sigmas: f64 = 4.0,
     }
 }

@@ -1,25 +1,27 @@
-//! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
+//! Blurred fraction of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::parameters::{BLUR, MAJOR, MINOR, MarkerParameters, SAG, BlackFraction, TAPER};
-use crate::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
-use crate::detect::simd::lanes::{LANES, Lanes, all, each};
+use super::parameters::{BLUR, BlackFraction, MAJOR, MINOR, MarkerParameters, SAG, TAPER};
+use crate::detect::simd::functions::{
+    GAUSS_12, PEAK, asin, gauss_kernel, normal_distribution, normal_distributions, sin_quarter,
+};
+use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each};
 
-/// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
+/// Distance from the end of a flat ellipse, standard deviations of blur, within which the sum along it is needed.
 pub const END_SIGMAS: f64 = 4.2;
 
-/// The same that the sum reaches to both sides: beyond, 0.001 % is left.
+/// Reach of the sum to both sides, standard deviations of blur: beyond, 0.001 % is left.
 const REACH_SIGMAS: f32 = 4.4;
-/// Where an outline is blunt: its least radius of curvature, blurs, and its greatest axis ratio.
+/// Limits of a blunt outline: smallest radius of curvature, blurs, and largest axis ratio.
 const BLUNT: (f64, f64) = (3.0, 3.0);
-/// Keeps divisors off zero: what single precision leaves of numbers near 1, and less than any place in semi-axes.
+/// Smallest divisors: the precision of single numbers near 1, and less than any position in semi-axes.
 const ROUNDING: f32 = 1e-6;
 const TINY: f32 = 1e-9;
-/// Longest step towards the nearest point of the outline, rad: farther, Newton's method may leave it.
+/// Longest step towards the nearest point of the outline, rad: beyond, Newton's method may diverge.
 const MAX_TURN: f32 = 0.3;
-/// Least share of a chord's square at a flat ellipse's ends, where its edges are not straight.
+/// Smallest square of a chord, relative, at a flat ellipse's ends, at which its edges are not straight.
 const MIN_CHORD_SQUARE: f32 = 1e-3;
 
-/// The ellipse's parameters in single precision.
+/// Parameters of the ellipse in single precision.
 #[derive(Clone, Copy)]
 struct DiscParameters {
     a: f32,
@@ -30,12 +32,12 @@ struct DiscParameters {
     sigma: f32,
 }
 
-/// 1 for places beyond the end of a flat ellipse, so far that they are white, else 0.
+/// Returns 1 for positions so far beyond the end of a flat ellipse that they are white, 0 for others.
 #[inline(always)]
 pub fn mask_beyond_end(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> Lanes {
     let by_a = 1.0 / a;
     each(|i| {
-        // The thickest that the ellipse is within reach along it.
+        // Position along at which the ellipse is thickest within reach.
         let along = (s[i].abs() - reach) * by_a;
         let along = if along > 0.0 { along } else { 0.0 };
         let off = t[i].abs() - (reach + sag.abs());
@@ -44,8 +46,8 @@ pub fn mask_beyond_end(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: 
     })
 }
 
-/// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
-/// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
+/// Computes the fraction of a blurred ellipse whose long axis is bent by a parabola and whose thickness changes along it. A
+/// curved skin has this effect on a flat ellipse if the line of sight is along or across the curvature.
 #[inline(always)]
 pub fn disc_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFraction {
     let d = DiscParameters {
@@ -56,36 +58,36 @@ pub fn disc_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFractio
         taper: m[TAPER] as f32,
         sigma: m[BLUR] as f32,
     };
-    // Divisions and roots are what a batch waits for longest: as few as can be.
+    // Divisions and roots have the longest latency: as few as possible.
     let along = each(|i| s[i] * d.by_a);
     let thin = each(|i| 1.0 - d.taper * along[i]);
     let level = each(|i| t[i] - d.sag * along[i] * along[i]);
     let straight = each(|i| level[i] * thin[i]);
-    let mut share = BlackFraction::default();
+    let mut fraction = BlackFraction::default();
     let nothing = mask_beyond_end(s, t, [d.a, d.b], d.sag, END_SIGMAS as f32 * d.sigma);
-    if all(|i| nothing[i] > 0.0) {
-        return share;
+    if all_lanes(|i| nothing[i] > 0.0) {
+        return fraction;
     }
     if m[MINOR] * m[MINOR] > BLUNT.0 * m[BLUR] * m[MAJOR] && m[MAJOR] < BLUNT.1 * m[MINOR] {
-        fraction_by_distance(s, &straight, d, &mut share);
-    } else if all(|i| s[i].abs() < d.a - END_SIGMAS as f32 * d.sigma) {
-        fraction_by_chord(s, &straight, d, &mut share);
+        fraction_by_distance(s, &straight, d, &mut fraction);
+    } else if all_lanes(|i| s[i].abs() < d.a - END_SIGMAS as f32 * d.sigma) {
+        fraction_by_chord(s, &straight, d, &mut fraction);
     } else {
-        fraction_by_sum(s, &straight, d, &mut share);
+        fraction_by_sum(s, &straight, d, &mut fraction);
     }
     for i in 0..LANES {
-        let (along, across) = (along[i], share.t[i]);
+        let (along, across) = (along[i], fraction.t[i]);
         let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.taper) * d.by_a;
-        share.taper[i] = -across * level[i] * along;
-        share.t[i] = across * thin[i];
-        share.third[i] = -across * thin[i] * along * along;
-        share.s[i] += by_along;
-        share.first[i] -= by_along * along;
+        fraction.taper[i] = -across * level[i] * along;
+        fraction.t[i] = across * thin[i];
+        fraction.third[i] = -across * thin[i] * along * along;
+        fraction.s[i] += by_along;
+        fraction.first[i] -= by_along * along;
     }
-    share
+    fraction
 }
 
-/// Distance from an ellipse, px, to within a factor of two at most; positive.
+/// Returns the distance from an ellipse, px, to within a factor of two; positive.
 #[inline(always)]
 pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
     let (by_a, by_b) = (1.0 / a, 1.0 / b);
@@ -94,7 +96,7 @@ pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
         let r = (p * p + q * q).sqrt() + ROUNDING;
         let slope = ((p * by_a) * (p * by_a) + (q * by_b) * (q * by_b)).sqrt() + TINY;
         let outwards = (r - 1.0).abs() * r / slope;
-        // In a flat ellipse the outline across is nearer than the one outwards.
+        // In a flat ellipse the outline across is nearer than the radial one.
         let u = 1.0 - p * p;
         let u = if u > TINY { u } else { TINY };
         let across = (b * u.sqrt() - t[i].abs()) * (u / (u + (b * by_a * p) * (b * by_a * p))).sqrt();
@@ -103,15 +105,20 @@ pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
     })
 }
 
-/// Where the outline's radius of curvature is well above the blur everywhere: the distance to the
-/// outline decides, with the first-order effect of curvature (the blurred edge moves inwards).
+/// Computes the fraction from the distance to the outline, with the first-order effect of curvature (the blurred edge moves
+/// inwards). Valid if the radius of curvature is well above the blur everywhere.
 #[inline(always)]
-fn fraction_by_distance(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
+fn fraction_by_distance(
+    s: &Lanes,
+    t: &Lanes,
+    DiscParameters { a, by_a, b, sigma, .. }: DiscParameters,
+    fraction: &mut BlackFraction,
+) {
     let unlike = b * b - a * a;
     let (by_b, by_sigma) = (1.0 / b, 1.0 / sigma);
     for i in 0..LANES {
         let (s, t) = (s[i], t[i]);
-        // The eccentric angle of the nearest point of the outline, by Newton's method, as a unit vector.
+        // Eccentric angle of the nearest point of the outline, by Newton's method, as a unit vector.
         let (mut cos, mut sin) = (s * by_a + TINY, t * by_b);
         let norm = 1.0 / (cos * cos + sin * sin).sqrt();
         (cos, sin) = (cos * norm, sin * norm);
@@ -130,21 +137,26 @@ fn fraction_by_distance(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma
         let (ns, nt) = (b * cos * norm, a * sin * norm);
         let distance = (s - a * cos) * ns + (t - b * sin) * nt;
         let curvature = a * b * norm * norm * norm;
-        let (density, inside) = normal(distance * by_sigma + 0.5 * sigma * curvature);
+        let (density, inside) = normal_distribution(distance * by_sigma + 0.5 * sigma * curvature);
         let edge = density * by_sigma;
-        share.c[i] = 1.0 - inside;
-        share.s[i] = -edge * ns;
-        share.t[i] = -edge * nt;
-        share.first[i] = edge * ns * cos;
-        share.second[i] = edge * nt * sin;
-        share.blur[i] = density * (distance * by_sigma * by_sigma - 0.5 * curvature);
+        fraction.c[i] = 1.0 - inside;
+        fraction.s[i] = -edge * ns;
+        fraction.t[i] = -edge * nt;
+        fraction.first[i] = edge * ns * cos;
+        fraction.second[i] = edge * nt * sin;
+        fraction.blur[i] = density * (distance * by_sigma * by_sigma - 0.5 * curvature);
     }
 }
 
-/// Away from the ends of a flat ellipse: both edges are straight within the blur, up to their
-/// curvature; exact also where they lie within one another's blur.
+/// Computes the fraction away from the ends of a flat ellipse: both edges are straight within the blur, up to their
+/// curvature. Exact also if they lie within one another's blur.
 #[inline(always)]
-fn fraction_by_chord(s: &Lanes, t: &Lanes, DiscParameters { by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
+fn fraction_by_chord(
+    s: &Lanes,
+    t: &Lanes,
+    DiscParameters { by_a, b, sigma, .. }: DiscParameters,
+    fraction: &mut BlackFraction,
+) {
     let by_sigma = 1.0 / sigma;
     let flat = b * by_a;
     for i in 0..LANES {
@@ -161,27 +173,32 @@ fn fraction_by_chord(s: &Lanes, t: &Lanes, DiscParameters { by_a, b, sigma, .. }
         let by_width = by_sigma * u * by_both;
         let edge = b * root + 0.5 * bend * sigma * sigma;
         let (upper, lower) = ((t - edge) * by_width, (t + edge) * by_width);
-        let [(du, cu), (dl, cl)] = normals([upper, lower]);
+        let [(du, cu), (dl, cl)] = normal_distributions([upper, lower]);
         let by_height = (du + dl) * by_width;
-        share.c[i] = cl - cu;
-        share.s[i] = by_height * slope;
-        share.t[i] = (dl - du) * by_width;
-        share.first[i] = by_height * flat * along * along * by_root;
-        share.second[i] = by_height * root;
-        share.blur[i] = (upper * du - lower * dl) * by_sigma + by_height * bend * sigma;
+        fraction.c[i] = cl - cu;
+        fraction.s[i] = by_height * slope;
+        fraction.t[i] = (dl - du) * by_width;
+        fraction.first[i] = by_height * flat * along * along * by_root;
+        fraction.second[i] = by_height * root;
+        fraction.blur[i] = (upper * du - lower * dl) * by_sigma + by_height * bend * sigma;
     }
 }
 
-/// Near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along
-/// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
+/// Computes the fraction near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along it.
+/// The eccentric angle as the variable removes the chord's infinite slope at the end.
 #[inline(always)]
-fn fraction_by_sum(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. }: DiscParameters, share: &mut BlackFraction) {
+fn fraction_by_sum(
+    s: &Lanes,
+    t: &Lanes,
+    DiscParameters { a, by_a, b, sigma, .. }: DiscParameters,
+    fraction: &mut BlackFraction,
+) {
     let reach = REACH_SIGMAS * sigma;
     let by_sigma = 1.0 / sigma;
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));
     let (middle, half) = (each(|i| 0.5 * (from[i] + to[i])), each(|i| 0.5 * (to[i] - from[i])));
-    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [Lanes::of(0.0); 6];
+    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [Lanes::splat(0.0); 6];
     for (node, weight) in GAUSS_12 {
         for i in 0..LANES {
             let theta = half[i].mul_add(node, middle[i]);
@@ -189,11 +206,11 @@ fn fraction_by_sum(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. 
             let cos = sin_quarter(std::f32::consts::FRAC_PI_2 - theta.abs());
             let along = a.mul_add(-sin, s[i]) * by_sigma;
             let square = along * along;
-            let density = half[i] * weight * gauss(along);
+            let density = half[i] * weight * gauss_kernel(along);
             let measure = cos * density;
             let upper = b.mul_add(-cos, t[i]) * by_sigma;
             let lower = b.mul_add(cos, t[i]) * by_sigma;
-            let [(du, cu), (dl, cl)] = normals([upper, lower]);
+            let [(du, cu), (dl, cl)] = normal_distributions([upper, lower]);
             let both = du + dl;
             let inside = measure * (cl - cu);
             black[i] += inside;
@@ -205,13 +222,13 @@ fn fraction_by_sum(s: &Lanes, t: &Lanes, DiscParameters { a, by_a, b, sigma, .. 
             by_blur[i] = inside.mul_add(square - 1.0, blurred);
         }
     }
-    // What all terms of a sum have in common.
+    // Common factors of all terms.
     let by_width = PEAK * by_sigma;
     let (common, slope) = (a * by_width, a * by_width * by_sigma);
-    share.c = each(|i| common * black[i]);
-    share.s = each(|i| -slope * by_s[i]);
-    share.t = each(|i| slope * by_t[i]);
-    share.second = each(|i| slope * by_b[i]);
-    share.first = each(|i| b * by_width * by_sigma * by_a[i]);
-    share.blur = each(|i| slope * by_blur[i]);
+    fraction.c = each(|i| common * black[i]);
+    fraction.s = each(|i| -slope * by_s[i]);
+    fraction.t = each(|i| slope * by_t[i]);
+    fraction.second = each(|i| slope * by_b[i]);
+    fraction.first = each(|i| b * by_width * by_sigma * by_a[i]);
+    fraction.blur = each(|i| slope * by_blur[i]);
 }

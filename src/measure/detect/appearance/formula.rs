@@ -1,45 +1,45 @@
-//! The image model: what a blurred marker looks like in grey values, with derivatives.
+//! Image model: grey values of a blurred marker, with derivatives.
 //!
-//! `I = L (1 - k c)^g`: `L` is the grey value of the white or the skin (a plane, with a square term
-//! along the marker), `k` the marker's darkness (a plane), `c` in 0..1 the blurred share of black;
-//! `g` is the tone curve's exponent, for blur acts on light and not on grey values. Both shapes
-//! give `c` in their own frame: `s` along the main direction, `t` across it.
+//! `I = L (1 - k c)^g`: `L` is the grey value of the white or the skin (a plane, with a quadratic term along the marker),
+//! `k` the marker's darkness (a plane), `c` in 0..1 the blurred fraction of black; `g` is the exponent of the tone curve,
+//! because blur acts on light and not on grey values. Both shapes give `c` in their own frame: `s` along the main
+//! direction, `t` across it.
 
 use super::crossing::wedge_fraction;
 use super::disc::disc_fraction;
 use super::parameters::{
-    ANGLE, BLUR, COMMON, DARK, GAMMA, GreyBatch, LIGHT, N, MarkerParameters, MarkerPattern, SHAPE, BlackFraction, TAPER, WHITEST, X, Y,
+    ANGLE, BLUR, BlackFraction, COMMON, DARK, GAMMA, GreyBatch, LIGHT, MarkerParameters, MarkerPattern, N, SHAPE,
+    TAPER, WHITEST, X, Y,
 };
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::functions::{exp, ln};
 use crate::detect::simd::lanes::{LANES, Lanes, each};
 
-/// Least light over that of white, so that it has a logarithm: 4 % of its grey value under the usual tone curve.
+/// Smallest light relative to white, for which the logarithm is taken: 4 % of its grey value under the default tone curve.
 const DARKEST: f32 = 1e-3;
 
-/// A marker's image at some parameters, for batches of one origin.
+/// Image of a marker with given parameters, for batches of one origin.
 pub struct MarkerModel {
     pub pattern: MarkerPattern,
     m: MarkerParameters,
-    /// The parameters in single precision.
+    /// Parameters in single precision.
     pub k: [f32; N],
     /// Centre from the batches' origin, px.
     centre: [f32; 2],
-    /// Sine and cosine of the angle.
     trig: [f32; 2],
 }
 
-/// What the tone curve makes of light.
+/// Light and its value through the tone curve.
 pub struct Tone {
-    /// The light, above zero, and its logarithm.
+    /// Light, above zero; `log` is its natural logarithm.
     pub linear: f32,
     pub log: f32,
-    /// The light with the curve's exponent.
+    /// Light raised to the exponent of the tone curve.
     pub through: f32,
 }
 
 impl MarkerModel {
-    /// For batches that count from an origin, px.
+    /// Creates the model for batches whose coordinates count from an origin, px.
     #[inline(always)]
     pub fn new(pattern: MarkerPattern, m: &MarkerParameters, origin: [f64; 2]) -> Self {
         let (sin, cos) = m[ANGLE].sin_cos();
@@ -52,7 +52,7 @@ impl MarkerModel {
         }
     }
 
-    /// Coordinates of a batch along s and across it, from the centre, px.
+    /// Returns the coordinates of a batch along s and across it, from the centre, px.
     #[inline(always)]
     pub fn along_and_across(&self, batch: &Batch) -> (Lanes, Lanes) {
         let ([cx, cy], [sin, cos]) = (self.centre, self.trig);
@@ -61,107 +61,109 @@ impl MarkerModel {
         (s, t)
     }
 
-    /// The blurred share of black of either shape.
+    /// Computes the blurred fraction of black of either shape.
     #[inline(always)]
-    pub fn share(&self, s: &Lanes, t: &Lanes) -> BlackFraction {
-        let mut share = match self.pattern {
+    pub fn black_fraction(&self, s: &Lanes, t: &Lanes) -> BlackFraction {
+        let mut fraction = match self.pattern {
             MarkerPattern::Disc => disc_fraction(s, t, &self.m),
             _ => wedge_fraction(s, t, &self.m),
         };
         if self.pattern == MarkerPattern::WhiteAlong {
-            share.complement();
+            fraction.complement();
         }
-        share
+        fraction
     }
 
-    /// The light `L` of a place in semi-axes, grey levels.
+    /// Returns the light `L` at a position in semi-axes, grey levels.
     #[inline(always)]
-    pub fn light(&self, [p, q]: [f32; 2]) -> f32 {
+    pub fn light_value(&self, [p, q]: [f32; 2]) -> f32 {
         let k = &self.k;
         k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p
     }
 
-    /// The darkness `k` of a place in semi-axes.
+    /// Returns the darkness `k` at a position in semi-axes.
     #[inline(always)]
-    pub fn dark(&self, [p, q]: [f32; 2]) -> f32 {
+    pub fn darkness(&self, [p, q]: [f32; 2]) -> f32 {
         let k = &self.k;
         k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q
     }
 
-    /// What the tone curve makes of light.
+    /// Applies the tone curve to light.
     #[inline(always)]
-    pub fn tone(&self, linear: f32) -> Tone {
+    pub fn apply_tone_curve(&self, linear: f32) -> Tone {
         let linear = if linear > DARKEST { linear } else { DARKEST };
         let log = ln(linear);
         Tone { linear, log, through: exp(self.k[GAMMA] * log) }
     }
 
-    /// Derivatives by the centre's u and v and the direction, from those along and across, and the place along and across, px.
+    /// Returns the derivatives with respect to the centre's u and v and the direction, from those along and across and the
+    /// position along and across, px.
     #[inline(always)]
-    pub fn moved(&self, [by_s, by_t]: [f32; 2], [s, t]: [f32; 2]) -> [f32; 3] {
+    pub fn position_derivatives(&self, [by_s, by_t]: [f32; 2], [s, t]: [f32; 2]) -> [f32; 3] {
         let [sin, cos] = self.trig;
         [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
     }
 }
 
-/// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
+/// Computes the grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
 #[inline(always)]
-pub fn grey(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
+pub fn grey_values(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
     let (s, t) = model.along_and_across(batch);
-    let share = model.share(&s, &t);
+    let fraction = model.black_fraction(&s, &t);
     let mut slopes = GreyDerivatives::default();
     for i in 0..LANES {
-        let (at, c) = ([batch.p[i], batch.q[i]], share.c[i]);
-        let dark = model.dark(at);
-        let Tone { linear, log, through } = model.tone(1.0 - dark * c);
-        let value = model.light(at) * through;
+        let (at, c) = ([batch.p[i], batch.q[i]], fraction.c[i]);
+        let dark = model.darkness(at);
+        let Tone { linear, log, through } = model.apply_tone_curve(1.0 - dark * c);
+        let value = model.light_value(at) * through;
         let clipped = value >= WHITEST;
         let (value, through) = if clipped { (WHITEST, 0.0) } else { (value, through) };
         let open = if clipped { 0.0 } else { 1.0 };
         let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
-        (slopes.share[i], slopes.dark[i]) = (-slope * dark, -slope * c);
+        (slopes.black_fraction[i], slopes.dark[i]) = (-slope * dark, -slope * c);
         (slopes.light[i], slopes.gamma[i]) = (through, open * value * log);
     }
-    slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
+    slopes.write_gradient(model, &fraction, [&s, &t], batch, &mut out.gradient);
 }
 
-/// Derivatives of a batch's grey values by their share of black, their darkness, the light and the exponent.
+/// Derivatives of a batch's grey values with respect to fraction of black, darkness, light and exponent.
 #[derive(Default)]
 pub struct GreyDerivatives {
-    pub share: Lanes,
+    pub black_fraction: Lanes,
     pub dark: Lanes,
     pub light: Lanes,
     pub gamma: Lanes,
 }
 
 impl GreyDerivatives {
-    /// The derivatives by the parameters: from those of the share, and the pixels' places along and across the marker, px.
+    /// Writes the derivatives with respect to the parameters, from those of the fraction and the pixels' positions along
+    /// and across the marker, px.
     #[inline(always)]
-    pub fn put(
+    pub fn write_gradient(
         &self,
         model: &MarkerModel,
-        share: &BlackFraction,
+        fraction: &BlackFraction,
         [s, t]: [&Lanes; 2],
         batch: &Batch,
         gradient: &mut [Lanes; COMMON],
     ) {
-        // One slot at a time: a loop that writes all of them is not always compiled with wide registers.
-        let moved = |i: usize| model.moved([share.s[i], share.t[i]], [s[i], t[i]]);
-        gradient[X] = each(|i| self.share[i] * moved(i)[0]);
-        gradient[Y] = each(|i| self.share[i] * moved(i)[1]);
-        gradient[ANGLE] = each(|i| self.share[i] * moved(i)[2]);
-        gradient[SHAPE] = each(|i| self.share[i] * share.first[i]);
-        gradient[SHAPE + 1] = each(|i| self.share[i] * share.second[i]);
-        gradient[SHAPE + 2] = each(|i| self.share[i] * share.third[i]);
-        gradient[BLUR] = each(|i| self.share[i] * share.blur[i]);
-        self.put_light(batch, gradient);
-        gradient[TAPER] = each(|i| self.share[i] * share.taper[i]);
+        // One slot at a time, because a loop that writes all of them is not always vectorised.
+        let moved = |i: usize| model.position_derivatives([fraction.s[i], fraction.t[i]], [s[i], t[i]]);
+        gradient[X] = each(|i| self.black_fraction[i] * moved(i)[0]);
+        gradient[Y] = each(|i| self.black_fraction[i] * moved(i)[1]);
+        gradient[ANGLE] = each(|i| self.black_fraction[i] * moved(i)[2]);
+        gradient[SHAPE] = each(|i| self.black_fraction[i] * fraction.first[i]);
+        gradient[SHAPE + 1] = each(|i| self.black_fraction[i] * fraction.second[i]);
+        gradient[SHAPE + 2] = each(|i| self.black_fraction[i] * fraction.third[i]);
+        gradient[BLUR] = each(|i| self.black_fraction[i] * fraction.blur[i]);
+        self.write_light_gradient(batch, gradient);
+        gradient[TAPER] = each(|i| self.black_fraction[i] * fraction.taper[i]);
     }
 
-    /// The derivatives by light, darkness and exponent.
+    /// Writes the derivatives with respect to light, darkness and exponent.
     #[inline(always)]
-    pub fn put_light(&self, Batch { p, q, .. }: &Batch, gradient: &mut [Lanes; COMMON]) {
+    pub fn write_light_gradient(&self, Batch { p, q, .. }: &Batch, gradient: &mut [Lanes; COMMON]) {
         gradient[LIGHT] = self.light;
         gradient[LIGHT + 1] = each(|i| self.light[i] * p[i]);
         gradient[LIGHT + 2] = each(|i| self.light[i] * q[i]);
@@ -178,10 +180,10 @@ mod tests {
     use super::*;
     use crate::detect::appearance::parameters::{BEND, MAJOR, MINOR, SAG, TANGENT};
 
-    /// A pixel's column and row.
+    /// Column and row of a pixel.
     type Place = [f64; 2];
 
-    /// Shapes in one light.
+    /// Completes shapes with one light.
     fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<MarkerParameters> {
         let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
         let all = |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));
@@ -205,18 +207,18 @@ mod tests {
         ])
     }
 
-    /// Value and derivatives at one pixel.
+    /// Returns value and derivatives at one pixel.
     fn one(pattern: MarkerPattern, m: &MarkerParameters, [x, y]: Place) -> (f64, MarkerParameters) {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
-        batch.fill();
+        batch.fill_lanes();
         let mut out = GreyBatch::new();
-        grey(&MarkerModel::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
-        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
+        grey_values(&MarkerModel::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.derivative(k)[0])))
     }
 
-    /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
+    /// Computes the fraction of black by brute force: the sharp pattern, sampled finely, blurred.
     fn sampled(pattern: MarkerPattern, m: &MarkerParameters, [x, y]: Place) -> f64 {
         let (sin, cos) = m[ANGLE].sin_cos();
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -253,9 +255,11 @@ mod tests {
 
     #[test]
     fn the_closed_forms_match_a_sampled_blur() {
-        for (pattern, sets) in
-            [(MarkerPattern::Disc, discs()), (MarkerPattern::BlackAlong, quadrants()), (MarkerPattern::WhiteAlong, quadrants())]
-        {
+        for (pattern, sets) in [
+            (MarkerPattern::Disc, discs()),
+            (MarkerPattern::BlackAlong, quadrants()),
+            (MarkerPattern::WhiteAlong, quadrants()),
+        ] {
             for m in sets {
                 for i in 0..60 {
                     let at = [f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3];
@@ -278,8 +282,7 @@ mod tests {
                         let (mut low, mut high) = (m, m);
                         low[k] -= step;
                         high[k] += step;
-                        let difference =
-                            (one(pattern, &high, at).0 - one(pattern, &low, at).0) / (2.0 * step);
+                        let difference = (one(pattern, &high, at).0 - one(pattern, &low, at).0) / (2.0 * step);
                         let scale = difference.abs().max(if step < 1e-4 { 2000.0 } else { 10.0 });
                         assert!(
                             (gradient[k] - difference).abs() < 0.06 * scale,

@@ -1,4 +1,4 @@
-//! What a blurred marker looks like: the image formula, its parameters and derivatives.
+//! Appearance of a blurred marker: the image formula, its parameters and derivatives.
 
 pub mod crossing;
 pub mod disc;

@@ -1,39 +1,40 @@
-//! Overshoot: what sharpening makes of a marker's image.
+//! Overshoot: the effect of sharpening on a marker's image.
 //!
-//! Cameras, phones before all, add to a picture what it differs by from a blurred copy of itself: `I + a (I - G_w * I)`, with an
-//! amplitude `a` and the copy's blur `w`. Of an edge with a blur `b` such a copy is the edge with a blur `sqrt(b^2 + w^2)`, and so
-//! both come from the one image formula `M`, of discs and of quadrants alike:
+//! Cameras, above all in phones, add to an image its difference from a blurred copy of itself: `I + a (I - G_w * I)`, with
+//! an amplitude `a` and the copy's blur `w`. An edge with a blur `b` has the blur `sqrt(b^2 + w^2)` in the copy, so both
+//! come from one image formula `M`, of discs and of quadrants:
 //!
 //! `I = (1 + a) M(b) - a M(sqrt(b^2 + w^2))`
 //!
-//! Exact but for the tone curve, through which the copy is taken; that is less than a tenth of the overshoot.
+//! This is exact except for the tone curve, through which the copy is taken; the error is below 10 % of the overshoot.
 //!
-//! Rule of thumb: it matters from `a = 0.15` on, where it leaves 2 % of the contrast at an edge. Unknowns: the
-//! amplitude, of which the frame's markers tell what it usually is. Let in where the frame's residuals show it ([`super::super::estimate::overshoot`]). Held by
-//! `tests/detect/sharpened.rs`. The halo is one of three that are tried, and held.
+//! Rule of thumb: it matters from `a = 0.15` on, which is 2 % of the contrast at an edge. Unknowns: the amplitude, with a
+//! prior from the frame's markers. It is estimated if the frame's residuals show it
+//! ([`super::super::estimate::overshoot`]). Tested by `tests/detect/sharpened.rs`. The halo is the best of three values,
+//! and fixed.
 
 use super::formula::{self, MarkerModel};
-use super::parameters::{BLUR, GreyBatch, HALO, OVERSHOOT, MarkerParameters, WHITEST};
+use super::parameters::{BLUR, GreyBatch, HALO, MarkerParameters, OVERSHOOT, WHITEST};
 use super::quadrants;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes};
 
-/// A marker's image and that in the blurred copy.
+/// Image of a marker and its image in the blurred copy.
 pub struct SharpenedModel {
     own: MarkerModel,
     copy: MarkerModel,
-    /// How the copy's blur changes with the marker's.
+    /// Derivative of the copy's blur with respect to the marker's.
     by_blur: f32,
 }
 
-/// Whether a picture was sharpened.
+/// Returns whether the image was sharpened.
 pub fn is_sharpened(m: &MarkerParameters) -> bool {
     m[HALO] > 0.0
 }
 
 impl SharpenedModel {
-    /// At some parameters, for batches that count from an origin, px.
+    /// Creates the model for batches whose coordinates count from an origin, px.
     pub fn new(own: MarkerModel, m: &MarkerParameters, origin: [f64; 2]) -> Self {
         let blur = m[BLUR].hypot(m[HALO]);
         let mut blurred = *m;
@@ -44,30 +45,40 @@ impl SharpenedModel {
 }
 
 wide! {
-    /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 0 and 255.
-    pub fn grey(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) = grey_by
+    /// Computes the grey values of a batch and their derivatives; clipped, with zero derivatives, at 0 and 255.
+    pub fn sharpened_grey_values(
+        model: &SharpenedModel,
+        batch: &Batch,
+        out: &mut GreyBatch,
+        copy: &mut GreyBatch,
+    ) = sharpened_grey_inlined
 }
 
 #[inline(always)]
-fn grey_by(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
-    formula::grey(&model.own, batch, out);
-    formula::grey(&model.copy, batch, copy);
-    sharpen(model, out, copy);
+fn sharpened_grey_inlined(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
+    formula::grey_values(&model.own, batch, out);
+    formula::grey_values(&model.copy, batch, copy);
+    apply_overshoot(model, out, copy);
 }
 
-/// The same of narrow quadrants, by edges and outline together.
-pub fn outlined_grey(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
-    quadrants::grey(&model.own, batch, out);
-    quadrants::grey(&model.copy, batch, copy);
-    sharpen(model, out, copy);
+/// Computes the sharpened grey values of narrow quadrants, by edges and outline together.
+pub fn sharpened_outlined_grey_values(
+    model: &SharpenedModel,
+    batch: &Batch,
+    out: &mut GreyBatch,
+    copy: &mut GreyBatch,
+) {
+    quadrants::outlined_grey_values(&model.own, batch, out);
+    quadrants::outlined_grey_values(&model.copy, batch, copy);
+    apply_overshoot(model, out, copy);
 }
 
-/// The image from that before sharpening and that in the copy.
+/// Applies the overshoot, given the image before sharpening and the blurred copy.
 #[inline(always)]
-fn sharpen(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch) {
+fn apply_overshoot(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch) {
     let a = model.own.k[OVERSHOOT];
-    let mut open = Lanes::of(1.0);
-    let mut apart = Lanes::of(0.0);
+    let mut open = Lanes::splat(1.0);
+    let mut apart = Lanes::splat(0.0);
     for i in 0..LANES {
         apart[i] = out.value[i] - copy.value[i];
         let value = out.value[i] + a * apart[i];
@@ -94,13 +105,11 @@ fn sharpen(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::{COMMON, N, MarkerPattern};
+    use crate::detect::appearance::parameters::{COMMON, MarkerPattern, N};
 
     fn disc() -> MarkerParameters {
-        let known = [
-            20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5, 0.02, 1.2,
-            1.4,
-        ];
+        let known =
+            [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5, 0.02, 1.2, 1.4];
         std::array::from_fn(|k| known.get(k).copied().unwrap_or(0.0))
     }
 
@@ -116,12 +125,12 @@ mod tests {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
-        batch.fill();
+        batch.fill_lanes();
         let model = SharpenedModel::new(MarkerModel::new(pattern, m, [20.0; 2]), m, [20.0; 2]);
         let (mut out, mut copy) = (GreyBatch::new(), GreyBatch::new());
-        let grey = if outlined { outlined_grey } else { grey };
+        let grey = if outlined { sharpened_outlined_grey_values } else { sharpened_grey_values };
         grey(&model, &batch, &mut out, &mut copy);
-        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.derivative(k)[0])))
     }
 
     #[test]
@@ -144,8 +153,8 @@ mod tests {
                     own += gradient.powi(2);
                     off += (gradient - (high - low) / 8e-3).powi(2);
                 }
-                // A tenth, as of the formula without overshoot (tips, and edges that meet the outline between two chords);
-                // of 1 + a times one blur less a times another the parts add up.
+                // 10 %, as for the formula without overshoot (tips, and edges that meet the outline between two
+                // chords); the errors of (1 + a) times one blur and of a times another add up.
                 let rough: f64 = 0.1 * (1.0 + 2.0 * m[OVERSHOOT]);
                 assert!(own > 0.0 && off < rough.powi(2) * own, "{pattern:?} {k}: {off} of {own}");
             }
@@ -153,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_rises_above_both_its_sides() {
+    fn an_edge_overshoots_on_both_sides() {
         // Across the middle of the disc, through skin, halo, black.
         let mut m = disc();
         (m[2], m[5], m[8], m[9], m[10], m[12], m[13], m[15]) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);

@@ -1,65 +1,64 @@
-//! The parameters of a marker's image, their slots, and what a pattern says at a batch of pixels.
+//! Parameters of a marker's image, their slots, and the batches of grey values and derivatives.
 
 use crate::detect::simd::lanes::{Lanes, each};
 
-/// Parameters of all markers' images.
+/// Number of parameters common to all markers' images.
 pub const COMMON: usize = 18;
-/// Those, and narrow quadrants' own.
+/// Number of parameters including those of narrow quadrants.
 pub const N: usize = COMMON + 8;
-/// Centre u.
+/// Slot of the centre's u.
 pub const X: usize = 0;
-/// Centre v.
+/// Slot of the centre's v.
 pub const Y: usize = 1;
-/// Direction of s, rad.
+/// Slot of the direction of s, rad.
 pub const ANGLE: usize = 2;
-/// First of the three slots of the shape, whose meaning the pattern tells ([`Geometry`]).
+/// First of the three slots of the shape, whose meaning depends on the pattern ([`ShapeParameters`]).
 pub const SHAPE: usize = 3;
-/// Disc: semi-major axis, px.
+/// Disc: slot of the semi-major axis, px.
 pub const MAJOR: usize = SHAPE;
-/// Disc: semi-minor axis, px.
+/// Disc: slot of the semi-minor axis, px.
 pub const MINOR: usize = SHAPE + 1;
-/// Disc: sag of the bent axis at its ends, px.
+/// Disc: slot of the sag of the bent axis at its ends, px.
 pub const SAG: usize = SHAPE + 2;
-/// Quadrants: tangent of half the angle between the edges.
+/// Quadrants: slot of the tangent of half the angle between the edges.
 pub const TANGENT: usize = SHAPE;
-/// Quadrants: curvature term of the first edge and, in the next slot, of the second, 1/px.
+/// Quadrants: slot of the curvature term of the first edge and, in the next slot, of the second, 1/px.
 pub const BEND: usize = SHAPE + 1;
-/// Blur, pixel included, px.
+/// Slot of the blur including the pixel, standard deviation, px.
 pub const BLUR: usize = 6;
-/// Light: constant, along s, along t, along s squared.
+/// Slots of the light: constant, along s, along t, along s squared.
 pub const LIGHT: usize = 7;
-/// Darkness: constant, along s, along t.
+/// Slots of the darkness: constant, along s, along t.
 pub const DARK: usize = 11;
-/// Exponent of the tone curve.
+/// Slot of the exponent of the tone curve.
 pub const GAMMA: usize = 14;
-/// Disc: relative change of its thickness from the centre to its end.
+/// Disc: slot of the relative change of thickness from the centre to the end.
 pub const TAPER: usize = 15;
-/// Quadrants: by how much the first edge's blur is more than the mean of both, as a share.
+/// Quadrants: slot of the excess of the first edge's blur over the mean of both, as a fraction.
 pub const UNEVEN_BLUR: usize = TAPER;
-/// Overshoot of a sharpened picture: amplitude, a ratio ([`super::overshoot`]).
+/// Slot of the overshoot's amplitude in a sharpened image, a ratio ([`super::overshoot`]).
 pub const OVERSHOOT: usize = 16;
-/// The same: by how much the copy is more blurred that the picture was held against, px; 0 of a picture that was not sharpened.
+/// Slot of the blur by which the copy for sharpening is more blurred, px; 0 for an image that was not sharpened.
 pub const HALO: usize = 17;
-/// Narrow quadrants' outline, five numbers ([`super::quadrants`]).
+/// First slot of narrow quadrants' outline, five numbers ([`super::quadrants`]).
 pub const OUTLINE: usize = COMMON;
-/// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
+/// Slots of the skin's light around narrow quadrants relative to that of their white: constant, along s, along t.
 pub const SKIN: usize = OUTLINE + 5;
 
 /// Parameters of a marker's image.
 pub type MarkerParameters = [f64; N];
 
-/// The lightest grey value.
+/// Lightest grey value.
 pub const WHITEST: f32 = u8::MAX as f32;
 
-/// The light `L` of a place, in semi-axes along and across the marker, grey levels.
+/// Returns the light `L` at a position in semi-axes along and across the marker, grey levels.
 pub fn light_at(m: &MarkerParameters, p: f64, q: f64) -> f64 {
     m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p
 }
 
-/// Which pattern `c` describes.
+/// Pattern whose black the fraction `c` describes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MarkerPattern {
-    /// A black disc.
     Disc,
     /// Black between the edges along s, white along t.
     BlackAlong,
@@ -67,19 +66,19 @@ pub enum MarkerPattern {
     WhiteAlong,
 }
 
-/// What the slots of a marker's shape hold, by its pattern.
+/// Shape of a marker's image, from the slots of its pattern.
 #[derive(Clone, Copy, Debug)]
 pub enum ShapeParameters {
-    /// A disc's semi-axes, px.
+    /// Semi-axes of a disc, px.
     Disc { major: f64, minor: f64 },
-    /// Tangent of half the angle between the edges of quadrants, and by how much the first one's blur is more than the mean of
-    /// both, as a share.
+    /// Tangent of half the angle between the edges of quadrants, and excess of the first one's blur over the mean of both,
+    /// as a fraction.
     Quadrants { tangent: f64, uneven_blur: f64 },
 }
 
 impl ShapeParameters {
-    /// Of a pattern's parameters.
-    pub fn of(pattern: MarkerPattern, m: &MarkerParameters) -> Self {
+    /// Reads the shape from a pattern's parameters.
+    pub fn from_parameters(pattern: MarkerPattern, m: &MarkerParameters) -> Self {
         match pattern {
             MarkerPattern::Disc => Self::Disc { major: m[MAJOR], minor: m[MINOR] },
             _ => Self::Quadrants { tangent: m[TANGENT], uneven_blur: m[UNEVEN_BLUR] },
@@ -87,7 +86,8 @@ impl ShapeParameters {
     }
 }
 
-/// Share of black and its derivatives by s, t, the three slots of the shape, BLUR and TAPER or UNEVEN_BLUR.
+/// Fraction of black and its derivatives with respect to s, t, the three slots of the shape, BLUR, and TAPER or
+/// UNEVEN_BLUR.
 #[derive(Clone, Debug, Default)]
 pub struct BlackFraction {
     pub c: Lanes,
@@ -100,30 +100,30 @@ pub struct BlackFraction {
     pub taper: Lanes,
 }
 
-/// Grey values and their derivatives.
+/// Grey values of a batch and their derivatives.
 #[derive(Clone, Debug)]
 pub struct GreyBatch {
     pub value: Lanes,
-    /// By the common parameters.
+    /// Derivatives with respect to the common parameters.
     pub gradient: [Lanes; COMMON],
-    /// By those of narrow quadrants only.
+    /// Derivatives with respect to the parameters of narrow quadrants.
     pub outline_gradient: Option<Box<OutlineGradient>>,
 }
 
-/// Derivatives by the parameters of narrow quadrants only.
+/// Derivatives with respect to the parameters of narrow quadrants.
 pub type OutlineGradient = [Lanes; N - COMMON];
 
 impl GreyBatch {
-    /// Grey value 0 everywhere.
+    /// Creates a batch with grey value 0 everywhere.
     #[inline(always)]
     pub fn new() -> Self {
-        Self { value: Lanes::of(0.0), gradient: [Lanes::of(0.0); COMMON], outline_gradient: None }
+        Self { value: Lanes::splat(0.0), gradient: [Lanes::splat(0.0); COMMON], outline_gradient: None }
     }
 
-    /// The derivatives by a parameter.
+    /// Returns the derivatives with respect to a parameter.
     #[inline(always)]
-    pub fn by(&self, k: usize) -> &Lanes {
-        const NONE: &Lanes = &Lanes::of(0.0);
+    pub fn derivative(&self, k: usize) -> &Lanes {
+        const NONE: &Lanes = &Lanes::splat(0.0);
         match (self.gradient.get(k), &self.outline_gradient) {
             (Some(by), _) => by,
             (None, Some(outline_gradient)) => &outline_gradient[k - COMMON],
@@ -134,7 +134,7 @@ impl GreyBatch {
 
 impl BlackFraction {
     #[inline(always)]
-    /// Of white instead of black.
+    /// Replaces the fraction of black by that of white.
     pub fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);
         let Self { c: _, s, t, first, second, third, blur, taper } = self;
@@ -144,17 +144,16 @@ impl BlackFraction {
     }
 }
 
-/// The outline in the edges' frame: half its extent along their bisector, px; half its chord across at the centre, px; slope
-/// of the chords' middles; the centre's place along and across, px.
+/// Slot of half the outline's extent along the edges' bisector, px. The outline is given in the edges' frame.
 pub const LENGTH: usize = OUTLINE;
-/// Slot of the second of these.
+/// Slot of half the outline's chord across at its centre, px.
 pub const CHORD: usize = OUTLINE + 1;
-/// Slot of the third.
+/// Slot of the slope of the chords' midpoints.
 pub const SHEAR: usize = OUTLINE + 2;
-/// Slots of the fourth and fifth.
-pub const ASIDE: usize = OUTLINE + 3;
+/// Slots of the outline's centre along and across, px.
+pub const OFFSET: usize = OUTLINE + 3;
 
-/// Grey levels between white or skin and black.
-pub fn contrast(m: &MarkerParameters) -> f64 {
+/// Returns the grey levels between white or skin and black.
+pub fn grey_contrast(m: &MarkerParameters) -> f64 {
     m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]))
 }

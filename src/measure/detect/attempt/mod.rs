@@ -1,9 +1,10 @@
-//! One hypothesis measured, in the ways that there are.
+//! Measurement of one hypothesis, with fallback strategies.
 
 pub mod discs;
-pub mod ladder;
 pub mod measure;
 pub mod options;
 pub mod sharpening;
-pub mod suspects;
+pub mod sharpening_candidates;
+pub mod start;
+pub mod strategies;
 pub mod whole;

@@ -1,71 +1,71 @@
-//! Tuned numbers of an attempt: meaning, unit, origin.
+//! Tuned numbers of the measurement of one hypothesis: meaning, unit, origin.
 
 numbers! {
-    /// The measuring of one hypothesis.
+    /// Fits to one hypothesis.
     MEASURE: MeasureOptions {
-        /// Standard deviations beyond which a bend of axis or edges is believed: 9 off the weighted squares for one
-        /// unknown.
+        /// Standard deviations from which on a bend of axis or edges is significant: for one unknown it reduces the
+        /// weighted sum of squares by 9.
         bend_sigmas: f64 = 3.0,
-        /// Share of white or skin below which a contrast does not tell the tone curve's exponent from the darkness: the
-        /// grey half way up an edge then changes by less than half a percent with it, and both run away together.
-        tells_gamma: f64 = 0.3,
-        /// How much lighter than the skin glare is where its fringe ends, a ratio: beyond, it hides a disc sooner than
-        /// it shows it. Chosen on the glare frames of 112 rendered sets.
-        fringe: f64 = 1.2,
-        /// What glare that changes across a disc too does to its place, px. Normalised error across of 43 discs 1.42 ->
-        /// 1.04 (`docs/decisions/0014`).
+        /// Contrast over white or skin below which the tone curve's exponent is not separable from the darkness: the grey
+        /// half way up an edge then changes by less than 0.5 % with it, and both diverge together.
+        min_gamma_contrast: f64 = 0.3,
+        /// Glare over skin, a ratio, at which the fringe of glare ends: beyond, it hides a disc rather than showing it.
+        /// Chosen on the glare frames of 112 rendered sets.
+        fringe_ratio: f64 = 1.2,
+        /// Standard deviation of a disc's position due to glare that changes across it too, px. Normalised error across of
+        /// 43 discs 1.42 -> 1.04 (`docs/decisions/0014`).
         glare_px: f64 = 0.03,
-        /// What an end that glare saturates does to a disc's place along its axis, px: twenty discs in 112 rendered
-        /// sets were off by so much more than they said.
+        /// Standard deviation of a disc's position along its axis due to an end saturated by glare, px: the additional
+        /// error of 20 discs in 112 rendered sets.
         one_end_px: f64 = 0.4,
-        /// Share of a marker's contrast by which what is darker than the skin around it is foreign. Chosen on the
-        /// rendered sets; `tests/detect/bad_light.rs`.
-        foreign: f64 = 0.25,
-        /// Semi-minor axis, blurs, from which on a marker tells how the frame was sharpened: else the overshoots of both
-        /// its edges meet.
-        tells_overshoot_blurs: f64 = 4.0,
-        /// Least semi-axes of what may be a marker, px: major, minor. Below, it would tell nothing.
-        least_px: [f64; 2] = [3.5, 0.7],
-        /// Blur with which a fit begins where nothing tells it, px: that of a sharp picture.
+        /// Fraction of a marker's contrast by which pixels darker than the skin around it are excluded as contamination.
+        /// Chosen on the rendered sets; `tests/detect/bad_light.rs`.
+        foreign_contrast: f64 = 0.25,
+        /// Semi-minor axis from which on a marker shows the sharpening of the frame, blurs: otherwise the overshoots of
+        /// both its edges meet.
+        min_overshoot_blurs: f64 = 4.0,
+        /// Smallest semi-axes of a hypothesis, px: major, minor. Below, it would not determine anything.
+        min_axes_px: [f64; 2] = [3.5, 0.7],
+        /// Blur with which a fit starts if none is predicted, px: that of a sharp image.
         blur_px: f64 = 1.0,
-        /// The same of large quadrants with which that fails, px: they may be near the camera and out of focus, by half of the
-        /// greatest blur that is measured and more.
+        /// Blur with which the fit of large quadrants is repeated if it fails, px: they may be near the camera and out of
+        /// focus, with half of the largest measured blur or more.
         soft_px: f64 = 2.0,
-        /// Least tangent of half the angle between quadrants' edges to begin with.
-        tangent: f64 = 0.02,
-        /// Least semi-axes with which the last fit begins, px: major, minor.
-        last_px: [f64; 2] = [1.0, 0.5],
-        /// Fewer pixels are no beginning.
-        least: usize = 20,
-        /// How far off a rough fit is where no more is wanted, px, standard deviation: few pixels, and seams among them.
+        /// Smallest tangent of half the angle between quadrants' edges at the start.
+        min_tangent: f64 = 0.02,
+        /// Smallest semi-axes at the start of the last fit, px: major, minor.
+        min_start_axes_px: [f64; 2] = [1.0, 0.5],
+        /// Smallest number of pixels for a start.
+        min_pixels: usize = 20,
+        /// Standard deviation of a coarse fit if no more is required, px: few pixels, with seams among them.
         rough_px: f64 = 0.2,
-        /// A place through glare that moves less than so far from where its pixels were chosen stays, px.
+        /// Distance from the position for which the pixels were chosen below which a position through glare is final, px.
         settled_px: f64 = 1.0,
-        /// Scale of residuals over the frame's noise at least, a ratio, and grey levels: a grey value is rounded.
-        scale: (f64, f64) = (0.8, 0.5),
-        /// Least darkness to begin with: what is measured in the end has a little more.
-        least_dark: f64 = 0.05,
-        /// Least step from the darkest fortieth of the pixels to the lightest fifth, grey levels, to begin with.
-        least_step: f64 = 3.0,
-        /// By how much noise alone spreads them, in least scales of residuals, which are 0.8 of the noise. Derived: 1.96 and
-        /// 0.84 standard deviations.
+        /// Smallest scale of residuals: over the frame's noise, a ratio, and grey levels, because grey values are rounded.
+        min_scale: (f64, f64) = (0.8, 0.5),
+        /// Smallest darkness at the start; that of an accepted marker is slightly larger.
+        min_start_darkness: f64 = 0.05,
+        /// Smallest step from the darkest 1/40 of the pixels to the lightest 1/5 at the start, grey levels.
+        min_start_step: f64 = 3.0,
+        /// Spread of these two by noise alone, in smallest scales of residuals, which are 0.8 of the noise. Derived: 1.96
+        /// and 0.84 standard deviations.
         spread_by_noise: f64 = 3.5,
-        /// Axis ratio of a blob which is no marker whatever a fit would say: the flattest that is taken, and what a
-        /// blob may be off.
-        surely_flatter: f64 = 45.0,
+        /// Axis ratio from which on a blob is not a marker regardless of a fit: the largest accepted one, plus the error of
+        /// a blob.
+        max_blob_axis_ratio: f64 = 45.0,
     }
 
-    /// Whether a blob may be a whole disc.
+    /// Recognition of whole discs among blobs.
     WHOLE: WholeOptions {
-        /// Skin about a disc that tells its grey, px.
-        beside_px: f64 = 6.0,
-        /// Squareness of a whole disc at most: always, and over the square of its semi-minor axis, px^2, for few pixels across
-        /// make steps in its outline.
-        square: (f64, f64) = (0.13, 1.3),
-        /// Least semi-minor axis for that, px.
-        thin_px: f64 = 0.5,
-        /// Share of the residuals of quadrants that two discs in them may leave to be believed instead. Chosen;
-        /// `tests/detect/bad_light.rs`.
-        better: f64 = 0.5,
+        /// Skin around a disc whose grey is determined, px.
+        margin_px: f64 = 6.0,
+        /// Largest squareness of a whole disc: constant part, and part over the square of its semi-minor axis, px^2,
+        /// because few pixels across make steps in its outline.
+        max_squareness: (f64, f64) = (0.13, 1.3),
+        /// Smallest semi-minor axis for that, px.
+        min_axis_px: f64 = 0.5,
+        /// Largest residuals of two discs over those of the quadrants that contain them for the discs to be preferred.
+        /// Chosen; `tests/detect/bad_light.rs`.
+        max_disc_residuals: f64 = 0.5,
     }
 }

@@ -1,52 +1,55 @@
-//! The covariance of a detection's place: named contributions, summed here and nowhere else.
+//! Covariance of a detection's position: named contributions, which are summed only here.
 //!
-//! What shifts a place and leaves no trace in the residuals is a [`Source`] of its own. A new one needs a name here, and a place
-//! in the code that calls [`Covariance::add`]; its share then stands in `wingd detect --json` by itself.
+//! Every effect that shifts a position and leaves no trace in the residuals is a [`CovarianceSource`]. A new one needs a
+//! name here and a place in the code that calls [`Covariance::add`]; its contribution then appears in `wingd detect --json`
+//! automatically.
 
 use std::ops::Deref;
 
 use nalgebra::{Cholesky, Matrix2, SymmetricEigen, Vector2};
 use serde::Serialize;
 
-/// Why a place is uncertain; its name in results is the variant's in small letters, as `curved_skin`.
+/// Source of uncertainty of a position. Its name in results is that of the variant in snake case, such as `curved_skin`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CovarianceSource {
-    /// The fit's residuals, as if they were independent, and its Jacobian.
+    /// Residuals of the fit as if they were independent, and its Jacobian.
     Fit,
-    /// Residuals that hang together in this marker: uneven light, something foreign, JPEG's blocks.
+    /// Correlated residuals of this marker: uneven light, contamination, JPEG blocks.
     LackOfFit,
-    /// Residuals that hang together in all of the frame's markers, as JPEG leaves them.
+    /// Correlated residuals of all of the frame's markers, as JPEG leaves them.
     FrameCorrelation,
-    /// How a decal lies on a curved skin.
+    /// Unknown way in which a decal lies on a curved skin.
     CurvedSkin,
-    /// Glare's fringe beside what is seen of a disc.
+    /// Fringe of glare next to the visible part of a disc.
     GlareFringe,
     /// Glare that lies over a disc and changes across it.
     ThroughGlare,
-    /// An end that glare saturates.
+    /// End of a disc that glare saturates.
     SaturatedEnd,
-    /// What lies on the skin beside an edge or across it, as dirt that the air draws along a disc, a streak, another light.
-    Beside,
-    /// What takes contrast from quadrants, as frost, drops and dirt on the pane: light that comes another way.
+    /// Contamination of the skin next to an edge or across it, such as dirt that the air draws along a disc, a streak,
+    /// uneven light.
+    Contamination,
+    /// Loss of contrast of quadrants, as from frost, drops and dirt on the pane: light on another path.
     LostContrast,
-    /// Residuals larger than noise: what the image formula leaves may be a bias of edges.
+    /// Residuals larger than noise: errors of the image formula may be a bias of edges.
     Misfit,
-    /// A thin disc is longer or shorter than its neighbours predict.
+    /// Length of a thin disc that differs from that predicted by its neighbours.
     NeighbourLength,
-    /// A disc is thinner than the one beside it, whose decal may hide a part of it.
+    /// Thickness of a disc below that of a neighbour whose decal may hide a part of it.
     NeighbourThickness,
-    /// A disc is larger or smaller than the survey's diameter at its distance.
+    /// Size of a disc that differs from that predicted by the survey's diameter at its distance.
     SurveyedSize,
-    /// A second look at the same disc saw it elsewhere.
-    SecondLook,
-    /// The perspective bias of a disc's centre, which is removed, is known to some share.
+    /// Different position of the same disc in a second pass.
+    SecondPass,
+    /// Uncertainty of the perspective bias of a disc's centre, which is removed.
     Perspective,
-    /// Stated by whoever made the detection, with no more said.
-    Stated,
+    /// Covariance given with the detection, without further detail.
+    Given,
 }
 
-/// The covariance of a place, px^2, with what it is the sum of. It is read as the matrix that it is, and only grows by name.
+/// Covariance of a position, px^2, with its contributions. It dereferences to the matrix, and increases only by named
+/// contributions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariance {
     sum: Matrix2<f64>,
@@ -54,45 +57,46 @@ pub struct Covariance {
 }
 
 impl Covariance {
-    /// Of a fit, px^2: as its residuals deserve, and `white`, as if they were independent.
-    pub fn of_fit(deserved: Matrix2<f64>, white: Matrix2<f64>) -> Self {
+    /// Creates the covariance of a fit, px^2: `deserved` by its residuals, and `white` as if they were independent.
+    pub fn from_fit(deserved: Matrix2<f64>, white: Matrix2<f64>) -> Self {
         let mut out = Self { sum: deserved, contributions: Vec::new() };
-        out.note(CovarianceSource::Fit, white);
-        out.note(CovarianceSource::LackOfFit, deserved - white);
+        out.record(CovarianceSource::Fit, white);
+        out.record(CovarianceSource::LackOfFit, deserved - white);
         out
     }
 
-    /// Adds what a source makes doubtful, px^2.
-    pub fn add(&mut self, source: CovarianceSource, doubt: Matrix2<f64>) {
-        self.sum += doubt;
-        self.note(source, doubt);
+    /// Adds the contribution of a source, px^2.
+    pub fn add(&mut self, source: CovarianceSource, contribution: Matrix2<f64>) {
+        self.sum += contribution;
+        self.record(source, contribution);
     }
 
-    /// Adds a standard deviation, px, along a unit vector.
+    /// Adds the variance of a source along a unit vector, px^2.
     pub fn add_along(&mut self, source: CovarianceSource, axis: Vector2<f64>, variance_px2: f64) {
         self.add(source, axis * axis.transpose() * variance_px2);
     }
 
-    /// Raises it to what a source shows, px^2, in the directions in which that is more; not to what is not positive definite.
+    /// Raises the covariance to that of a source, px^2, in the directions in which that is larger. It stays unchanged if it
+    /// is not positive definite.
     pub fn raise(&mut self, source: CovarianceSource, shown: &Matrix2<f64>) {
-        if let Some((raised, _)) = at_least(shown, &self.sum, 1.0) {
-            self.note(source, raised - self.sum);
+        if let Some((raised, _)) = raise_to(shown, &self.sum, 1.0) {
+            self.record(source, raised - self.sum);
             self.sum = raised;
         }
     }
 
-    /// What it is the sum of, in the order in which it came, px^2.
+    /// Returns the contributions in the order in which they were added, px^2.
     pub fn contributions(&self) -> impl Iterator<Item = (CovarianceSource, &Matrix2<f64>)> {
         self.contributions.iter().map(|(source, own)| (*source, own))
     }
 
-    /// What a source contributes, px^2; zero where it does not.
-    pub fn of(&self, source: CovarianceSource) -> Matrix2<f64> {
+    /// Returns the contribution of a source, px^2; zero if there is none.
+    pub fn contribution(&self, source: CovarianceSource) -> Matrix2<f64> {
         self.contributions.iter().find(|(own, _)| *own == source).map_or_else(Matrix2::zeros, |(_, own)| *own)
     }
 
-    fn note(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
-        /// What rounding leaves where nothing is raised, as a share of the sum.
+    fn record(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
+        /// Relative rounding error of a covariance that is not raised.
         const ROUNDING: f64 = 1e-12;
         match self.contributions.iter_mut().find(|(known, _)| *known == source) {
             Some((_, known)) => *known += own,
@@ -111,20 +115,20 @@ impl Deref for Covariance {
 }
 
 impl From<Matrix2<f64>> for Covariance {
-    fn from(stated: Matrix2<f64>) -> Self {
-        Self { sum: stated, contributions: vec![(CovarianceSource::Stated, stated)] }
+    fn from(given: Matrix2<f64>) -> Self {
+        Self { sum: given, contributions: vec![(CovarianceSource::Given, given)] }
     }
 }
 
-/// The square of how far two places are apart, px, in standard deviations of their difference; infinite where its covariance
-/// is singular.
-pub fn mahalanobis(apart: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
+/// Returns the squared Mahalanobis distance of two positions from their difference, px, and its covariance, px^2; infinite
+/// if that is singular.
+pub fn squared_mahalanobis(apart: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
     covariance.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)))
 }
 
-/// `white` raised to `seen` in the directions in which that is greater by more than a factor, and the greatest of their
-/// ratios; `None` where `white` is not positive definite.
-pub fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
+/// Raises `white` to `seen` in the directions in which that is larger by more than a factor. Also returns the largest of
+/// their ratios; `None` if `white` is not positive definite.
+pub fn raise_to(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
     let root = Cholesky::new(*white)?.l();
     let inverse = root.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
@@ -139,19 +143,27 @@ mod tests {
 
     #[test]
     fn contributions_add_up_to_the_covariance() {
-        let mut all = Covariance::of_fit(Matrix2::new(0.04, 0.01, 0.01, 0.02), Matrix2::identity() * 0.01);
-        all.add_along(CovarianceSource::Beside, Vector2::new(0.6, 0.8), 0.09);
-        all.add_along(CovarianceSource::Beside, Vector2::new(0.6, 0.8), 0.01);
+        let mut all = Covariance::from_fit(Matrix2::new(0.04, 0.01, 0.01, 0.02), Matrix2::identity() * 0.01);
+        all.add_along(CovarianceSource::Contamination, Vector2::new(0.6, 0.8), 0.09);
+        all.add_along(CovarianceSource::Contamination, Vector2::new(0.6, 0.8), 0.01);
         all.add(CovarianceSource::ThroughGlare, Matrix2::zeros());
         let before = *all;
         all.raise(CovarianceSource::FrameCorrelation, &(Matrix2::identity() * 0.05));
-        // Across the dirt there was less than that, along it more.
+        // Across the dirt the variance was smaller than that, along it larger.
         let across = Vector2::new(-0.8, 0.6);
         assert!(across.dot(&(*all * across)) > 0.0499 && (all.trace() > before.trace()));
         let sum: Matrix2<f64> = all.contributions().map(|(_, own)| own).sum();
         assert!((sum - *all).norm() < 1e-15, "{sum} is not {all:?}");
         let sources: Vec<CovarianceSource> = all.contributions().map(|(source, _)| source).collect();
-        assert_eq!(sources, [CovarianceSource::Fit, CovarianceSource::LackOfFit, CovarianceSource::Beside, CovarianceSource::FrameCorrelation]);
-        assert!((all.of(CovarianceSource::Beside).trace() - 0.1).abs() < 1e-15);
+        assert_eq!(
+            sources,
+            [
+                CovarianceSource::Fit,
+                CovarianceSource::LackOfFit,
+                CovarianceSource::Contamination,
+                CovarianceSource::FrameCorrelation
+            ]
+        );
+        assert!((all.contribution(CovarianceSource::Contamination).trace() - 0.1).abs() < 1e-15);
     }
 }

@@ -1,17 +1,18 @@
-//! Normal equations solved for those parameters that are sought.
+//! Solution of the normal equations for the free parameters.
 
-use super::normal_equations::{ParameterVector, MIN_WEIGHT, NormalMatrix};
+use super::normal_equations::{MIN_WEIGHT, NormalMatrix, ParameterVector};
 use crate::detect::appearance::parameters::N;
 
-/// Cholesky's factor of the normal equations of some of the parameters.
+/// Cholesky factor of the normal equations of the free parameters.
 pub struct CholeskyFactor {
     list: Vec<usize>,
-    /// Row by row, the diagonal inverted.
+    /// Lower triangle, row by row, with the diagonal inverted.
     lower: [[f64; N]; N],
 }
 
 impl CholeskyFactor {
-    /// Of the parameters that are `free`, each diagonal element raised by a share of it; `None` where they cannot be told.
+    /// Factors the rows and columns of the `free` parameters, with each diagonal element raised by the fraction `damping`.
+    /// Returns `None` if the normal matrix is not positive definite.
     pub fn new(normal: &NormalMatrix, free: &[bool; N], damping: f64) -> Option<Self> {
         let list = (0..N).filter(|&k| free[k]).collect();
         let mut out = Self { list, lower: [[0.0; N]; N] };
@@ -31,7 +32,7 @@ impl CholeskyFactor {
         Some(out)
     }
 
-    /// The solution; 0 for parameters that are not sought.
+    /// Returns the solution; 0 for fixed parameters.
     pub fn solve(&self, right: &ParameterVector) -> ParameterVector {
         let mut part = [0.0; N];
         for (value, &k) in part.iter_mut().zip(&self.list) {
@@ -45,7 +46,7 @@ impl CholeskyFactor {
         out
     }
 
-    /// The inverse; 0 for parameters that are not sought.
+    /// Returns the inverse; 0 for fixed parameters.
     pub fn inverse(&self) -> NormalMatrix {
         let mut out = NormalMatrix::zeros();
         for (i, &k) in self.list.iter().enumerate() {
@@ -59,7 +60,7 @@ impl CholeskyFactor {
         out
     }
 
-    /// Solves for a right side that is 0 before `first`.
+    /// Solves for a right-hand side that is 0 before `first`.
     fn solve_part(&self, part: &mut [f64; N], first: usize) {
         for row in first..self.list.len() {
             let known = dot_product(&self.lower[row][first..row], &part[first..row]);
@@ -84,7 +85,7 @@ mod tests {
     use super::*;
 
     fn normal() -> NormalMatrix {
-        // Rows of a made-up Jacobian.
+        // Rows of an arbitrary Jacobian.
         let rows = (0..60).map(|i| ParameterVector::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin()));
         rows.fold(NormalMatrix::zeros(), |sum, row| sum + row * row.transpose())
     }
@@ -93,13 +94,13 @@ mod tests {
     fn solves_for_free_parameters_only() {
         let normal = normal();
         let free: [bool; N] = std::array::from_fn(|k| k % 3 != 1);
-        let factor = CholeskyFactor::new(&normal, &free, 0.0).expect("the rows tell all");
+        let factor = CholeskyFactor::new(&normal, &free, 0.0).expect("the rows determine all parameters");
         let right = ParameterVector::from_fn(|k, _| 1.0 + k as f64);
         let (solution, inverse) = (factor.solve(&right), factor.inverse());
-        let again = normal * solution;
+        let product = normal * solution;
         for k in 0..N {
             if free[k] {
-                assert!((again[k] - right[k]).abs() < 1e-6, "{k}: {} of {}", again[k], right[k]);
+                assert!((product[k] - right[k]).abs() < 1e-6, "{k}: {} of {}", product[k], right[k]);
                 let unit = normal * inverse.column(k);
                 for l in (0..N).filter(|&l| free[l]) {
                     let want = if k == l { 1.0 } else { 0.0 };

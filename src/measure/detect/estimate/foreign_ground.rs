@@ -1,27 +1,28 @@
-//! Edges beside which something foreign lies: dirt, paint, a streak of fluid, a decal's torn corner, another light.
+//! Edges next to foreign background: dirt, paint, a streak of fluid, the torn corner of a decal, a different light.
 //!
-//! Where the ground beside an edge is none of the marker's, the edge is not to be trusted either, though its own pixels may fit:
-//! half of them show the foreign thing. What the centre would be without such edges tells by how much it is in doubt. It is one
-//! question for discs and quadrants, whatever the thing is; nothing is known of it but that its pixels do not fit.
+//! If the background next to an edge does not belong to the marker, the edge is not reliable either, although its own
+//! pixels may fit: half of them show the foreign object. The change of the centre without such edges measures the
+//! uncertainty. Discs and quadrants are treated equally, for any kind of object; the only evidence used is that its pixels
+//! do not fit.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::cholesky::CholeskyFactor;
 use super::gauss_newton::MarkerFit;
-use super::normal_equations::{ParameterVector, NormalMatrix};
+use super::normal_equations::{NormalMatrix, ParameterVector};
 use super::prior::FitUnknowns;
 use super::residuals::ResidualAnalysis;
 use crate::detect::appearance::parameters::{BLUR, N, X, Y};
-use crate::detect::detection::covariance::mahalanobis;
+use crate::detect::detection::covariance::squared_mahalanobis;
 use crate::detect::estimate::options::{ITERATION, TERM};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::sample::pixels::Pixels;
 
-/// Foreign pixels about a place that tell that the thing reaches it: one or two are noise.
+/// Minimum number of foreign pixels around a position for the foreign object to reach it; one or two are noise.
 const MIN_FOREIGN_PIXELS: usize = 3;
 
-/// Batch and lane of the pixels that are not within the blur of foreign ones, which the fit gave no weight:
-/// a line that touches the marker also darkens the pixels beside it, too little to be seen in each.
+/// Returns batch and lane of the pixels that are farther than the blur from foreign pixels, to which the fit gave no
+/// weight. A line that touches the marker also darkens the pixels next to it, by too little to be noticed in each.
 pub fn clean_pixels(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
     let mut foreign = Vec::new();
     for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
@@ -39,8 +40,9 @@ pub fn clean_pixels(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<
     out
 }
 
-/// By how much the centre is in doubt for edges beside foreign ground, px^2: the square of the step that it makes without them,
-/// where that is more than its standard deviation then. `scale`: of the residuals, grey levels.
+/// Returns the covariance of the centre due to edges next to foreign background, px^2: the square of the change of the
+/// centre without these edges, or 0 if that change is within its standard deviation. `scale` is that of the residuals, grey
+/// levels.
 pub fn foreign_edge_covariance(
     pixels: &Pixels,
     fit: &MarkerFit,
@@ -60,9 +62,9 @@ pub fn foreign_edge_covariance(
         let weight = f64::from(pixel.root[lane] * seen.biweights[batch][lane]).powi(2);
         let residual = f64::from(seen.residuals[batch][lane]);
         for (a, &k) in list.iter().enumerate() {
-            let by = weight * f64::from(image.by(k)[lane]);
+            let by = weight * f64::from(image.derivative(k)[lane]);
             right[k] += by * residual;
-            list[a..].iter().for_each(|&l| normal[(k, l)] += by * f64::from(image.by(l)[lane]));
+            list[a..].iter().for_each(|&l| normal[(k, l)] += by * f64::from(image.derivative(l)[lane]));
         }
     }
     for (a, &k) in list.iter().enumerate() {
@@ -72,11 +74,13 @@ pub fn foreign_edge_covariance(
         right[k] += weight * (value - m[k]);
         list[a..].iter().for_each(|&l| normal[(l, k)] = normal[(k, l)]);
     }
-    let sought = std::array::from_fn(|k| list.contains(&k));
-    let Some(factor) = CholeskyFactor::new(&normal, &sought, ITERATION.final_damping) else { return Matrix2::zeros() };
+    let free = std::array::from_fn(|k| list.contains(&k));
+    let Some(factor) = CholeskyFactor::new(&normal, &free, ITERATION.final_damping) else {
+        return Matrix2::zeros();
+    };
     let change = factor.solve(&right);
-    let apart = Vector2::new(change[X], change[Y]);
+    let offset = Vector2::new(change[X], change[Y]);
     let then = factor.inverse().fixed_view::<2, 2>(X, X) * fit.variance;
-    let off = mahalanobis(&apart, &then);
-    if off > 1.0 && off.is_finite() { apart * apart.transpose() } else { Matrix2::zeros() }
+    let off = squared_mahalanobis(&offset, &then);
+    if off > 1.0 && off.is_finite() { offset * offset.transpose() } else { Matrix2::zeros() }
 }

@@ -1,21 +1,20 @@
-//! The image model fitted to grey values, robustly, with covariance.
+//! Robust fit of the image model to grey values, with covariance.
 
 use nalgebra::Matrix2;
 
 use super::bounds::{is_plausible, limit_step};
 use super::cholesky::CholeskyFactor;
-use super::normal_equations::{ParameterVector, BatchImages, NormalMatrix, Linearisation, linearise_model};
+use super::normal_equations::{BatchImages, Linearisation, NormalMatrix, ParameterVector, linearise_model};
 use super::prior::FitUnknowns;
-use crate::detect::appearance::parameters::{LENGTH, MAJOR, N, MarkerParameters, MarkerPattern, X, Y, contrast};
+use crate::detect::appearance::parameters::{LENGTH, MAJOR, MarkerParameters, MarkerPattern, N, X, Y, grey_contrast};
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::detect::sample::pixels::Pixels;
 
 /// A converged fit.
 #[derive(Clone, Debug)]
 pub struct MarkerFit {
-    /// Parameters.
     pub parameters: MarkerParameters,
-    /// Their covariance; zero for those held fixed.
+    /// Covariance of the parameters; zero for fixed ones.
     pub covariance: NormalMatrix,
     /// Weighted variance of the residuals, by which the covariance is scaled, grey levels squared.
     pub variance: f64,
@@ -23,22 +22,24 @@ pub struct MarkerFit {
     pub rms: f64,
     /// Mean robust weight, 0 to 1.
     pub inliers: f64,
-    /// Where it was linearised.
+    /// Parameters at which the model was linearised last.
     pub start: MarkerParameters,
-    /// What the model says there.
+    /// Grey values and derivatives of the model at `start`.
     pub images: BatchImages,
-    /// The centre's variance from blocks of residuals over that of the fit.
+    /// Ratio of the variance of the centre from blocks of residuals to that of the fit.
     pub correlation: f64,
-    /// The centre's covariance if no residuals hung together, px^2.
+    /// Covariance of the centre for uncorrelated residuals, px^2.
     pub white: Matrix2<f64>,
-    /// What foreign ground beside its edges makes doubtful, px^2.
+    /// Covariance of the centre due to foreign background next to the edges, px^2.
     pub foreign_covariance: Matrix2<f64>,
-    /// Whether residuals hang together along the outline, or pixels do not fit: they are no noise alone.
+    /// True if residuals are correlated along the outline or many pixels do not fit, so that noise alone does not explain
+    /// them.
     pub is_systematic: bool,
 }
 
 impl MarkerFit {
-    /// From a rough one, which leaves twice what the last one does, whose place is known to some standard deviation, px.
+    /// Creates a fit from the parameters of a coarse one, with half of its residual scale and a given standard deviation of
+    /// the position, px.
     pub fn from_coarse(parameters: MarkerParameters, scale: f64, sigma_px: f64) -> Self {
         let white = Matrix2::identity() * sigma_px * sigma_px;
         let mut covariance = NormalMatrix::zeros();
@@ -59,8 +60,8 @@ impl MarkerFit {
         }
     }
 
-    /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
-    /// and the parameters in question are small.
+    /// Returns the fit under the condition that the parameters `zero` are 0. Exact for a linear model; the parameters
+    /// concerned are small.
     pub fn with_zero(self, zero: &[usize]) -> Self {
         let mut out = self;
         for &k in zero {
@@ -79,7 +80,7 @@ impl MarkerFit {
     }
 }
 
-/// What a fit is made of.
+/// Input of a fit.
 struct FitProblem<'a> {
     pixels: &'a Pixels,
     images: Option<BatchImages>,
@@ -87,7 +88,7 @@ struct FitProblem<'a> {
     floor: f64,
 }
 
-/// Where an iteration ended: the parameters, and the linearisation that the last step came from.
+/// Result of a converged iteration: the parameters, and the linearisation from which the last step was computed.
 struct ConvergedIteration {
     parameters: MarkerParameters,
     start: MarkerParameters,
@@ -96,16 +97,16 @@ struct ConvergedIteration {
     factor: CholeskyFactor,
 }
 
-/// When an iteration ends.
+/// Convergence criterion of an iteration.
 #[derive(Clone, Copy, PartialEq)]
 enum Tolerance {
-    /// Within a hundredth of a pixel.
+    /// Step of the centre below 0.01 px.
     Coarse,
-    /// Within a small part of the centre's standard deviation.
+    /// Step of the centre below a small fraction of its standard deviation.
     Final,
 }
 
-/// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
+/// Fits the free parameters from `start` to 0.01 px. Returns the parameters and the scale of the residuals, grey levels.
 pub fn fit_coarse(
     pixels: &Pixels,
     start: &MarkerParameters,
@@ -113,13 +114,19 @@ pub fn fit_coarse(
     floor: f64,
 ) -> Option<(MarkerParameters, f64)> {
     let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
-    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
-    let end = problem.solve(*start, ITERATION.first_scale * contrast(start), Tolerance::Coarse)?;
+    // Most pixels are flat and contain no information on an edge that is still misplaced: reduce the scale slowly.
+    let end = problem.solve(*start, ITERATION.first_scale * grey_contrast(start), Tolerance::Coarse)?;
     Some((end.parameters, end.scale))
 }
 
-/// The answer, from a first geometry in whose solution residuals had about this scale.
-pub fn fit_final(pixels: &Pixels, start: &MarkerParameters, scale: f64, unknowns: &FitUnknowns, floor: f64) -> Option<MarkerFit> {
+/// Fits the free parameters to full precision, from a first solution with residuals of about this `scale`, grey levels.
+pub fn fit_final(
+    pixels: &Pixels,
+    start: &MarkerParameters,
+    scale: f64,
+    unknowns: &FitUnknowns,
+    floor: f64,
+) -> Option<MarkerFit> {
     let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
     problem.images = Some(BatchImages::new());
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
@@ -129,7 +136,7 @@ pub fn fit_final(pixels: &Pixels, start: &MarkerParameters, scale: f64, unknowns
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
     let images = problem.images.unwrap_or_default();
-    let (white, beside) = (covariance.fixed_view::<2, 2>(X, X).into_owned(), Matrix2::zeros());
+    let (white, foreign) = (covariance.fixed_view::<2, 2>(X, X).into_owned(), Matrix2::zeros());
     Some(MarkerFit {
         parameters,
         covariance,
@@ -140,7 +147,7 @@ pub fn fit_final(pixels: &Pixels, start: &MarkerParameters, scale: f64, unknowns
         images,
         correlation: 1.0,
         white,
-        foreign_covariance: beside,
+        foreign_covariance: foreign,
         is_systematic: false,
     })
 }
@@ -149,11 +156,11 @@ impl<'a> FitProblem<'a> {
     fn new(pixels: &'a Pixels, start: &MarkerParameters, unknowns: &'a FitUnknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
-        let floor = floor.max(WEIGHT.floor * contrast(start));
+        let floor = floor.max(WEIGHT.floor * grey_contrast(start));
         enough.then_some(Self { pixels, images: None, unknowns, floor })
     }
 
-    /// Repeats the linear solution until the centre stands still.
+    /// Repeats the linear solution until the centre is stationary.
     fn solve(&mut self, mut m: MarkerParameters, mut scale: f64, until: Tolerance) -> Option<ConvergedIteration> {
         let (mut last, near_px) = (scale, ITERATION.coarse_tolerance_px);
         let most = if until == Tolerance::Coarse { ITERATION.max_coarse_steps } else { ITERATION.max_final_steps };
@@ -176,14 +183,14 @@ impl<'a> FitProblem<'a> {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
-            // Either it stood still before this step, or the step takes next to nothing off the residuals.
+            // Either the scale was stationary before this step, or the step hardly reduces the residuals.
             let steady = (step.scale / last - 1.0).abs() < ITERATION.coarse_scale_change
                 || step.predicted_reduction(&change) < ITERATION.min_reduction;
             last = step.scale;
             scale = step.scale.max(ITERATION.min_scale_ratio * scale);
             let settled = match until {
                 Tolerance::Coarse => moved < near_px && steady && self.is_length_steady(&change, near_px),
-                // What is known to a pixel only need not stand as still.
+                // The tolerance is relative to the standard deviation, which may be as large as a pixel.
                 Tolerance::Final => {
                     ratio < ITERATION.final_scale_change && {
                         let most = ITERATION.final_tolerance * self.centre_sigma(&step, &factor);
@@ -197,11 +204,11 @@ impl<'a> FitProblem<'a> {
             if until == Tolerance::Final && iteration + 1 >= ITERATION.slow_after && moved > ITERATION.slow_px {
                 return None;
             }
-            let leaves = |share: f64| step.scale > share * contrast(&m);
+            let leaves = |share: f64| step.scale > share * grey_contrast(&m);
             let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_residual);
             if (is_far && iteration >= ITERATION.late_after)
                 || (iteration >= ITERATION.early_after && leaves(ITERATION.early_residual))
-                || (until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / contrast(&m)))
+                || (until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / grey_contrast(&m)))
             {
                 return None;
             }
@@ -209,7 +216,8 @@ impl<'a> FitProblem<'a> {
         None
     }
 
-    /// Whether residuals, as a share of the contrast, are so large after some steps of a rough fit that it is none of a marker's.
+    /// Returns true if the residuals, as a fraction of the contrast, are too large for a marker after the first iterations
+    /// of a coarse fit.
     fn is_hopeless(&self, iteration: usize, scale: f64) -> bool {
         let (after, most) = match self.pixels.pattern {
             MarkerPattern::Disc => ITERATION.hopeless,
@@ -219,7 +227,7 @@ impl<'a> FitProblem<'a> {
         iteration >= after && scale > most
     }
 
-    /// Whether the length, px, of what has an outline hardly changes.
+    /// Returns true if the length of a disc or of an outline changes by less than `most` px, or if the pattern has none.
     fn is_length_steady(&self, change: &ParameterVector, most: f64) -> bool {
         let length = match self.pixels.pattern {
             MarkerPattern::Disc => MAJOR,
@@ -229,7 +237,7 @@ impl<'a> FitProblem<'a> {
         change[length].abs() < most
     }
 
-    /// The centre's standard deviation, px.
+    /// Returns the standard deviation of the centre, px.
     fn centre_sigma(&self, step: &Linearisation, factor: &CholeskyFactor) -> f64 {
         let count = self.unknowns.free.iter().filter(|&&f| f).count();
         let along = |k: usize| factor.solve(&ParameterVector::ith(k, 1.0))[k];

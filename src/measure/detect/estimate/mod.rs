@@ -1,4 +1,4 @@
-//! The image formula fitted to pixels: Gauss-Newton with robust weights, priors, covariance, optional terms.
+//! Fit of the image model to pixels: Gauss-Newton iteration with robust weights, priors, covariance, optional terms.
 
 pub mod bounds;
 pub mod cholesky;

@@ -1,50 +1,52 @@
-//! The image model linearised on a fit's pixels: normal equations with robust weights.
+//! Linearisation of the image model on the pixels of a fit: normal equations with robust weights.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::prior::FitUnknowns;
 use super::scale::ResidualSizes;
-use crate::detect::appearance::formula::{MarkerModel, grey};
+use crate::detect::appearance::formula::{MarkerModel, grey_values};
 use crate::detect::appearance::overshoot::{self, SharpenedModel, is_sharpened};
-use crate::detect::appearance::parameters::{GreyBatch, N, MarkerParameters, X, Y};
+use crate::detect::appearance::parameters::{GreyBatch, MarkerParameters, N, X, Y};
 use crate::detect::appearance::quadrants;
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::dispatch::wide;
-use crate::detect::simd::lanes::{LANES, Lanes, each, total};
+use crate::detect::simd::lanes::{LANES, Lanes, each, sum_lanes};
 
+/// Matrix of the normal equations of all marker parameters.
 pub type NormalMatrix = SMatrix<f64, N, N>;
 
+/// Vector over all marker parameters.
 pub type ParameterVector = SVector<f64, N>;
 
-/// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
+/// Minimum weight of an unknown, so that an undetermined one keeps its value: 10^-12 of the weight of one grey level.
 pub const MIN_WEIGHT: f64 = 1e-12;
 
-/// One linearisation: normal equations and residual statistics.
+/// Normal equations and residual statistics of one linearisation.
 pub struct Linearisation {
     pub normal: NormalMatrix,
     pub right: ParameterVector,
     pub scale: f64,
     pub weight: f64,
-    /// Sum of the influence function's derivative, where the weights' sum would stand.
+    /// Sum of the derivatives of the influence function, corresponding to the sum of the weights.
     curvature: f64,
     pub square: f64,
 }
 
 impl Linearisation {
-    /// Variance of a residual of weight 1, `count` parameters being sought.
+    /// Variance of a residual of weight 1 in a fit with `count` free parameters.
     pub fn variance(&self, count: usize) -> f64 {
         self.square / (self.weight - count as f64).max(1.0)
     }
 
-    /// The share of the residuals' squares that a step takes off if the model is linear.
+    /// Fraction of the sum of squared residuals that a step removes if the model is linear.
     pub fn predicted_reduction(&self, change: &ParameterVector) -> f64 {
         change.dot(&self.right) / self.square.max(TINY)
     }
 
-    /// By how much a step falls short because the weights follow the residuals.
+    /// Factor by which a step is too short because the weights depend on the residuals.
     pub fn step_gain(&self) -> f64 {
         (self.weight / self.curvature.max(TINY)).clamp(1.0, ITERATION.max_gain)
     }
@@ -55,19 +57,19 @@ impl Linearisation {
     }
 }
 
-/// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
+/// Rows of the weighted Jacobian, stored by column with the residuals last, whose products have not been summed yet.
 pub struct RowBlock {
     columns: [[Lanes; BLOCK_BATCHES]; MAX_COLUMNS],
     batches: usize,
 }
 
-/// Most columns: the parameters, or the common ones and a field's about a pixel, and residuals.
+/// Maximum number of columns: the parameters, or the common ones with those of a field's knots around a pixel, and the
+/// residuals.
 const MAX_COLUMNS: usize = N + 1;
 /// Batches per block.
 const BLOCK_BATCHES: usize = 8;
 
-/// Sums of products of two columns, a part in each lane: for each column those with itself and the later
-/// ones; residuals are the last column.
+/// Sums of products of columns, by lane: of each column with itself and all later ones. The residuals are the last column.
 #[derive(Debug, PartialEq)]
 pub struct ColumnProducts {
     columns: usize,
@@ -75,30 +77,30 @@ pub struct ColumnProducts {
 }
 
 impl ColumnProducts {
-    /// None yet of so many columns and residuals.
+    /// Creates zero sums for a number of columns and the residuals.
     pub fn new(columns: usize) -> Self {
-        Self { columns, sums: vec![Lanes::of(0.0); (columns + 1) * columns / 2 + columns] }
+        Self { columns, sums: vec![Lanes::splat(0.0); (columns + 1) * columns / 2 + columns] }
     }
 
-    /// Their totals, column by column.
+    /// Totals over the lanes, column by column.
     pub fn totals(&self) -> impl Iterator<Item = f64> {
-        self.sums.iter().map(total)
+        self.sums.iter().map(sum_lanes)
     }
 
-    /// Forgets those of the first columns.
+    /// Sets the sums of the first columns to zero.
     pub fn clear_columns(&mut self, columns: usize) {
         let first = (0..columns).map(|i| self.columns + 1 - i).sum();
-        self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::of(0.0));
+        self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::splat(0.0));
     }
 }
 
 impl RowBlock {
-    /// Without rows.
+    /// Creates a block without rows.
     pub fn new() -> Self {
-        Self { columns: [[Lanes::of(0.0); BLOCK_BATCHES]; MAX_COLUMNS], batches: 0 }
+        Self { columns: [[Lanes::splat(0.0); BLOCK_BATCHES]; MAX_COLUMNS], batches: 0 }
     }
 
-    /// Takes up a batch's weighted columns, residuals last; whether it is full.
+    /// Appends the weighted columns of a batch, residuals last. Returns true if the block is full.
     #[inline(always)]
     pub fn push<'a>(&mut self, root: &Lanes, columns: impl Iterator<Item = &'a Lanes>) -> bool {
         let k = self.batches % BLOCK_BATCHES;
@@ -109,13 +111,13 @@ impl RowBlock {
         self.batches == BLOCK_BATCHES
     }
 
-    /// Adds the products of the columns with one another and the residuals; empties it.
+    /// Adds the products of the columns with one another and with the residuals to `sums`; empties the block.
     #[inline(always)]
     pub fn flush(&mut self, sums: &mut ColumnProducts) {
         let n = sums.columns;
         let mut rest = &mut sums.sums[..];
         for column in &mut self.columns[..=n] {
-            column[self.batches..].fill(Lanes::of(0.0));
+            column[self.batches..].fill(Lanes::splat(0.0));
         }
         // Two columns at a time: the later ones are read half as often.
         for i in (0..n).step_by(2) {
@@ -152,7 +154,12 @@ fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK_BATCHES], other: &[Lanes; B
 
 /// Adds the products of two columns with a third.
 #[inline(always)]
-fn add_two_products(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK_BATCHES]; 2], other: &[Lanes; BLOCK_BATCHES]) {
+fn add_two_products(
+    sum: &mut Lanes,
+    next: &mut Lanes,
+    [one, two]: [&[Lanes; BLOCK_BATCHES]; 2],
+    other: &[Lanes; BLOCK_BATCHES],
+) {
     let (mut lanes, mut lanes_next) = (*sum, *next);
     for ((x, y), z) in one.iter().zip(two).zip(other) {
         for i in 0..LANES {
@@ -163,10 +170,10 @@ fn add_two_products(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLO
     (*sum, *next) = (lanes, lanes_next);
 }
 
-/// What the image model says of a fit's batches: grey values and derivatives.
+/// Grey values and derivatives of the image model for the batches of a fit.
 pub type BatchImages = Vec<GreyBatch>;
 
-/// What a linearisation adds up: products of the columns with one another and the residuals, and the residuals' statistics.
+/// Sums of a linearisation: products of the columns with one another and with the residuals, and the residual statistics.
 #[derive(Debug, PartialEq)]
 struct LinearisationSums {
     products: ColumnProducts,
@@ -176,7 +183,8 @@ struct LinearisationSums {
     square: f64,
 }
 
-/// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
+/// Returns the normal equations at `m`, with biweights for residuals relative to `scale`, and stores the grey values in
+/// `images` if given.
 pub fn linearise_model(
     pixels: &Pixels,
     m: &MarkerParameters,
@@ -185,9 +193,9 @@ pub fn linearise_model(
     floor: f64,
     images: Option<&mut BatchImages>,
 ) -> Linearisation {
-    // Counting into an array here takes the compiler minutes.
+    // Collecting into an array here takes the compiler minutes.
     let list: &[usize] = &(0..N).filter(|&k| unknowns.free[k]).collect::<Vec<_>>();
-    let sums = summed(pixels, m, list, scale, images);
+    let sums = sum_batches(pixels, m, list, scale, images);
     let mut normal = NormalMatrix::zeros();
     let mut right = ParameterVector::zeros();
     let mut totals = sums.products.totals();
@@ -215,15 +223,23 @@ pub fn linearise_model(
 }
 
 wide! {
-    /// The sums for the parameters of a list.
-    fn summed(pixels: &Pixels, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>) -> LinearisationSums
+    /// Sums over all batches for the parameters in a list.
+    fn sum_batches(
+        pixels: &Pixels, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>
+    ) -> LinearisationSums
         = Pixels::accumulate
 }
 
 impl Pixels {
     #[inline(always)]
-    fn accumulate(&self, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>) -> LinearisationSums {
-        // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
+    fn accumulate(
+        &self,
+        m: &MarkerParameters,
+        list: &[usize],
+        scale: f64,
+        images: Option<&mut BatchImages>,
+    ) -> LinearisationSums {
+        // One loop for each model: a loop for both is slower for both, and a model passed as a function
         // is compiled without the processor's wide registers.
         match (self.outlined, is_sharpened(m)) {
             (false, false) => self.accumulate_model::<false, false>(m, list, scale, images),
@@ -244,22 +260,24 @@ impl Pixels {
         if let Some(images) = &mut images {
             images.resize_with(self.batches.len(), GreyBatch::new);
         }
-        let mut unkept = GreyBatch::new();
+        let mut discarded = GreyBatch::new();
         let model = MarkerModel::new(self.pattern, m, self.origin);
         let sharpened =
             SHARPENED.then(|| SharpenedModel::new(MarkerModel::new(self.pattern, m, self.origin), m, self.origin));
         let mut copy = SHARPENED.then(GreyBatch::new);
         let mut sums = ColumnProducts::new(list.len());
         let mut block = RowBlock::new();
-        let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
+        let (mut weight, mut curvature, mut square) = (Lanes::splat(0.0), Lanes::splat(0.0), Lanes::splat(0.0));
         let mut sizes = ResidualSizes::new(self.batches.len());
         for (k, batch) in self.batches.iter().enumerate() {
-            let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
+            let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut discarded);
             match (&sharpened, &mut copy) {
-                (Some(model), Some(copy)) if OUTLINED => overshoot::outlined_grey(model, batch, image, copy),
-                (Some(model), Some(copy)) => overshoot::grey(model, batch, image, copy),
-                _ if OUTLINED => quadrants::grey(&model, batch, image),
-                _ => grey(&model, batch, image),
+                (Some(model), Some(copy)) if OUTLINED => {
+                    overshoot::sharpened_outlined_grey_values(model, batch, image, copy)
+                }
+                (Some(model), Some(copy)) => overshoot::sharpened_grey_values(model, batch, image, copy),
+                _ if OUTLINED => quadrants::outlined_grey_values(&model, batch, image),
+                _ => grey_values(&model, batch, image),
             }
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweight_roots(&r, &image.gradient[X], &image.gradient[Y], scale);
@@ -271,7 +289,7 @@ impl Pixels {
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
                 square[i] += (root[i] * r[i]) * (root[i] * r[i]);
             }
-            let columns = list.iter().map(|&k| image.by(k)).chain([&r]);
+            let columns = list.iter().map(|&k| image.derivative(k)).chain([&r]);
             if block.push(&root, columns) {
                 block.flush(&mut sums);
             }
@@ -280,14 +298,14 @@ impl Pixels {
         LinearisationSums {
             products: sums,
             scale: sizes.sigma(scale),
-            weight: total(&weight),
-            curvature: total(&curvature),
-            square: total(&square),
+            weight: sum_lanes(&weight),
+            curvature: sum_lanes(&curvature),
+            square: sum_lanes(&square),
         }
     }
 }
 
-/// Roots of the biweights.
+/// Square roots of Tukey's biweights.
 #[inline(always)]
 pub fn biweight_roots(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     let (scale2, jitter2) = ((scale * scale) as f32, (WEIGHT.edge_jitter_px * WEIGHT.edge_jitter_px) as f32);
@@ -315,9 +333,7 @@ mod tests {
             (MarkerPattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
         ];
         let plain_and_sharpened = [[0.0, 0.0], [0.7, 1.3]].into_iter();
-        for ((pattern, rim, shape), halo) in
-            plain_and_sharpened.flat_map(|halo| shapes.map(|shape| (shape, halo)))
-        {
+        for ((pattern, rim, shape), halo) in plain_and_sharpened.flat_map(|halo| shapes.map(|shape| (shape, halo))) {
             let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
             let narrow = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
             let m: Vec<f64> = shape.into_iter().chain(light).chain(halo).chain(narrow).collect();
@@ -335,7 +351,7 @@ mod tests {
             let mut pixels = sorter.finish();
             pixels.outlined = rim;
             let list: [usize; N] = std::array::from_fn(|k| k);
-            let wide = summed(&pixels, &m, &list, 30.0, None);
+            let wide = sum_batches(&pixels, &m, &list, 30.0, None);
             assert_eq!(wide, pixels.accumulate(&m, &list, 30.0, None), "{pattern:?}");
             assert!(
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),

@@ -1,270 +1,282 @@
-//! Tuned numbers of the fit: meaning, unit, origin.
+//! Tuned numbers of the fit, with meaning, unit, origin.
 
 use crate::detect::hypothesis::prior::PriorValue;
 
 numbers! {
-    /// When an iteration is given up or ended: bounds on time, which change answers only where a fit does not settle.
+    /// Limits of the iteration: bounds on time, which change results only if a fit does not converge.
     ITERATION: IterationOptions {
-        /// Most steps of a rough fit.
+        /// Maximum iterations of a coarse fit.
         max_coarse_steps: usize = 20,
-        /// Most steps of the last one: where the blur is another along than across, pixels of an end come back one by
-        /// one.
+        /// Maximum iterations of the final fit: if the blur differs between the directions, pixels at an end regain weight
+        /// one by one.
         max_final_steps: usize = 30,
-        /// Steps after which what still moves by more than the next number is given up.
+        /// Iterations after which a fit is abandoned if it still moves by more than `slow_px`.
         slow_after: usize = 12,
-        /// That number, px.
+        /// Step of the centre above which a fit is too slow, px.
         slow_px: f64 = 0.1,
-        /// First scale of a rough fit's residuals, a share of the contrast: most pixels are flat and say nothing of an edge that
-        /// is still off.
+        /// First scale of the residuals of a coarse fit, a fraction of the contrast: most pixels are flat and contain no
+        /// information on an edge that is still misplaced.
         first_scale: f64 = 0.15,
-        /// Least share of itself to which the scale comes down in one step, for the same reason.
+        /// Minimum ratio of the scale to the previous one in one iteration, for the same reason.
         min_scale_ratio: f64 = 0.4,
-        /// Steps of a rough fit in which the normal equations are damped.
+        /// Iterations of a coarse fit with damped normal equations.
         damped_steps: usize = 2,
-        /// By what share of the diagonal (Levenberg and Marquardt's).
+        /// Damping in these iterations, a fraction of the diagonal (Levenberg-Marquardt).
         damping: f64 = 1e-3,
-        /// The same afterwards: only against rounding.
+        /// Damping in all later iterations, a fraction of the diagonal: against rounding only.
         final_damping: f64 = 1e-10,
-        /// A step of the centre below which it is lengthened by what the weights' change takes off it, px.
+        /// Step of the centre below which it is lengthened to correct for the change of the weights, px.
         gain_px: f64 = 0.05,
-        /// How much longer it is made at most, a ratio.
+        /// Maximum factor by which a step is lengthened.
         max_gain: f64 = 1.5,
-        /// A step of centre and length after which a rough fit ends, px: its pixels are chosen by it.
+        /// Step of centre and length below which a coarse fit has converged, px: pixels are selected by it.
         coarse_tolerance_px: f64 = 0.02,
-        /// A change of the scale from one step to the next, as a share, after which it ends.
+        /// Relative change of the scale between iterations below which a coarse fit has converged.
         coarse_scale_change: f64 = 0.2,
-        /// The same after which the last fit ends.
+        /// Relative change of the scale between iterations below which the final fit has converged.
         final_scale_change: f64 = 0.15,
-        /// A share of the residuals' squares that a step takes off, after which a rough fit ends whatever the scale does.
+        /// Fraction of the squared residuals removed by a step below which a coarse fit has converged, whatever its scale.
         min_reduction: f64 = 0.1,
-        /// A step of the centre, in its standard deviations, after which the last fit ends.
+        /// Step of the centre, in its standard deviations, below which the final fit has converged.
         final_tolerance: f64 = 0.1,
-        /// Steps after which a fit that leaves so large a share of the contrast is none of a marker's.
+        /// Iterations after which a fit with residuals above `early_residual` cannot be a marker.
         early_after: usize = 5,
-        /// That share.
+        /// Scale of the residuals above which a fit is abandoned after `early_after`, a fraction of the contrast.
         early_residual: f64 = 0.2,
-        /// Steps after which a rough fit that leaves more than a share of the contrast is none of a marker's: of 116
-        /// rendered discs the worst left 0.28 then, of the fits that failed 0.4 more than 0.35.
+        /// Iterations after which a coarse fit of a disc cannot be a marker if its residuals exceed a fraction of the
+        /// contrast. The worst of 116 rendered discs had 0.28; 40 % of the fits that failed had more than 0.35.
         hopeless: (usize, f64) = (2, 0.35),
-        /// The same of edges that cross: of 123 the worst left 0.15, of the fits that failed 0.87 more than that.
+        /// Corresponding limit for crossing edges: the worst of 123 had 0.15; 87 % of the fits that failed had more than
+        /// that.
         hopeless_crossing: (usize, f64) = (1, 0.25),
-        /// The same of quadrants by edges and outline together, which leave 0.12 at most in the end.
+        /// Corresponding limit for quadrants fitted by edges and outline, whose final residuals are 0.12 at most.
         hopeless_outlined: (usize, f64) = (2, 0.25),
-        /// Steps after which one that still moves, and leaves more than a marker does, is none.
+        /// Iterations after which a fit that still moves by more than `late_px` with residuals above `late_residual` cannot
+        /// be a marker.
         late_after: usize = 8,
-        /// By how much it moves then, px.
+        /// Step of the centre above which a fit is abandoned after `late_after`, px.
         late_px: f64 = 1.0,
-        /// What it leaves, a share of the contrast.
+        /// Scale of the residuals above which a fit is abandoned after `late_after`, a fraction of the contrast.
         late_residual: f64 = 0.05,
-        /// Most steps of the fit with a field of light, which begins at the answer of the last one.
+        /// Maximum iterations of the fit with a light field, which starts from the result of the final fit.
         max_field_steps: usize = 4,
-        /// Its damping in the first two steps and afterwards, shares of the diagonal.
+        /// Damping of the fit with a light field in the first two iterations and afterwards, fractions of the diagonal.
         field_damping: [f64; 2] = [1e-3, 1e-7],
-        /// A step of its centre after which it ends, px, and the longest one, px.
+        /// Step of the centre below which the fit with a light field has converged, and its maximum step, px.
         field_px: (f64, f64) = (1e-3, 2.0),
-        /// A fall of the scale from one step to the next, a ratio, below which it ends, as the fit through glare does.
+        /// Ratio of the scale to the previous one above which the fits with a light field and with glare have converged.
         scale_ratio_converged: f64 = 0.9,
-        /// Least share of itself to which their scale comes down in one step.
+        /// Minimum ratio of the scale to the previous one in one iteration of these fits.
         min_final_scale_ratio: f64 = 0.5,
-        /// First scale of their residuals, over what the fit before left, where something foreign pulled at that.
+        /// First scale of the residuals relative to the previous fit, if foreign pixels distorted that fit.
         scale_with_foreign: f64 = 3.0,
-        /// The same where glare did.
+        /// First scale of the residuals relative to the previous fit, if glare distorted that fit.
         scale_with_glare: f64 = 4.0,
-        /// Longest step of the centre through glare, px.
+        /// Maximum step of the centre in the fit with glare, px.
         max_glare_step_px: f64 = 1.5,
-        /// Most steps of the fit through glare.
+        /// Maximum iterations of the fit with glare.
         max_glare_steps: usize = 30,
-        /// A step of the centre, in its standard deviations, after which that ends.
+        /// Step of the centre, in its standard deviations, below which the fit with glare has converged.
         glare_tolerance: f64 = 0.03,
     }
 
     /// Robust weights and correlated residuals.
     WEIGHT: WeightOptions {
-        /// Residuals beyond this many scales have no weight. Tukey's biweight; at 4.7 it is 95 % efficient, wider it
-        /// loses less of an edge that the model does not meet.
+        /// Residuals beyond this multiple of the scale have no weight (Tukey's biweight). At 4.7 it is 95 % efficient; a
+        /// larger value loses less of an edge that the model does not match exactly.
         cut_scales: f64 = 6.0,
-        /// Least scale of residuals, a share of the contrast: the image formula is no better.
+        /// Minimum scale of the residuals, a fraction of the contrast: the accuracy of the image formula.
         floor: f64 = 0.02,
-        /// Root of the weight, half, from which on a pixel tells the residuals' scale.
+        /// Square root of the weight (0.5) above which a pixel is used to estimate the scale of the residuals.
         scale_root: f32 = 0.7,
-        /// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel. Chosen;
+        /// Irregularity of a real outline and of its sampling, px, for which a pixel is not down-weighted. Chosen;
         /// `tests/detect/fixtures.rs`.
         edge_jitter_px: f64 = 0.08,
-        /// Side of the squares whose residuals may hang together, px: JPEG's.
+        /// Side of the squares within which residuals may be correlated, px: the blocks of JPEG.
         square_px: f64 = 8.0,
-        /// Semi-axis, in squares, beyond which whole multiples of them are taken: so many independent squares are
-        /// enough.
+        /// Semi-axis, in squares, above which squares are enlarged by whole multiples: more independent squares are not
+        /// needed.
         squares: f64 = 11.0,
-        /// Most by which what a fit takes off each block is allowed for, a ratio: with so few blocks more is no estimate.
+        /// Maximum correction, a ratio, for the part of each block that the fitted parameters absorb: with that few blocks
+        /// a larger correction is not reliable.
         max_correction: f64 = 2.5,
-        /// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
-        /// `tests/detect/fixtures.rs` holds the standard deviations under JPEG.
+        /// Ratio up to which the variance from blocks does not differ significantly from that of the fit: there are few
+        /// blocks. Standard deviations with JPEG: `tests/detect/fixtures.rs`.
         max_random_ratio: f64 = 2.4,
     }
 
-    /// When the light is freed. Chosen on rendered sets; `tests/detect/bad_light.rs` and `tests/detect/fixtures.rs`
-    /// hold it.
+    /// Criteria for estimating a light field. Chosen on rendered sets; `tests/detect/bad_light.rs` and
+    /// `tests/detect/fixtures.rs` check them.
     LACK_OF_FIT: LackOfFitOptions {
-        /// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
+        /// Ratio of the centre's variance from blocks of residuals to that of the fit above which residuals are
+        /// significantly correlated.
         correlated: f64 = 4.0,
-        /// Mean square of residuals by sectors, over that of independent ones, beyond which the light is uneven.
+        /// Ratio of the mean square of residuals by sectors to that of independent ones above which the light is uneven.
         uneven: f64 = 1.5,
-        /// Share of pixels that the fit has left out, beyond which they are looked into.
+        /// Fraction of pixels with zero weight above which they are treated as foreign.
         foreign: f64 = 0.01,
-        /// What a field of light must take off the residuals' squares to be heard, in variances of one. Its 33 unknowns
-        /// take off as many by chance, and several times as many where JPEG lets residuals hang together.
+        /// Minimum reduction of the squared residuals by a light field for it to be used in part, in variances of one
+        /// residual. Its 33 unknowns reduce them by 33 at random, and by several times that if JPEG correlates the
+        /// residuals.
         uncertain_gain: f64 = 120.0,
-        /// The same to be believed: 8.5 for each unknown.
+        /// Reduction above which the light field is used fully: 8.5 for each unknown.
         certain_gain: f64 = 280.0,
-        /// What a first step must promise of that to be followed: half of what is heard.
+        /// Minimum reduction predicted by the first step for the iteration to continue: half of `uncertain_gain`.
         min_first_gain: f64 = 60.0,
     }
 
-    /// What is known of a marker's image before the fit.
+    /// Priors of the image of a marker.
     PRIOR: PriorOptions {
-        /// Exponent of the tone curve with its standard deviation: that of pictures made for the eye (IEC 61966-2-1),
-        /// and how far cameras depart from it.
+        /// Exponent of the tone curve with its standard deviation: that of images encoded for viewing (IEC 61966-2-1), and
+        /// the scatter between cameras.
         gamma: PriorValue = PriorValue { value: 1.0 / 2.2, sigma: 0.15 },
-        /// A disc's sag over its semi-major axis, standard deviation: a disc of 0.2 m across on a skin of 5 m radius. A
-        /// whole outline tells it better.
+        /// Prior standard deviation of a disc's sag, relative to its semi-major axis: a disc of 0.2 m diameter on a skin of
+        /// 5 m radius. A complete outline determines it better.
         sag: f64 = 0.01,
-        /// Change of a disc's thickness along it, as a share, standard deviation. Chosen; `tests/detect/glare.rs`.
+        /// Prior standard deviation of the relative change of a disc's thickness along it. Chosen; `tests/detect/glare.rs`.
         taper: f64 = 0.05,
-        /// How far the blurs of quadrants' edges differ from their mean, as a share: motion blurs them by their
-        /// direction. `tests/detect/motion.rs`.
+        /// Prior standard deviation of the relative difference between the blurs of the edges of quadrants and their mean:
+        /// motion blurs them depending on direction. `tests/detect/motion.rs`.
         uneven_blur: f64 = 0.1,
-        /// How far the directions of twins differ, rad. Chosen, as the next two; `tests/detect/decals.rs`.
+        /// Prior standard deviation of the direction of a disc relative to an equal neighbour, rad. Chosen, as the next
+        /// two; `tests/detect/decals.rs`.
         twin_angle_rad: f64 = 0.02,
-        /// The same of their lengths, as a share.
+        /// Prior standard deviation of its length relative to the neighbour, a fraction.
         twin_major: f64 = 0.03,
-        /// The same of their thicknesses.
+        /// Prior standard deviation of its thickness relative to the neighbour, a fraction.
         twin_minor: f64 = 0.1,
-        /// Semi-minor axis from which on a marker tells more of its light, and quadrants tell their bends, px. Chosen;
+        /// Semi-minor axis above which more parameters of the light and the bends of quadrants are determined, px. Chosen;
         /// `tests/detect/sweep.rs`.
         thick_px: f64 = 2.5,
-        /// Semi-minor axis from which on darkness across it is told, px. Chosen, as the next two.
+        /// Semi-minor axis above which the change of darkness across a marker is determined, px. Chosen, as the next two.
         dark_px: f64 = 6.0,
-        /// Semi-major axis from which on the square of the light along it is, px.
+        /// Semi-major axis above which the square term of the light along a marker is determined, px.
         light_px: f64 = 15.0,
-        /// The same of bends.
+        /// Semi-major axis above which bends are determined, px.
         bend_px: f64 = 12.0,
-        /// Semi-minor axis of quadrants up to which one of their edges may be too short to tell its bend, px. Chosen;
+        /// Semi-minor axis of quadrants up to which one of their edges may be too short to determine its bend, px. Chosen;
         /// `tests/detect/sweep.rs`.
         narrow_px: f64 = 10.0,
     }
 
-    /// Narrow quadrants by edges and outline together. Chosen on drawn and rendered quadrants; `tests/detect/sweep.rs`
-    /// holds them.
+    /// Narrow quadrants fitted by edges and outline. Chosen on drawn and rendered quadrants; `tests/detect/sweep.rs` checks
+    /// them.
     OUTLINED: OutlinedOptions {
-        /// Least contrast of white against the skin, as a share of that of black: 0.21 and more in all of 588 of the
-        /// rendered sets, 0.06 and less in what were discs.
+        /// Minimum contrast of white against the skin, as a fraction of that of black: 0.21 and more in all 588 of the
+        /// rendered sets, 0.06 and less if the marker was a disc.
         whiter: f64 = 0.12,
-        /// How far the outline's centre is from the crossing, px, standard deviation: perspective, and how a target is
-        /// cut.
+        /// Prior standard deviation of the offset between the centre of the outline and the crossing, px: perspective, and
+        /// tolerance of cutting.
         aside_px: f64 = 1.0,
-        /// How far edges and outline bend at their ends, as a share of the length, standard deviation: a target of 40
-        /// mm on a skin of 10 m radius, seen along it.
+        /// Prior standard deviation of the bend of edges and outline at their ends, a fraction of the length: a target of
+        /// 40 mm on a skin of 10 m radius, seen along it.
         bend: f64 = 0.002,
-        /// How far black's darkness differs between the centre and the outline, standard deviation: one print.
+        /// Prior standard deviation of the difference of darkness between the centre and the outline: one print.
         dark: f64 = 0.005,
-        /// Pixels for outline and edges, about: more would only cost time.
+        /// Approximate number of pixels for outline and edges: more would only cost time.
         coarse_px: f64 = 400.0,
-        /// Pixels for the answer, about: more than most such targets have.
+        /// Approximate number of pixels for the final fit: more than most such targets have.
         final_px: f64 = 6000.0,
-        /// How far beyond their outline pixels are taken, blurs and px: flat skin must be among them.
+        /// Distance up to which pixels outside the outline are used, blurs and px: it must include flat skin.
         beyond: (f64, f64) = (2.5, 2.0),
-        /// Of so many pixels outside an outline, which only tell the skin, one is used.
+        /// Step between the pixels used outside the outline, which only determine the skin's grey level, relative to those
+        /// inside.
         outside_step: usize = 3,
-        /// Of so many pixels within it one at least.
+        /// Maximum step between the pixels used inside the outline.
         max_step: f64 = 1024.0,
-        /// Part of a period by which the pixels of a row lie aside of those of the last: the golden ratio, which
-        /// repeats least.
+        /// Fraction of a period by which the used pixels of a row are shifted from those of the previous row: the golden
+        /// ratio, which repeats least.
         row_shift: f64 = 0.618,
-        /// Least scale of the residuals for the weights, as a share of the contrast: an end that the first outline has
-        /// missed is no outlier.
+        /// Minimum scale of the residuals for the weights, as a fraction of the contrast: an end that the first outline has
+        /// missed is not an outlier.
         min_scale: f64 = 0.1,
-        /// Greatest scale in the end, as a share of the contrast.
+        /// Maximum scale of the residuals at the end, as a fraction of the contrast.
         max_scale: f64 = 0.12,
-        /// Least semi-major axis of what may be such quadrants, px.
+        /// Minimum semi-major axis of such quadrants, px.
         min_major_px: f64 = 10.0,
-        /// Least contrast, grey levels.
+        /// Minimum contrast, grey levels.
         min_contrast: f64 = 6.0,
-        /// How much larger than an outline its pixels reach.
+        /// Factor by which the region of the pixels is larger than the outline.
         larger: f64 = 1.2,
-        /// How much it may grow until others are chosen: half of that.
+        /// Maximum growth of the outline before the pixels are selected again: half of the margin.
         max_growth: f64 = 1.1,
-        /// How often they are chosen: a bound on time.
+        /// Maximum number of selections of pixels: a bound on time.
         max_rounds: usize = 5,
     }
 
-    /// Overshoot of sharpened pictures.
+    /// Overshoot of sharpened images.
     OVERSHOT: OvershotOptions {
-        /// Root mean square of a marker's residuals over the noise from which on sharpening is sought: what noise leaves.
+        /// Ratio of a marker's residuals to the noise above which sharpening is tested: noise alone leaves less.
         over_noise: f64 = 1.2,
-        /// The same over its contrast, at least and at most: what the image formula's own floor is, and what an overshoot of twice
-        /// an edge leaves beside one.
+        /// Range of the ratio of a marker's residuals to its contrast in which sharpening is tested: from the accuracy of
+        /// the image formula to the residuals next to an edge with an overshoot of twice that edge.
         residual_range: (f64, f64) = (0.02, 0.2),
-        /// Least amplitude that matters. Derived: 2 % of the contrast at an edge, the image formula's floor, over the 0.13
-        /// that an edge and its copy differ by.
+        /// Minimum amplitude with an effect. Derived: 2 % of the contrast at an edge, the accuracy of the image formula,
+        /// divided by 0.13, the difference between an edge and its copy.
         min_amplitude: f64 = 0.15,
-        /// Amplitude with which the search begins: nothing is known.
+        /// Amplitude at which the fit starts, without prior information.
         first_amplitude: f64 = 0.5,
-        /// Halos that are tried, px: cameras hold a picture against copies that are blurred by 0.7 to 2 px, and residuals of
+        /// Halos that are tried, px: cameras compare an image with copies blurred by 0.7 to 2 px, and the residuals of
         /// discs in rendered phone frames change by 2 % between 1 and 2.
         halos_px: [f64; 3] = [1.0, 1.4, 2.0],
-        /// Least contrast over that without: more of it would be no overshoot but the edge.
+        /// Minimum ratio of the contrast with sharpening to that without: below that, the overshoot would replace the edge
+        /// itself.
         min_contrast_ratio: f64 = 0.5,
-        /// Least blur with which it begins, px: sharpening made the edge look sharper than it is.
+        /// Minimum blur at which the fit starts, px: sharpening makes an edge look sharper than it is.
         min_first_blur_px: f64 = 0.8,
-        /// Standard deviations up to which an amplitude is chance.
+        /// Number of standard deviations above which an amplitude is significant.
         significance: f64 = 3.0,
-        /// What it must take off a marker's squares, in variances of one: five standard deviations of its one unknown.
+        /// Minimum reduction of a marker's squared residuals, in variances of one residual: five standard deviations of one
+        /// unknown.
         min_gain: f64 = 25.0,
-        /// Two sightings nearer to each other are of one thing, px.
+        /// Distance below which two pieces of evidence belong to one object, px.
         apart_px: f64 = 5.0,
-        /// Markers that tell it at least: fewer may all be dirt.
+        /// Minimum number of markers that show sharpening: fewer may all be dirt.
         min_markers: usize = 4,
-        /// Share of the markers that were looked at that must show it.
+        /// Minimum fraction of the examined markers that must show it.
         min_share: f64 = 0.6,
-        /// Markers that tell enough.
+        /// Number of markers after which no more are examined.
         enough_markers: usize = 10,
-        /// Things that may be markers and are looked at, at most, the largest: a bound on time.
+        /// Maximum number of possible markers that are examined, the largest first: a bound on time.
         max_examined: usize = 30,
-        /// How far it differs from marker to marker at least, as a share: noise reduction and tone mapping by place.
+        /// Minimum relative scatter of the amplitude between markers: noise reduction and tone mapping depend on the
+        /// position.
         min_scatter: f64 = 0.1,
     }
 
     /// Optional terms of the image formula.
     TERM: TermOptions {
-        /// How far light and darkness depart from a plane, as a share, standard deviation of a knot: a shadow's edge.
-        /// `tests/detect/bad_light.rs`.
+        /// Prior standard deviation of a knot of the light field, the relative deviation of light and darkness from a
+        /// plane: the edge of a shadow. `tests/detect/bad_light.rs`.
         field: f64 = 0.15,
-        /// Distance of the glare spline's knots, px: glare on a wing changes over tens of pixels. Chosen on 414 discs
-        /// of 35 rendered glare frames, as all of glare; `tests/detect/glare.rs` holds it.
+        /// Spacing of the knots of the glare spline, px: glare on a wing changes over tens of pixels. Chosen on 414 discs
+        /// of 35 rendered glare frames, as all values for glare; `tests/detect/glare.rs` checks it.
         knot_px: f64 = 10.0,
-        /// Grey value from which on a pixel is saturated, or JPEG has mixed it with what is.
+        /// Grey value above which a pixel is saturated, or JPEG has mixed it with saturated ones.
         saturated: f32 = 250.0,
-        /// How much lighter what is saturated is taken for at first than it looks.
+        /// Initial ratio of the assumed light of a saturated pixel to its grey value.
         saturated_factor: f64 = 1.2,
-        /// How far beyond the disc knots reach: shares of its semi-axes, and px. Chosen: as far as its pixels, aslant too.
+        /// Extent of the knots around the disc: fractions of its semi-axes, and px. Chosen: as far as its pixels reach,
+        /// also with a slant.
         reach: (f64, f64, f64) = (1.2, 2.0, 20.0),
-        /// How near to foreign pixels the others are left out of a field of light, blurs and px: as far as they darken.
+        /// Distance from foreign pixels within which pixels are excluded from a light field, blurs and px: as far as
+        /// foreign objects darken.
         foreign: (f64, f64) = (2.5, 1.0),
-        /// Blurs from an edge at which a pixel is black or skin only: 0.1 % of the other.
+        /// Distance from an edge, in blurs, beyond which a pixel is pure black or pure skin: 0.1 % of the other.
         clear_blurs: f64 = 3.0,
-        /// Slants that are tried to each side.
+        /// Number of slants that are tried to each side.
         slants: i32 = 20,
-        /// Their step, px along for each px across.
+        /// Step between the tried slants, px along for each px across.
         slant_step: f64 = 0.1,
-        /// Length along the disc in which glare is taken for even then, px.
+        /// Length along the disc within which glare is assumed constant in the search for the slant, px.
         bin_px: f64 = 3.0,
-        /// Share of the semi-major axis that is an end.
+        /// Fraction of the semi-major axis that counts as an end.
         tip: f32 = 0.2,
-        /// Share of an end's pixels that must not be saturated for it to be seen.
+        /// Fraction of an end's pixels that must be unsaturated for it to be visible.
         ends: f64 = 0.9,
-        /// How far the glare of a knot is known beforehand at least, over the skin's own light, standard deviation.
+        /// Minimum prior standard deviation of the glare of a knot, relative to the skin's own light.
         glare_floor: f64 = 0.03,
-        /// The same as a share of the greatest glare beside it.
+        /// Prior standard deviation of a knot as a fraction of the largest glare next to it.
         glare_share: f64 = 1.0,
     }
 }

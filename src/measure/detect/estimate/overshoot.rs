@@ -1,45 +1,45 @@
-//! Whether a picture was sharpened, from the residuals of its markers; the term itself is in
+//! Detection of sharpening in an image from the residuals of its markers; the term itself is in
 //! [`crate::detect::appearance::overshoot`].
 //!
-//! Amplitude and halo are sought of single markers whose residuals are larger than noise explains. One alone may be dirt; several
-//! that agree are the camera's. They are then known beforehand of all markers, with what single ones scatter by, so that each
-//! marker's covariance has its price.
+//! Amplitude and halo are estimated for single markers whose residuals exceed the noise. One marker alone may be dirty;
+//! several that agree indicate the camera. The common amplitude is then the prior of all markers, with the scatter between
+//! them as standard deviation, so that it enters the covariance of each marker.
 
 use super::cholesky::CholeskyFactor;
 use super::gauss_newton::fit_final;
 use super::normal_equations::{ParameterVector, linearise_model};
 use super::prior::FitUnknowns;
-use crate::detect::appearance::parameters::{BLUR, HALO, OVERSHOOT, MarkerParameters, contrast};
+use crate::detect::appearance::parameters::{BLUR, HALO, MarkerParameters, OVERSHOOT, grey_contrast};
 use crate::detect::detection::Overshoot;
 use crate::detect::estimate::options::{ITERATION, OVERSHOT};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::sample::pixels::Pixels;
 use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 
-/// What one marker shows of it.
+/// Evidence of one marker on sharpening.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SharpeningEvidence {
-    /// Residuals that an amplitude explains, for each halo that is tried.
+    /// An amplitude explains the residuals; one fit for each halo that is tried.
     Explained([HaloFit; HALOS]),
-    /// An amplitude that would matter is excluded.
+    /// An amplitude with an effect is excluded.
     Excluded,
-    /// It tells neither.
+    /// Inconclusive.
     Undetermined,
 }
 
-/// What a marker shows with one halo.
+/// Fit of one marker with one halo.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HaloFit {
     amplitude: f64,
-    /// Root mean square of what it leaves, grey levels.
+    /// Root mean square of the remaining residuals, grey levels.
     rms: f64,
 }
 
-/// Halos that are tried.
+/// Number of halos that are tried.
 const HALOS: usize = OVERSHOT.halos_px.len();
 
 impl SharpeningEvidence {
-    /// Least root mean square of what it leaves, grey levels, and the amplitude then.
+    /// Returns the minimum root mean square of the remaining residuals, grey levels, and the amplitude of that fit.
     pub fn best_fit(&self) -> Option<(f64, f64)> {
         let Self::Explained(all) = self else { return None };
         let all = all.iter().map(|shown| (shown.rms, shown.amplitude));
@@ -47,43 +47,44 @@ impl SharpeningEvidence {
     }
 }
 
-/// Whether a frame was sharpened.
+/// Sharpening of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Sharpening {
-    /// Too few markers tell.
+    /// Too few markers show or exclude it.
     #[default]
     Undetermined,
-    /// Not so that it matters.
+    /// No sharpening with an effect.
     Absent,
-    /// As its markers agree.
+    /// Sharpening on which its markers agree.
     Sharpened(Overshoot),
 }
 
 impl Sharpening {
-    /// How, where it was.
+    /// Returns the overshoot of a sharpened frame.
     pub fn overshoot(self) -> Option<Overshoot> {
         if let Self::Sharpened(overshoot) = self { Some(overshoot) } else { None }
     }
 }
 
-/// Puts what is known of it into first parameters.
+/// Sets amplitude and halo of first parameters to known values.
 pub fn set_overshoot_start(known: &Overshoot, m: &mut MarkerParameters) {
     (m[OVERSHOOT], m[HALO]) = (known.amplitude, known.halo_px);
 }
 
-/// Makes the amplitude known beforehand of a marker, and sought; residuals hardly tell the halo.
+/// Frees the amplitude of a marker and sets its prior; the halo stays fixed because residuals hardly constrain it.
 pub fn add_overshoot_prior(known: &Overshoot, unknowns: &mut FitUnknowns) {
     unknowns.free[OVERSHOOT] = true;
     unknowns.prior[OVERSHOOT] = PriorValue { value: known.amplitude, sigma: known.amplitude_sigma };
 }
 
-/// What markers show together, with the halo that leaves least, and so many besides that are explained without.
-pub fn combine_evidence(sightings: &[SharpeningEvidence], without: usize) -> Sharpening {
-    let shown: Vec<&[HaloFit; HALOS]> = sightings
+/// Combines the evidence of several markers, with the halo of the smallest residuals. `without` is the number of further
+/// markers whose residuals are explained without sharpening.
+pub fn combine_evidence(evidence: &[SharpeningEvidence], without: usize) -> Sharpening {
+    let shown: Vec<&[HaloFit; HALOS]> = evidence
         .iter()
         .filter_map(|seen| if let SharpeningEvidence::Explained(all) = seen { Some(all) } else { None })
         .collect();
-    let without = without + sightings.iter().filter(|seen| **seen == SharpeningEvidence::Excluded).count();
+    let without = without + evidence.iter().filter(|seen| **seen == SharpeningEvidence::Excluded).count();
     if is_outvoted(shown.len(), without) {
         return if without < OVERSHOT.min_markers { Sharpening::Undetermined } else { Sharpening::Absent };
     }
@@ -91,12 +92,12 @@ pub fn combine_evidence(sightings: &[SharpeningEvidence], without: usize) -> Sha
     overshoot.map_or(Sharpening::Undetermined, Sharpening::Sharpened)
 }
 
-/// Whether too few of the markers that tell show it.
+/// Returns true if too few of the conclusive markers show sharpening.
 pub fn is_outvoted(shown: usize, without: usize) -> bool {
     (shown as f64) < OVERSHOT.min_share * (shown + without) as f64
 }
 
-/// The amplitude that markers have in common, if it matters and is none by chance.
+/// Returns the amplitude that the markers have in common, if it has an effect and is significant.
 fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
     let leaves = |halo: &usize| shown.iter().map(|shown| shown[*halo].rms.ln()).sum::<f64>();
     let halo = (0..HALOS).min_by(|one, other| leaves(one).total_cmp(&leaves(other)))?;
@@ -110,8 +111,9 @@ fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
     sure.then_some(Overshoot { amplitude, amplitude_sigma, halo_px })
 }
 
-/// What the residuals of a marker, root mean square, say at first: those of a sharpened edge are larger than noise, and no larger
-/// than sharpening leaves; what is smaller than the image formula's own floor excludes it. `None` where they may be such.
+/// Returns the evidence from the root mean square of a marker's residuals alone, or `None` if sharpening is possible and
+/// must be tested. Residuals below the accuracy of the image formula exclude sharpening; residuals within the noise, or
+/// larger than sharpening leaves, are inconclusive.
 pub fn preliminary_evidence(rms: f64, contrast: f64, noise: f64) -> Option<SharpeningEvidence> {
     let (least, most) = OVERSHOT.residual_range;
     match rms / contrast {
@@ -121,8 +123,8 @@ pub fn preliminary_evidence(rms: f64, contrast: f64, noise: f64) -> Option<Sharp
     }
 }
 
-/// What a marker shows of sharpening, from parameters without it that leave residuals of some scale, grey levels. One linear step
-/// tells whether it is worth a fit.
+/// Tests a marker for sharpening, given its parameters without sharpening and the scale of their residuals, grey levels.
+/// One linear step decides if a fit is necessary.
 pub fn assess_sharpening(
     pixels: &Pixels,
     plain: &MarkerParameters,
@@ -148,13 +150,17 @@ pub fn assess_sharpening(
     if none { SharpeningEvidence::Excluded } else { SharpeningEvidence::Undetermined }
 }
 
-/// Whether an amplitude that would matter is excluded.
+/// Returns true if an amplitude with an effect is excluded.
 fn excludes_sharpening(seen: &PriorValue) -> bool {
     seen.value + OVERSHOT.significance * seen.sigma < OVERSHOT.min_amplitude
 }
 
-/// First parameters and unknowns with an amplitude of which nothing is known.
-fn with_free_amplitude(plain: &MarkerParameters, unknowns: &FitUnknowns, [amplitude, halo_px]: [f64; 2]) -> (MarkerParameters, FitUnknowns) {
+/// Returns first parameters and unknowns with an unconstrained amplitude.
+fn with_free_amplitude(
+    plain: &MarkerParameters,
+    unknowns: &FitUnknowns,
+    [amplitude, halo_px]: [f64; 2],
+) -> (MarkerParameters, FitUnknowns) {
     let first = Overshoot { amplitude, amplitude_sigma: f64::INFINITY, halo_px };
     let (mut start, mut unknowns) = (*plain, unknowns.clone());
     set_overshoot_start(&first, &mut start);
@@ -162,7 +168,7 @@ fn with_free_amplitude(plain: &MarkerParameters, unknowns: &FitUnknowns, [amplit
     (start, unknowns)
 }
 
-/// The amplitude that one linear step from parameters without it tells.
+/// Estimates the amplitude by one linear step from parameters without sharpening.
 fn estimate_in_one_step(
     pixels: &Pixels,
     plain: &MarkerParameters,
@@ -179,7 +185,8 @@ fn estimate_in_one_step(
     Some(PriorValue { value: factor.solve(&step.right)[OVERSHOOT], sigma })
 }
 
-/// What a fit with one halo shows, or the amplitude that it does not need; `None` where it does not settle.
+/// Fits a marker with one halo. Returns the fit, or as an error the amplitude that is not significant; `None` if the fit
+/// does not converge.
 fn fit_halo(
     pixels: &Pixels,
     plain: &MarkerParameters,
@@ -195,37 +202,33 @@ fn fit_halo(
     let gain = (1.0 - (found.rms / scale).powi(2)) * pixels.weight();
     let explains = m[OVERSHOOT] > OVERSHOT.significance * sigma
         && gain > OVERSHOT.min_gain
-        && contrast(m) > OVERSHOT.min_contrast_ratio * contrast(plain);
+        && grey_contrast(m) > OVERSHOT.min_contrast_ratio * grey_contrast(plain);
     let amplitude = m[OVERSHOOT];
-    Some(if explains {
-        Ok(HaloFit { amplitude, rms: found.rms })
-    } else {
-        Err(PriorValue { value: amplitude, sigma })
-    })
+    Some(if explains { Ok(HaloFit { amplitude, rms: found.rms }) } else { Err(PriorValue { value: amplitude, sigma }) })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn sighting(amplitude: f64) -> SharpeningEvidence {
+    fn evidence(amplitude: f64) -> SharpeningEvidence {
         SharpeningEvidence::Explained([3.0, 1.0, 2.0].map(|rms| HaloFit { amplitude, rms }))
     }
 
     #[test]
-    fn markers_that_agree_show_sharpening_and_others_do_not() {
-        let seen = [1.5, 1.6, 1.7, 1.55, 1.65].map(sighting);
-        let told = combine_evidence(&seen, 0);
-        let found = told.overshoot().expect("they agree");
+    fn agreeing_markers_show_sharpening() {
+        let seen = [1.5, 1.6, 1.7, 1.55, 1.65].map(evidence);
+        let combined = combine_evidence(&seen, 0);
+        let found = combined.overshoot().expect("they agree");
         assert!((found.amplitude - 1.6).abs() < 1e-9 && found.amplitude_sigma >= 0.1 * 1.6);
         assert_eq!(found.halo_px, OVERSHOT.halos_px[1]);
-        // What tells nothing says nothing.
-        assert_eq!(combine_evidence(&[&seen[..], &[SharpeningEvidence::Undetermined; 9]].concat(), 0), told);
+        // Inconclusive evidence has no effect.
+        assert_eq!(combine_evidence(&[&seen[..], &[SharpeningEvidence::Undetermined; 9]].concat(), 0), combined);
         // Too few; more that exclude it; too little to matter; no agreement.
         assert_eq!(combine_evidence(&seen[..3], 0), Sharpening::Undetermined);
         assert_eq!(combine_evidence(&[&seen[..], &[SharpeningEvidence::Excluded; 6]].concat(), 0), Sharpening::Absent);
         assert_eq!(combine_evidence(&seen, 6), Sharpening::Absent);
-        assert_eq!(combine_evidence(&[0.05; 8].map(sighting), 0), Sharpening::Undetermined);
-        assert_eq!(combine_evidence(&[0.2, 5.8, 0.3, 6.0, 3.0].map(sighting), 0), Sharpening::Undetermined);
+        assert_eq!(combine_evidence(&[0.05; 8].map(evidence), 0), Sharpening::Undetermined);
+        assert_eq!(combine_evidence(&[0.2, 5.8, 0.3, 6.0, 3.0].map(evidence), 0), Sharpening::Undetermined);
     }
 }

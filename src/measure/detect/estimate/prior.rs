@@ -1,25 +1,24 @@
-//! Which of the image model's parameters are sought of a marker, and what is known of them beforehand.
+//! Free parameters of the image model for a marker, and their priors.
 
 use crate::detect::appearance::parameters::{
-    ANGLE, BEND, BLUR, DARK, GAMMA, HALO, LIGHT, MAJOR, MINOR, N, OUTLINE, OVERSHOOT, MarkerPattern, SAG, TAPER,
+    ANGLE, BEND, BLUR, DARK, GAMMA, HALO, LIGHT, MAJOR, MINOR, MarkerPattern, N, OUTLINE, OVERSHOOT, SAG, TAPER,
     UNEVEN_BLUR,
 };
 use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
 
-/// What is sought, and what is known of it beforehand.
+/// Free parameters of a fit and their priors.
 #[derive(Clone, Debug)]
 pub struct FitUnknowns {
-    /// Parameters that are sought.
     pub free: [bool; N],
-    /// What each is usually.
+    /// Prior of each parameter.
     pub prior: [PriorValue; N],
 }
 
-/// What only a whole thick marker tells of its light.
+/// Parameters of the light that only a complete, thick marker determines.
 const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
 
-/// Which parameters a marker of this size can tell, and which of them are bends.
+/// Selects the parameters that a marker of this size determines. Returns them and the indices of its bend parameters.
 pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize]) {
     let ellipse = &hypothesis.ellipse;
     let disc = hypothesis.pattern == MarkerPattern::Disc;
@@ -34,41 +33,41 @@ pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize
     [OVERSHOOT, HALO].into_iter().chain(OUTLINE..N).for_each(|k| free[k] = false);
     let part = hypothesis.is_under_decal();
     if part {
-        // The outline that is left tells an ellipse, and no more.
+        // The visible outline determines an ellipse and no more.
         FINE_LIGHT.iter().for_each(|&k| free[k] = false);
     }
-    // An end that is not seen tells no bend.
-    let tells = thick || (disc && !part);
+    // A hidden end does not constrain the bend.
+    let shows_bend = thick || (disc && !part);
     let cut = hypothesis.is_in_glare() && hypothesis.prior.size.is_none();
-    if !tells || ellipse.major < PRIOR.bend_px || cut {
+    if !shows_bend || ellipse.major < PRIOR.bend_px || cut {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (FitUnknowns { free, prior: hypothesis_prior(hypothesis) }, bends)
 }
 
-/// What a first geometry takes: an outline or two lines, their blur, and planes of light.
+/// Selects the parameters of a coarse fit: an outline or two lines, their blur, and planes of light.
 pub fn coarse_unknowns(hypothesis: &Hypothesis) -> FitUnknowns {
     let (mut unknowns, _) = select_unknowns(hypothesis);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
     unknowns.free[UNEVEN_BLUR] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
     if hypothesis.edges.is_some() && hypothesis.ellipse.minor > PRIOR.narrow_px {
-        // The first crossing may be far off, and long edges reach the right one by bending.
+        // The first crossing may be far off; long edges reach the right one by bending.
         [BEND, BEND + 1].iter().for_each(|&k| unknowns.prior[k] = PriorValue::UNKNOWN);
     }
     unknowns
 }
 
-/// Of the light of a disc nothing is sought but how bright it is, and how dark its black.
+/// Fixes the light of a disc except for its brightness and the darkness of its black.
 pub fn fix_fine_light(unknowns: &mut FitUnknowns) {
     FINE_LIGHT.iter().chain(&[LIGHT + 1, LIGHT + 2]).for_each(|&k| unknowns.free[k] = false);
 }
 
-/// The darkness that leaves such a share of the light's grey value, with the usual tone curve.
+/// Returns the darkness at which the grey value is the fraction `left` of the light, with the default tone curve.
 pub fn darkness_for_grey_ratio(left: f64) -> f64 {
     1.0 - left.powf(1.0 / PRIOR.gamma.value)
 }
 
-/// What is known before the fit.
+/// Returns the priors of all parameters.
 fn hypothesis_prior(hypothesis: &Hypothesis) -> [PriorValue; N] {
     let mut out = [PriorValue::UNKNOWN; N];
     let (ellipse, known) = (&hypothesis.ellipse, &hypothesis.prior);
@@ -83,8 +82,8 @@ fn hypothesis_prior(hypothesis: &Hypothesis) -> [PriorValue; N] {
     }
     if known.twin {
         out[ANGLE] = PriorValue { value: ellipse.angle, sigma: PRIOR.twin_angle_rad };
-        out[MAJOR] = PriorValue::to_share(ellipse.major, PRIOR.twin_major);
-        out[MINOR] = PriorValue::to_share(ellipse.minor, PRIOR.twin_minor);
+        out[MAJOR] = PriorValue::with_relative_sigma(ellipse.major, PRIOR.twin_major);
+        out[MINOR] = PriorValue::with_relative_sigma(ellipse.minor, PRIOR.twin_minor);
     }
     if let Some(size) = known.size.filter(|_| hypothesis.pattern == MarkerPattern::Disc) {
         out[MAJOR] = size.major;

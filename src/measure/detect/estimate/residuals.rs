@@ -1,4 +1,4 @@
-//! What a fit's residuals show: how far they hang together, and which pixels are foreign.
+//! Analysis of the residuals of a fit: their correlation, and foreign pixels.
 
 use nalgebra::Matrix2;
 
@@ -10,24 +10,24 @@ use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each};
 
-/// What a fit's residuals show.
+/// Correlation and weights of the residuals of a fit.
 pub struct ResidualAnalysis {
-    /// The centre's covariance, at least that which they show, px^2.
+    /// Covariance of the centre, raised to the one estimated from blocks of residuals, px^2.
     pub covariance: Matrix2<f64>,
-    /// The greatest ratio of the two.
+    /// Largest ratio of the block covariance to that of the fit.
     pub ratio: f64,
-    /// Their mean ratio in squares.
+    /// Mean ratio of the two, from square blocks.
     pub mean: f64,
-    /// Mean square of residuals by sectors, over that of white ones.
+    /// Mean square of the residuals by sectors, relative to uncorrelated ones.
     pub uneven: f64,
     /// Residuals of each batch, grey levels.
     pub residuals: Vec<Lanes>,
-    /// Roots of their robust weights.
+    /// Square roots of the robust weights.
     pub biweights: Vec<Lanes>,
 }
 
 wide! {
-    /// What a fit's residuals show, from where it was linearised.
+    /// Analyses the residuals of a fit, from its last linearisation. Returns `None` if the covariance is singular.
     pub fn analyse_residuals(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Option<ResidualAnalysis> = analyse_residuals_generic
 }
 
@@ -42,14 +42,14 @@ fn analyse_residuals_generic(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Op
         count += 1;
     }
     let mut blocks = ResidualBlocks::new(pixels, m);
-    // Of each sector the sum of its weighted residuals, and of the weights' squares.
+    // For each sector: sum of weighted residuals, sum of squared weights.
     let mut common = [[0.0f64; 2]; SECTORS];
     let mut residuals = Vec::with_capacity(pixels.batches.len());
     let mut roots = Vec::with_capacity(pixels.batches.len());
     for (batch, image) in pixels.batches.iter().zip(&fit.images) {
-        let mut sums = [Lanes::of(0.0); 3];
+        let mut sums = [Lanes::splat(0.0); 3];
         for (k, by) in &list[..count] {
-            let gradient = image.by(*k);
+            let gradient = image.derivative(*k);
             for (sum, by) in sums.iter_mut().zip(by) {
                 *sum = each(|i| sum[i] + by * gradient[i]);
             }

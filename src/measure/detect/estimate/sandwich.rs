@@ -1,20 +1,20 @@
-//! What residuals that lie together did to a fit's centre: a sandwich estimate of its covariance.
+//! Sandwich estimate of the covariance of a fit's centre from correlated residuals.
 
 use nalgebra::{Cholesky, Matrix2};
 
 use crate::detect::appearance::parameters::{MarkerParameters, X, Y};
-use crate::detect::detection::covariance::at_least;
+use crate::detect::detection::covariance::raise_to;
 use crate::detect::estimate::options::WEIGHT;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{Lanes, each};
 
-/// Markers reach this far, in semi-axes, for sectors and fields of light.
+/// Extent of a marker for sectors and light fields, in semi-axes.
 pub const REACH: f64 = 1.1;
-/// Sectors along the marker, on both sides of its axis, whose residuals may hang together.
+/// Number of sectors along the marker, on both sides of its axis, within which residuals may be correlated.
 pub const SECTORS: usize = 48;
 
-/// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
+/// Contributions of the residuals to the centre, px, summed in blocks of neighbouring pixels: in squares, and in sectors
 /// along the marker on each side of its axis.
 pub struct ResidualBlocks {
     origin: [f32; 2],
@@ -25,11 +25,11 @@ pub struct ResidualBlocks {
 }
 
 impl ResidualBlocks {
-    /// None yet. Squares are counted from the picture's origin, those of JPEG.
+    /// Creates empty blocks. Squares are aligned with the origin of the image, as those of JPEG are.
     pub fn new(pixels: &Pixels, m: &MarkerParameters) -> Self {
-        // The pixels' own extent, for quadrants have no axes.
+        // The extent of the pixels, because quadrants have no axes.
         let (cx, cy) = ((m[X] - pixels.origin[0]) as f32, (m[Y] - pixels.origin[1]) as f32);
-        let mut far = Lanes::of(1.0);
+        let mut far = Lanes::splat(1.0);
         for batch in &pixels.batches {
             far = each(|i| far[i].max((batch.x[i] - cx).abs()).max((batch.y[i] - cy).abs()));
         }
@@ -42,14 +42,13 @@ impl ResidualBlocks {
         Self { origin, per_px, width, squares: none(width * width), sectors: none(SECTORS) }
     }
 
-    /// Takes up what the residuals of a batch did.
+    /// Adds the contributions of the residuals of a batch.
     #[inline(always)]
     pub fn add(&mut self, batch: &Batch, moved: [Lanes; 2]) {
         let last = (self.width - 1) as f32;
         let place = |v: f32, from: f32| ((v - from) * self.per_px).clamp(0.0, last).floor();
-        let square = each(|i| {
-            place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0])
-        });
+        let square =
+            each(|i| place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0]));
         let sector = pixel_sectors(batch);
         for i in 0..batch.len {
             let moved = [f64::from(moved[0][i]), f64::from(moved[1][i])];
@@ -61,20 +60,21 @@ impl ResidualBlocks {
         }
     }
 
-    /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
+    /// Returns `white` raised to the covariance from the blocks, the largest ratio of the two, and their mean ratio in
+    /// squares.
     pub fn raise_covariance(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
         let squares = block_covariance(&self.squares, count);
-        let (raised, one) = at_least(white, &squares, WEIGHT.max_random_ratio)?;
-        let (raised, other) = at_least(&raised, &block_covariance(&self.sectors, count), WEIGHT.max_random_ratio)?;
+        let (raised, one) = raise_to(white, &squares, WEIGHT.max_random_ratio)?;
+        let (raised, other) = raise_to(&raised, &block_covariance(&self.sectors, count), WEIGHT.max_random_ratio)?;
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }
 }
 
-/// The sectors of a batch's pixels.
+/// Returns the sector of each pixel of a batch.
 #[inline(always)]
 pub fn pixel_sectors(batch: &Batch) -> Lanes {
-    /// Of them on each side of the axis.
+    /// Sectors on each side of the axis.
     const ALONG: f32 = (SECTORS / 2) as f32;
     each(|i| {
         let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * ALONG;
@@ -82,10 +82,10 @@ pub fn pixel_sectors(batch: &Batch) -> Lanes {
     })
 }
 
-/// The centre's covariance from blocks that are independent of each other.
+/// Returns the covariance of the centre from blocks that are independent of each other.
 fn block_covariance(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
     let seen: Matrix2<f64> = blocks.iter().map(|&[x, y]| Matrix2::new(x * x, x * y, x * y, y * y)).sum();
-    // The parameters take up part of what is common to a block.
+    // The parameters absorb a part of the common residual of a block.
     let number = blocks.iter().filter(|b| **b != [0.0; 2]).count() as f64;
     seen * (number / (number - count as f64).max(1.0)).min(WEIGHT.max_correction)
 }

@@ -1,26 +1,26 @@
-//! Tuned numbers of what is known beforehand: meaning, unit, origin.
+//! Tuned numbers of priors: meaning, unit, origin.
 
 numbers! {
-    /// The size of a disc that those about it predict.
+    /// Prediction of a disc's size from its neighbours.
     NEIGHBOURS: NeighboursOptions {
-        /// Discs that tell it: a plane has three unknowns, and as many are left to judge it.
-        nearest: usize = 6,
-        /// Discs that tell it at least.
-        enough: usize = 5,
-        /// Least standard deviation of a predicted size, as a share: what a bent skin departs from a plane. M18 of
+        /// Largest number of discs used: a plane has three unknowns, which leaves three redundant discs.
+        max_discs: usize = 6,
+        /// Smallest number of discs.
+        min_discs: usize = 5,
+        /// Smallest relative standard deviation of a predicted size: deviation of a bent skin from a plane. M18 of
         /// `fixtures/dev`; `tests/detect/fixtures.rs`.
-        scatter: f64 = 0.007,
-        /// Share of the usual size below which a disc is a letter or a dot.
-        small: f64 = 0.5,
-        /// Two discs nearer to each other are one, seen twice, px.
+        min_scatter: f64 = 0.007,
+        /// Fraction of the median size below which a disc is a letter or a dot.
+        min_relative_size: f64 = 0.5,
+        /// Distance below which two discs are one, detected twice, px.
         same_px: f64 = 2.0,
-        /// Share by which sizes may depart from their plane: more, and they lie on no one surface.
-        unlike: f64 = 0.02,
-        /// Share of the usual size below which a place is too far from them all.
-        least: f64 = 0.25,
-        /// Greatest sum of variances of the place of a disc that tells, px^2.
+        /// Largest relative scatter of sizes about their plane: with more they are not on one surface.
+        max_scatter: f64 = 0.02,
+        /// Fraction of the median size below which a position is too far from all discs.
+        min_relative_prediction: f64 = 0.25,
+        /// Largest sum of position variances of the discs used, px^2.
         certain_px2: f64 = 0.1,
-        /// The same where too few are told so well.
-        fairly_px2: f64 = 0.3,
+        /// Largest sum of position variances if too few discs satisfy `certain_px2`, px^2.
+        fallback_px2: f64 = 0.3,
     }
 }

@@ -1,13 +1,12 @@
-//! A flat ellipse in the picture.
+//! Ellipses in the image.
 
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Vector2};
 
-/// A flat ellipse in the picture.
+/// Ellipse in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
-    /// Centre, px.
     pub centre: Vector2<f64>,
     /// Semi-major axis, px.
     pub major: f64,
@@ -18,10 +17,10 @@ pub struct Ellipse {
 }
 
 impl Ellipse {
-    /// From a covariance, whose unit ellipse is scaled by `factor`.
+    /// Creates an ellipse from a covariance, whose unit ellipse is scaled by `factor`.
     pub fn from_moments(centre: Vector2<f64>, covariance: Matrix2<f64>, factor: f64) -> Self {
-        // Eigenvalues and direction of a symmetric matrix of two rows; the lesser one by the determinant, for it may be a
-        // small difference of large numbers.
+        // Eigenvalues and direction of a symmetric matrix of two rows; the smaller one from the determinant,
+        // because it may be a small difference of large numbers.
         let half = 0.5 * (covariance[(0, 0)] - covariance[(1, 1)]);
         let mixed = covariance[(0, 1)];
         let great = 0.5 * covariance.trace() + (half * half + mixed * mixed).sqrt();
@@ -30,52 +29,52 @@ impl Ellipse {
             centre,
             major: factor * great.max(0.0).sqrt(),
             minor: factor * small.max(0.0).sqrt(),
-            angle: half_turn(0.5 * mixed.atan2(half)),
+            angle: wrap_half_turn(0.5 * mixed.atan2(half)),
         }
     }
 
-    /// With semi-axes that are `factor` times as long, and `by` px longer.
-    pub fn larger(&self, factor: f64, by: f64) -> Self {
-        Self { major: factor * self.major + by, minor: factor * self.minor + by, ..*self }
+    /// Returns the ellipse with semi-axes scaled by `factor` and then lengthened by `margin` px.
+    pub fn enlarged(&self, factor: f64, margin: f64) -> Self {
+        Self { major: factor * self.major + margin, minor: factor * self.minor + margin, ..*self }
     }
 
-    /// Unit vector along.
-    pub fn axis(&self) -> Vector2<f64> {
+    /// Returns the unit vector along the major axis.
+    pub fn major_direction(&self) -> Vector2<f64> {
         Vector2::new(self.angle.cos(), self.angle.sin())
     }
 
-    /// Unit vector across.
-    pub fn across(&self) -> Vector2<f64> {
-        let axis = self.axis();
+    /// Returns the unit vector along the minor axis.
+    pub fn minor_direction(&self) -> Vector2<f64> {
+        let axis = self.major_direction();
         Vector2::new(-axis.y, axis.x)
     }
 
-    /// Coordinates along and across.
-    pub fn local(&self, at: Vector2<f64>) -> (f64, f64) {
+    /// Returns the coordinates of a point along and across the major axis, from the centre, px.
+    pub fn to_local(&self, at: Vector2<f64>) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();
         let d = at - self.centre;
         (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
     }
 
-    /// How far out a point, px, is: 0 at the centre, 1 on the outline.
+    /// Returns the normalised radius of a point, px: 0 at the centre, 1 on the outline.
     pub fn normalized_radius(&self, at: Vector2<f64>) -> f64 {
-        let (s, t) = self.local(at);
+        let (s, t) = self.to_local(at);
         (s / self.major).hypot(t / self.minor)
     }
 
-    /// Whether a point, px, lies within.
+    /// Returns whether a point, px, is inside.
     pub fn contains(&self, at: Vector2<f64>) -> bool {
         self.normalized_radius(at) < 1.0
     }
 
-    /// From the centre to the outline in a direction, whatever its length, px.
-    pub fn radius(&self, direction: Vector2<f64>) -> f64 {
+    /// Returns the distance from the centre to the outline in a direction of any length, px.
+    pub fn radius_along(&self, direction: Vector2<f64>) -> f64 {
         direction.norm() / self.normalized_radius(self.centre + direction)
     }
 
-    /// Share of the outline for which a test of the place, px, holds.
-    pub fn share(&self, test: impl Fn(&Vector2<f64>) -> bool) -> f64 {
-        /// Points of the outline that are tested: a share to 1.6 %.
+    /// Returns the fraction of the outline for which a test of the position, px, is true.
+    pub fn outline_fraction(&self, test: impl Fn(&Vector2<f64>) -> bool) -> f64 {
+        /// Number of tested points of the outline: a fraction to 1.6 %.
         const POINTS: usize = 64;
         let (sin, cos) = self.angle.sin_cos();
         let count = (0..POINTS).filter(|&k| {
@@ -86,16 +85,16 @@ impl Ellipse {
         count.count() as f64 / POINTS as f64
     }
 
-    /// Half the extent in u and v.
-    pub fn extent(&self) -> Vector2<f64> {
+    /// Returns half the extent in u and v, px.
+    pub fn half_extent(&self) -> Vector2<f64> {
         let (sin, cos) = self.angle.sin_cos();
         let (a, b) = (self.major, self.minor);
         Vector2::new((a * cos).hypot(b * sin), (a * sin).hypot(b * cos))
     }
 }
 
-/// Into (-pi/2, pi/2].
-pub fn half_turn(angle: f64) -> f64 {
+/// Wraps an angle into (-pi/2, pi/2].
+pub fn wrap_half_turn(angle: f64) -> f64 {
     let turned = angle.rem_euclid(PI);
     if turned > PI / 2.0 { turned - PI } else { turned }
 }
@@ -105,20 +104,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_tell_an_ellipse_of_any_size_and_direction() {
+    fn moments_determine_an_ellipse_of_any_size_and_direction() {
         for (major, minor) in [(1.0, 1.0), (40.0, 2.0), (300.0, 299.0), (800.0, 0.6)] {
             for k in 0..24 {
-                let angle = half_turn(0.13 + PI * f64::from(k) / 24.0);
+                let angle = wrap_half_turn(0.13 + PI * f64::from(k) / 24.0);
                 let axes = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
                 let squares = Matrix2::from_diagonal(&(Vector2::new(major * major, minor * minor) / 4.0));
                 let seen = Ellipse::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
                 assert!((seen.major - major).abs() < 1e-9 * major, "{major} x {minor} at {angle}: {seen:?}");
                 assert!((seen.minor - minor).abs() < 1e-6 * minor, "{major} x {minor} at {angle}: {seen:?}");
-                let off = half_turn(seen.angle - angle).abs();
+                let off = wrap_half_turn(seen.angle - angle).abs();
                 assert!(major == minor || off < 1e-9 || PI - off < 1e-9, "{angle}: {seen:?}");
             }
         }
-        // What is no covariance is no ellipse, and no panic.
+        // An invalid covariance yields no ellipse and does not panic.
         for none in [Matrix2::zeros(), -Matrix2::identity(), Matrix2::repeat(f64::NAN)] {
             let seen = Ellipse::from_moments(Vector2::zeros(), none, 2.0);
             assert_eq!((seen.major, seen.minor), (0.0, 0.0));

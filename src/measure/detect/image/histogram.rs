@@ -1,25 +1,25 @@
-//! Grey values that are counted.
+//! Histograms of grey values.
 
-/// How often each grey value occurs.
+/// Number of occurrences of each grey value.
 pub struct Histogram {
     counts: [usize; 256],
 }
 
 impl Histogram {
-    /// Of some values.
-    pub fn of(values: impl Iterator<Item = u8>) -> Self {
+    /// Counts grey values.
+    pub fn from_values(values: impl Iterator<Item = u8>) -> Self {
         let mut counts = [0; 256];
         values.for_each(|v| counts[usize::from(v)] += 1);
         Self { counts }
     }
 
-    /// How many there are.
+    /// Returns the number of values.
     pub fn total(&self) -> usize {
         self.counts.iter().sum()
     }
 
-    /// The grey value that so many are below or as dark as; `None` where there are not more than that.
-    pub fn at(&self, rank: usize) -> Option<usize> {
+    /// Returns the grey value of a rank, counted from 0 in ascending order; `None` if there are not more values than that.
+    pub fn value_at_rank(&self, rank: usize) -> Option<usize> {
         let mut below = 0;
         self.counts.iter().position(|&n| {
             below += n;
@@ -27,8 +27,8 @@ impl Histogram {
         })
     }
 
-    /// The median.
+    /// Returns the median; `None` without values.
     pub fn median(&self) -> Option<usize> {
-        self.at(self.total() / 2)
+        self.value_at_rank(self.total() / 2)
     }
 }

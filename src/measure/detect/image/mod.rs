@@ -1,4 +1,4 @@
-//! Geometry and statistics of the picture: ellipses, lines, histograms, noise.
+//! Geometry and statistics of the image: ellipses, lines, histograms, noise.
 
 pub mod ellipse;
 pub mod histogram;

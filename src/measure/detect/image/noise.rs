@@ -1,18 +1,18 @@
-//! The frame's noise, from second differences along sampled rows; and a picture without most of it.
+//! Noise of the frame, from second differences along sampled rows; and smoothing.
 
 use super::ellipse::Ellipse;
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 
-/// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
-pub const FRAYING: f64 = 3.0;
-/// The same at the levels of faint frames, whose contrast is a third of that.
-pub const FRAYING_FAINT: f64 = 1.0;
+/// Noise from which on outlines fray, grey levels: blobs are then segmented in the smoothed image.
+pub const FRAYING_NOISE: f64 = 3.0;
+/// Noise from which on outlines fray at the thresholds of faint frames, whose contrast is 1/3, grey levels.
+pub const FRAYING_NOISE_FAINT: f64 = 1.0;
 
-/// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise, of each row from the first of
-/// some tiles to the last; rims as they are, 0 elsewhere.
-pub fn smoothed(image: &Raster, tiles: &Tiles) -> Option<Raster> {
+/// Smooths the image with the binomial filter of 3 x 3 px, which leaves 3/8 of the noise, in each row from the first to the
+/// last of some tiles; borders stay unchanged, the rest is 0.
+pub fn smooth_image(image: &Raster, tiles: &Tiles) -> Option<Raster> {
     let (width, height) = (image.width(), image.height());
     let mut luma = vec![0; width * height];
     let mut sums = vec![0u16; width];
@@ -21,25 +21,25 @@ pub fn smoothed(image: &Raster, tiles: &Tiles) -> Option<Raster> {
         if columns.is_empty() {
             continue;
         }
-        // The first and the last of them are not filtered.
+        // The first and the last column are not filtered.
         let wider = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
         let row = |y: usize| &image.row(y)[wider.clone()];
         let out = &mut out[wider.clone()];
         out.copy_from_slice(row(y));
         if y > 0 && y + 1 < height {
-            smooth([row(y - 1), row(y), row(y + 1)], &mut sums[..wider.len()], out);
+            smooth_row([row(y - 1), row(y), row(y + 1)], &mut sums[..wider.len()], out);
         }
     }
     Raster::new(width, height, luma)
 }
 
 wide! {
-    /// The filtered middle one of three rows, but for its ends.
-    fn smooth(rows: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) = smoothed_row
+    /// Filters the middle one of three rows, except for its ends.
+    fn smooth_row(rows: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) = smooth_row_inlined
 }
 
 #[inline(always)]
-fn smoothed_row([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) {
+fn smooth_row_inlined([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) {
     for (sum, ((&a, &b), &c)) in sums.iter_mut().zip(above.iter().zip(row).zip(below)) {
         *sum = u16::from(a) + 2 * u16::from(b) + u16::from(c);
     }
@@ -49,35 +49,37 @@ fn smoothed_row([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8
     }
 }
 
-/// The rows of a frame that tell its noise.
-pub fn sampled(height: usize) -> impl Iterator<Item = usize> {
-    /// Of a camera's frame they hold some ten thousand differences, which tell it to a hundredth; each has a row of tiles decoded.
+/// Returns the rows of a frame that are sampled for its noise.
+pub fn sampled_rows(height: usize) -> impl Iterator<Item = usize> {
+    /// Number of rows. In a camera's frame they have about 10,000 differences, which determine the noise to 1 %; each
+    /// requires a row of tiles to be decoded.
     const ROWS: usize = 16;
     let step = (height / ROWS).max(1);
     (step / 2..height).step_by(step)
 }
 
-/// Standard deviation of the grey values' noise, grey levels; at least that of rounding.
-pub fn estimate(image: &Raster) -> f64 {
-    from_rows(sampled(image.height()).map(|y| image.row(y)))
+/// Estimates the standard deviation of the noise, grey levels; at least that of rounding.
+pub fn estimate_noise(image: &Raster) -> f64 {
+    noise_from_rows(sampled_rows(image.height()).map(|y| image.row(y)))
 }
 
-/// The same in a box about an outline: noise may differ over a frame, as where a lens's fall of light has been made good.
-pub fn about(image: &Raster, ellipse: &Ellipse) -> f64 {
-    /// Skin about the outline, px: it must be more than what is printed.
-    const BESIDE: f64 = 16.0;
-    let reach = ellipse.extent().add_scalar(BESIDE);
-    let rows = image.rows_of(ellipse.centre - reach, ellipse.centre + reach);
-    from_rows(rows.map(|(_, _, row)| row))
+/// Estimates the noise in a box around an outline, grey levels. Noise may differ over a frame, for example if vignetting
+/// has been corrected.
+pub fn noise_around(image: &Raster, ellipse: &Ellipse) -> f64 {
+    /// Skin around the outline, px: more than the printed area.
+    const SKIN_PX: f64 = 16.0;
+    let reach = ellipse.half_extent().add_scalar(SKIN_PX);
+    let rows = image.rows_in_box(ellipse.centre - reach, ellipse.centre + reach);
+    noise_from_rows(rows.map(|(_, _, row)| row))
 }
 
-/// Median size of the normal law over its standard deviation.
+/// Median absolute value of the normal distribution over its standard deviation.
 const MEDIAN_OVER_SIGMA: f64 = 0.6745;
-/// What rounding to whole grey levels leaves, grey levels: 1/sqrt(12).
+/// Standard deviation of rounding to whole grey levels: 1/sqrt(12).
 const ROUNDING: f64 = 0.29;
 
-/// The noise of some rows of pixels.
-fn from_rows<'a>(rows: impl Iterator<Item = &'a [u8]>) -> f64 {
+/// Estimates the noise of some rows of pixels, grey levels.
+fn noise_from_rows<'a>(rows: impl Iterator<Item = &'a [u8]>) -> f64 {
     let mut histogram = [0u32; 511];
     for row in rows {
         for w in row.windows(3).step_by(3) {

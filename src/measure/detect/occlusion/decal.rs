@@ -1,4 +1,4 @@
-//! The decal that a marker is printed on, which may lie over its neighbour.
+//! Decal on which a marker is printed and which may cover its neighbour.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -8,28 +8,29 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::options::DECAL;
 use crate::detect::segment::blob::Blob;
 
-/// The direction of the picture's rows, in which decals are taken to lie first.
+/// Direction of the rows of the image, along which decals are assumed to lie at first.
 pub const ROW_DIRECTION: Vector2<f64> = Vector2::new(1.0, 0.0);
 
-/// A rectangle of the picture that a decal may cover.
+/// Rectangle of the image that a decal may cover.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decal {
     /// Unit vector along two of its sides.
     pub axis: Vector2<f64>,
-    /// Its bounds along the axis and across it, counted from the picture's origin, px: first and last.
+    /// Bounds of the rectangle along the axis and across it, from the origin of the image, px: first and last of each.
     pub bounds: [f64; 4],
 }
 
 impl Decal {
-    /// Whether it holds a point.
+    /// Returns true if the point lies in the rectangle.
     pub fn contains(&self, at: &Vector2<f64>) -> bool {
         let [x0, y0, x1, y1] = self.bounds;
         let at = rotate_into(self.axis, at);
         (x0..=x1).contains(&at.x) && (y0..=y1).contains(&at.y)
     }
 
-    /// What the decal of a print may cover of a blob, both by their bounds in the direction: a rim about the print, and where
-    /// the blob ends near it, the blob's last rows or columns too, for blur mixes them with the decal; both are so wide, px.
+    /// Returns the rectangle that the decal of a print may cover of a blob, both given by their bounds in the direction
+    /// `axis`: a rim of `rim_px` around the print, and the last `blur_px` of the blob if it ends near the print, because
+    /// blur mixes them with the decal.
     pub fn from_print(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
         let mut bounds = print;
         for k in 0..2 {
@@ -47,20 +48,20 @@ impl Decal {
     }
 }
 
-/// A place along a direction and across it, px.
+/// Returns the position along and across a direction, px.
 fn rotate_into(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
     Vector2::new(axis.dot(at), axis.perp(at))
 }
 
-/// The bounds of an outline in a direction, px.
+/// Returns the bounds of an outline in a direction, px.
 pub fn outline_bounds(ellipse: &Ellipse, axis: Vector2<f64>) -> [f64; 4] {
     let level = Ellipse { angle: ellipse.angle - axis.y.atan2(axis.x), ..*ellipse };
-    let (middle, extent) = (rotate_into(axis, &ellipse.centre), level.extent());
+    let (middle, extent) = (rotate_into(axis, &ellipse.centre), level.half_extent());
     let (low, high) = (middle - extent, middle + extent);
     [low.x, low.y, high.x, high.y]
 }
 
-/// The bounds of a blob's pixels in a direction, px.
+/// Returns the bounds of a blob's pixels in a direction, px.
 pub fn blob_bounds(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
     if axis == ROW_DIRECTION {
         return blob.bounds.map(|v| v as f64);
@@ -74,8 +75,9 @@ pub fn blob_bounds(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
     out
 }
 
-/// The direction in which the decal of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
-/// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
+/// Returns the direction in which the decal of a neighbour cuts a blob: that of the line on which most of the blob's rim
+/// towards the neighbour lies, within 45 degrees of the rows. `None` if there is no such line or it lies along rows or
+/// columns.
 pub fn find_cut_direction(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
     let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
     let points: Vec<Vector2<f64>> = blob
@@ -118,7 +120,7 @@ mod tests {
     use crate::detect::segment::blob::dark_parts;
     use crate::raster::Raster;
 
-    /// The direction in which an ellipse seems cut that ends below at a line with a slope.
+    /// Direction found for an ellipse that is cut at its lower side along a line with a slope.
     fn cut_angle(slope: f64) -> Option<f64> {
         let disc = Ellipse { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: -0.05 };
         let neighbour = Ellipse { centre: Vector2::new(104.0, 64.0), ..disc };
@@ -138,24 +140,20 @@ mod tests {
             let angle = cut_angle(slope).expect("a slanting line");
             assert!((angle - slope.atan()).abs() < 0.012, "{slope}: {angle}");
         }
-        assert_eq!(cut_angle(0.0), None, "rows need no other direction");
+        assert_eq!(cut_angle(0.0), None, "rows are the default direction");
     }
 
     #[test]
     fn bounds_rotate_with_their_direction() {
         let ellipse = Ellipse { centre: Vector2::new(30.0, 20.0), major: 10.0, minor: 2.0, angle: 0.3 };
-        let axis = ellipse.axis();
+        let axis = ellipse.major_direction();
         let [x0, y0, x1, y1] = outline_bounds(&ellipse, axis);
         assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
         let decal = Decal::from_print(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
-        // The blob begins 5 px beyond the print: a blur more than that is hidden.
+        // The blob begins 5 px beyond the print; one blur more than that is hidden.
         let across = Vector2::new(-axis.y, axis.x);
-        assert!(
-            decal.contains(&(ellipse.centre + across * 9.4)) && !decal.contains(&(ellipse.centre + across * 9.6))
-        );
-        assert!(
-            decal.contains(&(ellipse.centre + axis * 16.9)) && !decal.contains(&(ellipse.centre + axis * 17.1))
-        );
-        assert_eq!(outline_bounds(&ellipse, ROW_DIRECTION)[0], ellipse.centre.x - ellipse.extent().x);
+        assert!(decal.contains(&(ellipse.centre + across * 9.4)) && !decal.contains(&(ellipse.centre + across * 9.6)));
+        assert!(decal.contains(&(ellipse.centre + axis * 16.9)) && !decal.contains(&(ellipse.centre + axis * 17.1)));
+        assert_eq!(outline_bounds(&ellipse, ROW_DIRECTION)[0], ellipse.centre.x - ellipse.half_extent().x);
     }
 }

@@ -1,4 +1,4 @@
-//! Where glare lies over a marker: the skin beside it tells. Where light is mirrored, black is no darker than the skin.
+//! Position of glare over a marker, from the skin next to it. In reflected light, black is no darker than the skin.
 
 use nalgebra::Vector2;
 
@@ -8,34 +8,35 @@ use crate::detect::occlusion::options::GLARE;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 
-/// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
+/// Returns true if the skin beyond an end of a disc is saturated, so that glare may have cut the disc.
 pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
-    let axis = ellipse.axis();
+    let axis = ellipse.major_direction();
     [-1.0, 1.0].iter().any(|side| {
         GLARE.beyond_tip_px.iter().all(|past| {
             let at = ellipse.centre + axis * (side * (ellipse.major + past));
-            image.nearest(at.x, at.y) >= GLARE.white
+            image.nearest_value(at.x, at.y) >= GLARE.white
         })
     })
 }
 
-/// The bands in which glare lies over a marker of which all is known but the exact place: over its ends or its middle; from
-/// where the skin is so many times lighter than elsewhere, and farther out by so many times the way from there to where it is
-/// bright.
+/// Returns the bands in which glare lies over a marker whose position is known approximately. A band reaches from where the
+/// skin is `begins` times lighter than elsewhere, extended outwards by `fringe` times the distance from there to the bright
+/// part.
 pub fn find_glare_bands(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
     bright_bands(&lighter_side(&skin_profiles(image, ellipse)), ellipse, begins, fringe)
 }
 
-/// Of either side the lighter skin: a place that is some px off has the marker's own black on one.
+/// Returns the lighter of the two sides at each position: if the marker's position is off by a few px, one side shows its
+/// own black.
 fn lighter_side([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
     one.iter().zip(other).map(|(one, other)| one.max(*other)).collect()
 }
 
-/// The same of a thick marker, over which it matters that glare slants: where either side shows one band, it reaches from
-/// where it is seen on the one to where it is seen on the other.
+/// Returns the bands of glare over a thick marker, for which the slant of the glare matters. If each side shows one band,
+/// the band connects the two.
 pub fn find_slanting_glare(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<OcclusionBand> {
-    let middle = ellipse.centre.dot(&ellipse.axis());
-    // Beyond the marker's ends it does not matter where it ends.
+    let middle = ellipse.centre.dot(&ellipse.major_direction());
+    // Beyond the ends of the marker, the position of the limit has no effect.
     let open = |band: OcclusionBand| OcclusionBand {
         from: if band.from < middle - ellipse.major { f64::NEG_INFINITY } else { band.from },
         to: if band.to > middle + ellipse.major { f64::INFINITY } else { band.to },
@@ -50,15 +51,14 @@ pub fn find_slanting_glare(image: &Raster, ellipse: &Ellipse, begins: f64) -> Ve
     slanting.map_or_else(|| lit_on(&lighter_side(&skin)), |band| vec![band])
 }
 
-/// The band across a marker of which the skin on either side shows a part; `None` where these are not parts of one, or where
-/// it lies along the marker.
+/// Returns the band across a marker of which each side shows a part. `None` if the two are not parts of one band, or if it
+/// lies along the marker.
 fn slanting_band(sides: [OcclusionBand; 2], ellipse: &Ellipse) -> Option<OcclusionBand> {
     let [one, other] = sides;
     let away = ellipse.minor + 0.5 * (GLARE.beside_px[0] + GLARE.beside_px[GLARE.beside_px.len() - 1]);
     let shifts = [other.from - one.from, other.to - one.to];
     let finite: Vec<f64> = shifts.into_iter().filter(|shift| shift.is_finite()).collect();
-    let is_one =
-        [(one.from, other.from), (one.to, other.to)].iter().all(|(a, b)| a.is_finite() == b.is_finite());
+    let is_one = [(one.from, other.from), (one.to, other.to)].iter().all(|(a, b)| a.is_finite() == b.is_finite());
     if !is_one || finite.is_empty() {
         return None;
     }
@@ -66,9 +66,9 @@ fn slanting_band(sides: [OcclusionBand; 2], ellipse: &Ellipse) -> Option<Occlusi
     if slant.abs() > GLARE.slant {
         return None;
     }
-    let (along, across) = (ellipse.axis(), ellipse.across());
+    let (along, across) = (ellipse.major_direction(), ellipse.minor_direction());
     let axis = (along + across * slant).normalize();
-    // Places along the marker are counted from the picture's origin.
+    // Positions along the marker are measured from the origin of the image.
     let origin = ellipse.centre - along * along.dot(&ellipse.centre);
     let place = |s: f64, side: f64| {
         if s.is_finite() { axis.dot(&(origin + along * s + across * (side * away))) } else { s }
@@ -78,22 +78,21 @@ fn slanting_band(sides: [OcclusionBand; 2], ellipse: &Ellipse) -> Option<Occlusi
     Some(OcclusionBand { axis, from, to })
 }
 
-/// What of the skin along a marker is lit.
+/// Returns the bands in which the skin along a marker is lit.
 fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
-    let axis = ellipse.axis();
+    let axis = ellipse.major_direction();
     let mut sorted = skin.to_vec();
     sorted.sort_by(f64::total_cmp);
-    // Glare may lie over most of it.
-    let usual = sorted.get(sorted.len() / 5).copied().unwrap_or(0.0);
+    // Glare may lie over most of the skin.
+    let typical = sorted.get(sorted.len() / 5).copied().unwrap_or(0.0);
     let middle = ellipse.centre.dot(&axis);
     let place = |i: usize| middle + i as f64 - (skin.len() / 2) as f64;
     let mut out: Vec<OcclusionBand> = Vec::new();
     let mut first = 0;
-    for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
-        let next = first + alike.len();
-        let bright = |v: &f64| *v > GLARE.bright_ratio * usual;
-        if let (Some(rise), Some(fall)) = (alike.iter().position(bright), alike.iter().rev().position(bright))
-        {
+    for run in skin.chunk_by(|one, other| (*one > begins * typical) == (*other > begins * typical)) {
+        let next = first + run.len();
+        let bright = |v: &f64| *v > GLARE.bright_ratio * typical;
+        if let (Some(rise), Some(fall)) = (run.iter().position(bright), run.iter().rev().position(bright)) {
             let beyond = |way: usize| GLARE.margin_px + fringe * way as f64;
             let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - beyond(rise) };
             let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
@@ -108,10 +107,10 @@ fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Ve
     out
 }
 
-/// Grey values of the skin on either side of a marker, at each pixel along it and beyond its ends.
+/// Returns the grey values of the skin on either side of a marker, at each px along it and beyond its ends.
 fn skin_profiles(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
-    let (axis, across) = (ellipse.axis(), ellipse.across());
-    let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
+    let (axis, across) = (ellipse.major_direction(), ellipse.minor_direction());
+    let grey = |at: Vector2<f64>| f64::from(image.nearest_value(at.x, at.y));
     let last = ellipse.major.ceil() as i32 + GLARE.beyond_px;
     [1.0, -1.0].map(|side| {
         let beside = GLARE.beside_px.map(|d| across * (side * (ellipse.minor + d)));
@@ -123,20 +122,20 @@ fn skin_profiles(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
     })
 }
 
-/// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
-/// tells, for the blob's own outline fades as the skin lights up.
+/// Returns the positions along the axis at which glare begins before and after the middle of a blob, for glare that reaches
+/// the blob. The skin next to the blob is used, because the blob's own outline fades as the skin becomes lighter.
 pub fn glare_limits(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
     let [one, other] = skin_profiles(image, ellipse);
     let skin: Vec<f64> = one.iter().zip(&other).map(|(one, other)| 0.5 * (one + other)).collect();
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = ellipse.major as i32;
-    let Some(usual) = median((-half..=half).map(at).collect()) else { return [None; 2] };
+    let Some(typical) = median((-half..=half).map(at).collect()) else { return [None; 2] };
     [-1, 1].map(|sign| {
-        let peak = (0..=last).find(|&s| at(sign * s) > GLARE.min_ratio * usual)?;
-        let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begin_ratio * usual)?;
+        let peak = (0..=last).find(|&s| at(sign * s) > GLARE.min_ratio * typical)?;
+        let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begin_ratio * typical)?;
         (begin < half + 2).then(|| {
-            ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - GLARE.margin_px)
+            ellipse.centre.dot(&ellipse.major_direction()) + f64::from(sign) * (f64::from(begin) - GLARE.margin_px)
         })
     })
 }
@@ -146,9 +145,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn glare_across_a_thick_marker_slants_as_the_skin_beside_it_shows() {
+    fn glare_across_a_thick_marker_has_the_slant_of_the_skin() {
         let ellipse = Ellipse { centre: Vector2::new(150.3, 90.6), major: 70.0, minor: 16.0, angle: 0.1 };
-        // White to the right of a line that leans by so much for each row, 20 px beyond the centre.
+        // White to the right of a line 20 px beyond the centre, which shifts by `lean` per row.
         for lean in [-0.6, 0.0, 0.4] {
             let value = |i: usize| {
                 let (x, y) = ((i % 300) as f64, (i / 300) as f64);
@@ -159,15 +158,12 @@ mod tests {
             let [OcclusionBand { axis, from, to }] = bands[..] else { panic!("{bands:?}") };
             let across = Vector2::new(1.0, -lean).normalize();
             let off = axis.dot(&Vector2::new(170.3, 90.6)) - from;
-            assert!(
-                axis.dot(&across) > 0.998 && (0.0..4.5).contains(&off) && to == f64::INFINITY,
-                "{lean}: {off}"
-            );
+            assert!(axis.dot(&across) > 0.998 && (0.0..4.5).contains(&off) && to == f64::INFINITY, "{lean}: {off}");
         }
     }
 
     #[test]
-    fn a_marker_beside_a_dark_thing_has_the_glare_that_the_other_side_shows() {
+    fn glare_next_to_a_dark_object_is_seen_on_the_other_side() {
         let ellipse = Ellipse { centre: Vector2::new(150.0, 100.0), major: 70.0, minor: 16.0, angle: 0.0 };
         let value = |i: usize| match (i % 300, i / 300) {
             (_, 115..) => 30,

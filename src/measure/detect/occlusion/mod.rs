@@ -1,4 +1,4 @@
-//! What may hide a part of a marker: decals, glare, seams.
+//! Occlusions of a part of a marker: decals, glare, seams, paint.
 
 pub mod decal;
 pub mod glare;

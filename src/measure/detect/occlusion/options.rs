@@ -1,135 +1,140 @@
-//! Tuned numbers of what hides a part of a marker: meaning, unit, origin.
+//! Tuned numbers of occlusions, with meaning, unit, origin.
 
 numbers! {
     /// Decals that may lie over a marker.
     DECAL: DecalOptions {
-        /// How far a decal reaches beyond its print, before and behind it, px. The decals of the rendered sets, seen
-        /// from the cabin; `tests/detect/decals.rs`.
+        /// Extent of a decal beyond its print, above and below it, px. From the decals of the rendered sets, seen from the
+        /// cabin; `tests/detect/decals.rs`.
         margin_px: f64 = 7.0,
-        /// Points of a blob's contour of which a line is made, about. A bound on time: all pairs of them are tried.
+        /// Approximate number of contour points of a blob from which a line is made. A bound on time: all pairs are tried.
         line_points: usize = 40,
-        /// Points that must lie on the line in which a decal cuts a blob. Chosen; the slanted decals of
+        /// Minimum number of points on the line along which a decal cuts a blob. Chosen; the slanted decals of
         /// `tests/detect/decals.rs`.
         line_support: usize = 12,
-        /// Least distance of the two points that a line is drawn through, px. Derived: contours are told to half a
-        /// pixel, so that the direction is told to 0.06 rad before all points refine it.
+        /// Minimum distance between the two points that define a line, px. Derived: a contour is accurate to 0.5 px, so the
+        /// direction is accurate to 0.06 rad before all points refine it.
         line_reach_px: f64 = 12.0,
-        /// How far a point may lie from the line, px. Derived: contour points lie half a pixel beside the pixels, and a
-        /// tenth is added for rounding.
+        /// Maximum distance of a point from the line, px. Derived: contour points lie 0.5 px from the pixels, with 0.1 px
+        /// for rounding.
         line_off_px: f64 = 0.6,
-        /// Directions for which rows or columns stand, rad. Derived: 0.4 px over a disc of 40 px, less than a contour
-        /// tells.
+        /// Angle below which a direction is treated as that of rows or columns, rad. Derived: 0.4 px over a disc of 40 px,
+        /// less than the accuracy of a contour.
         level_rad: f64 = 0.01,
     }
 
-    /// Glare over a marker, told by the skin beside it.
+    /// Glare over a marker, from the skin next to it.
     GLARE: GlareOptions {
-        /// Grey value from which on skin is saturated. Derived: 255 less what JPEG leaves about edges.
+        /// Grey value above which skin is saturated. Derived: 255 minus the errors of JPEG around edges.
         white: u8 = 250,
-        /// Where beyond a disc's tip that is looked at, px: beyond the greatest blur. Chosen; `tests/detect/glare.rs`.
+        /// Distances beyond the tip of a disc at which saturation is tested, px: beyond the largest blur. Chosen;
+        /// `tests/detect/glare.rs`.
         beyond_tip_px: [f64; 3] = [3.0, 4.5, 6.0],
-        /// Skin over the usual skin at which glare is believed, a ratio. Chosen on the rendered glare frames;
+        /// Minimum ratio of lit skin to the median of the skin for glare. Chosen on the rendered glare frames;
         /// `tests/detect/glare.rs`.
         min_ratio: f64 = 1.15,
-        /// The same where it begins. What lights the skin by a tenth doubles the light of black, which is a tenth of an
-        /// edge's width.
+        /// Ratio of lit skin to the median of the skin at which glare begins. 10 % more light on the skin doubles the light
+        /// of black, which shifts an edge by 10 % of its width.
         begin_ratio: f64 = 1.10,
-        /// The same at its brightest over a predicted marker, along which light changes by itself. Chosen on the glare
-        /// frames of 112 rendered sets; `tests/detect/closer.rs`.
+        /// Minimum ratio of lit skin to other skin at the brightest part of glare over a predicted marker, along which
+        /// light changes by itself. Chosen on the glare frames of 112 rendered sets; `tests/detect/second_pass.rs`.
         bright_ratio: f64 = 1.3,
-        /// Where the skin beside a marker is looked at, px from its outline: beyond the greatest blur. Chosen;
+        /// Distances from the outline of a marker at which the skin is sampled, px: beyond the largest blur. Chosen;
         /// `tests/detect/glare.rs`.
         beside_px: [f64; 4] = [4.0, 5.0, 6.0, 7.0],
-        /// How far beyond the marker's ends it is, px. Chosen; `tests/detect/glare.rs`.
+        /// Distance beyond the ends of the marker up to which the skin is sampled, px. Chosen; `tests/detect/glare.rs`.
         beyond_px: i32 = 20,
-        /// What glare blurs into what it leaves, px: a usual blur and a half. Chosen; `tests/detect/glare.rs`.
+        /// Margin by which glare is blurred into its surroundings, px: 1.5 times a typical blur. Chosen;
+        /// `tests/detect/glare.rs`.
         margin_px: f64 = 2.0,
-        /// Most that a band may shift along the marker for each pixel across. Chosen: farther, what is seen on both
-        /// sides is not one band; the test of this file.
+        /// Maximum shift of a band along the marker for each pixel across. Chosen: with a larger shift the two sides do not
+        /// show one band; the test in `occlusion/glare.rs`.
         slant: f64 = 1.5,
     }
 
-    /// Seams of the skin that meet a disc. All were chosen on drawn seams and rendered sets, where the normalised error
-    /// fell from 3.5 at most to 0.8 to 1.2 (`docs/decisions/0014`), unless they say otherwise;
-    /// `tests/detect/robustness.rs` holds them.
+    /// Seams of the skin that meet a disc. Unless noted otherwise, values were chosen on drawn seams and rendered sets,
+    /// where the largest normalised error fell from 3.5 to between 0.8 and 1.2 (`docs/decisions/0014`);
+    /// `tests/detect/robustness.rs` checks them.
     SEAM: SeamOptions {
-        /// Where the ring beside a disc begins that is searched, blurs from its outline. Derived: beyond, the edge's
-        /// blur leaves 0.1 % of the contrast.
+        /// Inner limit of the searched ring around a disc, blurs from its outline. Derived: beyond it, the blur of the edge
+        /// leaves 0.1 % of the contrast.
         clear_blurs: f64 = 3.0,
-        /// Where it ends, px from the outline.
+        /// Outer limit of the ring, px from the outline.
         reach_px: f64 = 14.0,
-        /// Residual scales by which a pixel is darker than the skin to be a sign of a seam. Derived: by chance one in
-        /// 160 is.
+        /// Minimum darkness of a pixel relative to the skin to be a candidate for a seam, residual scales. Derived: 1 of
+        /// 160 exceeds it at random.
         sign_scales: f32 = 2.5,
-        /// Residual scales by which all of a seam is darker.
+        /// Minimum mean darkness of a seam, residual scales.
         darker_scales: f64 = 1.5,
-        /// Signs that must lie on one line.
+        /// Minimum number of candidates on one line.
         min_signs: usize = 8,
-        /// The darkest of them, of which the first line is made: a bound on time, all pairs of them are tried.
+        /// Number of the darkest candidates from which the first line is made: a bound on time, all pairs are tried.
         max_signs: usize = 32,
-        /// Distance from which on two signs tell a line, px.
+        /// Minimum distance between two candidates that define a line, px.
         apart_px: f64 = 6.0,
-        /// Least scale of residuals, grey levels.
+        /// Minimum scale of the residuals, grey levels.
         min_scale: f64 = 0.1,
-        /// Least variance of the skin beside a seam, in squares of those scales.
+        /// Minimum variance of the skin next to a seam, in squares of the residual scale.
         min_variance: f64 = 0.25,
-        /// Share of the peak darkness from which on a piece is dark.
+        /// Fraction of the peak darkness above which a piece is dark.
         dark_piece: f64 = 0.4,
-        /// Share of it below which its profile has ended.
+        /// Fraction of the peak darkness below which the profile has ended.
         ended: f64 = 0.12,
-        /// Least half width of a seam, px: a pixel's.
+        /// Minimum half width of a seam, px: that of a pixel.
         min_half_width_px: f64 = 1.0,
-        /// Half the width in which a seam's signs lie, px.
+        /// Half width of the strip that contains the candidates of a seam, px.
         half_width_px: f64 = 1.2,
-        /// From where to where the skin beside a seam is looked at, px: beyond its blur and its profile.
+        /// Range of distances from a seam at which the skin next to it is sampled, px: beyond its blur and its profile.
         beside_px: (f64, f64) = (4.5, 7.5),
-        /// Width of a bin of its profile, px.
+        /// Width of a bin of the profile, px.
         bin_px: f64 = 0.5,
-        /// Bins: the profile ends where the skin beside begins.
+        /// Number of bins of the profile, which ends before the sampled skin begins.
         bins: usize = 9,
-        /// How near to a line is on it, px.
+        /// Maximum distance of a pixel on the line, px.
         on_px: f32 = 1.0,
-        /// Residual scales from which on what is unlike the skin is something else.
+        /// Deviation from the skin above which a pixel is foreign, residual scales.
         foreign_scales: f32 = 4.0,
-        /// What a seam's blur still darkens beyond where it seems to end, px.
+        /// Margin that the blur of a seam darkens beyond its apparent end, px.
         skirt_px: f64 = 1.0,
-        /// Standard deviations of a seam's darkness. The line is the best of some 500, and chance lines up signs.
+        /// Minimum darkness of a seam, in its standard deviations. The line is the best of about 500, and some candidates
+        /// are aligned at random.
         significance: f64 = 8.0,
-        /// Length of the pieces of which a seam's most are dark, px.
+        /// Length of the pieces into which a seam is divided, px.
         piece_px: f64 = 4.0,
-        /// Share of them: letters and dirt are no lines.
+        /// Minimum fraction of dark pieces: letters and dirt do not form lines.
         unbroken: f64 = 0.75,
-        /// Pieces that must be seen.
+        /// Minimum number of visible pieces.
         pieces: usize = 4,
-        /// Share of darkness and of its standard deviations from which on a line is looked at more closely: the first
-        /// look is in single precision.
+        /// Fraction of the minimum darkness and significance above which a line is examined in detail: the first test is in
+        /// single precision.
         hint: f64 = 0.9,
-        /// Share of the outline that a seam may hide: more could not be missed.
+        /// Maximum fraction of the outline that a seam may hide: a larger part would be seen otherwise.
         max_hidden: f64 = 0.35,
-        /// Most seams at a disc: one at each tip.
+        /// Maximum number of seams at a disc: one at each tip.
         max_seams: usize = 2,
-        /// Most lines that are tried: a bound on time.
+        /// Maximum number of lines that are tried: a bound on time.
         max_tries: usize = 3,
     }
 
-    /// Dark paint at a disc's end. Derived, unless said otherwise; `tests/detect/robustness.rs` holds it.
+    /// Dark paint at the end of a disc. Derived unless noted otherwise; `tests/detect/robustness.rs` checks it.
     PAINT: PaintOptions {
-        /// Radius of curvature of an end up to which it is thin, blurs: blur then takes more of it than is left.
+        /// Radius of curvature up to which an end is thin, blurs: blur then removes more of it than it leaves.
         thin_blurs: f64 = 1.0,
-        /// Share of the contrast by which paint is darker than the skin. Chosen on two rendered sets: with a quarter of it panel
-        /// lines count too, which shift a disc by less (0.1 px) than it costs to leave out an end (0.2 px).
+        /// Minimum darkness of paint relative to the skin, a fraction of the contrast. Chosen on two rendered sets: with 25
+        /// %, panel lines count too, which shift a disc by less (0.1 px) than excluding an end costs (0.2 px).
         dark: f64 = 0.5,
-        /// The same in residual scales: by chance one pixel in 16 000.
+        /// Minimum darkness of paint, residual scales: 1 of 16,000 pixels exceeds it at random.
         significance: f64 = 4.0,
-        /// Where beside an end it begins to be sought, blurs from the outline: the disc's own edge leaves 16 % there.
+        /// Inner limit of the searched region around an end, blurs from the outline: the disc's own edge leaves 16 % there.
         clear_blurs: f64 = 1.0,
-        /// Where that ends: what paint a blur farther off than its own edge darkens at the outline is less than 2 %.
+        /// Outer limit of that region, blurs from the outline: paint one blur farther than that darkens the outline by less
+        /// than 2 %.
         reach_blurs: f64 = 3.0,
-        /// Where an end begins, as a share of the semi-major axis: there it is 0.6 times as thick as the middle.
+        /// Position at which an end begins, as a fraction of the semi-major axis: the disc is 0.6 times as thick there as
+        /// in the middle.
         end: f64 = 0.8,
-        /// Pixels that tell it.
+        /// Minimum number of dark pixels.
         min_pixels: usize = 3,
-        /// What paint's edge still darkens, blurs: 1.4 % of it.
+        /// Distance at which the edge of paint still darkens, blurs: by 1.4 %.
         skirt_blurs: f64 = 2.2,
     }
 }

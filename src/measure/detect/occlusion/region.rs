@@ -1,24 +1,24 @@
-//! Regions of the picture that may show something else than the marker.
+//! Regions of the image that may show other objects than the marker.
 
 use nalgebra::Vector2;
 
 use super::decal::Decal;
 
-/// A region that a fit leaves out, by what may lie in it.
+/// Region that a fit excludes, by type of occlusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Region {
-    /// A decal that lies over the marker.
+    /// Decal that lies over the marker.
     Decal(Decal),
     /// Glare that hides the marker.
     Glare(OcclusionBand),
-    /// A seam of the skin that meets the marker.
+    /// Seam of the skin that meets the marker.
     Seam(OcclusionBand),
-    /// An end of the marker that dark paint touches.
+    /// End of the marker that dark paint touches.
     Paint(OcclusionBand),
 }
 
 impl Region {
-    /// Whether it holds a point.
+    /// Returns true if the point lies in the region.
     pub fn contains(&self, at: &Vector2<f64>) -> bool {
         match self {
             Self::Decal(decal) => decal.contains(at),
@@ -26,30 +26,30 @@ impl Region {
         }
     }
 
-    /// The decal, if it is one.
+    /// Returns the decal of a decal region.
     pub fn decal(&self) -> Option<&Decal> {
         if let Self::Decal(decal) = self { Some(decal) } else { None }
     }
 
-    /// The band, if it is glare.
+    /// Returns the band of a glare region.
     pub fn glare(&self) -> Option<&OcclusionBand> {
         if let Self::Glare(band) = self { Some(band) } else { None }
     }
 }
 
-/// A strip of the picture across a marker's axis, px.
+/// Strip of the image across a direction, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OcclusionBand {
-    /// Unit vector of the axis.
+    /// Unit vector along which `from` and `to` are measured.
     pub axis: Vector2<f64>,
-    /// Where it begins along the axis, counted from the picture's origin.
+    /// First position along the axis, from the origin of the image.
     pub from: f64,
-    /// Where it ends.
+    /// Last position along the axis.
     pub to: f64,
 }
 
 impl OcclusionBand {
-    /// Whether it holds a point.
+    /// Returns true if the point lies in the band.
     pub fn contains(&self, at: &Vector2<f64>) -> bool {
         (self.from..=self.to).contains(&self.axis.dot(at))
     }

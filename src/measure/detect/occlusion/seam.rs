@@ -1,5 +1,5 @@
-//! Seams of the skin that meet a disc. A thin dark line that ends in a flat disc's tip makes it look longer,
-//! by too little in each pixel for the robust weights; beside the disc the whole of it tells where it runs.
+//! Seams of the skin that meet a disc. A thin dark line that ends at the tip of a flat disc makes it look longer, by too
+//! little in each pixel for the robust weights. Next to the disc, the complete line is visible.
 
 use std::ops::Range;
 
@@ -11,16 +11,17 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
 use crate::detect::simd::dispatch::wide;
-use crate::detect::simd::lanes::{LANES, Lanes, all, each, total};
+use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each, sum_lanes};
 use crate::raster::Raster;
 
-/// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
+/// Pixel of the ring: its position, px, and its darkness relative to the skin, in residual scales.
 struct RingPixel {
     at: Vector2<f64>,
     darker: f32,
 }
 
-/// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
+/// Returns the seams next to a disc as bands of the image. The image of the disc is described by `m`; `scale` is that of
+/// its residuals, grey levels.
 pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale: f64) -> Vec<OcclusionBand> {
     let ring = SeamRing::new(image, ellipse, m, scale);
     let mut signs = ring.dark_pixels();
@@ -35,7 +36,7 @@ pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale
         let half = if ring.suggests_seam(&line) { half_width(&ring.pixels_near(&line), &line) } else { None };
         if let Some(half) = half {
             let band = OcclusionBand { axis: line.across, from: line.at - half, to: line.at + half };
-            if ellipse.share(|at| band.contains(at)) <= SEAM.max_hidden {
+            if ellipse.outline_fraction(|at| band.contains(at)) <= SEAM.max_hidden {
                 out.push(band);
             }
         }
@@ -43,7 +44,7 @@ pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale
     out
 }
 
-/// The ring beside a disc, by rows.
+/// Ring around a disc, by rows.
 struct SeamRing<'a> {
     image: &'a Raster,
     ellipse: &'a Ellipse,
@@ -55,7 +56,7 @@ struct SeamRing<'a> {
 
 impl<'a> SeamRing<'a> {
     fn new(image: &'a Raster, ellipse: &'a Ellipse, m: &'a MarkerParameters, scale: f64) -> Self {
-        let reach = ellipse.extent().add_scalar(SEAM.reach_px + 1.0);
+        let reach = ellipse.half_extent().add_scalar(SEAM.reach_px + 1.0);
         let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
@@ -66,9 +67,9 @@ impl<'a> SeamRing<'a> {
         Self { image, ellipse, frame, m, scale: scale.max(SEAM.min_scale), rows }
     }
 
-    /// A pixel's place in semi-axes.
+    /// Returns the position of a pixel in semi-axes.
     fn normalized_position(&self, x: usize, y: usize) -> (f64, f64) {
-        let (s, t) = self.frame.local(x as f64, y as f64);
+        let (s, t) = self.frame.to_local(x as f64, y as f64);
         (s / self.ellipse.major, t / self.ellipse.minor)
     }
 
@@ -78,30 +79,30 @@ impl<'a> SeamRing<'a> {
         RingPixel { at: Vector2::new(x as f64, y as f64), darker }
     }
 
-    /// The signs.
+    /// Returns the candidates: pixels that are darker than the skin by `SEAM.sign_scales`.
     fn dark_pixels(&self) -> Vec<RingPixel> {
         let (mut out, mut some) = (Vec::new(), Vec::new());
         for (y, parts) in &self.rows {
             for part in parts {
                 let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
                 find_dark(pixels, self.sign_limit(part.start, *y), &mut some);
-                let spots =
-                    some.drain(..).filter_map(|k| Some(self.ring_pixel(part.start + k, *y, *pixels.get(k)?)));
+                let spots = some.drain(..).filter_map(|k| Some(self.ring_pixel(part.start + k, *y, *pixels.get(k)?)));
                 out.extend(spots.filter(|s| s.darker > SEAM.sign_scales));
             }
         }
         out
     }
 
-    /// The grey value below which a pixel of a row may be a sign, as a polynomial of how far it is from `x`.
+    /// Returns the grey value below which a pixel of a row may be a candidate, as a polynomial of its distance from `x`,
+    /// px.
     fn sign_limit(&self, x: usize, y: usize) -> [f32; 3] {
-        /// What single precision may lose, grey levels: of values below 256 with a few roundings.
+        /// Possible rounding error in single precision, grey levels: for values below 256 and a few operations.
         const SAFE: f64 = 0.02;
         let [light, first, second] = self.skin_polynomial(x, y);
         [light - f64::from(SEAM.sign_scales) * self.scale + SAFE, first, second].map(|v| v as f32)
     }
 
-    /// The skin's grey value along a row, as a polynomial of how far a pixel is from `x`.
+    /// Returns the grey value of the skin along a row, as a polynomial of the distance from `x`, px.
     fn skin_polynomial(&self, x: usize, y: usize) -> [f64; 3] {
         let m = self.m;
         let (p, q) = self.normalized_position(x, y);
@@ -113,12 +114,11 @@ impl<'a> SeamRing<'a> {
         ]
     }
 
-    /// Calls for each row's pixels that are so near to a line that they tell whether it is a seam: row, first column and
-    /// values.
+    /// Calls a function for the pixels of each row that are near a line, with row, first column and values.
     fn for_rows_near(&self, line: &SeamLine, mut call: impl FnMut(usize, usize, &[u8])) {
         let through = scanline::EdgeLine { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
-            let (from, to) = through.row(*y as f64, SEAM.beside_px.1 + 1.0);
+            let (from, to) = through.row_interval(*y as f64, SEAM.beside_px.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
@@ -129,9 +129,9 @@ impl<'a> SeamRing<'a> {
         }
     }
 
-    /// Whether what lies on a line is dark enough against what is beside it to be looked at as a seam.
+    /// Returns true if the pixels on a line are dark enough relative to those next to it for a detailed test.
     fn suggests_seam(&self, line: &SeamLine) -> bool {
-        let mut sums = StripSums { on: [Lanes::of(0.0); 2], beside: [Lanes::of(0.0); 3] };
+        let mut sums = StripSums { on: [Lanes::splat(0.0); 2], nearby: [Lanes::splat(0.0); 3] };
         let by_scale = 1.0 / self.scale;
         self.for_rows_near(line, |y, x, pixels| {
             let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
@@ -139,11 +139,11 @@ impl<'a> SeamRing<'a> {
             add_row(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
         });
         let ([sum, count], [other, others, squares]) =
-            (sums.on.map(|s| total(&s)), sums.beside.map(|s| total(&s)));
+            (sums.on.map(|s| sum_lanes(&s)), sums.nearby.map(|s| sum_lanes(&s)));
         seam_contrast([sum, count], [other, others, squares], SEAM.hint).is_some()
     }
 
-    /// The pixels so near to a line that they tell whether it is a seam.
+    /// Returns the pixels that are near a line.
     fn pixels_near(&self, line: &SeamLine) -> Vec<RingPixel> {
         let mut out = Vec::new();
         self.for_rows_near(line, |y, x, pixels| {
@@ -153,26 +153,27 @@ impl<'a> SeamRing<'a> {
     }
 }
 
-/// How much darker than the skin what lies on a line and beside it is, in residual scales: sums and counts, and beside it
-/// the sum of squares.
+/// Sums of the darkness relative to the skin, in residual scales, on a line and next to it: sum and count, and next to it
+/// also the sum of squares.
 struct StripSums {
     on: [Lanes; 2],
-    beside: [Lanes; 3],
+    nearby: [Lanes; 3],
 }
 
 wide! {
-    /// Adds the pixels of a row, whose distance from the line is a first one and so much more for each, px, against the light
-    /// as a polynomial of the place, in residual scales.
-    fn add_row(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums) = add_row_generic
+    /// Adds the pixels of a row, given the distance of the first one from the line and its increase per pixel, px, and the
+    /// light as a polynomial of the position, in residual scales.
+    fn add_row(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums)
+        = add_row_generic
 }
 
 #[inline(always)]
 fn add_row_generic(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums) {
     let [c, b, a] = light;
-    let StripSums { on: [sum, count], beside: [other, others, squares] } = sums;
+    let StripSums { on: [sum, count], nearby: [other, others, squares] } = sums;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
-        let mut grey = Lanes::of(0.0);
+        let mut grey = Lanes::splat(0.0);
         for (grey, &v) in grey.iter_mut().zip(some) {
             *grey = f32::from(v);
         }
@@ -183,19 +184,19 @@ fn add_row_generic(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_sca
             let there = i < some.len();
             let on = if there && distance < SEAM.on_px { 1.0 } else { 0.0 };
             let near = distance >= SEAM.beside_px.0 as f32 && distance < SEAM.beside_px.1 as f32;
-            let beside = if there && near { 1.0 } else { 0.0 };
+            let nearby = if there && near { 1.0 } else { 0.0 };
             let clamped = darker.clamp(-SEAM.foreign_scales, SEAM.foreign_scales);
             sum[i] += on * darker;
             count[i] += on;
-            other[i] += beside * clamped;
-            others[i] += beside;
-            squares[i] += beside * clamped * clamped;
+            other[i] += nearby * clamped;
+            others[i] += nearby;
+            squares[i] += nearby * clamped * clamped;
         }
     }
 }
 
-/// By how much what lies on a line is darker than what lies beside it, and than what darkness of the skin, in residual
-/// scales, from sums, counts and the sum of squares; `None` where that is less than a share of a seam's.
+/// Returns the darkness on a line relative to the skin next to it, and the darkness of that skin, in residual scales, from
+/// the sums of a strip. `None` if the line is less dark than `share` of a seam.
 fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
     if count < SEAM.min_signs as f64 || others < SEAM.min_signs as f64 {
         return None;
@@ -208,7 +209,7 @@ fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], sha
 }
 
 wide! {
-    /// The places in a row of the pixels below a polynomial of the place.
+    /// Appends the indices of the pixels of a row below a polynomial of the position.
     fn find_dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = find_dark_generic
 }
 
@@ -217,7 +218,7 @@ fn find_dark_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
     let [c, b, a] = below;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
-        let mut grey = Lanes::of(WHITEST);
+        let mut grey = Lanes::splat(WHITEST);
         for (grey, &v) in grey.iter_mut().zip(some) {
             *grey = f32::from(v);
         }
@@ -225,13 +226,13 @@ fn find_dark_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
             let x = first + i as f32;
             grey[i] - (c + (b + a * x) * x)
         });
-        if !all(|i| over[i] >= 0.0) {
+        if !all_lanes(|i| over[i] >= 0.0) {
             out.extend((0..some.len()).filter(|&i| over[i] < 0.0).map(|i| k * LANES + i));
         }
     }
 }
 
-/// A straight line: the points whose product with a unit vector is `at`, px.
+/// Straight line: the points whose product with the unit vector `across` is `at`, px.
 #[derive(Clone, Copy)]
 struct SeamLine {
     across: Vector2<f64>,
@@ -244,14 +245,14 @@ impl SeamLine {
     }
 }
 
-/// The line that most of the darkest signs lie on; the darkest come first.
+/// Returns the line on which most of the darkest candidates lie. The candidates are sorted, darkest first.
 fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
     if signs.len() < SEAM.min_signs {
         return None;
     }
     let few: Vec<&Vector2<f64>> = signs.iter().take(SEAM.max_signs).map(|s| &s.at).collect();
     let origin = *few.first()?;
-    let mut places = [[Lanes::of(f32::MAX); SEAM.max_signs / LANES]; 2];
+    let mut places = [[Lanes::splat(f32::MAX); SEAM.max_signs / LANES]; 2];
     for (k, at) in few.iter().enumerate() {
         let at = *at - origin;
         (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
@@ -263,15 +264,14 @@ fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
     for _ in 0..2 {
         line = fit_line(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < SEAM.half_width_px))?;
     }
-    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs)
-        .then_some(line)
+    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs).then_some(line)
 }
 
-/// Columns and rows of signs, px from the first; those that are not there are far away.
+/// Columns and rows of the candidates, px from the first; unused entries are far away.
 type SignPositions = [[Lanes; SEAM.max_signs / LANES]; 2];
 
 wide! {
-    /// The two of the first `count` places whose line passes by most of them.
+    /// Returns the two of the first `count` positions whose line passes the largest number of positions.
     fn best_pair(places: &SignPositions, count: usize) -> Option<[usize; 2]> = best_pair_generic
 }
 
@@ -281,13 +281,13 @@ fn best_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]>
     let (mut best, mut most) = (None, 0.0);
     for i in 0..count {
         let one = at(i);
-        // Of the lines through this place and sixteen others how many each passes by.
+        // The number of positions near each line through this position and 16 others.
         for others in (i + 1) / LANES..count.div_ceil(LANES) {
             let (u, v) = (each(|j| x[others][j] - one.0), each(|j| y[others][j] - one.1));
             let square = each(|j| u[j] * u[j] + v[j] * v[j]);
-            // Distances from the line are shorter than this, times the pair's.
+            // Limit of the squared product of the distance from the line and the length of the pair.
             let reach = each(|j| (SEAM.half_width_px * SEAM.half_width_px) as f32 * square[j]);
-            let mut near = Lanes::of(0.0);
+            let mut near = Lanes::splat(0.0);
             for k in 0..count {
                 let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
                 near = each(|j| {
@@ -297,8 +297,7 @@ fn best_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]>
             }
             for j in 0..LANES {
                 let pair = [i, others * LANES + j];
-                let counts =
-                    pair[1] > i && pair[1] < count && square[j] >= (SEAM.apart_px * SEAM.apart_px) as f32;
+                let counts = pair[1] > i && pair[1] < count && square[j] >= (SEAM.apart_px * SEAM.apart_px) as f32;
                 if counts && near[j] > most {
                     (best, most) = (Some(pair), near[j]);
                 }
@@ -308,7 +307,7 @@ fn best_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]>
     best
 }
 
-/// The line through points that has the least squares of distances.
+/// Returns the least-squares line through points.
 fn fit_line<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option<SeamLine> {
     let count = points.clone().count() as f64;
     if count < 2.0 {
@@ -321,11 +320,12 @@ fn fit_line<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Optio
     Some(SeamLine { across, at: across.dot(&mean) })
 }
 
-/// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
+/// Returns half the width of the dark strip along a line, px, if it is a seam: darker than the skin next to it, over its
+/// full length.
 fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
     let along = Vector2::new(-line.across.y, line.across.x);
     let mut profile = [[0.0f64; 2]; SEAM.bins];
-    let mut beside = [0.0f64; 3];
+    let mut nearby = [0.0f64; 3];
     let mut pieces: Vec<(i32, [f64; 2])> = Vec::new();
     for spot in spots {
         let (distance, darker) = (line.distance(&spot.at), f64::from(spot.darker));
@@ -335,7 +335,7 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
         }
         if (SEAM.beside_px.0..SEAM.beside_px.1).contains(&distance) {
             let darker = darker.clamp(-f64::from(SEAM.foreign_scales), f64::from(SEAM.foreign_scales));
-            beside = [beside[0] + darker, beside[1] + 1.0, beside[2] + darker * darker];
+            nearby = [nearby[0] + darker, nearby[1] + 1.0, nearby[2] + darker * darker];
         }
         if distance < f64::from(SEAM.on_px) {
             let piece = (along.dot(&spot.at) / SEAM.piece_px).floor() as i32;
@@ -346,7 +346,7 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
         }
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
-    let (peak, skin) = seam_contrast([sum, count], beside, 1.0)?;
+    let (peak, skin) = seam_contrast([sum, count], nearby, 1.0)?;
     let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak).count();
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;

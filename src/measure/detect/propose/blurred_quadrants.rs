@@ -1,11 +1,11 @@
-//! Quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
+//! Quadrants so narrow that blur leaves too little of their black to recognise them by black alone: by black and white.
 
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{grey_values_inside, skin_grey};
-use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, MarkerParameters};
+use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, MarkerParameters, N};
 use crate::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_for_grey_ratio};
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
@@ -14,8 +14,8 @@ use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob::{self, Blob};
 use crate::raster::Raster;
 
-/// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
-/// white; `None` for those that are too thick for the greatest blur, px.
+/// Segments flat quadrants again, of whose black blur has left only the middle, by all parts that differ from the skin,
+/// black and white. Returns `None` for quadrants that are too thick for the maximum blur `softest`, px.
 pub fn resegment_against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Option<Hypothesis> {
     let seen = &hypothesis.ellipse;
     if hypothesis.edges.is_none()
@@ -30,8 +30,8 @@ pub fn resegment_against_skin(image: &Raster, hypothesis: &Hypothesis, softest: 
     Some(Hypothesis { prior, ..found })
 }
 
-/// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
-/// only where they are wanted, and of blobs that are no discs.
+/// Finds quadrants whose black shows as two blobs, near each other or apart, or as one, too blurred to be recognised by
+/// black alone. Only blobs that are `wanted` and are no discs are used.
 pub fn find_narrow_quadrants(
     image: &Raster,
     blobs: &[Blob],
@@ -59,14 +59,14 @@ pub fn find_narrow_quadrants(
     let mut out: Vec<Hypothesis> = Vec::new();
     let seeds = pairs.chain(single).filter_map(|seed| {
         let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
-        // Noise has less contrast than markers; grain of what lies beside the wing is smaller.
+        // Noise has less contrast than markers; texture next to the wing is smaller.
         let area: f64 = seed.iter().map(|&i| blobs[i].area).sum();
         Some((contrast as f64 * area.sqrt(), moments::inertia_ellipse(&seed, blobs)?, seed))
     });
     let mut seeds: Vec<(f64, Ellipse, Vec<usize>)> = seeds.collect();
     seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
     seeds.truncate(BLURRED.max_seeds);
-    // Two parts of a marker come before each of them.
+    // Pairs of parts of a marker come before single parts.
     seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
     for (_, seen, seed) in seeds {
         if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
@@ -79,7 +79,7 @@ pub fn find_narrow_quadrants(
     out
 }
 
-/// Pairs of flat blobs that lie in a row, so far apart that blur may have taken what was between them.
+/// Returns pairs of flat blobs that lie in a row, so far apart that blur may have removed the black between them.
 fn find_far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
     let flat: Vec<(usize, Ellipse)> = (blobs.iter().enumerate())
         .filter(|(i, _)| wanted(*i))
@@ -89,7 +89,7 @@ fn find_far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize;
     let in_row = |one: &Ellipse, other: &Ellipse| {
         let between = other.centre - one.centre;
         let along =
-            |seen: &Ellipse| between.dot(&seen.axis()).abs() > BLURRED.in_row_rad.cos() * between.norm();
+            |seen: &Ellipse| between.dot(&seen.major_direction()).abs() > BLURRED.in_row_rad.cos() * between.norm();
         between.norm() < BLURRED.apart * (one.major + other.major) && along(one) && along(other)
     };
     let mut out = Vec::new();
@@ -104,22 +104,22 @@ fn find_far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize;
     out
 }
 
-/// Grey levels between the lightest and the darkest about a blob, where something is lighter than the skin, as white is beside
-/// black.
+/// Returns the difference between the lightest and the darkest grey level around a blob, if something there is lighter than
+/// the skin, as white is next to black.
 fn white_black_contrast(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
-    let margin = Ellipse::from_blob(blob).extent().add_scalar(BLURRED.beside_px);
+    let margin = Ellipse::from_blob(blob).half_extent().add_scalar(BLURRED.beside_px);
     let low = Vector2::new(x0, y0) - margin;
     let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
-    let counts = Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value));
-    let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
+    let counts = Histogram::from_values(image.pixels_in_box(low, high, 2).map(|(_, _, value)| value));
+    let at = |share: usize| counts.value_at_rank(counts.total() * share / 32).unwrap_or(0);
     let (black, skin, white) = (at(0), at(16), at(31));
-    // The lightest of much skin is lighter than most of it by twice the noise.
+    // The lightest pixels of a large area of skin exceed its median by twice the noise.
     let contrast = white.saturating_sub(black);
     (white.saturating_sub(skin) as f64 > OUTLINED.whiter * contrast as f64 + 2.0 * noise).then_some(contrast)
 }
 
-/// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
+/// Determines outline and edges of quadrants from all parts around the visible one that differ from the skin.
 fn quadrants_from_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option<Hypothesis> {
     if seen.major > BLURRED.max_major_px {
         return None;
@@ -132,8 +132,8 @@ fn quadrants_from_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize
     Some(Hypothesis { prior, ..found })
 }
 
-/// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the
-/// skin's grey level.
+/// Returns the outline of all parts around the visible part of quadrants that differ from the skin, parameters with their
+/// grey levels, and the grey level of the skin.
 fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, MarkerParameters, f64)> {
     let mut seen = *seen;
     for _ in 0..BLURRED.max_rounds {
@@ -142,22 +142,17 @@ fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Marke
             BLURRED.hidden * seen.minor + BLURRED.skin_px,
         );
         let longest = Ellipse { major, minor, ..seen };
-        let reach = longest.extent();
+        let reach = longest.half_extent();
         let (low, high) = (seen.centre - reach, seen.centre + reach);
         let skin = skin_grey(image, low, high)?;
         let black = usize::from(grey_values_inside(image, &seen).min()?);
-        let grown = Ellipse {
-            major: seen.major + BLURRED.skin_px,
-            minor: seen.minor + 0.5 * BLURRED.skin_px,
-            ..seen
-        };
+        let grown = Ellipse { major: seen.major + BLURRED.skin_px, minor: seen.minor + 0.5 * BLURRED.skin_px, ..seen };
         let white = usize::from(grey_values_inside(image, &grown).max()?);
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
         let mut parts = blob::blobs_in_box(image, low, high, LevelSide::Darker(dark));
         parts.extend(blob::blobs_in_box(image, low, high, LevelSide::Lighter(light)));
         let least = BLURRED.part * seen.major * seen.minor;
-        let parts: Vec<&Blob> =
-            parts.iter().filter(|b| b.area > least && longest.contains(b.centroid)).collect();
+        let parts: Vec<&Blob> = parts.iter().filter(|b| b.area > least && longest.contains(b.centroid)).collect();
         let found = convex_hull_ellipse(&parts).filter(|ellipse| ellipse.minor >= BLURRED.min_minor_px)?;
         if found.major < BLURRED.longer * seen.major {
             let mut m = [0.0; N];
@@ -170,8 +165,8 @@ fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Marke
     None
 }
 
-/// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
-/// them, as between black and white that are both unlike the skin, do not matter.
+/// Returns the ellipse of inertia of the convex hull of some blobs; `None` if they differ too much from an ellipse. Gaps
+/// between the blobs, as between black and white, do not matter.
 fn convex_hull_ellipse(parts: &[&Blob]) -> Option<Ellipse> {
     let ends = |&[y, from, to]: &[u32; 3]| [from, to].map(|x| Vector2::new(f64::from(x), f64::from(y)));
     let mut points: Vec<Vector2<f64>> = parts.iter().flat_map(|b| b.runs.iter().flat_map(ends)).collect();

@@ -1,4 +1,5 @@
-//! The blobs of all levels, each once, and what they may be; bounded, so that clutter cannot take for ever.
+//! Blobs of all levels, without duplicates, and the hypotheses they give; limited, so that clutter cannot take arbitrarily
+//! long.
 
 use std::collections::HashMap;
 
@@ -7,33 +8,35 @@ use nalgebra::Vector2;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::propose::moments;
 use crate::detect::propose::options::{GATHER, MOMENTS};
-use crate::detect::segment::background::{ReducedFrame, DarkRegion};
+use crate::detect::segment::background::{DarkRegion, ReducedFrame};
 use crate::detect::segment::windows::SearchArea;
 use crate::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
 use crate::raster::Raster;
 
-/// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
+/// Blobs found at the levels of a frame so far, without duplicates, from windows whose total size is limited to a few
+/// frames.
 pub struct BlobCollector {
-    /// Of the near background, and of the far one, against which only thick regions are seen; `None` where none are sought.
+    /// Levels relative to the near background; `far` holds those relative to the far one, at which only thick regions are
+    /// found, or `None` if no thick markers are searched for.
     near: BackgroundLevels,
     far: Option<BackgroundLevels>,
     unique: UniqueBlobs,
-    /// Regions without a disc's shape whose background is uneven.
+    /// Regions that do not have the shape of a disc and whose background is uneven.
     pub uneven: Vec<DarkRegion>,
-    /// Blobs of dark regions that something larger has swallowed, taken up last.
+    /// Blobs of dark regions that merged with a larger one; they are added last.
     swallowed: Vec<Blob>,
-    /// How long a region may be to be seen once more against what surrounds it, reduced px.
+    /// Maximum length of a region that is segmented again relative to its surroundings, reduced px.
     longest: f64,
 }
 
-/// The levels against one background.
+/// Levels relative to one background.
 struct BackgroundLevels {
     coarse: ReducedFrame,
-    /// The first level that has not been looked at.
+    /// First level that has not been searched.
     next: usize,
-    /// Least thickness of a region, reduced px.
+    /// Minimum thickness of a region, reduced px.
     least: usize,
-    /// Regions that are done with, by their darkest, and those that went on outside their window at the last level.
+    /// Completed regions by their darkest value; `open` holds those that extended beyond their window at the last level.
     done: HashMap<u16, Vec<DarkRegion>>,
     open: Vec<DarkRegion>,
 }
@@ -45,7 +48,7 @@ impl BackgroundLevels {
 }
 
 impl BlobCollector {
-    /// Nothing yet of a part of a picture, in which nothing is sought that is longer than so many px.
+    /// Creates a collector without blobs for a part of an image, in which markers are at most `longest_px` long.
     pub fn new(image: &Raster, part: SearchArea, longest_px: f64) -> Self {
         let near = background::reduce_frame(image, part);
         let far = near.with_far_background();
@@ -60,13 +63,13 @@ impl BlobCollector {
         }
     }
 
-    /// Against the far background, where there is one.
+    /// Returns the reduced frame with the far background, or with the near one if there is no far one.
     pub fn far_frame(&self) -> &ReducedFrame {
         &self.far.as_ref().unwrap_or(&self.near).coarse
     }
 
-    /// Takes up the levels of a usual or a faint frame that were not looked at before; whether there are any: what more regions
-    /// pass than are looked at lies in the picture's grain.
+    /// Searches the levels of a default or a faint frame that were not searched before. Returns false if there are none. A
+    /// level that more regions pass than are processed is in the noise of the image and is skipped.
     pub fn search_levels(&mut self, image: &Raster, faint: bool) -> bool {
         let darkness = self.near.coarse.passed_levels(faint);
         let passes = |level: &usize| {
@@ -77,9 +80,9 @@ impl BlobCollector {
         let end = new.last().map(|level| level + 1);
         let Some(end) = end else { return false };
         self.unique.drop_provisional();
-        let Self { near, far, unique: once, uneven, swallowed: late, longest } = self;
+        let Self { near, far, unique, uneven, swallowed, longest } = self;
         let budget = GATHER.frames * near.coarse.width * near.coarse.height;
-        let mut findings = LevelFindings { unique: once, uneven, swallowed: late, budget, laxest: end - 1, longest: *longest };
+        let mut findings = LevelFindings { unique, uneven, swallowed, budget, laxest: end - 1, longest: *longest };
         let far = far.as_mut().map(|far| (far.coarse.passed_levels(faint), far));
         for (darkness, levels) in std::iter::once((darkness, near)).chain(far) {
             for level in levels.next..end {
@@ -88,35 +91,41 @@ impl BlobCollector {
             }
             levels.next = end;
         }
-        // What is swallowed is taken up again after the next levels.
+        // Merged blobs are added again after the next levels.
         self.swallowed.iter().for_each(|blob| self.unique.add(blob.clone(), Retention::Provisional));
         self.unique.truncate_to(GATHER.blobs);
         keep_largest(&mut self.uneven, GATHER.uneven, |region| region.area as f64);
         true
     }
 
-    /// All that was found, in the order of discovery by call.
+    /// Returns all blobs found, in order of discovery within each call.
     pub fn blobs(&self) -> &[Blob] {
         &self.unique.blobs
     }
 }
 
-/// Where a level's findings go.
+/// Destination of the findings of a level.
 struct LevelFindings<'a> {
     unique: &'a mut UniqueBlobs,
     uneven: &'a mut Vec<DarkRegion>,
     swallowed: &'a mut Vec<Blob>,
-    /// What windows may still hold, reduced px.
+    /// Remaining total size of windows, reduced px.
     budget: usize,
-    /// The last level that is looked at.
+    /// Last level that is searched.
     laxest: usize,
-    /// How long a region may be to be seen once more against what surrounds it, reduced px.
+    /// Maximum length of a region that is segmented again relative to its surroundings, reduced px.
     longest: f64,
 }
 
 impl LevelFindings<'_> {
-    /// Takes up the regions that pass one level.
-    fn search_level(&mut self, image: &Raster, levels: &mut BackgroundLevels, level: usize, mut regions: Vec<DarkRegion>) {
+    /// Segments the regions that pass one level.
+    fn search_level(
+        &mut self,
+        image: &Raster,
+        levels: &mut BackgroundLevels,
+        level: usize,
+        mut regions: Vec<DarkRegion>,
+    ) {
         let BackgroundLevels { coarse, least, done, open, .. } = levels;
         let largest = (coarse.width * coarse.height / 8).max(64);
         regions.retain(|r| {
@@ -125,7 +134,7 @@ impl LevelFindings<'_> {
         });
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(GATHER.regions);
-        // Uneven ones are seen again where nothing is found in them in the end.
+        // Uneven regions are searched again at the end if nothing is found in them.
         for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
             if !coarse.is_uneven(&region) {
                 self.swallowed.extend(blob::blobs_against_surround(image, coarse, &region));
@@ -141,13 +150,13 @@ impl LevelFindings<'_> {
             let (blobs, cut) = blob::region_blobs(image, coarse, &region);
             let pale = region.least > GATHER.pale && width.min(height) >= BACKGROUND.thick / 2;
             let at_last = cut && level == self.laxest;
-            let once_more = (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
-            if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
+            let segment_again = (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
+            if !segment_again && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
                 self.uneven.push(region.clone());
             }
             blobs.into_iter().for_each(|blob| self.unique.add(blob, Retention::Firm));
-            if once_more {
-                // At a laxer level the region may lie wholly in its window.
+            if segment_again {
+                // At a laxer level the region may lie entirely in its window.
                 let kept = if at_last { Retention::Provisional } else { Retention::Firm };
                 let again = blob::blobs_against_surround(image, coarse, &region);
                 again.into_iter().for_each(|blob| self.unique.add(blob, kept));
@@ -157,20 +166,20 @@ impl LevelFindings<'_> {
     }
 }
 
-/// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
-/// band does, whose background is the light on both sides of that.
+/// Returns true if a dark region merges with a far larger or too large one at the next level. This happens to a disc in the
+/// band of a shadow, whose background is the light on both sides of the band.
 fn is_swallowed(region: &DarkRegion, next: &[DarkRegion]) -> bool {
     let dark = region.area >= GATHER.swallowed_least && region.least < GATHER.swallowed_dark;
     let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
     dark && into().is_none_or(|area| area > GATHER.swallowed * region.area)
 }
 
-/// Whether a blob has a disc's shape.
+/// Returns true if a blob has the shape of a disc.
 fn is_disc(blob: &Blob) -> bool {
     moments::disc_from_blob(0, blob).is_some()
 }
 
-/// The `most` largest; the order changes only where there are more.
+/// Keeps the `most` largest items; the order changes only if there are more.
 fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
     if items.len() > most {
         items.sort_by(|a, b| size(b).total_cmp(&size(a)));
@@ -178,44 +187,45 @@ fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
     }
 }
 
-/// Whether a blob stays when further levels are looked at, which may show more of the same thing.
+/// Decides if a blob stays when further levels are searched, which may show more of the same object.
 #[derive(Clone, Copy, PartialEq)]
 enum Retention {
     Firm,
     Provisional,
 }
 
-/// Blobs, each once, found again by their place.
+/// Blobs without duplicates, indexed by position.
 #[derive(Default)]
 struct UniqueBlobs {
     blobs: Vec<Blob>,
-    /// Of each of them.
+    /// Retention of each blob.
     kept: Vec<Retention>,
-    /// Of each cell of the picture the blobs with their centroid in it.
+    /// Indices of the blobs with their centroid in a cell of the image.
     cells: HashMap<[i32; 2], Vec<usize>>,
 }
 
 impl UniqueBlobs {
-    /// Takes up a blob unless one that is as large to a quarter is there; but one with a disc's shape beside one without.
+    /// Adds a blob unless there is one of similar size at its position. A blob with the shape of a disc is added in
+    /// addition to one without.
     fn add(&mut self, blob: Blob, kept: Retention) {
-        // Of thick quadrants the near background shows the greater part only.
+        // With the near background, only the larger part of thick quadrants is visible.
         let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.max_partial_fill;
-        let alike = if in_part { GATHER.min_area_ratio_partial } else { GATHER.min_area_ratio };
+        let min_ratio = if in_part { GATHER.min_area_ratio_partial } else { GATHER.min_area_ratio };
         let same = |b: &Blob| {
             (b.centroid - blob.centroid).norm_squared() < GATHER.near_px * GATHER.near_px
-                && (alike..1.0 / alike).contains(&(b.area / blob.area))
+                && (min_ratio..1.0 / min_ratio).contains(&(b.area / blob.area))
         };
         let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
         if !self.blobs_near(blob.centroid).any(stands_for) {
             self.insert(blob, kept);
         }
-        // What clutter shows must not be kept for ever.
+        // Blobs of clutter must not accumulate without limit.
         if self.blobs.len() >= 4 * GATHER.blobs {
             self.truncate_to(2 * GATHER.blobs);
         }
     }
 
-    /// Keeps the largest.
+    /// Keeps the `most` largest blobs.
     fn truncate_to(&mut self, most: usize) {
         if self.blobs.len() > most {
             let mut all = self.drain_all();
@@ -229,13 +239,13 @@ impl UniqueBlobs {
         firm.for_each(|(blob, kept)| self.insert(blob, kept));
     }
 
-    /// All of them, of which none are left.
+    /// Removes and returns all blobs.
     fn drain_all(&mut self) -> Vec<(Blob, Retention)> {
         self.cells.clear();
         std::mem::take(&mut self.blobs).into_iter().zip(std::mem::take(&mut self.kept)).collect()
     }
 
-    /// The blobs of all cells that hold a place less than `GATHER.near_px` away.
+    /// Returns the blobs of all cells with a position less than `GATHER.near_px` away.
     fn blobs_near(&self, at: Vector2<f64>) -> impl Iterator<Item = &Blob> {
         let [low, high] = [-GATHER.near_px, GATHER.near_px].map(|off| Self::cell_index(at.add_scalar(off)));
         let cells = (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y]));
@@ -254,8 +264,9 @@ impl UniqueBlobs {
     }
 }
 
-/// Blobs and pairs of blobs that may be two black quadrants: of what has their shape, what is lighter where it should be white.
-/// Few true ones are not, thin for the blur, and those are sought by their white.
+/// Returns hypotheses of quadrants from blobs and pairs of blobs: those that have the shape of two black quadrants and are
+/// lighter at the position of the white ones. A few real ones, thin relative to the blur, are not; they are found by their
+/// white.
 pub fn quadrant_hypotheses(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = pairs.to_vec();
@@ -270,7 +281,7 @@ pub fn quadrant_hypotheses(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[
     out
 }
 
-/// Blobs that may be discs.
+/// Returns hypotheses of discs from blobs.
 pub fn disc_hypotheses(blobs: &[Blob]) -> Vec<Hypothesis> {
     let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc_from_blob(i, blob)).collect();
     keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);

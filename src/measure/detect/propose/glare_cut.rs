@@ -1,4 +1,5 @@
-//! A disc that glare hides in part: the ellipse through the outline that is left, for the blob ends before the disc does.
+//! Disc that is partly hidden by glare: the ellipse through the visible outline, because the blob ends before the disc
+//! does.
 
 use nalgebra::Vector2;
 
@@ -11,36 +12,31 @@ use crate::detect::segment::blob::Blob;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 
-/// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
+/// Point of a blob's rim, px: its position, its position along the axis of the blob, and the grey step across the rim.
 struct ContourPoint {
     at: Vector2<f64>,
     along: f64,
     step: f64,
 }
 
-/// A blob with what glare has left of its rim.
+/// Visible part of a blob's rim.
 struct VisiblePart {
     axis: Vector2<f64>,
     left: Vec<Vector2<f64>>,
-    /// Bands along the axis that glare hides: before the first, after the second.
+    /// Positions along the axis at which glare begins: before the first and after the second.
     ends: [Option<f64>; 2],
 }
 
-/// The hypothesis with the outline of its whole disc, where glare hides an end of it; together with
-/// the part on the other side of the glare, if there is one.
-pub fn complete_disc(
-    image: &Raster,
-    hypothesis: &Hypothesis,
-    index: usize,
-    blobs: &[Blob],
-) -> Option<Hypothesis> {
+/// Returns the hypothesis with the outline of its complete disc if glare hides an end of it, joined with the part on the
+/// other side of the glare, if there is one.
+pub fn complete_disc(image: &Raster, hypothesis: &Hypothesis, index: usize, blobs: &[Blob]) -> Option<Hypothesis> {
     let blob = blobs.get(index)?;
     let part = visible_part(image, blob, GLARE_CUT.min_points)?;
     let far = (blobs.iter().enumerate())
         .filter(|&(i, other)| i != index && is_opposite(&part, blob, other))
         .find_map(|(i, other)| join_parts(image, &part, i, other, hypothesis, blob));
     far.or_else(|| {
-        // Too little of the rim may be left: then only the discs about it tell the size.
+        // If too little of the rim is visible, the size is known only from the neighbouring discs.
         let seen = Ellipse::from_blob(blob);
         let ellipse = fit_ellipse(&part.left, blob).and_then(|o| plausible_outline(o, blob)).unwrap_or(seen);
         let bands = glare_bands(part.axis, part.ends);
@@ -54,7 +50,7 @@ fn glare_bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Occ
     before.into_iter().chain(second.map(|end| band(end, f64::INFINITY))).collect()
 }
 
-/// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
+/// Returns true if a blob may be the rest of the disc: across the glare, on the axis, and of similar size.
 fn is_opposite(part: &VisiblePart, blob: &Blob, other: &Blob) -> bool {
     let d = other.centroid - blob.centroid;
     let own = Ellipse::from_blob(blob);
@@ -68,7 +64,7 @@ fn is_opposite(part: &VisiblePart, blob: &Blob, other: &Blob) -> bool {
         && across < own.minor + GLARE_CUT.across * along.abs()
 }
 
-/// Both parts of a disc that a band of glare crosses.
+/// Joins both parts of a disc that is crossed by a band of glare.
 fn join_parts(
     image: &Raster,
     one: &VisiblePart,
@@ -83,13 +79,12 @@ fn join_parts(
     facing?;
     let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
     let ellipse = fit_ellipse(&points, blob)?;
-    // One ellipse passes through both.
+    // One ellipse must pass through both parts.
     let off = |p: &Vector2<f64>| (ellipse.normalized_radius(*p) - 1.0).abs() * ellipse.minor;
     let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
     let along = |p: &Vector2<f64>| p.dot(&one.axis);
-    let ends = |points: &[Vector2<f64>]| {
-        points.iter().map(along).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)))
-    };
+    let ends =
+        |points: &[Vector2<f64>]| points.iter().map(along).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     let (near, far_ends) = (ends(&one.left), ends(&far.left));
     let (from, to) = if after { (near.1, far_ends.0) } else { (far_ends.1, near.0) };
     if mean > GLARE_CUT.off_px || from >= to {
@@ -100,12 +95,12 @@ fn join_parts(
     Some(Hypothesis { ellipse, blobs, ..hypothesis.clone() }.with_glare(bands))
 }
 
-/// What glare has left of a blob; `None` where no end of it lies in glare.
+/// Returns the part of a blob's rim outside glare; `None` if no end of the blob lies in glare.
 fn visible_part(image: &Raster, blob: &Blob, least: usize) -> Option<VisiblePart> {
     let ellipse = Ellipse::from_blob(blob);
-    let axis = ellipse.axis();
+    let axis = ellipse.major_direction();
     let inverse = blob.covariance.try_inverse()?;
-    let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
+    let grey = |at: Vector2<f64>| f64::from(image.nearest_value(at.x, at.y));
     let points: Vec<ContourPoint> = (blob.contour().into_iter())
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * GLARE_CUT.reach_px;
@@ -113,24 +108,21 @@ fn visible_part(image: &Raster, blob: &Blob, least: usize) -> Option<VisiblePart
             ContourPoint { at, along: at.dot(&axis), step: outside - inside }
         })
         .collect();
-    let usual = median(points.iter().map(|p| p.step).collect())?;
+    let typical = median(points.iter().map(|p| p.step).collect())?;
     let ends = glare_limits(image, &ellipse);
-    if usual < GLARE_CUT.min_step || ends == [None, None] {
+    if typical < GLARE_CUT.min_step || ends == [None, None] {
         return None;
     }
     let open = |p: &&ContourPoint| {
-        p.step > GLARE_CUT.step * usual
-            && ends[0].is_none_or(|e| p.along > e)
-            && ends[1].is_none_or(|e| p.along < e)
+        p.step > GLARE_CUT.step * typical && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
     };
     let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
     (left.len() >= least).then_some(VisiblePart { axis, left, ends })
 }
 
-/// The outline, if it is not much larger than what is seen of it.
+/// Returns the outline if it is not much larger than its visible part.
 fn plausible_outline(ellipse: Ellipse, blob: &Blob) -> Option<Ellipse> {
     let seen = Ellipse::from_blob(blob);
-    let fits =
-        ellipse.major < GLARE_CUT.larger[0] * seen.major && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
+    let fits = ellipse.major < GLARE_CUT.larger[0] * seen.major && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
     (fits && ellipse.major > seen.major).then_some(ellipse)
 }

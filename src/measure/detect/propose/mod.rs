@@ -1,4 +1,4 @@
-//! From blobs to hypotheses, whole ones and such as are hidden, blurred or cut.
+//! Hypotheses from blobs, complete or hidden, blurred or cut.
 
 pub mod blurred_quadrants;
 pub mod decal_cut;

@@ -1,4 +1,4 @@
-//! Blobs sorted into discs and pairs of black quadrants, with a first geometry.
+//! Classification of blobs into discs and pairs of black quadrants, with a first geometry.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -11,7 +11,7 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::options::MOMENTS;
 use crate::detect::segment::blob::Blob;
 
-/// The shape of one blob or of several together, when only moments are asked.
+/// Area, centroid and second moments of one or several blobs.
 struct BlobShape {
     area: f64,
     centre: Vector2<f64>,
@@ -31,31 +31,29 @@ fn combine_shapes(blobs: &[&Blob]) -> BlobShape {
     BlobShape { area, centre, covariance }
 }
 
-/// The ellipse of inertia of some of the blobs together.
+/// Returns the ellipse of inertia of some of the blobs together.
 pub fn inertia_ellipse(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = combine_shapes(&blobs);
     Some(Ellipse::from_moments(shape.centre, shape.covariance, 2.0))
 }
 
-/// A disc, where the blob fills its ellipse of inertia.
+/// Returns a disc if the blob fills its ellipse of inertia.
 pub fn disc_from_blob(index: usize, blob: &Blob) -> Option<Hypothesis> {
     let ellipse = Ellipse::from_blob(blob);
     let (thin, square) = (MOMENTS.disc_thin, MOMENTS.disc_square);
-    let most =
-        if ellipse.minor < thin.0 { thin.1 } else { square.0 + square.1 / (ellipse.minor * ellipse.minor) };
+    let most = if ellipse.minor < thin.0 { thin.1 } else { square.0 + square.1 / (ellipse.minor * ellipse.minor) };
     (is_within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
-        .then(|| Hypothesis::of(MarkerPattern::Disc, ellipse, vec![index]))
+        .then(|| Hypothesis::new(MarkerPattern::Disc, ellipse, vec![index]))
 }
 
-/// Share of the second moments of two opposite quadrants of the unit disc along their own
-/// direction (1, 1)/sqrt 2, and across it.
+/// Second moment, relative to their area, of two opposite quadrants of the unit disc along their direction (1, 1)/sqrt 2.
 const MOMENT_ALONG: f64 = 0.25 + 0.5 / PI;
-/// The latter.
+/// Second moment, relative to their area, of two opposite quadrants of the unit disc across that direction.
 const MOMENT_ACROSS: f64 = 0.25 - 0.5 / PI;
 
-/// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
-/// whose area, centroids and second moments are those seen.
+/// Returns two opposite quadrants from one blob or two: the affine image of those of the unit disc that has the observed
+/// area, centroids and second moments.
 pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = combine_shapes(&blobs);
@@ -84,7 +82,7 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
     Some(quadrants_from_edges(e1, e2, ellipse, indices))
 }
 
-/// Quadrants whose black ones lie between two directions, and their opposites.
+/// Returns quadrants of which the black ones lie between two directions, and opposite.
 pub fn quadrants_from_edges(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[usize]) -> Hypothesis {
     let (u1, u2) = (e1.normalize(), e2.normalize());
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
@@ -96,13 +94,13 @@ pub fn quadrants_from_edges(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse
         (MarkerPattern::WhiteAlong, along + PI / 2.0, PI / 2.0 - half)
     };
     let edges = EdgePair { along_rad, tangent: half.tan() };
-    Hypothesis { edges: Some(edges), ..Hypothesis::of(pattern, ellipse, blobs.to_vec()) }
+    Hypothesis { edges: Some(edges), ..Hypothesis::new(pattern, ellipse, blobs.to_vec()) }
 }
 
-/// Directions in which kurtosis is looked at, in equal steps over half a turn.
+/// Number of directions in which the kurtosis is computed, in equal steps over half a turn.
 const DIRECTIONS: usize = 36;
 
-/// For each of them what the fourth moments x^4, x^3 y, x^2 y^2, x y^3, y^4 count in it.
+/// Coefficients of the fourth moments x^4, x^3 y, x^2 y^2, x y^3, y^4 for each direction.
 static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
         let (s, c) = direction_sin_cos(k);
@@ -110,12 +108,12 @@ static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
     })
 });
 
-/// Sine and cosine of the `k`-th direction.
+/// Returns sine and cosine of the `k`-th direction.
 fn direction_sin_cos(k: usize) -> (f64, f64) {
     (k as f64 * PI / DIRECTIONS as f64).sin_cos()
 }
 
-/// Whitening transform of a shape, and its kurtosis in each of the whitened directions.
+/// Returns the whitening transform of a shape, and its kurtosis in each of the whitened directions.
 fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
     let inverse = shape.covariance.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse);
@@ -143,21 +141,19 @@ fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f
         fourth.iter_mut().zip(sums).for_each(|(f, v)| *f += v);
     }
     let [a, b, d, e, f] = fourth.map(|v| v / shape.area);
-    let along =
-        |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f;
+    let along = |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f;
     Some((whiten, FOURTH_POWERS.map(along)))
 }
 
-/// How far the kurtosis changes with direction: 0 for an ellipse, 0.6 for a parallelogram.
+/// Returns the variation of the kurtosis with direction: 0 for an ellipse, 0.6 for a parallelogram.
 pub fn squareness(blob: &Blob) -> f64 {
     let Some((_, k)) = directional_kurtosis(&[blob], &combine_shapes(&[blob])) else { return 0.0 };
     let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
     high - low
 }
 
-/// The whitening transform and the centroids of the two wedges. After whitening, the direction in
-/// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
-/// quadrants 1.38.
+/// Returns the whitening transform and the centroids of the two wedges. After whitening, two opposite wedges lie in the
+/// direction of minimum kurtosis, which is 2 in all directions for a disc and 1.38 for two quadrants.
 fn split_wedges(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [Vector2<f64>; 2])> {
     let (whiten, kurtosis) = directional_kurtosis(blobs, shape)?;
     let best = (0..DIRECTIONS).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
@@ -169,7 +165,7 @@ fn split_wedges(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [Ve
     let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
     for run in blobs.iter().flat_map(|b| &b.runs) {
         let [y, from, to] = run.map(f64::from);
-        // Along a run the side changes once.
+        // The side changes once along a run.
         let level = direction.y * (y - shape.centre.y);
         let turn = shape.centre.x - level / direction.x;
         let (before, last) = if direction.x > 0.0 {
@@ -195,12 +191,12 @@ fn is_within(value: f64, (least, most): (f64, f64)) -> bool {
     (least..most).contains(&value)
 }
 
-/// Areas of the two black quadrants of one marker differ by less than this factor.
+/// Maximum ratio of the areas of the two black quadrants of one marker.
 const MAX_AREA_RATIO: f64 = 2.5;
 
-/// Pairs of blobs close enough to be the two black quadrants of one marker, in ascending order.
+/// Returns the pairs of blobs that are close enough to be the two black quadrants of one marker, in ascending order.
 pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
-    // By area: of all others only those are looked at that are about as large.
+    // Sorted by area, so that only blobs of similar area are compared.
     let mut order: Vec<usize> = (0..blobs.len()).collect();
     order.sort_by(|&i, &j| blobs[i].area.total_cmp(&blobs[j].area));
     let sorted: Vec<(f64, Vector2<f64>, f64)> = order
@@ -210,8 +206,8 @@ pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
         .collect();
     let mut out = Vec::new();
     for (k, &(area, place, reach)) in sorted.iter().enumerate() {
-        let alike = sorted[k + 1..].iter().take_while(|other| other.0 < MAX_AREA_RATIO * area);
-        for (other, _) in (k + 1..).zip(alike).filter(|(_, other)| {
+        let similar = sorted[k + 1..].iter().take_while(|other| other.0 < MAX_AREA_RATIO * area);
+        for (other, _) in (k + 1..).zip(similar).filter(|(_, other)| {
             let near = reach + other.2;
             (other.1 - place).norm_squared() < near * near
         }) {

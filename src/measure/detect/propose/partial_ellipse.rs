@@ -1,4 +1,4 @@
-//! A disc that a neighbour's decal hides in part: the ellipse through the outline that is left.
+//! Disc that is partly hidden by the decal of a neighbour: the ellipse through the visible outline.
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
@@ -12,8 +12,8 @@ use crate::detect::segment::blob::Blob;
 
 type Conic = SVector<f64, 5>;
 
-/// The hypothesis with the outline of its whole disc, and where it may be hidden by decals that lie in the direction of their
-/// print. Discs side by side look alike, so the neighbour's shape is where the fit starts from.
+/// Returns the hypothesis with the outline of its complete disc and the decals that may hide it, which lie in the
+/// `direction` of their print. Neighbouring discs are similar, so the fit starts from the neighbour's shape.
 pub fn complete_disc(
     hypothesis: &Hypothesis,
     blob: &Blob,
@@ -41,10 +41,10 @@ pub fn complete_disc(
     {
         return None;
     }
-    let alike = (near.iter())
+    let similar = (near.iter())
         .filter(|(o, _)| is_ellipse(o))
         .min_by(|a, b| centroid_distance(a.0, blob).total_cmp(&centroid_distance(b.0, blob)));
-    let (twin, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
+    let (twin, free) = similar.map_or((blob, true), |(o, _)| (*o, false));
     let mut ellipse = if free { fit_ellipse(&seen, twin) } else { fit_similar_ellipse(&seen, twin) }?;
     let size = Ellipse::from_blob(twin).major;
     let same_size = !free && (ellipse.major / size - 1.0).abs() < PARTIAL.same_size;
@@ -59,27 +59,27 @@ pub fn complete_disc(
     fits.then(|| Hypothesis { ellipse, prior, ..hypothesis.clone() }.with_decals(hidden))
 }
 
-/// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
+/// Returns true if two blobs are one object at two levels: the centroid of one lies in the other.
 fn are_overlapping(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
         let ellipse = Ellipse::from_blob(a);
-        let (s, t) = ellipse.local(b.centroid);
+        let (s, t) = ellipse.to_local(b.centroid);
         (s / ellipse.major.max(0.5)).hypot(t / ellipse.minor.max(0.5)) < 1.0
     };
     inside(one, other) || inside(other, one)
 }
 
-/// Whether a blob is filled as an ellipse is.
+/// Returns true if a blob is filled as an ellipse is.
 pub fn is_ellipse(blob: &Blob) -> bool {
     !blob.at_edge && (PARTIAL.fill.0..PARTIAL.fill.1).contains(&blob.fill())
 }
 
-/// Whether a blob may be a disc beside another one.
+/// Returns true if a blob may be a disc next to another one.
 fn are_similar(one: &Blob, other: &Blob) -> bool {
     one.area > PARTIAL.neighbour.0 * other.area && one.area < PARTIAL.neighbour.1 * other.area
 }
 
-/// Whether the decal of one blob can reach the other, in whatever direction it lies.
+/// Returns true if the decal of one blob can reach the other, in any direction.
 fn are_near(one: &Blob, other: &Blob) -> bool {
     let most = 3 * DECAL.margin_px as usize;
     let (a, b) = (&one.bounds, &other.bounds);
@@ -90,14 +90,14 @@ fn centroid_distance(one: &Blob, other: &Blob) -> f64 {
     (one.centroid - other.centroid).norm()
 }
 
-/// The transform that makes a circle of a blob's ellipse.
+/// Returns the transform that maps a blob's ellipse to a circle.
 fn whitening_transform(blob: &Blob) -> Option<Matrix2<f64>> {
     let eigen = SymmetricEigen::new(blob.covariance.try_inverse()?);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
     Some(scale * eigen.eigenvectors.transpose())
 }
 
-/// The ellipse through the points; `blob` only conditions it.
+/// Fits an ellipse through the points; `blob` only conditions the fit.
 pub fn fit_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
     let whiten = whitening_transform(blob)?;
     let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
@@ -106,7 +106,7 @@ pub fn fit_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
     Some(Ellipse::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
 }
 
-/// The ellipse through the points that has the axis ratio and direction of `twin`.
+/// Fits an ellipse through the points with the axis ratio and direction of `twin`.
 fn fit_similar_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
     let whiten = whitening_transform(twin)?;
     let mean = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
@@ -121,15 +121,15 @@ fn fit_similar_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> 
     let centre = circle.xy();
     let radius2 = circle.z + centre.norm_squared();
     let back = whiten.try_inverse()?;
-    (radius2 > 0.0)
-        .then(|| Ellipse::from_moments(mean + back * centre, back * back.transpose() * radius2, 1.0))
+    (radius2 > 0.0).then(|| Ellipse::from_moments(mean + back * centre, back * back.transpose() * radius2, 1.0))
 }
 
+/// Returns the design row of a conic at a point.
 pub fn conic_row(p: &Vector2<f64>) -> Conic {
     Conic::new(p.x * p.x, p.x * p.y, p.y * p.y, p.x, p.y)
 }
 
-/// Least squares of `a x^2 + b x y + c y^2 + d x + e y = 1`.
+/// Fits `a x^2 + b x y + c y^2 + d x + e y = 1` by least squares.
 fn fit_conic(points: &[Vector2<f64>]) -> Option<Conic> {
     let mut normal = SMatrix::<f64, 5, 5>::identity() * TINY;
     let mut right = Conic::zeros();
@@ -141,7 +141,7 @@ fn fit_conic(points: &[Vector2<f64>]) -> Option<Conic> {
     Some(Cholesky::new(normal)?.solve(&right))
 }
 
-/// Centre, and the matrix whose unit ellipse it is.
+/// Returns the centre of a conic, and the matrix whose unit ellipse it is; `None` if it is not an ellipse.
 fn centre_and_shape(conic: &Conic) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let form = Matrix2::new(conic[0], 0.5 * conic[1], 0.5 * conic[1], conic[2]);
     if form.determinant() <= 0.0 || form.trace() <= 0.0 {

@@ -1,4 +1,4 @@
-//! Quadrants whose outline is known and whose edges are not: where dark is parted from light best.
+//! Edges of quadrants with a known outline: the directions that best separate dark from light.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,29 +10,28 @@ use crate::detect::occlusion::region::OcclusionBand;
 use crate::detect::propose::{moments, options::EDGES};
 use crate::raster::Raster;
 
-/// Directions in a quarter.
+/// Number of directions in a quarter.
 const QUARTER_TURNS: usize = EDGES.turns / 4;
 
-/// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
-/// parts dark from light; `None` where both black quadrants are not darker than both white ones.
+/// Finds the edges of quadrants in an outline that contains black and white: the pair of conjugate diameters that best
+/// separates dark from light. Returns `None` unless both black quadrants are darker than both white ones.
 pub fn find_edges(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
     OutlineSectors::from_outline(ellipse).search_edges(image, &[], [0; 2]).hypothesis(blobs)
 }
 
-/// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
-/// best.
+/// Places quadrants whose outline is known except for its exact position, outside the bands hidden by glare: at the shift
+/// that best separates dark from light.
 pub fn place_quadrants(ellipse: &Ellipse, image: &Raster, bands: &[OcclusionBand]) -> Option<Hypothesis> {
     let turns = OutlineSectors::from_outline(*ellipse);
     let shifts = (-EDGES.steps..=EDGES.steps).flat_map(|u| (-EDGES.steps..=EDGES.steps).map(move |v| [u, v]));
-    let searches =
-        shifts.map(|shift| turns.search_edges(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
+    let searches = shifts.map(|shift| turns.search_edges(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
     searches.max_by(|one, other| one.best_direction().1.total_cmp(&other.best_direction().1))?.hypothesis(&[])
 }
 
-/// An outline's pixels, all but the outermost, with the direction in which they lie in it seen as a circle.
+/// Pixels of an outline, except for the outermost, with their direction in the outline mapped to a circle.
 struct OutlineSectors {
     ellipse: Ellipse,
-    /// Every how many rows and columns are looked at.
+    /// Step between the rows and columns that are used, px.
     step: usize,
     /// Column, row, direction.
     pixels: Vec<(isize, isize, usize)>,
@@ -40,7 +39,7 @@ struct OutlineSectors {
 
 impl OutlineSectors {
     fn from_outline(ellipse: Ellipse) -> Self {
-        let (frame, reach) = (EllipseFrame::new(&ellipse), ellipse.extent());
+        let (frame, reach) = (EllipseFrame::new(&ellipse), ellipse.half_extent());
         let area = PI * ellipse.major * ellipse.minor * EDGES.inner * EDGES.inner;
         let step = (area / EDGES.pixels).sqrt().max(1.0) as usize;
         let side = |k: usize| {
@@ -49,7 +48,7 @@ impl OutlineSectors {
         };
         let mut pixels = Vec::new();
         for (y, x) in side(1).flat_map(|y| side(0).map(move |x| (y, x))) {
-            let (s, t) = frame.local(x as f64, y as f64);
+            let (s, t) = frame.to_local(x as f64, y as f64);
             let (p, q) = (s / ellipse.major, t / ellipse.minor);
             if p * p + q * q < EDGES.inner * EDGES.inner {
                 let turn = (q.atan2(p).rem_euclid(TAU) / TAU * EDGES.turns as f64) as usize % EDGES.turns;
@@ -59,17 +58,17 @@ impl OutlineSectors {
         Self { ellipse, step, pixels }
     }
 
-    /// What a picture shows within the outline, shifted by whole pixels, beside some bands.
+    /// Searches the edges in an image within the outline, shifted by whole pixels, outside some bands.
     fn search_edges(&self, image: &Raster, bands: &[OcclusionBand], [right, down]: [isize; 2]) -> EdgeSearch {
         let mut sums = [(0.0, 0.0); EDGES.turns];
         let mut squares = 0.0;
         for &(x, y, turn) in &self.pixels {
             let (x, y) = (x + right, y + down);
             let hidden = || bands.iter().any(|band| band.contains(&Vector2::new(x as f64, y as f64)));
-            if !image.holds(x, y) || hidden() {
+            if !image.contains(x, y) || hidden() {
                 continue;
             }
-            let value = f64::from(image.clamped(x, y));
+            let value = f64::from(image.clamped_value(x, y));
             sums[turn].0 += value;
             sums[turn].1 += 1.0;
             squares += value * value;
@@ -79,19 +78,19 @@ impl OutlineSectors {
     }
 }
 
-/// Grey values within an outline by their direction in it seen as a circle.
+/// Grey values within an outline by their direction in the outline mapped to a circle.
 struct EdgeSearch {
     ellipse: Ellipse,
-    /// Every how many rows and columns are looked at.
+    /// Step between the rows and columns that are used, px.
     step: usize,
-    /// Sum of grey values and number of pixels in the quarter that begins in a direction.
+    /// Sum of grey values and number of pixels in the quarter that begins in each direction.
     quarters: [(f64, f64); EDGES.turns],
-    /// Sum of squares of all grey values about their mean.
+    /// Sum of squares of all grey values relative to their mean.
     squares: f64,
 }
 
 impl EdgeSearch {
-    /// From sum and number of grey values in each direction, and the sum of their squares.
+    /// Computes the search from sum and number of grey values in each direction, and the sum of their squares.
     fn from_sums(ellipse: Ellipse, step: usize, sums: &[(f64, f64); EDGES.turns], squares: f64) -> Self {
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
         let quarters = std::array::from_fn(|from| {
@@ -106,7 +105,8 @@ impl EdgeSearch {
         [turn, turn + 2 * QUARTER_TURNS].map(|turn| self.quarters[turn % EDGES.turns])
     }
 
-    /// Where two opposite quarters are darkest beside the other two, and which share of the squares that explains.
+    /// Returns the direction in which two opposite quarters are darkest relative to the other two, and the fraction of the
+    /// squares that this explains.
     fn best_direction(&self) -> (usize, f64) {
         let both = |turn: usize| {
             let [(one, m), (other, n)] = self.opposite_quarters(turn);
@@ -123,9 +123,9 @@ impl EdgeSearch {
 
     fn hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
         let (ellipse, (darkest, _)) = (self.ellipse, self.best_direction());
-        // What shows less than half of itself may be another's.
-        let least = 0.5 * EDGES.inner * EDGES.inner * PI / 4.0 * ellipse.major * ellipse.minor
-            / (self.step * self.step) as f64;
+        // A quadrant less than half visible may belong to another marker.
+        let least =
+            0.5 * EDGES.inner * EDGES.inner * PI / 4.0 * ellipse.major * ellipse.minor / (self.step * self.step) as f64;
         let seen = |turn: usize| {
             let seen = self.opposite_quarters(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
@@ -133,7 +133,7 @@ impl EdgeSearch {
         if seen(darkest + QUARTER_TURNS).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
             return None;
         }
-        let (half, across) = (ellipse.axis() * ellipse.major, ellipse.across() * ellipse.minor);
+        let (half, across) = (ellipse.major_direction() * ellipse.major, ellipse.minor_direction() * ellipse.minor);
         let edge = |turn: usize| {
             let (q, p) = (TAU * turn as f64 / EDGES.turns as f64).sin_cos();
             half * p + across * q
@@ -150,10 +150,10 @@ mod tests {
     fn quadrants_with_an_end_in_glare_are_placed_by_their_edges() {
         let truth = Ellipse { centre: Vector2::new(150.0, 100.0), major: 80.0, minor: 20.0, angle: 0.1 };
         let frame = EllipseFrame::new(&truth);
-        // Edges at 40 and 130 degrees of the outline seen as a circle; white and skin beyond column 165.
+        // Edges at 40 and 130 degrees of the outline mapped to a circle; glare from column 165 on.
         let value = |i: usize| {
             let (x, y) = (i % 300, i / 300);
-            let (s, t) = frame.local(x as f64, y as f64);
+            let (s, t) = frame.to_local(x as f64, y as f64);
             let (p, q) = (s / truth.major, t / truth.minor);
             let turn = q.atan2(p).to_degrees().rem_euclid(180.0);
             match (x >= 165, p * p + q * q < 1.0) {
@@ -169,7 +169,7 @@ mod tests {
             let inner = Ellipse { centre: truth.centre + off, major: 60.0, minor: 15.0, ..truth };
             let placed = place_quadrants(&inner, &image, &bands).expect("is placed");
             let apart = placed.ellipse.centre - truth.centre;
-            let (along, across) = (apart.dot(&truth.axis()), apart.dot(&truth.across()));
+            let (along, across) = (apart.dot(&truth.major_direction()), apart.dot(&truth.minor_direction()));
             assert!(along.abs() < 3.0 && across.abs() < 1.6, "{off:?}: {along:.1} along, {across:.1} across");
         }
     }

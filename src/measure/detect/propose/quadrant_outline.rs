@@ -1,18 +1,18 @@
-//! The outline of quadrants.
+//! Outline of quadrants.
 
 use nalgebra::Vector2;
 
-use crate::detect::appearance::parameters::{BLUR, LIGHT, MarkerParameters, X, Y, contrast};
+use crate::detect::appearance::parameters::{BLUR, LIGHT, MarkerParameters, X, Y, grey_contrast};
 use crate::detect::estimate::{options::OUTLINED, outlined_quadrants};
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
-use crate::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::detect::image::scanline::{EllipseFrame, columns_in_area, row_interval};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::OUTLINE};
 use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob::{self, Blob};
 use crate::raster::Raster;
 
-/// Quadrants with the outline of what is nearer to black than to white.
+/// Returns quadrants with the outline of the pixels that are nearer to black than to white.
 pub fn refine_outline(image: &Raster, hypothesis: Hypothesis, m: &MarkerParameters) -> Hypothesis {
     if hypothesis.edges.is_none() {
         return hypothesis;
@@ -23,47 +23,47 @@ pub fn refine_outline(image: &Raster, hypothesis: Hypothesis, m: &MarkerParamete
         return Hypothesis { ellipse: Ellipse { centre: saddle, ..*ellipse }, ..hypothesis };
     }
     let found = OUTLINE.ends.iter().find_map(|share| {
-        let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
+        let level = (m[LIGHT] - share * grey_contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
         let own = blob::dark_parts(image, ellipse, 0.0, level);
         moments::quadrants_from_blobs(&[0, 1], &own).or_else(|| moments::quadrants_from_blobs(&[0], &own))
     });
     let mut out = found.map_or(*ellipse, |f| f.ellipse);
-    if let Some(longer) =
-        white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)
-    {
+    if let Some(longer) = white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major) {
         out.major = longer;
     }
-    // Blur takes more of one black part's thin end than of the other's.
+    // Blur removes more of the thin end of one black part than of the other.
     if out.minor < OUTLINE.thick_px && (out.centre - saddle).norm() > OUTLINE.aside_px {
         out.centre = saddle;
     }
     Hypothesis { ellipse: out, ..hypothesis }
 }
 
-/// Quadrants that are narrow for their blur, with outline and edges from both together, and all parameters; `None` where they
-/// are not, or where that does not settle.
+/// Fits outline and edges of quadrants that are narrow for their blur. Returns the hypothesis and all parameters; `None` if
+/// the quadrants are not narrow or the fit does not converge.
 pub fn fit_outline_and_edges(
     image: &Raster,
     hypothesis: &Hypothesis,
     m: &MarkerParameters,
 ) -> Option<(Hypothesis, MarkerParameters)> {
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.edges.is_none()
-        || hypothesis.is_in_glare()
-        || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR]
-    {
+    if hypothesis.edges.is_none() || hypothesis.is_in_glare() || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR] {
         return None;
     }
-    let reach = (ellipse.extent() * OUTLINE.about).add_scalar(OUTLINE.beside_px);
+    let reach = (ellipse.half_extent() * OUTLINE.about).add_scalar(OUTLINE.beside_px);
     let skin = skin_grey(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
     let start = outlined_quadrants::initial_parameters(&centred, m, skin)?;
-    outlined_quadrants::refine_quadrants(image, &centred, start, PriorValue::to_share(m[BLUR], OUTLINE.same_blur))
+    outlined_quadrants::refine_quadrants(
+        image,
+        &centred,
+        start,
+        PriorValue::with_relative_sigma(m[BLUR], OUTLINE.same_blur),
+    )
 }
 
-/// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
-/// against one; `None` where they are alike.
+/// Segments quadrants again with one threshold if their two black parts were found with thresholds so different that one is
+/// much larger. Returns `None` if the parts are similar.
 pub fn resegment_unequal(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
     let [one, other] = hypothesis.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
@@ -72,48 +72,47 @@ pub fn resegment_unequal(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]
         return None;
     }
     let ellipse = &hypothesis.ellipse;
-    let counts = Histogram::of(grey_values_inside(image, ellipse));
-    let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
+    let counts = Histogram::from_values(grey_values_inside(image, ellipse));
+    let (black, white) = (counts.value_at_rank(counts.total() / 10)?, counts.value_at_rank(counts.total() * 9 / 10)?);
     let own = blob::dark_parts(image, ellipse, 0.0, black.midpoint(white) as u8);
     let found = moments::quadrants_from_blobs(&[0, 1], &own)?;
     Some(Hypothesis { blobs: hypothesis.blobs.clone(), ..found })
 }
 
-/// Grey values of the pixels within an outline.
+/// Returns the grey values of the pixels within an outline.
 pub fn grey_values_inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
-    let rows = EllipseFrame::new(ellipse).grown(0.0);
-    let (reach, centre) = (ellipse.extent().y, ellipse.centre.y);
+    let rows = EllipseFrame::new(ellipse).enlarged_rows(0.0);
+    let (reach, centre) = (ellipse.half_extent().y, ellipse.centre.y);
     let area = [0, 0, image.width() - 1, image.height() - 1];
     let lines = (centre - reach).max(0.0) as usize..(centre + reach).max(0.0) as usize + 1;
     lines.flat_map(move |y| {
-        let columns = row_of(&rows, y as f64).map(|(from, to)| columns(from, to, area));
+        let columns = row_interval(&rows, y as f64).map(|(from, to)| columns_in_area(from, to, area));
         columns.and_then(|columns| image.row(y).get(columns)).unwrap_or(&[]).iter().copied()
     })
 }
 
-/// The skin's grey value in a box of which a marker takes less than half.
+/// Returns the grey value of the skin in a box of which a marker takes less than half.
 pub fn skin_grey(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
-    Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value)).median()
+    Histogram::from_values(image.pixels_in_box(low, high, 2).map(|(_, _, value)| value)).median()
 }
 
-/// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
-/// takes the thin ends of the black, where the white is thickest.
+/// Returns half the length of the white of quadrants along the axis of their outline, px, which is that of the marker: blur
+/// removes the thin ends of the black of a flat marker, at which the white is thickest.
 fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) -> Option<f64> {
     if ellipse.minor > OUTLINE.thick_px {
         return None;
     }
     let centre = Vector2::new(m[X], m[Y]);
-    let reach = ellipse.extent() * OUTLINE.about_white;
+    let reach = ellipse.half_extent() * OUTLINE.about_white;
     let (low, high) = (centre - reach, centre + reach);
     let skin = skin_grey(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
-    if m[LIGHT] - skin < OUTLINED.whiter * contrast(m) {
+    if m[LIGHT] - skin < OUTLINED.whiter * grey_contrast(m) {
         return None;
     }
-    let own = |s: f64, t: f64| {
-        s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px
-    };
-    let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local(at);
+    let own =
+        |s: f64, t: f64| s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px;
+    let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.to_local(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
     let lighter = LevelSide::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
     for blob in blob::blobs_in_box(image, low, high, lighter) {

@@ -1,4 +1,4 @@
-//! Measured once more with what is known by then: from the neighbours, from the orientation.
+//! Repeated measurement with priors from the neighbours and from the orientation.
 
 pub mod neighbours;
 pub mod options;

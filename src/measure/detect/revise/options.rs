@@ -1,95 +1,93 @@
-//! Tuned numbers of what is measured once more: meaning, unit, origin.
+//! Tuned numbers of repeated measurements: meaning, unit, origin.
 
 numbers! {
-    /// Markers measured once more, when those about them have told size, blur and darkness.
+    /// Markers measured again with size, blur and darkness from their neighbours.
     NEIGHBOUR: NeighbourOptions {
-        /// Least share of a disc's length that must be seen of it. Chosen; `tests/detect/robustness.rs`.
-        seen: f64 = 0.4,
-        /// Standard deviations of the predicted size beyond which a disc is another thing: one in 16 000 by chance.
-        unlike_sigmas: f64 = 4.0,
-        /// The same where a disc is so thin that it tells little more than that size.
-        unlike_thin_sigmas: f64 = 2.5,
-        /// The same where its standard deviation shall say so: a streak that made a disc 2.5 px longer shifted it by
-        /// 2.3 px with 0.4 px stated.
-        unlikely_sigmas: f64 = 2.0,
-        /// Markers that tell blur and darkness of those between them.
-        enough: usize = 5,
-        /// How far blurs differ from one marker to another, as a share. Chosen: one lens blurs all alike.
-        same_blur: f64 = 0.1,
-        /// How far darkness differs. Chosen: one print, in the same light.
-        same_dark: f64 = 0.1,
-        /// Semi-minor axis below which a marker does not tell blur and darkness apart, blurs. Chosen;
+        /// Smallest visible fraction of a disc's length. Chosen; `tests/detect/robustness.rs`.
+        min_visible: f64 = 0.4,
+        /// Standard deviations of the predicted size from which on a disc is another object: 1 in 16,000 at random.
+        max_size_sigmas: f64 = 4.0,
+        /// Limit for a disc so thin that it determines little more than that size, standard deviations.
+        max_thin_size_sigmas: f64 = 2.5,
+        /// Limit above which the standard deviation is increased, standard deviations: a streak that lengthened a disc by
+        /// 2.5 px shifted it by 2.3 px, with a standard deviation of 0.4 px.
+        inflation_sigmas: f64 = 2.0,
+        /// Smallest number of markers from which blur and darkness are predicted.
+        min_markers: usize = 5,
+        /// Relative standard deviation of blur between markers. Chosen: one lens blurs all.
+        blur_scatter: f64 = 0.1,
+        /// Standard deviation of darkness between markers. Chosen: one print, in one light.
+        darkness_scatter: f64 = 0.1,
+        /// Semi-minor axis below which a marker's blur and darkness are not separable, blurs. Chosen;
         /// `tests/detect/robustness.rs`.
         thin_blurs: f64 = 3.0,
-        /// Share of its length by which a thin disc's length may be off to stay one.
-        none: f64 = 0.25,
+        /// Largest error of a thin disc's length to remain accepted, as a fraction of its length.
+        max_length_error: f64 = 0.25,
     }
 
-    /// Discs over which the decal of one beside them lies. Chosen on drawn and rendered decals;
-    /// `tests/detect/decals.rs` holds them.
+    /// Discs under the decal of a neighbouring disc. Chosen on drawn and rendered decals; `tests/detect/decals.rs`.
     UNDER_DECAL: UnderDecalOptions {
-        /// How far a disc may be whose decal hides another one, in its semi-major axes.
-        beside: f64 = 1.5,
-        /// Size over the other's at most: prints are alike.
-        same_size: f64 = 1.1,
-        /// Contrast over the other's at most: they lie in the same light.
-        same_contrast: f64 = 1.3,
-        /// Least share of its area that must be left: of a sliver the place was told 0.9 px off with 0.4 px stated.
-        left: f64 = 0.25,
-        /// Flatness over that of the disc beside it below which what looks whole may be a part of a thicker one: beyond
-        /// what the skin's slope does to two side by side.
-        thinner: f64 = 0.88,
-        /// The same below which the skin's slope does not explain it.
-        far_thinner: f64 = 0.7,
-        /// The same below which of a disc that is known to be hidden in part the hidden edge may lie elsewhere.
-        thinner_part: f64 = 0.95,
-        /// Lengths of two markers over one another at most: dirt is shorter.
-        same_kind: f64 = 2.0,
+        /// Largest distance of a disc whose decal hides another one, in its semi-major axes.
+        max_distance: f64 = 1.5,
+        /// Largest ratio of the sizes of neighbours: prints are similar.
+        max_size_ratio: f64 = 1.1,
+        /// Largest ratio of the contrasts of neighbours: they lie in the same light.
+        max_contrast_ratio: f64 = 1.3,
+        /// Smallest visible fraction of a disc's area: the position of a sliver was off by 0.9 px with a standard deviation
+        /// of 0.4 px.
+        min_area: f64 = 0.25,
+        /// Axis ratio (minor over major) relative to that of the neighbour below which a disc that looks whole may be a
+        /// part of a thicker one: beyond the effect of the skin's slope on two neighbours.
+        thin_ratio: f64 = 0.88,
+        /// Relative axis ratio below which the skin's slope does not explain it.
+        thin_ratio_whole: f64 = 0.7,
+        /// Relative axis ratio of a partly hidden disc below which the hidden edge may lie elsewhere.
+        thin_ratio_part: f64 = 0.95,
+        /// Largest ratio of the lengths of two markers: dirt is shorter.
+        max_length_ratio: f64 = 2.0,
     }
 
-    /// Markers whose outline the orientation predicts. Chosen on some 110 rendered sets; `tests/detect/closer.rs` holds
-    /// them.
+    /// Markers whose outline the orientation predicts. Chosen on some 110 rendered sets; `tests/detect/second_pass.rs`.
     ORIENTATION: OrientationOptions {
-        /// Sum of a place's variances from which on a disc is looked at over which another one's decal may lie, px^2:
-        /// it is less sure than it looks.
-        hidden_px2: f64 = 0.01,
-        /// The same up to which a disc tells how the predicted sizes fail, px^2: with 0.02 frames of much blur had too
-        /// few of them.
-        sure_px2: f64 = 0.08,
-        /// Discs that tell it at least.
-        enough: usize = 3,
-        /// How many of those alike tell what the skin's slope does.
-        alike: usize = 5,
-        /// How far predicted major axes fail at least, as a share: diameter over distance, and prints differ by as
-        /// much.
-        major: f64 = 0.0015,
-        /// The same of minor axes, which follow the skin's slope: 2 % in rendered frames, and what a bending wing
-        /// changes.
-        minor: f64 = 0.03,
-        /// The same of directions, rad: 0.01 in rendered frames, and what a bending wing changes.
-        angle_rad: f64 = 0.015,
-        /// The same of major axes where no disc tells it.
-        unknown: f64 = 0.01,
-        /// How far from its expected place a marker may be, px, unless the sure discs are farther.
-        near_px: f64 = 4.0,
-        /// How many times as far as those in the median.
-        farther: f64 = 3.0,
-        /// Standard deviation of those failures over their median size: 1.48 of the normal law, rounded.
+        /// Sum of a position's variances from which on a disc is checked for another one's decal over it, px^2: its
+        /// covariance may be too small.
+        recheck_px2: f64 = 0.01,
+        /// Sum of a position's variances up to which a disc contributes to the errors of predicted sizes, px^2: with 0.02,
+        /// frames with large blur had too few.
+        reliable_px2: f64 = 0.08,
+        /// Smallest number of such discs.
+        min_discs: usize = 3,
+        /// Number of discs with similar direction from which the effect of the skin's slope is estimated.
+        similar_discs: usize = 5,
+        /// Smallest relative error of predicted major axes: diameter over distance; prints differ by as much.
+        major_sigma: f64 = 0.0015,
+        /// Smallest relative error of predicted minor axes, which depend on the skin's slope: 2 % in rendered frames, plus
+        /// the effect of bending.
+        minor_sigma: f64 = 0.03,
+        /// Smallest error of predicted directions, rad: 0.01 in rendered frames, plus the effect of bending.
+        angle_sigma_rad: f64 = 0.015,
+        /// Relative error of predicted major axes without reliable discs.
+        unknown_major_sigma: f64 = 0.01,
+        /// Largest distance of a marker from its predicted position, px, unless the reliable discs are farther away.
+        max_distance_px: f64 = 4.0,
+        /// Factor on the median distance of the reliable discs.
+        distance_factor: f64 = 3.0,
+        /// Standard deviation of these errors over their median size: 1.48 for the normal distribution, rounded.
         sigma_over_median: f64 = 1.5,
-        /// Share of the former variances from which on a disc is taken for hidden that may be seen as a whole.
-        surer: f64 = 0.5,
-        /// Standard deviations by which a size differs from the predicted one that say that something is wrong.
-        unlike_sigmas: f64 = 3.0,
-        /// Share of quadrants that is surely theirs, wherever the skin slopes a little otherwise.
-        inner: f64 = 0.75,
-        /// How far quadrants' outline may be off, px: near the camera the centre of a target's outline is not its own.
-        aside_px: f64 = 8.0,
-        /// How much farther than it is seen glare is taken to reach, in ways from where it is seen to where it is
-        /// bright: black is lit long before the skin is. Where too little is left then, as far as it is seen.
+        /// Largest ratio to the previous variances for a disc that is assumed to be hidden and can be seen whole.
+        max_variance_ratio: f64 = 0.5,
+        /// Standard deviations by which a size differs significantly from the prediction.
+        max_size_sigmas: f64 = 3.0,
+        /// Inner fraction of quadrants that is certainly theirs if the skin slopes slightly differently.
+        inner_fraction: f64 = 0.75,
+        /// Error of quadrants' outline, px: near the camera the centre of a target's outline is not its own.
+        outline_error_px: f64 = 8.0,
+        /// Extension of glare beyond its visible part, in units of the distance from where it becomes visible to where it
+        /// is bright: black is lit long before the skin is. If too little of a disc is left, the visible part is used.
         fringes: [f64; 2] = [1.0, 0.0],
-        /// How much lighter glare makes the skin where it leaves too little of an edge, a ratio.
-        blinds: f64 = 1.3,
-        /// The greatest blur over the frame's, a ratio.
-        softer: f64 = 2.5,
+        /// Ratio by which glare brightens the skin if it leaves too little of an edge.
+        blinding_ratio: f64 = 1.3,
+        /// Largest blur over that of the frame, a ratio.
+        max_blur_ratio: f64 = 2.5,
     }
 }

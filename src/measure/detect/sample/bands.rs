@@ -1,22 +1,25 @@
-//! Bands about an edge in which pixels count.
+//! Bands around an edge in which pixels are used.
 
-/// Width over which a weight falls to zero, px.
+/// Width over which a weight decreases to zero, px.
 pub const FADE_PX: f64 = 1.0;
-/// Blurs below which a disc is thin.
+/// Thickness in blurs below which a disc is thin.
 const THIN_BLURS: f64 = 4.0;
-/// Blurs, px, by which bands are as wide: a sharp picture's at least, and little more than the greatest that is measured.
+/// Range of blurs, px, to which the width of bands is limited: from a sharp image to slightly more than the largest
+/// measured blur.
 const BLUR_RANGE: (f64, f64) = (0.5, 3.5);
-/// Where a blurred edge still tells its place, blurs and px. Within 1.9 times the blur is all but a hundredth of what it tells.
+/// Half width of the band that contains the position information of a blurred edge, blurs and px. Within 1.9 blurs lies 99
+/// % of that information.
 const EDGE_BAND: (f32, f32) = (1.4, 0.4);
-/// Where flat ground ends that tells the levels, blurs and px. Chosen; `tests/detect/fixtures.rs`.
+/// Half width of the band that contains the flat background from which the grey levels are estimated, blurs and px. Chosen;
+/// `tests/detect/fixtures.rs`.
 const FLAT_BAND: (f32, f32) = (3.5, 2.0);
 
-/// A blur, px, within what bands are made for.
+/// Limits a blur, px, to the range for which bands are defined.
 pub fn clamp_blur(blur: f64) -> f64 {
     blur.clamp(BLUR_RANGE.0, BLUR_RANGE.1)
 }
 
-/// Bands about an edge, px: where its blur reaches, and flat ground beside it.
+/// Half widths of the bands around an edge, px: its blurred part, and with the flat background next to it.
 #[derive(Clone, Copy)]
 pub struct EdgeBands {
     pub edge: f32,
@@ -24,19 +27,21 @@ pub struct EdgeBands {
 }
 
 impl EdgeBands {
-    /// For an edge with this blur, px.
+    /// Returns the bands for an edge with this blur, px.
     pub fn from_blur(blur: f64) -> Self {
         let blur = clamp_blur(blur) as f32;
         Self { edge: EDGE_BAND.0 * blur + EDGE_BAND.1, flat: FLAT_BAND.0 * blur + FLAT_BAND.1 }
     }
 
-    /// For a disc of this thickness with this blur, px, that uses at least a share of the flat ground.
+    /// Returns the bands for a disc of this semi-minor axis and blur, px, with at least the fraction `nearest` of the flat
+    /// background.
     pub fn for_disc(minor: f64, blur: f64, nearest: f64) -> Self {
         let Self { edge, flat } = Self::from_blur(blur);
         Self { edge, flat: flat * (minor / (THIN_BLURS * blur)).clamp(nearest, 1.0) as f32 }
     }
 
-    /// The weight of a pixel at a distance from the edge.
+    /// Returns the weight of a pixel at a distance from the edge, px, given the fractions that are kept at the edge and
+    /// next to it.
     #[inline(always)]
     pub fn weight(self, keep: [f32; 2], distance: f32) -> f32 {
         let (edge, flat) = (keep[0] * fade_weight(self.edge - distance), keep[1] * fade_weight(self.flat - distance));
@@ -44,7 +49,7 @@ impl EdgeBands {
     }
 }
 
-/// What is left of a weight so far before the middle of where it falls, px.
+/// Returns the factor, 0 to 1, of a weight at a distance before the middle of its decrease, px.
 #[inline(always)]
 pub fn fade_weight(before: f32) -> f32 {
     let share = before / FADE_PX as f32 + 0.5;

@@ -1,4 +1,4 @@
-//! Pixels that a fit leaves out: near other dark things.
+//! Pixels that a fit excludes because they are near other dark objects.
 
 use super::bands::EdgeBands;
 use crate::detect::appearance::parameters::{BLUR, HALO, LIGHT, MarkerParameters, light_at};
@@ -8,22 +8,23 @@ use crate::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 
-/// How far what is near another blob is not used either, px: the blur is not known yet.
+/// Margin around another blob that is excluded, px: the blur is not known yet.
 const MARGIN_PX: usize = 3;
-/// The same of what is darker than the light by a limit, blurs: from an edge, where that is a quarter of the contrast, it then is
-/// 2.2 blurs, which leave 1.4 % of it. In a sharpened picture its halo reaches as far as the copy's blur.
+/// Margin around pixels that are darker than the light by a limit, blurs. With a limit of 25 % of the contrast it ends 2.2
+/// blurs from the edge, where 1.4 % of the contrast remains. In a sharpened image the halo reaches as far as the blur of
+/// the copy.
 const MARGIN_BLURS: f64 = 1.5;
 
-/// Pixels of an area that are not used.
+/// Excluded pixels of a box.
 struct PixelMask {
     area: PixelBox,
-    /// How far what is near a thing is not used either, px.
+    /// Margin around an object that is excluded as well, px.
     margin: usize,
     marks: Option<Vec<bool>>,
 }
 
 impl PixelMask {
-    /// Marks what is near a run of pixels.
+    /// Marks the pixels near a run.
     fn mark_run(&mut self, y: usize, from: usize, to: usize) {
         let [x0, y0, x1, y1] = self.area;
         let width = x1 - x0 + 1;
@@ -38,7 +39,7 @@ impl PixelMask {
     }
 }
 
-/// Pixels near others outside the disc's outline that are darker than the light by more than `limit`.
+/// Marks the pixels near those outside the disc's outline that are darker than the light by more than `limit`.
 pub fn mask_darker(
     image: &Raster,
     ellipse: &Ellipse,
@@ -51,7 +52,7 @@ pub fn mask_darker(
     let mut mask = PixelMask { area, margin, marks: None };
     let frame = EllipseFrame::new(ellipse);
     let reach = f64::from(bands.flat) + margin as f64;
-    // No pixel that is lighter than this is darker than the light anywhere near.
+    // No pixel lighter than this is darker than the light anywhere in the ring.
     let (p, q) = (1.0 + reach / ellipse.major, 1.0 + reach / ellipse.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
     let most = most.ceil().clamp(0.0, f64::from(u8::MAX)) as u8;
@@ -59,10 +60,9 @@ pub fn mask_darker(
     for y in area[1]..=area[3] {
         let row = image.row(y);
         for columns in ring.columns(y as f64, area).into_iter().flatten() {
-            let dark =
-                row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
+            let dark = row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
             for x in columns.filter(|_| dark) {
-                let (s, t) = frame.local(x as f64, y as f64);
+                let (s, t) = frame.to_local(x as f64, y as f64);
                 let (p, q) = (s / ellipse.major, t / ellipse.minor);
                 if f64::from(row[x]) < light_at(m, p, q) - limit {
                     mask.mark_run(y, x, x);
@@ -73,7 +73,7 @@ pub fn mask_darker(
     mask.marks
 }
 
-/// Pixels of the area near a blob that is not the hypothesis's; `None` where no such blob is near.
+/// Marks the pixels of a box near blobs that do not belong to the hypothesis. Returns `None` if there are none.
 pub fn mask_foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
     let ellipse = &hypothesis.ellipse;
     let [x0, y0, x1, y1] = area;
@@ -96,7 +96,7 @@ pub fn mask_foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> 
     mask.marks
 }
 
-/// Whether a blob holds the hypothesis's own one: with a line that touches it at a laxer level.
+/// Returns true if a blob contains the hypothesis's own blob, joined with a line that touches it at a laxer level.
 fn is_own_at_laxer_level(blobs: &[Blob], hypothesis: &Hypothesis, other: &Blob) -> bool {
     let middle = |blob: &Blob| blob.runs.get(blob.runs.len() / 2).copied();
     let own = hypothesis.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);

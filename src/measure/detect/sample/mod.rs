@@ -1,4 +1,4 @@
-//! The pixels of a fit, and how much each counts.
+//! Selection and weights of the pixels of a fit.
 
 pub mod bands;
 pub mod foreign;

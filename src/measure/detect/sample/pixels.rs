@@ -1,58 +1,58 @@
-//! The pixels of a fit, in batches, sorted by what their share of black takes.
+//! Pixels of a fit, in batches, sorted by the method by which their fraction of black is computed.
 
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::simd::batch::Batch;
-use crate::detect::simd::lanes::{LANES, each, total};
+use crate::detect::simd::lanes::{LANES, each, sum_lanes};
 
-/// The pixels of a fit.
+/// Pixels of a fit.
 pub struct Pixels {
-    /// What they show.
+    /// Pattern of the marker they show.
     pub pattern: MarkerPattern,
-    /// Where columns and rows are counted from, px.
+    /// Origin of columns and rows, px.
     pub origin: [f64; 2],
-    /// Whether quadrants' outline is part of the model.
+    /// True if the outline of quadrants is part of the model.
     pub outlined: bool,
-    /// All of them, each kind by itself.
+    /// Batches, each of pixels of one kind.
     pub batches: Vec<Batch>,
 }
 
-/// What it takes to know a pixel's share of black.
+/// Method by which a pixel's fraction of black is computed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum PixelKind {
-    /// A closed form.
+    /// Closed formula.
     ClosedForm,
-    /// A sum.
+    /// Numerical integration.
     Integrated,
-    /// Nothing: it is 0.
+    /// No computation: the fraction is 0.
     Outside,
 }
 
-/// Pixels on their way into batches.
+/// Sorts pixels into batches by kind.
 pub struct Sorter {
     pixels: Pixels,
     open: [Batch; 3],
 }
 
 impl Pixels {
-    /// Sum of the weights.
+    /// Returns the sum of the weights.
     pub fn weight(&self) -> f64 {
-        self.batches.iter().map(|b| total(&each(|i| b.root[i] * b.root[i]))).sum()
+        self.batches.iter().map(|b| sum_lanes(&each(|i| b.root[i] * b.root[i]))).sum()
     }
 
-    /// How many there are.
+    /// Returns the number of pixels.
     pub fn count(&self) -> usize {
         self.batches.iter().map(|b| b.len).sum()
     }
 }
 
 impl Sorter {
-    /// Without pixels.
+    /// Creates a sorter without pixels.
     pub fn new(pattern: MarkerPattern, origin: [f64; 2]) -> Self {
         let pixels = Pixels { pattern, origin, outlined: false, batches: Vec::with_capacity(128) };
         Self { pixels, open: [Batch::new(), Batch::new(), Batch::new()] }
     }
 
-    /// Takes up the `i`-th pixel of a batch.
+    /// Adds the `i`-th pixel of a batch.
     #[inline(always)]
     pub fn push(&mut self, kind: PixelKind, from: &Batch, i: usize) {
         let open = &mut self.open[kind as usize];
@@ -66,10 +66,10 @@ impl Sorter {
         }
     }
 
-    /// All that was taken up.
+    /// Completes the last batches and returns all pixels.
     pub fn finish(mut self) -> Pixels {
         for mut open in self.open.into_iter().filter(|open| open.len > 0) {
-            open.fill();
+            open.fill_lanes();
             self.pixels.batches.push(open);
         }
         self.pixels

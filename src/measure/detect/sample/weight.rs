@@ -1,17 +1,17 @@
-//! The weights of a fit's pixels, from their distances to an outline or to two edges.
+//! Weights of the pixels of a fit, from their distances to an outline or to two edges.
 
 use nalgebra::Vector2;
 
 use super::bands::{EdgeBands, fade_weight};
 use super::pixels::{PixelKind, Pixels, Sorter};
-use crate::detect::appearance::disc::{END_SIGMAS, mask_beyond_end, distance_to_ellipse};
+use crate::detect::appearance::disc::{END_SIGMAS, distance_to_ellipse, mask_beyond_end};
 use crate::detect::appearance::{crossing::NEAR_SIGMAS, parameters::MarkerPattern};
 use crate::detect::image::ellipse::Ellipse;
-use crate::detect::image::scanline::{EllipseFrame, EdgeLine};
+use crate::detect::image::scanline::{EdgeLine, EllipseFrame};
 use crate::detect::simd::lanes::{LANES, Lanes, each};
 use crate::detect::simd::{batch::Batch, dispatch::wide};
 
-/// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
+/// Distance by which ends and crossing may move before a pixel is of another kind than it was sorted by, px.
 const MOVE_PX: f32 = 0.2;
 
 /// Two edges that end a margin inside the outline, px, and a unit vector along their bisector.
@@ -22,26 +22,25 @@ pub struct EdgeLines {
     pub along: Vector2<f64>,
 }
 
-/// Tells how far pixels are from an outline, or from two edges, and of what kind they are.
+/// Geometry from which the distance of pixels from an outline or from two edges, and their kind, are computed.
 pub struct EdgeGeometry<'a> {
     pub pattern: MarkerPattern,
     pub bands: EdgeBands,
     pub ellipse: &'a Ellipse,
     pub edges: Option<EdgeLines>,
-    /// The outline's own coordinates.
+    /// Coordinates of the outline.
     pub frame: &'a EllipseFrame<'a>,
-    /// Blur and sag, px.
     pub blur: f64,
     pub sag: f64,
 }
 
-/// Pixels of which is not yet known how much they count; at an edge and beside it, 0 to 1, they would count so much.
+/// Pixels whose weight has not been computed yet; `keep` holds their factors at an edge and next to it, 0 to 1.
 struct PendingPixels {
     batch: Batch,
     keep: [Lanes; 2],
 }
 
-/// Pixels that may be used, on their way to those that are.
+/// Collects pixels, weights them and sorts those with a weight into batches.
 pub struct PixelCollector<'a> {
     ruler: EdgeGeometry<'a>,
     origin: [f64; 2],
@@ -50,20 +49,20 @@ pub struct PixelCollector<'a> {
 }
 
 impl<'a> PixelCollector<'a> {
-    /// Without pixels.
+    /// Creates a collector without pixels.
     pub fn new(ruler: EdgeGeometry<'a>) -> Self {
         let centre = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
         let origin = [centre.x.round(), centre.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
-        Self { ruler, origin, waiting: PendingPixels { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
+        Self { ruler, origin, waiting: PendingPixels { batch: Batch::new(), keep: [Lanes::splat(0.0); 2] }, sorter }
     }
 
-    /// A pixel's column and row from the pixels' origin.
+    /// Returns column and row of a pixel relative to the origin of the pixels.
     pub fn relative_position(&self, x: usize, y: usize) -> [f32; 2] {
         [x as f64 - self.origin[0], y as f64 - self.origin[1]].map(|v| v as f32)
     }
 
-    /// Takes up a pixel and how much it would count at an edge and beside it.
+    /// Adds a pixel with its factors at an edge and next to it.
     #[inline(always)]
     pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
         let PendingPixels { batch, keep: of_batch } = &mut self.waiting;
@@ -76,10 +75,10 @@ impl<'a> PixelCollector<'a> {
         }
     }
 
-    /// The pixels that have weight.
+    /// Returns the pixels that have a weight.
     pub fn finish(mut self) -> Pixels {
         if self.waiting.batch.len > 0 {
-            self.waiting.batch.fill();
+            self.waiting.batch.fill_lanes();
             weigh_batch(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
         }
         self.sorter.finish()
@@ -87,8 +86,9 @@ impl<'a> PixelCollector<'a> {
 }
 
 wide! {
-    /// Sorts the pixels of a batch that count.
-    fn weigh_batch(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: &EdgeGeometry, origin: [f64; 2]) = weigh_batch_generic
+    /// Weights the pixels of a batch and sorts those that count.
+    fn weigh_batch(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: &EdgeGeometry, origin: [f64; 2])
+        = weigh_batch_generic
 }
 
 #[inline(always)]
@@ -106,14 +106,14 @@ fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: 
     batch.q = each(|i| t[i] * by_b);
     let mut distance = distance_to_ellipse(a, b, &s, &t);
     let blur = ruler.blur as f32;
-    let dear;
-    let mut nothing = Lanes::of(0.0);
+    let integrated;
+    let mut nothing = Lanes::splat(0.0);
     if let Some(EdgeLines { lines, margin, along }) = edges {
         let inside = each(|i| fade_weight(distance[i] - *margin as f32));
         for keep in &mut *keep {
             *keep = each(|i| keep[i] * inside[i]);
         }
-        let [mut one, mut other] = [Lanes::of(0.0); 2];
+        let [mut one, mut other] = [Lanes::splat(0.0); 2];
         for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {
             let off = (centre - l.at).dot(&l.across) as f32;
             let (u, v) = (l.across.x as f32, l.across.y as f32);
@@ -123,17 +123,17 @@ fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: 
         let off = (centre - lines[0].at).dot(along) as f32;
         let (u, v) = (along.x as f32, along.y as f32);
         let near = NEAR_SIGMAS as f32 * blur + MOVE_PX;
-        dear = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
+        integrated = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
     } else {
         let end = a - END_SIGMAS as f32 * blur - MOVE_PX;
-        dear = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
+        integrated = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
         nothing = mask_beyond_end(&s, &t, [a, b], ruler.sag as f32, END_SIGMAS as f32 * blur + MOVE_PX);
     }
     batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
     for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {
         let kind = match () {
             () if nothing[i] > 0.0 => PixelKind::Outside,
-            () if dear[i] > 0.0 => PixelKind::Integrated,
+            () if integrated[i] > 0.0 => PixelKind::Integrated,
             () => PixelKind::ClosedForm,
         };
         sorter.push(kind, batch, i);

@@ -1,4 +1,4 @@
-//! The frame reduced by block means, the local background, and dark regions against it.
+//! Frame reduced by block means, local background, and dark regions relative to it.
 
 use std::rc::Rc;
 
@@ -10,12 +10,12 @@ use crate::detect::segment::{components, options::BACKGROUND};
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
 
-/// How many levels a frame is searched at.
+/// Number of levels at which a frame is searched.
 const DEFAULT_LEVELS: usize = BACKGROUND.default_levels;
-/// The same of a faint frame: all of them.
+/// Number of levels at which a faint frame is searched: all.
 const FAINT_LEVELS: usize = BACKGROUND.levels.len();
 
-/// The reduced frame.
+/// Reduced frame with its local background.
 pub struct ReducedFrame {
     /// Side of a block, px.
     pub factor: usize,
@@ -25,14 +25,15 @@ pub struct ReducedFrame {
     pub height: usize,
     /// Block means.
     pub mean: Rc<Vec<u8>>,
-    /// Local background: the brightest level that both sides of the pixel reach, along a row or
-    /// a column, at one of the distances.
+    /// Local background: the brightest level that is reached on both sides of the pixel, along a row or a column, at one of
+    /// the distances.
     pub background: Vec<u8>,
     part: SearchArea,
 }
 
 impl ReducedFrame {
-    /// With its background raised to that of the farther distances; `None` where nothing thick is sought.
+    /// Returns the frame with its background raised to that at larger distances; `None` if no thick markers are searched
+    /// for.
     pub fn with_far_background(&self) -> Option<Self> {
         if !self.part.has_thick {
             return None;
@@ -45,52 +46,52 @@ impl ReducedFrame {
     }
 }
 
-/// A connected set of dark reduced pixels.
+/// Connected set of dark reduced pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DarkRegion {
     /// First column and row, last column and row, reduced px.
     pub bounds: [usize; 4],
     /// Reduced pixels.
     pub area: usize,
-    /// Least grey over background, in 1/256.
+    /// Minimum ratio of grey to background, in 1/256.
     pub least: u16,
 }
 
 impl DarkRegion {
-    /// Columns and rows.
+    /// Returns the numbers of columns and rows.
     pub fn sides(&self) -> [usize; 2] {
         let [x0, y0, x1, y1] = self.bounds;
         [x1 - x0 + 1, y1 - y0 + 1]
     }
 
-    /// The centre of its bounds, px.
+    /// Returns the centre of the bounds, px.
     pub fn centre(&self, factor: usize) -> Vector2<f64> {
         let [x0, y0, x1, y1] = self.bounds;
         let sums = Vector2::new((x0 + x1 + 1) as f64, (y0 + y1 + 1) as f64);
         (sums * (0.5 * factor as f64)).add_scalar(-0.5)
     }
 
-    /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.
+    /// Returns true if a box of pixels (first column, first row, last column, last row) overlaps the region's bounds.
     pub fn overlaps_box(&self, bounds: &[usize; 4], factor: usize) -> bool {
         let ([x0, y0, x1, y1], [left, top, right, low]) = (self.bounds, bounds.map(|v| v / factor));
         left <= x1 && right >= x0 && top <= y1 && low >= y0
     }
 
-    /// Whether another region lies within this one's bounds.
+    /// Returns true if another region lies within the bounds of this one.
     pub fn contains(&self, other: &Self) -> bool {
         let (a, b) = (&self.bounds, &other.bounds);
         a[0] <= b[0] && a[1] <= b[1] && a[2] >= b[2] && a[3] >= b[3]
     }
 
-    /// Whether `other`, of a laxer level, is the same thing with a fringe.
+    /// Returns true if `other`, of a laxer level, is the same object with a fringe.
     pub fn is_same_region(&self, other: &Self) -> bool {
         let mut sides = self.bounds.iter().zip(&other.bounds);
         self.least == other.least && sides.all(|(a, b)| a.abs_diff(*b) <= 2)
     }
 }
 
-/// Block means of a part of `image`, 0 elsewhere, with their background; an incomplete block at the right or lower edge is
-/// left out.
+/// Reduces a part of `image` to block means, 0 elsewhere, and computes their background. An incomplete block at the right
+/// or lower edge is omitted.
 pub fn reduce_frame(image: &Raster, part: SearchArea) -> ReducedFrame {
     let factor = block_size(image.width(), image.height());
     let (width, height) = (image.width() / factor, image.height() / factor);
@@ -111,11 +112,11 @@ pub fn reduce_frame(image: &Raster, part: SearchArea) -> ReducedFrame {
 }
 
 wide! {
-    /// Means of blocks of 4 x 4 px.
+    /// Computes means of blocks of 4 x 4 px.
     fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) = means_of_16_generic
 }
 
-/// Four bytes of a row are summed as two halves of a word.
+/// Computes means of blocks of 4 x 4 px; four bytes of a row are summed as two halves of a word.
 #[inline(always)]
 fn means_of_16_generic(rows: [&[u8]; 4], out: &mut [u8]) {
     const LOW: u32 = 0x00ff_00ff;
@@ -130,7 +131,7 @@ fn means_of_16_generic(rows: [&[u8]; 4], out: &mut [u8]) {
     }
 }
 
-/// Means of blocks of 2 x 2 px.
+/// Computes means of blocks of 2 x 2 px.
 fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
     let [a, b] = rows.map(|row| row.as_chunks::<2>().0);
     let both = |two: &[u8; 2]| u16::from(two[0]) + u16::from(two[1]);
@@ -140,10 +141,10 @@ fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
 }
 
 impl ReducedFrame {
-    /// Makes the background of every pixel the greatest, over distances and directions, of the lesser of both sides.
+    /// Raises the background of every pixel to the maximum, over distances and directions, of the lower of both sides.
     fn raise_background(&mut self, reach: &[usize]) {
         let Self { width, height, mean, background, part, .. } = self;
-        for (y, span) in &part.wanted {
+        for (y, span) in &part.searched {
             let row = |y: usize| &mean[y * *width..][..*width];
             let out = &mut background[y * *width..][..*width];
             for &d in reach {
@@ -162,13 +163,13 @@ impl ReducedFrame {
 }
 
 wide! {
-    /// The lesser of both sides, where it is more than what is there.
+    /// Raises each value of `out` to the lower of both sides.
     fn raise_row(out: &mut [u8], one: &[u8], other: &[u8]) = raise_row_generic
 }
 
 #[inline(always)]
 fn raise_row_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
-    // In whole steps, the last of them back from the end: what is raised twice stays.
+    // In full steps, the last of them ending at the end of the row: raising a value twice has no effect.
     const STEP: usize = 32;
     let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));
     let last = out.len().checked_sub(STEP);
@@ -183,12 +184,12 @@ fn raise_row_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
     }
 }
 
-/// How many levels there are.
+/// Returns the number of levels.
 pub fn level_count(faint: bool) -> usize {
     if faint { FAINT_LEVELS } else { DEFAULT_LEVELS }
 }
 
-/// The runs of pixels that pass any level, and how many levels their pixels pass, run by run.
+/// Runs of pixels that pass any level, and the number of levels that each pixel passes, run by run.
 pub struct PassedLevels {
     runs: Vec<Run>,
     passed: Vec<u8>,
@@ -202,7 +203,7 @@ wide! {
     fn count_passed_faint(mean: &[u8], background: &[u8], out: &mut [u8]) = count_passed_generic::<FAINT_LEVELS>
 }
 
-/// How many of the first levels each pixel passes.
+/// Counts the levels, of the first `COUNT`, that each pixel passes.
 #[inline(always)]
 fn count_passed_generic<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
     let levels: [u16; COUNT] = std::array::from_fn(|i| BACKGROUND.levels[i]);
@@ -213,11 +214,11 @@ fn count_passed_generic<const COUNT: usize>(mean: &[u8], background: &[u8], out:
 }
 
 impl ReducedFrame {
-    /// How many of the levels each pixel passes.
+    /// Counts the levels that each pixel passes.
     pub fn passed_levels(&self, faint: bool) -> PassedLevels {
         let (mut runs, mut passed, mut row) = (Vec::new(), Vec::new(), vec![0u8; self.width]);
         let pass = if faint { count_passed_faint } else { count_passed };
-        for (y, span) in &self.part.wanted {
+        for (y, span) in &self.part.searched {
             let part = y * self.width + span.start..y * self.width + span.end;
             let (first, row) = (runs.len(), &mut row[..span.len()]);
             pass(&self.mean[part.clone()], &self.background[part], row);
@@ -231,7 +232,8 @@ impl ReducedFrame {
         PassedLevels { runs, passed }
     }
 
-    /// Whether the background differs within a region's bounds by more than a part of it.
+    /// Returns true if the relative variation of the background within a region's bounds exceeds
+    /// `BACKGROUND.uneven_percent`.
     pub fn is_uneven(&self, region: &DarkRegion) -> bool {
         let (mut least, mut most) = (u8::MAX, 0);
         let [x0, y0, x1, y1] = region.bounds;
@@ -243,7 +245,7 @@ impl ReducedFrame {
         u32::from(most - least) * 100 > BACKGROUND.uneven_percent * u32::from(most)
     }
 
-    /// Dark regions at the `level`-th level, in the order of their first pixel.
+    /// Returns the dark regions at the `level`-th level, ordered by their first pixel.
     pub fn dark_regions(&self, dark: &PassedLevels, level: usize, faint: bool) -> Vec<DarkRegion> {
         let least = (level_count(faint) - level) as u8;
         let runs = components::runs_at_least(&dark.runs, &dark.passed, least);
@@ -252,7 +254,7 @@ impl ReducedFrame {
 
     fn region_from_runs(&self, runs: &[Run]) -> DarkRegion {
         let mut region = DarkRegion { bounds: [usize::MAX, usize::MAX, 0, 0], area: 0, least: 256 };
-        // Grey and background of the darkest, compared by products.
+        // Grey and background of the darkest pixel, compared by products.
         let mut darkest = [256u32, 255];
         for &Run { y, from, to } in runs {
             let [y, from, to] = [y, from, to].map(|v| v as usize);

@@ -1,16 +1,16 @@
-//! The pixels of a row that pass a test, a bit each.
+//! Bit masks of the pixels of a row that pass a test.
 
 use crate::detect::simd::dispatch::wide;
 
-/// Pixels of a row in one word, a bit each, the first lowest.
+/// Number of pixels of a row in one word, one bit each, the first in the lowest bit.
 pub const WORD_BITS: usize = u64::BITS as usize;
 
-/// The pixels on one side of a level.
+/// Pixels on one side of a level.
 #[derive(Clone, Copy)]
 pub enum LevelSide {
-    /// Below it.
+    /// Pixels below the level.
     Darker(u8),
-    /// Above it.
+    /// Pixels above the level.
     Lighter(u8),
 }
 
@@ -37,7 +37,7 @@ fn mark_below_generic(row: &[u8], limits: &[u8], out: &mut [u64]) {
     mark_rows([row, limits], out, |[v, limit]| v < limit);
 }
 
-/// Marks the places of rows side by side where a test holds, word by word.
+/// Marks the positions of several rows at which a test holds, word by word.
 #[inline(always)]
 fn mark_rows<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
     let parts = rows.map(|row| row.as_chunks::<WORD_BITS>());
@@ -51,17 +51,17 @@ fn mark_rows<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: imp
     }
 }
 
-/// The pixels that are left of a row, and zeros.
+/// Returns the remaining pixels of a row, padded with zeros.
 pub fn pad_row(rest: &[u8]) -> [u8; WORD_BITS] {
     let mut out = [0; WORD_BITS];
     out.iter_mut().zip(rest).for_each(|(out, &v)| *out = v);
     out
 }
 
-/// A bit for each of 64 places in rows side by side: whether a test holds for their values.
+/// Returns one bit for each of 64 positions in several rows: set if the test holds for their values.
 #[inline(always)]
 pub fn mark_word<const ROWS: usize>(rows: [&[u8; WORD_BITS]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
-    // A byte for each first: a processor's registers compare many of those in one step.
+    // One byte for each first: wide registers compare many bytes in one step.
     let mut bytes = [0u8; WORD_BITS];
     for (i, byte) in bytes.iter_mut().enumerate() {
         *byte = u8::from(holds(rows.map(|row| row[i])));
@@ -71,7 +71,7 @@ pub fn mark_word<const ROWS: usize>(rows: [&[u8; WORD_BITS]; ROWS], holds: impl 
     }
     let mut marks = 0;
     for (k, word) in bytes.as_chunks::<8>().0.iter().enumerate() {
-        // The product brings the lowest bits of eight bytes side by side into the highest one.
+        // The product collects the lowest bits of eight bytes in the highest byte.
         marks |= (u64::from_le_bytes(*word).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
     }
     marks
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bit_is_set_where_the_test_holds() {
+    fn a_bit_is_set_where_the_test_is_true() {
         let value = |k: usize| (k * 7919 % 251) as u8;
         for width in [1, 7, 63, 64, 65, 128, 200] {
             let row: Vec<u8> = (0..width).map(value).collect();

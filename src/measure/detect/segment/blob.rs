@@ -1,8 +1,8 @@
-//! Dark regions taken up again at full resolution, with their moments.
+//! Blobs: dark regions segmented at full resolution, with their moments.
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::background::{ReducedFrame, DarkRegion};
+use super::background::{DarkRegion, ReducedFrame};
 use super::bitmask::{LevelSide, WORD_BITS, mark_below, mark_side};
 use super::components::Run;
 use crate::detect::image::ellipse::Ellipse;
@@ -11,24 +11,22 @@ use crate::detect::segment::{components, options::BLOB};
 use crate::detect::simd::dispatch::wide;
 use crate::raster::Raster;
 
-/// A connected set of full-resolution pixels darker than half way to the background.
+/// Connected set of full-resolution pixels that are darker than a level halfway to the background.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blob {
     /// Bounding box, px, inclusive: x0, y0, x1, y1.
     pub bounds: [usize; 4],
     /// Runs of the blob: row, first column, last column.
     pub runs: Vec<[u32; 3]>,
-    /// Pixels.
     pub area: f64,
-    /// Centroid, px.
     pub centroid: Vector2<f64>,
     /// Second central moments, px^2.
     pub covariance: Matrix2<f64>,
-    /// Whether it reaches the frame's edge.
+    /// True if it reaches the edge of the frame.
     pub at_edge: bool,
 }
 
-/// The window of a region: first and last column and row, the last excluded.
+/// Window of a region: first and last column and row, the last excluded.
 #[derive(Clone, Copy)]
 struct RegionWindow {
     x0: usize,
@@ -37,10 +35,10 @@ struct RegionWindow {
     y1: usize,
 }
 
-/// Rows that are marked before their runs are sought.
+/// Number of rows that are marked before their runs are extracted.
 const ROW_GROUP: usize = 16;
 
-/// The blobs of one region, and whether one of them goes on outside its window.
+/// Returns the blobs of one region, and true if one of them extends beyond its window.
 pub fn region_blobs(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
     let at = |share: f64| {
@@ -54,16 +52,16 @@ pub fn region_blobs(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) 
     (out, cut)
 }
 
-/// The blobs of a region that went on outside its window at every level: the local background was too
-/// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
-/// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
-/// flat marker they may be half of it, of flat quadrants more.
+/// Returns the blobs of a region that extends beyond its window at every level: the local background was too bright, as
+/// next to the white of a quadrant or below the sky, so that the skin counted as dark. Here the level of the region's
+/// surroundings is the limit, and the window is larger, because faint tips are not part of the region: up to half of a flat
+/// marker, and more of flat quadrants.
 pub fn blobs_against_surround(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> Vec<Blob> {
     let (dark, skin) = dark_and_skin(coarse, region);
     let sides = region.sides();
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
-    // What is longer than a marker holds one as it is.
+    // A region longer than a marker already contains the marker.
     let most = BLOB.max_length_px.max(image.width().max(image.height()) / BLOB.long_side_divisor) / coarse.factor;
     let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
     let window = |times: usize| {
@@ -72,12 +70,12 @@ pub fn blobs_against_surround(image: &Raster, coarse: &ReducedFrame, region: &Da
     };
     let (blobs, cut) = window(1);
     let mut out = if cut && blobs.is_empty() { window(2).0 } else { blobs };
-    // A wide window shows other things too.
+    // A large window also shows other objects.
     out.retain(|blob| region.overlaps_box(&blob.bounds, coarse.factor));
     out
 }
 
-/// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
+/// Returns the darkest reduced pixel of a region, and the median of those two pixels outside its bounds.
 fn dark_and_skin(coarse: &ReducedFrame, region: &DarkRegion) -> (u32, u32) {
     let [x0, y0, x1, y1] = region.bounds;
     let (x0, y0) = (x0.saturating_sub(2), y0.saturating_sub(2));
@@ -96,8 +94,8 @@ fn dark_and_skin(coarse: &ReducedFrame, region: &DarkRegion) -> (u32, u32) {
     (u32::from(dark), u32::from(*ring.select_nth_unstable(middle).1))
 }
 
-/// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
-/// it that is larger by three tenths and a margin, px.
+/// Returns the blobs of pixels below a level with their centroid in an outline, the largest first, that lie entirely in a
+/// box around it (see [`enlarged_box`]).
 pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> Vec<Blob> {
     let (low, high) = enlarged_box(ellipse, margin);
     let mut out = blobs_in_box(image, low, high, LevelSide::Darker(level));
@@ -106,13 +104,13 @@ pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> 
     out
 }
 
-/// The box about an outline that is larger by three tenths and a margin, px.
+/// Returns the box around an outline, enlarged by 30 % and a margin, px.
 pub fn enlarged_box(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
-    let reach = (ellipse.extent() * BLOB.about).add_scalar(margin);
+    let reach = (ellipse.half_extent() * BLOB.about).add_scalar(margin);
     (ellipse.centre - reach, ellipse.centre + reach)
 }
 
-/// The blobs of pixels on one side of a level that lie wholly in a box.
+/// Returns the blobs of pixels on one side of a level that lie entirely in a box.
 pub fn blobs_in_box(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: LevelSide) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = RegionWindow {
@@ -127,17 +125,17 @@ pub fn blobs_in_box(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side:
     window.blobs(image, &mut window.marked_runs(image, |_, row, marks| mark_side(row, side, marks))).0
 }
 
-/// The grey value below which a pixel is dark, from its background.
+/// Rule for the grey value below which a pixel is dark, given its background.
 #[derive(Clone, Copy)]
 enum Threshold {
-    /// A share of the background, in 1/256.
+    /// Fraction of the background, in 1/256.
     Share(u32),
-    /// Half way from a dark level to the background, at most to the skin.
+    /// Level halfway between a dark one and the background, which is limited to that of the skin.
     Between { dark: u32, skin: u32 },
 }
 
 wide! {
-    /// Makes thresholds of backgrounds.
+    /// Replaces background values by thresholds.
     fn to_thresholds(values: &mut [u8], threshold: Threshold) = to_thresholds_generic
 }
 
@@ -148,18 +146,16 @@ fn to_thresholds_generic(values: &mut [u8], threshold: Threshold) {
             values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
         }
         Threshold::Between { dark, skin } => {
-            // What is nearer to the dark is no background: it lies there farther off than was looked.
+            // A value nearer to the dark level is not background: the background lies beyond the examined distances.
             let half = (dark + skin) / 2;
             let background = |v: u32| if v < half { skin } else { v.min(skin) };
-            values
-                .iter_mut()
-                .for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
+            values.iter_mut().for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
         }
     }
 }
 
-/// The connected sets below a threshold that depends on the local background, and whether one of
-/// them goes on outside the region's window.
+/// Returns the connected sets below a threshold that depends on the local background, and true if one of them extends
+/// beyond the region's window.
 fn blobs_below(
     image: &Raster,
     coarse: &ReducedFrame,
@@ -171,7 +167,7 @@ fn blobs_below(
     window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
 }
 
-/// Repeats each block's value for its `factor` pixels in a row, as far as there are blocks.
+/// Repeats the value of each block for its `factor` pixels in a row, as far as there are blocks.
 fn repeat_blocks(blocks: &[u8], factor: usize, out: &mut [u8]) {
     if factor == 4 {
         out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
@@ -181,7 +177,7 @@ fn repeat_blocks(blocks: &[u8], factor: usize, out: &mut [u8]) {
 }
 
 impl RegionWindow {
-    /// With so many reduced pixels about a region, to the sides and above and below.
+    /// Creates a window with a margin of reduced pixels around a region: left and right, above and below.
     fn from_region(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion, pad: [usize; 2]) -> Self {
         let (f, [x0, y0, x1, y1]) = (coarse.factor, region.bounds);
         let [beside, above] = pad.map(|pad| pad * f);
@@ -193,14 +189,14 @@ impl RegionWindow {
         }
     }
 
-    /// The runs of pixels that are marked, word by word, in each row; it is handed over as far as its last word reaches in the
-    /// picture.
+    /// Returns the runs of marked pixels. `mark` is called for each row, with its pixels up to the end of the last word
+    /// within the image, and sets the marks word by word.
     fn marked_runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
         let width = self.x1 - self.x0;
         let end = (self.x0 + width.next_multiple_of(WORD_BITS)).min(image.width());
         let words = width.div_ceil(WORD_BITS).max(1);
         let (mut out, mut marks) = (Vec::new(), vec![0; ROW_GROUP * words]);
-        // Rows are fetched side by side where nothing hangs on what they hold.
+        // Rows are read in groups, because marking them does not depend on their contents.
         for first in (self.y0..self.y1).step_by(ROW_GROUP) {
             let rows = || first..self.y1.min(first + ROW_GROUP);
             for (y, marks) in rows().zip(marks.chunks_exact_mut(words)) {
@@ -213,14 +209,14 @@ impl RegionWindow {
         out
     }
 
-    /// Runs of pixels below the threshold of their background.
+    /// Returns the runs of pixels below the threshold of their background.
     fn dark_runs(&self, image: &Raster, coarse: &ReducedFrame, threshold: Threshold) -> Vec<Run> {
         let f = coarse.factor;
         let width = self.x1 - self.x0;
         let (mut blocks, mut limits) = (Vec::new(), vec![0; width.next_multiple_of(WORD_BITS)]);
         self.marked_runs(image, |y, pixels, marks| {
             if y == self.y0 || y % f == 0 {
-                // Windows begin with a block; pixels beyond the last whole one are as the last.
+                // Windows begin with a block; pixels beyond the last complete block use its value.
                 let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
                 blocks.clear();
                 blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
@@ -232,7 +228,7 @@ impl RegionWindow {
         })
     }
 
-    /// The blobs of runs whose columns count from the window's, and whether some go on outside it.
+    /// Returns the blobs of runs whose columns count from the window's, and true if some extend beyond it.
     fn blobs(&self, image: &Raster, runs: &mut [Run]) -> (Vec<Blob>, bool) {
         for run in &mut *runs {
             run.from += self.x0 as u32;
@@ -249,7 +245,7 @@ impl RegionWindow {
         (out, cut)
     }
 
-    /// Whether the set goes on outside the window; a laxer level then has it whole.
+    /// Returns true if the set extends beyond the window; a laxer level contains it completely.
     fn is_cut(&self, image: &Raster, set: &[Run]) -> bool {
         let (left, top) = (self.x0 > 0, self.y0 > 0);
         let (right, low) = (self.x1 < image.width(), self.y1 < image.height());
@@ -278,7 +274,7 @@ impl Blob {
         blob
     }
 
-    /// Bounds and moments from the runs, each run integrated in closed form.
+    /// Computes bounds and moments from the runs, each run integrated in closed form.
     fn measure(&mut self) {
         let (mut n, mut first, mut second) = (0.0, Vector2::zeros(), Matrix2::zeros());
         let mut bounds = [usize::MAX, usize::MAX, 0, 0];
@@ -301,7 +297,7 @@ impl Blob {
         self.covariance = second / n - self.centroid * self.centroid.transpose();
     }
 
-    /// Points half a pixel outside the first and last pixel of each row and column.
+    /// Returns the points half a pixel outside the first and last pixel of each row and column.
     pub fn contour(&self) -> Vec<Vector2<f64>> {
         let [x0, y0, x1, y1] = self.bounds;
         let mut rows = vec![(u32::MAX, 0); y1 - y0 + 1];
@@ -325,12 +321,12 @@ impl Blob {
         out
     }
 
-    /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
+    /// Returns true if the blob fills neither an ellipse nor two quadrants: it may be a disc touched by a line.
     fn is_ragged(&self) -> bool {
         self.area > BLOB.min_ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
     }
 
-    /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
+    /// Returns the number of pixels relative to that of the ellipse with the same second moments: 1 for an ellipse.
     pub fn fill(&self) -> f64 {
         let det = self.covariance.determinant().max(TINY);
         self.area / (4.0 * std::f64::consts::PI * det.sqrt())
@@ -338,7 +334,7 @@ impl Blob {
 }
 
 impl Ellipse {
-    /// A blob's ellipse of inertia.
+    /// Returns the ellipse of inertia of a blob.
     pub fn from_blob(blob: &Blob) -> Self {
         Self::from_moments(blob.centroid, blob.covariance, 2.0)
     }

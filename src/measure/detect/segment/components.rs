@@ -1,19 +1,16 @@
-//! Connected sets of marked pixels, by runs: whatever is unmarked costs next to nothing.
+//! Connected sets of marked pixels, represented by runs: unmarked pixels cost almost nothing.
 
 use super::bitmask::{WORD_BITS, mark_word, pad_row};
 
-/// Marked pixels side by side.
+/// Adjacent marked pixels of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
-    /// Row.
     pub y: u32,
-    /// First column.
     pub from: u32,
-    /// Last column.
     pub to: u32,
 }
 
-/// Appends the runs of row `y`, whose marked pixels hold anything but 0.
+/// Appends the runs of row `y`, in which marked pixels are not 0.
 pub fn find_runs(row: &[u8], y: usize, out: &mut Vec<Run>) {
     let (words, rest) = row.as_chunks();
     let rest = pad_row(rest);
@@ -21,7 +18,7 @@ pub fn find_runs(row: &[u8], y: usize, out: &mut Vec<Run>) {
     find_runs_in_words(words, row.len(), y, out);
 }
 
-/// Appends the runs of row `y` of so many pixels, whose marks come word by word; those beyond do not count.
+/// Appends the runs of row `y` of `width` pixels, given its marks word by word; marks beyond the width are ignored.
 pub fn find_runs_in_words(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &mut Vec<Run>) {
     let mut open: Option<usize> = None;
     for (k, marks) in words.enumerate() {
@@ -41,7 +38,7 @@ pub fn find_runs_in_words(words: impl Iterator<Item = u64>, width: usize, y: usi
     close_run(&mut open, width, y, out);
 }
 
-/// The parts of runs whose pixels, which come run by run, hold `least` or more.
+/// Returns the parts of runs with values of at least `least`, given the values of their pixels run by run.
 pub fn runs_at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
     let mut out = Vec::new();
     for run in runs {
@@ -67,7 +64,7 @@ fn close_run(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>)
     }
 }
 
-/// The runs of each 8-connected set, in the order of the sets' first pixels; `runs` come row by row.
+/// Groups runs into 8-connected sets, in the order of the sets' first pixels. `runs` are ordered by row.
 pub fn connected_sets(runs: &[Run]) -> ConnectedSets {
     let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
     let mut above = 0;
@@ -80,11 +77,11 @@ pub fn connected_sets(runs: &[Run]) -> ConnectedSets {
             join_sets(&mut parent, i, k);
         }
     }
-    // A set's root is its first run, so that what comes before has found its own.
+    // The root of a set is its first run, so the roots of all earlier runs are final.
     for i in 0..parent.len() {
         parent[i] = parent[parent[i] as usize];
     }
-    // Of each set the number of runs, then where its next one comes.
+    // For each set the number of runs, then the index of its next run.
     let mut next = vec![0u32; runs.len()];
     parent.iter().for_each(|&root| next[root as usize] += 1);
     let mut ends = Vec::new();
@@ -104,21 +101,21 @@ pub fn connected_sets(runs: &[Run]) -> ConnectedSets {
     ConnectedSets { runs: out, ends }
 }
 
-/// Runs set by set.
+/// Runs, ordered by set.
 pub struct ConnectedSets {
     runs: Vec<Run>,
     ends: Vec<usize>,
 }
 
 impl ConnectedSets {
-    /// The runs of each set, row by row.
+    /// Returns the runs of each set, ordered by row.
     pub fn iter(&self) -> impl Iterator<Item = &[Run]> {
         let begins = std::iter::once(0).chain(self.ends.iter().copied());
         begins.zip(&self.ends).map(|(begin, &end)| &self.runs[begin..end])
     }
 }
 
-/// Whether a run of the row above ends before one begins.
+/// Returns true if a run of the row above ends before `run` begins.
 fn ends_before(above: &Run, run: &Run) -> bool {
     above.y + 1 == run.y && above.to + 1 < run.from
 }
@@ -173,7 +170,7 @@ mod tests {
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
             assert_eq!(flooded(&marks, width), sets.iter().count());
-            // Neighbours have one label.
+            // Neighbours have the same label.
             for i in 0..marks.len() {
                 for n in neighbours(i, width, height) {
                     assert!(label[i] == 0 || label[n] == 0 || label[i] == label[n]);
@@ -185,8 +182,7 @@ mod tests {
     fn neighbours(i: usize, width: usize, height: usize) -> Vec<usize> {
         let (x, y) = (i % width, i / width);
         let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
-        rows.flat_map(|v| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u))
-            .collect()
+        rows.flat_map(|v| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u)).collect()
     }
 
     fn flooded(marks: &[u8], width: usize) -> usize {

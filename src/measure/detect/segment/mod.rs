@@ -1,4 +1,4 @@
-//! The frame's dark regions: background, levels, connected sets, blobs.
+//! Dark regions of the frame: background, levels, connected sets, blobs.
 
 pub mod background;
 pub mod bitmask;

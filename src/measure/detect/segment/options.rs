@@ -1,49 +1,50 @@
-//! Tuned numbers of dark regions and blobs: meaning, unit, origin.
+//! Tuned numbers of dark regions and blobs, with meaning, unit, origin.
 
 numbers! {
-    /// The local background, and what is dark against it.
+    /// Local background, and levels of darkness relative to it.
     BACKGROUND: BackgroundOptions {
-        /// Distances at which both sides of a dark pixel are looked at, reduced px. Chosen, as all of these: the longest
-        /// bounds the thickness of what can be found.
+        /// Distances at which both sides of a dark pixel are examined, reduced px. Chosen, as all of these: the largest
+        /// limits the thickness of markers that can be found.
         reach: [usize; 5] = [2, 4, 8, 16, 24],
-        /// Farther ones, for thick markers only: between two stretches of sky the whole wing is dark.
+        /// Larger distances, for thick markers only: between two parts of the sky the entire wing is dark.
         far: [usize; 2] = [40, 64],
-        /// Least thickness of a region that is taken up against the far background, reduced px.
+        /// Minimum thickness of a region that is segmented relative to the far background, reduced px.
         thick: usize = 24,
-        /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first: several, so that a
-        /// faint line that touches a marker does not swallow it. The last three are for frames whose contrast haze or
-        /// stray light take away with distance; the last one shows discs of 6 grey levels (`tests/detect/sweep.rs`).
+        /// Ratio of grey to local background below which a reduced pixel is dark, in 1/256, strictest first: several
+        /// levels, so that a faint line that touches a marker does not merge with it. The last three are for frames in
+        /// which haze or stray light reduces contrast with distance; the last one shows discs of 6 grey levels
+        /// (`tests/detect/sweep.rs`).
         levels: [u16; 7] = [115, 160, 195, 225, 240, 248, 252],
-        /// How many of them are for any frame.
+        /// Number of levels that are used for every frame.
         default_levels: usize = 4,
-        /// Grey levels by which a pixel must be darker than the background beside that: the lighter of two sides is lighter
-        /// than the mean of both by chance.
+        /// Additional grey levels by which a pixel must be darker than the background: the lighter of two sides is lighter
+        /// than their mean by noise alone.
         above_noise: u8 = 2,
-        /// Percent of the background by which it differs within an uneven region.
+        /// Variation of the background within a region, in percent, above which it is uneven.
         uneven_percent: u32 = 8,
     }
 
     /// Blobs at full resolution.
     BLOB: BlobOptions {
-        /// Fewer pixels are noise.
+        /// Minimum number of pixels of a blob: fewer are noise.
         min_pixels: u32 = 6,
-        /// Where a line touches a disc, the threshold's share of the way from black to the background at which they come
-        /// apart. Chosen; `tests/detect/bad_light.rs`.
+        /// Threshold at which a disc and a line that touches it separate, as a fraction of the difference between black and
+        /// background. Chosen; `tests/detect/bad_light.rs`.
         strict_share: f64 = 0.3,
-        /// The usual share.
+        /// Default threshold, as a fraction of that difference.
         default_share: f64 = 0.5,
-        /// Least area of a blob that is looked at again, px.
+        /// Minimum area of a blob that is segmented again, px.
         min_ragged_px: f64 = 100.0,
-        /// Pixels over those of the ellipse with the same moments, least and most, of what is neither an ellipse nor two
-        /// quadrants: perhaps a disc with a line that touches it. An ellipse fills 1, quadrants 0.64.
+        /// Range of the fill (pixels relative to those of the ellipse with the same moments) of blobs that are neither an
+        /// ellipse, with 1, nor two quadrants, with 0.64: they may be a disc touched by a line.
         ragged: (f64, f64) = (0.78, 0.95),
-        /// Part of a large frame's longer side that the longest marker takes.
+        /// Ratio of the longer side of a large frame to the longest marker.
         long_side_divisor: usize = 4,
-        /// How long it may be in any frame, px.
+        /// Maximum length of a marker in any frame, px.
         max_length_px: usize = 1000,
-        /// How much larger than an outline the box about it is in which its parts must lie, a ratio.
+        /// Ratio of the box in which the parts of a marker must lie to its outline.
         about: f64 = 1.3,
-        /// Reduced pixels by which a window is wider than its region, on each side.
+        /// Margin of a window around its region, on each side, reduced px.
         pad: usize = 2,
     }
 }

@@ -1,39 +1,38 @@
-//! Pixels that are worked on together.
+//! Batches of pixels that are processed together.
 
 use super::lanes::{LANES, Lanes};
 
-/// Pixels that are worked on together; those after the first `len` are copies without weight.
+/// Pixels that are processed together; those after the first `len` are copies without weight.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch {
-    /// Column, counted from the batches' origin.
+    /// Column, from the batches' origin.
     pub x: Lanes,
-    /// Row, counted from the batches' origin.
+    /// Row, from the batches' origin.
     pub y: Lanes,
-    /// Grey value.
     pub value: Lanes,
-    /// Along the marker over its semi-major axis.
+    /// Position along the marker over its semi-major axis.
     pub p: Lanes,
-    /// Across the marker over its semi-minor axis.
+    /// Position across the marker over its semi-minor axis.
     pub q: Lanes,
-    /// Root of how much the pixel counts, 0 to 1.
+    /// Square root of the pixel's weight, 0 to 1.
     pub root: Lanes,
-    /// Pixels.
+    /// Number of pixels.
     pub len: usize,
 }
 
 impl Batch {
-    /// Without pixels.
+    /// Creates a batch without pixels.
     pub fn new() -> Self {
-        let [x, y, value, p, q, root] = [Lanes::of(0.0); 6];
+        let [x, y, value, p, q, root] = [Lanes::splat(0.0); 6];
         Self { x, y, value, p, q, root, len: 0 }
     }
 
-    /// Whether it has no room.
+    /// Returns whether the batch is full.
     pub fn is_full(&self) -> bool {
         self.len >= LANES
     }
 
-    /// Takes up a pixel by its column, row and grey value.
+    /// Appends a pixel by its column, row and grey value.
     #[inline(always)]
     pub fn push(&mut self, x: f32, y: f32, value: f32) {
         let i = self.len % LANES;
@@ -41,8 +40,8 @@ impl Batch {
         self.len = i + 1;
     }
 
-    /// Fills what is empty with copies of the first pixel that have no weight.
-    pub fn fill(&mut self) {
+    /// Fills the remaining lanes with copies of the first pixel that have no weight.
+    pub fn fill_lanes(&mut self) {
         for i in self.len..LANES {
             for lanes in [&mut self.x, &mut self.y, &mut self.value, &mut self.p, &mut self.q] {
                 lanes[i] = lanes[0];
@@ -52,8 +51,8 @@ impl Batch {
     }
 }
 
-/// Takes up the `i`-th pixel of a batch, in the last of some batches or in a new one.
-pub fn append(batches: &mut Vec<Batch>, from: &Batch, i: usize) {
+/// Appends the `i`-th pixel of a batch to the last of some batches or to a new one.
+pub fn append_pixel(batches: &mut Vec<Batch>, from: &Batch, i: usize) {
     if batches.last().is_none_or(Batch::is_full) {
         batches.push(Batch::new());
     }

@@ -1,8 +1,8 @@
-//! Loops over lanes in the widest registers that the processor has.
+//! Loops over lanes in the widest registers of the processor.
 
-/// A function whose body, an `#[inline(always)]` function, is compiled three times: for any processor, for one with AVX2,
-/// for one with AVX-512. All give the same bits: the order of sums is fixed, and only what says so is fused.
-/// Generic parameters stand in square brackets.
+/// Defines a function whose body, an `#[inline(always)]` function, is compiled three times: for any processor, for one with
+/// AVX2, for one with AVX-512. The results are identical bit for bit: the order of sums is fixed, and operations are fused
+/// only explicitly. Generic parameters are given in square brackets.
 macro_rules! wide {
     (
         $(#[$doc:meta])*
@@ -13,11 +13,11 @@ macro_rules! wide {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl")]
-                fn widest $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
+                fn with_avx512 $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
                     $body($($arg),*)
                 }
                 #[target_feature(enable = "avx2,fma")]
-                fn widely $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
+                fn with_avx2 $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
                     $body($($arg),*)
                 }
                 use std::arch::is_x86_feature_detected as has;
@@ -25,12 +25,12 @@ macro_rules! wide {
                 if avx2 && has!("avx512f") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl") {
                     // SAFETY: the processor has all of them.
                     #[allow(unsafe_code)]
-                    return unsafe { widest($($arg),*) };
+                    return unsafe { with_avx512($($arg),*) };
                 }
                 if avx2 {
                     // SAFETY: the processor has both.
                     #[allow(unsafe_code)]
-                    return unsafe { widely($($arg),*) };
+                    return unsafe { with_avx2($($arg),*) };
                 }
             }
             $body($($arg),*)

@@ -1,26 +1,26 @@
-//! Numbers that are worked on side by side, one of each pixel of a batch.
+//! Numbers that are processed side by side, one for each pixel of a batch.
 
 use std::ops::{Deref, DerefMut};
 
-/// Pixels that are worked on together.
+/// Number of pixels that are processed together.
 pub const LANES: usize = 16;
 
-/// One number of each pixel of a batch, where the widest register reads them in one step.
+/// Number for each pixel of a batch, aligned so that the widest register reads them in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Lanes([f32; LANES]);
 
 impl Lanes {
-    /// The same in all.
+    /// Creates lanes with equal values.
     #[inline(always)]
-    pub const fn of(value: f32) -> Self {
+    pub const fn splat(value: f32) -> Self {
         Self([value; LANES])
     }
 }
 
 impl Default for Lanes {
     fn default() -> Self {
-        Self::of(0.0)
+        Self::splat(0.0)
     }
 }
 
@@ -40,27 +40,27 @@ impl DerefMut for Lanes {
     }
 }
 
-/// One number per lane.
+/// Computes a value for each lane.
 #[inline(always)]
 pub fn each(value: impl Fn(usize) -> f32) -> Lanes {
-    let mut out = Lanes::of(0.0);
+    let mut out = Lanes::splat(0.0);
     for (i, o) in out.iter_mut().enumerate() {
         *o = value(i);
     }
     out
 }
 
-/// Whether a test holds for all lanes, in one sweep.
+/// Returns whether a test is true for all lanes, without early exit.
 #[inline(always)]
-pub fn all(test: impl Fn(usize) -> bool) -> bool {
+pub fn all_lanes(test: impl Fn(usize) -> bool) -> bool {
     let mut all = true;
     (0..LANES).for_each(|i| all &= test(i));
     all
 }
 
-/// The sum over the lanes.
+/// Returns the sum over the lanes.
 #[inline(always)]
-pub fn total(lanes: &Lanes) -> f64 {
+pub fn sum_lanes(lanes: &Lanes) -> f64 {
     let mut eight = [0.0f32; LANES / 2];
     for i in 0..LANES / 2 {
         eight[i] = lanes[i] + lanes[i + LANES / 2];

@@ -1,4 +1,4 @@
-//! Loops in wide registers: numbers side by side, the functions that they need, and how the processor is asked.
+//! Loops in wide registers: lanes and batches, elementary functions, and the choice of instruction set.
 
 pub mod batch;
 pub mod dispatch;

@@ -2,7 +2,8 @@
 use super::*;
 use crate::estimation::{EstimationError, GroupPoint, Linearised, solve_groups};
 
-/// Three global parameters, a local one per group, two observations per block of which the second is a survey's.
+/// Creates a problem of three global parameters, a local one per group, and two observations per block, the second from a
+/// survey.
 fn problem() -> Problem {
     let block = |k: usize| Block {
         observed: DVector::from_vec(vec![0.1 * k as f64, 0.2]),
@@ -38,11 +39,11 @@ fn linearise(at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), Estima
     Ok(())
 }
 
-fn named(_: usize, _: usize) -> Vec<Observed> {
+fn observation_names(_: usize, _: usize) -> Vec<NamedObservations> {
     vec![("image", 0..1), ("survey", 1..2)]
 }
 
-/// A function of everything in group 1.
+/// Derivatives of a function of all unknowns of group 1.
 fn gradient() -> Gradient {
     Gradient {
         columns: vec![2, 0],
@@ -58,13 +59,13 @@ fn value(problem: &Problem) -> f64 {
     0.4 * fit.global[2] + fit.global[0] + 0.6 * fit.groups[1].local[0] + 0.3 * seen[0] - 0.8 * seen[1]
 }
 
-/// What each source does to the function, found by changing what is given by its standard deviations.
+/// Compares each contribution with the effect of changing its source by one standard deviation.
 #[test]
-fn each_part_is_what_errors_of_that_source_do() {
+fn each_contribution_matches_the_effect_of_its_errors() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let parts = Sources::new(&problem, &fit, naming, None).contributions(1, &gradient());
+    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let nominal = value(&problem);
     let done = |change: &dyn Fn(&mut Problem, f64), covariance: f64| {
         let mut other = problem.clone();
@@ -90,11 +91,11 @@ fn each_part_is_what_errors_of_that_source_do() {
 }
 
 #[test]
-fn what_is_known_brings_what_a_narrow_prior_brings() {
+fn variance_if_known_equals_that_of_a_narrow_prior() {
     let mut problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let parts = Sources::new(&problem, &fit, naming, None).contributions(1, &gradient());
+    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let of = |source| parts.iter().find(|part| part.source == source).unwrap().if_known;
     let known = of("root").unwrap();
     assert_eq!(of("image"), None);
@@ -104,21 +105,20 @@ fn what_is_known_brings_what_a_narrow_prior_brings() {
 }
 
 #[test]
-fn knowledge_taken_over_keeps_the_names_of_what_it_came_from() {
+fn information_priors_keep_the_names_of_their_sources() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
-    let told = AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);
+    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let attributed = AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);
     let next = Problem {
         priors: vec![],
         known: Some(fit.information_prior()),
         groups: vec![problem.groups[1].clone()],
         ..problem.clone()
     };
-    let at =
-        |at: &GroupPoint, blocks: &mut Vec<Linearised>| linearise(&GroupPoint { group: 1, ..*at }, blocks);
+    let at = |at: &GroupPoint, blocks: &mut Vec<Linearised>| linearise(&GroupPoint { group: 1, ..*at }, blocks);
     let solved = solve_groups(&next, at).unwrap();
-    let parts = Sources::new(&next, &solved, naming, Some(&told)).contributions(0, &gradient());
+    let parts = VarianceSources::new(&next, &solved, naming, Some(&attributed)).contributions(0, &gradient());
     let sum: f64 = parts.iter().map(|part| part.variance).sum();
     let all = solved.function_variances(0, &gradient())[0];
     assert!((sum / all - 1.0).abs() < 1e-9, "{sum} {all}");

@@ -1,7 +1,7 @@
-// The wing in space: its markers in flight against the ground, turned by the pointer or the arrow keys.
+// 3D view of the wing: markers in flight and on ground, rotated by the pointer or the arrow keys.
 
-// Triangles over the markers' places from above (Bowyer and Watson, 1981): which markers a surface joins.
-const triangles = (points) => {
+// Delaunay triangulation of the markers seen from above (Bowyer and Watson, 1981).
+const triangulate = (points) => {
   const far = 1e3 * (1 + Math.max(...points.flat().map(Math.abs)));
   const all = [...points, [-far, -far], [far, -far], [0, far]];
   const n = points.length;
@@ -22,50 +22,50 @@ const triangles = (points) => {
   return mesh.filter((t) => t.every((k) => k < n));
 };
 
-class Wing {
+class WingView {
   constructor(place) {
     this.turn = [-0.6, 0.45];
     this.times = 1;
-    this.root = node(place, "div", { className: "chart wing" });
-    const bar = node(this.root, "div", { className: "tools" });
-    const label = node(bar, "label", {}, "Deflection enlarged ");
-    this.select = node(label, "select", {});
-    for (const times of [1, 2, 5, 10]) node(this.select, "option", { value: times }, times === 1 ? "not (true scale)" : `${times} times`);
+    this.root = addElement(place, "div", { className: "chart wing" });
+    const bar = addElement(this.root, "div", { className: "tools" });
+    const label = addElement(bar, "label", {}, "Deflection scale ");
+    this.select = addElement(label, "select", {});
+    for (const times of [1, 2, 5, 10]) addElement(this.select, "option", { value: times }, times === 1 ? "true" : `${times} times`);
     this.select.onchange = () => { this.times = Number(this.select.value); this.draw(); };
     for (const [text, turn] of [["Front", [0, 0]], ["Above", [0, Math.PI / 2]], ["Side", [-Math.PI / 2, 0]], ["Oblique", [-0.6, 0.45]]]) {
-      button(bar, text, `view: ${text.toLowerCase()}`, () => { this.turn = turn; this.draw(); });
+      addButton(bar, text, `view: ${text.toLowerCase()}`, () => { this.turn = turn; this.draw(); });
     }
-    button(bar, "SVG", "take the figure away as SVG", () => save(svgBlob(this.figure()), "wing.svg"));
-    button(bar, "PNG", "take the figure away as PNG", () => savePng(this.figure(), "wing.png"));
-    this.svg = svgNode(this.root, "svg", { role: "img", tabindex: 0, "aria-label": "The wing in space; drag or arrow keys turn it" });
-    this.caption = node(this.root, "p", { className: "caption" });
-    this.listen();
+    addButton(bar, "SVG", "save the figure as SVG", () => saveFile(svgBlob(this.exportFigure()), "wing.svg"));
+    addButton(bar, "PNG", "save the figure as PNG", () => savePng(this.exportFigure(), "wing.png"));
+    this.svg = addSvgElement(this.root, "svg", { role: "img", tabindex: 0, "aria-label": "3D view of the wing; drag or use the arrow keys to rotate it" });
+    this.caption = addElement(this.root, "p", { className: "caption" });
+    this.addListeners();
   }
 
-  set(frame) {
+  setFrame(frame) {
     this.markers = frame.markers.filter((m) => m.ground !== null);
-    this.mesh = this.markers.length > 2 ? triangles(this.markers.map((m) => [m.ground[0], m.ground[2]])) : [];
+    this.mesh = this.markers.length > 2 ? triangulate(this.markers.map((m) => [m.ground[0], m.ground[2]])) : [];
     this.draw();
   }
 
-  listen() {
+  addListeners() {
     let last = null;
     this.svg.addEventListener("pointerdown", (event) => { last = [event.clientX, event.clientY]; this.svg.setPointerCapture(event.pointerId); });
     this.svg.addEventListener("pointermove", (event) => {
       if (last === null) return;
-      this.by((event.clientX - last[0]) / 150, (event.clientY - last[1]) / 150);
+      this.rotateBy((event.clientX - last[0]) / 150, (event.clientY - last[1]) / 150);
       last = [event.clientX, event.clientY];
     });
     for (const end of ["pointerup", "pointercancel"]) this.svg.addEventListener(end, () => { last = null; });
     this.svg.addEventListener("keydown", (event) => {
-      const by = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
-      if (by !== undefined) { event.preventDefault(); this.by(...by); }
+      const turn = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
+      if (turn !== undefined) { event.preventDefault(); this.rotateBy(...turn); }
     });
     new ResizeObserver(() => this.draw()).observe(this.root);
-    darkness.addEventListener("change", () => this.draw());
+    darkMode.addEventListener("change", () => this.draw());
   }
 
-  by(across, down) {
+  rotateBy(across, down) {
     this.turn = [this.turn[0] + across, Math.max(-Math.PI / 2, Math.min(Math.PI / 2, this.turn[1] + down))];
     this.draw();
   }
@@ -73,16 +73,16 @@ class Wing {
   draw() {
     if (this.markers === undefined) return;
     const width = Math.max(300, this.root.clientWidth || 1040);
-    this.paint(this.svg, width, Math.round(Math.max(240, Math.min(420, 0.6 * width))), look());
+    this.paint(this.svg, width, Math.round(Math.max(240, Math.min(420, 0.6 * width))), currentTheme());
     const enlarged = this.times === 1 ? "true scale" : `deflection enlarged ${this.times} times`;
-    this.caption.textContent = `Markers on ground (hollow) and in flight (filled), ${enlarged}; lines between markers are a surface to guide the eye. Drag turns it.`;
+    this.caption.textContent = `Markers on ground (hollow) and in flight (filled), ${enlarged}; the lines between markers only guide the eye. Drag to rotate.`;
   }
 
-  figure() {
+  exportFigure() {
     const svg = document.createElementNS(NAMESPACE, "svg");
     this.paint(svg, 1040, 520, LIGHT);
     const text = this.times === 1 ? "true scale" : `deflection enlarged ${this.times} times`;
-    svgNode(svg, "text", { x: 20, y: 510, "font-size": 13, "font-family": "Arial, sans-serif", fill: LIGHT.ink }, `Ground: hollow, dashed. Flight: filled. ${text}.`);
+    addSvgElement(svg, "text", { x: 20, y: 510, "font-size": 13, "font-family": "Arial, sans-serif", fill: LIGHT.ink }, `Ground: hollow, dashed. Flight: filled. ${text}.`);
     svg.setAttribute("width", 1040);
     svg.setAttribute("height", 520);
     return svg;
@@ -92,7 +92,7 @@ class Wing {
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     const [sa, ca, sb, cb] = [Math.sin(this.turn[0]), Math.cos(this.turn[0]), Math.sin(this.turn[1]), Math.cos(this.turn[1])];
-    // X outboard, Y up, Z along the chord; seen along the chord, then turned about the vertical and tilted.
+    // X outboard, Y up, Z along the chord; viewed along the chord, then rotated about the vertical and tilted.
     const flat = ([x, y, z]) => {
       const [across, deep] = [ca * x + sa * z, -sa * x + ca * z];
       return [across, -(cb * y - sb * deep)];
@@ -100,15 +100,15 @@ class Wing {
     const enlarged = (m) => (m.flight === null ? null : m.flight.map((v, k) => m.ground[k] + this.times * (v - m.ground[k])));
     const places = this.markers.map((m) => ({ m, ground: flat(m.ground), flight: enlarged(m) && flat(enlarged(m)) }));
     const all = places.flatMap((p) => (p.flight ? [p.ground, p.flight] : [p.ground]));
-    if (all.length === 0) { svgNode(svg, "text", { x: 20, y: 30, fill: theme.soft }, "This frame has no positions."); return; }
+    if (all.length === 0) { addSvgElement(svg, "text", { x: 20, y: 30, fill: theme.soft }, "This frame has no positions."); return; }
     const [xs, ys] = [0, 1].map((k) => all.map((p) => p[k]));
     const [left, right, top, bottom] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     const scale = Math.min((width - 60) / Math.max(right - left, 1e-6), (height - 70) / Math.max(bottom - top, 1e-6));
-    const at = ([x, y]) => [tenth(width / 2 + scale * (x - (left + right) / 2)), tenth((height - 20) / 2 + scale * (y - (top + bottom) / 2))];
-    const [ground, flight] = [tint("#5b6573", theme.pale), tint("#17456f", theme.pale)];
+    const at = ([x, y]) => [roundToTenth(width / 2 + scale * (x - (left + right) / 2)), roundToTenth((height - 20) / 2 + scale * (y - (top + bottom) / 2))];
+    const [ground, flight] = [tintColour("#5b6573", theme.pale), tintColour("#17456f", theme.pale)];
     const edge = (p, q, attributes) => {
       const [[x1, y1], [x2, y2]] = [at(p), at(q)];
-      svgNode(svg, "line", { x1, y1, x2, y2, ...attributes });
+      addSvgElement(svg, "line", { x1, y1, x2, y2, ...attributes });
     };
     const pairs = new Set(this.mesh.flatMap(([a, b, c]) => [[a, b], [b, c], [c, a]].map((pair) => pair.sort((p, q) => p - q).join(" "))));
     for (const pair of pairs) {
@@ -118,17 +118,17 @@ class Wing {
     }
     for (const { m, ground: g, flight: f } of places) {
       if (f) edge(g, f, { stroke: flight, "stroke-width": 0.8, opacity: 0.6 });
-      const deflection = measured(m.deflection[0], m.deflection[1], "m");
+      const deflection = formatMeasured(m.deflection[0], m.deflection[1], "m");
       const circle = (p, attributes) => {
-        const made = svgNode(svg, "circle", { cx: at(p)[0], cy: at(p)[1], r: 3.4, ...attributes });
-        svgNode(made, "title", {}, `${m.id}: deflection ${deflection}`);
+        const made = addSvgElement(svg, "circle", { cx: at(p)[0], cy: at(p)[1], r: 3.4, ...attributes });
+        addSvgElement(made, "title", {}, `${m.id}: deflection ${deflection}`);
       };
       circle(g, { fill: theme.paper, stroke: ground });
       if (f) circle(f, { fill: flight });
     }
     const step = roundStep((width / 6) / scale);
     const bar = { y1: height - 14, y2: height - 14 };
-    svgNode(svg, "line", { x1: width - 20 - step * scale, x2: width - 20, ...bar, stroke: theme.ink, "stroke-width": 2 });
-    svgNode(svg, "text", { x: width - 26 - step * scale, y: height - 10, "text-anchor": "end", "font-size": 12, "font-family": "Arial, sans-serif", fill: theme.ink }, `${Number(step.toPrecision(3))} m`);
+    addSvgElement(svg, "line", { x1: width - 20 - step * scale, x2: width - 20, ...bar, stroke: theme.ink, "stroke-width": 2 });
+    addSvgElement(svg, "text", { x: width - 26 - step * scale, y: height - 10, "text-anchor": "end", "font-size": 12, "font-family": "Arial, sans-serif", fill: theme.ink }, `${Number(step.toPrecision(3))} m`);
   }
 }

@@ -2,9 +2,8 @@
 
 use std::ops::Range;
 
-/// Remains of unsynced bytes after a power cut. Bytes before the first one written since the last sync always
-/// survive: neither
-/// appending nor truncating touches them.
+/// Remains of unsynced bytes after a power cut. Bytes before the first one written since the last sync always survive:
+/// neither appending nor truncating touches them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnsyncedBytes {
     /// State after the last sync.
@@ -32,8 +31,7 @@ pub(super) struct FileContent {
     /// Offset of the first byte written since the last sync.
     touched: Option<usize>,
     /// Range that a failed sync gave up: readable until the power goes, but never written to the medium by a later
-    /// successful
-    /// sync, only by writing the bytes again.
+    /// successful sync, only by writing the bytes again.
     dropped: Range<usize>,
 }
 
@@ -47,6 +45,7 @@ impl FileContent {
         self.current.extend_from_slice(bytes);
     }
 
+    /// Makes the current bytes durable.
     pub fn sync(&mut self) {
         self.durable.clone_from(&self.current);
         for byte in self.durable.iter_mut().take(self.dropped.end).skip(self.dropped.start) {
@@ -55,6 +54,7 @@ impl FileContent {
         self.touched = None;
     }
 
+    /// Simulates a failed sync: the bytes written since the last one may be lost.
     pub fn fail_sync(&mut self) {
         let from = self.touched.unwrap_or(self.current.len());
         let from = if self.dropped.is_empty() { from } else { from.min(self.dropped.start) };
@@ -83,7 +83,7 @@ impl FileContent {
             UnsyncedBytes::Zeros => all.resize(longest, 0),
             UnsyncedBytes::Garbage(seed) => {
                 let mut random = FaultRandom::new(seed);
-                // With newlines now and then: a torn line may look like several.
+                // Occasional newlines, because a torn line may look like several lines.
                 all.extend((safe..longest).map(|_| match random.next() % 256 {
                     0..16 => b'\n',
                     other => other as u8,
@@ -110,10 +110,12 @@ impl FileContent {
 pub(super) struct FaultRandom(u64);
 
 impl FaultRandom {
+    /// Creates a generator from a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
     }
 
+    /// Returns the next pseudorandom number.
     pub fn next(&mut self) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
@@ -140,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn of_unsynced_bytes_anything_may_be_there_and_what_was_synced_stays() {
+    fn unsynced_bytes_are_arbitrary_and_synced_bytes_stay() {
         assert_eq!(after(unsynced(), UnsyncedBytes::Lost), b"synced");
         assert_eq!(after(unsynced(), UnsyncedBytes::Whole), b"synced and not");
         assert_eq!(after(unsynced(), UnsyncedBytes::Half), b"synced and");
@@ -164,15 +166,15 @@ mod tests {
     }
 
     #[test]
-    fn what_a_failed_sync_gave_up_is_not_brought_back_by_the_next_one() {
+    fn bytes_of_a_failed_sync_are_not_restored_by_the_next_one() {
         let mut content = unsynced();
         content.fail_sync();
         content.write_at(None, b"!");
         content.sync();
         assert_eq!(content.current, b"synced and not!");
         assert_eq!(after(content.clone(), UnsyncedBytes::Whole), b"synced\0\0\0\0\0\0\0\0!");
-        content.write_at(Some(0), b"anew");
+        content.write_at(Some(0), b"again");
         content.sync();
-        assert_eq!(after(content, UnsyncedBytes::Lost), b"anew");
+        assert_eq!(after(content, UnsyncedBytes::Lost), b"again");
     }
 }

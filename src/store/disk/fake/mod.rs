@@ -1,12 +1,9 @@
-//! Simulated disk in memory with the failures of real disks at power cuts and loose cables: it loses unsynced data,
-//! tears it,
-//! reorders it, fails or is full at a chosen step. For tests.
+//! Simulated disk in memory with the failures of real disks at power cuts and loose cables: it loses unsynced data, tears
+//! it, reorders it, fails or is full at a chosen step. For tests.
 //!
-//! Every call that changes something is one or two *steps* (writing, then syncing). A [`DiskFault`] names the step
-//! at which it
-//! happens; [`FakeDisk::power_up`] returns the disk as the next boot finds it. docs/store/durability.md lists the
-//! guarantees
-//! expected of a medium.
+//! Every call that changes something is one or two *steps* (writing, then syncing). A [`DiskFault`] names the step at which
+//! it happens; [`FakeDisk::power_up`] returns the disk as the next boot finds it. docs/store/durability.md lists the
+//! guarantees expected of a medium.
 
 mod content;
 mod state;
@@ -16,12 +13,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-pub use content::UnsyncedBytes;
 use content::FaultRandom;
+pub use content::UnsyncedBytes;
 pub use state::DiskFault;
-use state::{NameChange, NodeId, DirectoryNames, DiskNode, DiskState};
+use state::{DirectoryNames, DiskNode, DiskState, NameChange, NodeId};
 
-use super::{Disk, DirectoryEntry, Lock};
+use super::{DirectoryEntry, Disk, Lock};
 
 /// Remains of all unsynced changes after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -207,7 +204,7 @@ impl Disk for FakeDisk {
         let all = std::mem::take(&mut state.pending);
         for change in all {
             if change.touches(id) {
-                // A name that was taken away durably does not come back by an older change.
+                // An older change does not restore a name that was removed durably.
                 let undone = |old: &NameChange| change.from.is_some() && old.target_name() == change.from;
                 state.pending.retain(|old| !undone(old));
                 change.apply(&mut state.nodes, |names| &mut names.durable);

@@ -20,8 +20,7 @@ pub enum DiskFault {
     FailedAfterwards(u64),
     /// The disk is full from this step on.
     Full(u64),
-    /// Syncs are acknowledged but not done from this step on. No store survives this; it shows that a test would
-    /// detect it.
+    /// Syncs are acknowledged but not done from this step on. No store survives this; it shows that a test would detect it.
     IgnoredSyncs(u64),
 }
 
@@ -72,6 +71,7 @@ pub(super) struct NameChange {
 }
 
 impl NameChange {
+    /// Returns whether the change affects a directory.
     pub fn touches(&self, directory: NodeId) -> bool {
         self.from.as_ref().is_some_and(|(id, _)| *id == directory)
             || self.to.as_ref().is_some_and(|(id, _, _)| *id == directory)
@@ -98,9 +98,8 @@ impl NameChange {
 }
 
 impl DiskState {
-    /// Counts a step. `Err`: the step is not done. `Ok(Err)`: it is done but reported as failed. `writing` marks a
-    /// step that needs
-    /// space.
+    /// Counts a step. `Err`: the step is not done. `Ok(Err)`: it is done but reported as failed. `writing` marks a step
+    /// that needs space.
     pub fn begin_step(&mut self, writing: bool) -> io::Result<io::Result<()>> {
         self.steps += 1;
         let broken = || io::Error::other("input/output error");
@@ -120,15 +119,18 @@ impl DiskState {
         Ok(Ok(()))
     }
 
+    /// Returns whether syncs have no effect at this step.
     pub fn ignores_syncs(&self) -> bool {
         self.faults.iter().any(|fault| matches!(*fault, DiskFault::IgnoredSyncs(at) if self.steps >= at))
     }
 
+    /// Returns an error if the power is cut at this step.
     pub fn check_power(&self) -> io::Result<()> {
         let cut = |fault: &DiskFault| matches!(*fault, DiskFault::PowerCut(at) if self.steps >= at);
         if self.faults.iter().any(cut) { Err(io::Error::other("the power is cut")) } else { Ok(()) }
     }
 
+    /// Finds the node of a path.
     pub fn find_node(&self, path: &Path) -> io::Result<NodeId> {
         let mut id = 0;
         for part in path.components() {
@@ -148,11 +150,13 @@ impl DiskState {
         Ok((self.find_node(path.parent().unwrap_or(Path::new("")))?, name.to_string_lossy().into_owned()))
     }
 
+    /// Applies a change of names that is not yet durable.
     pub fn apply_change(&mut self, change: NameChange) {
         change.apply(&mut self.nodes, |names| &mut names.current);
         self.pending.push(change);
     }
 
+    /// Adds a node at a path.
     pub fn add_node(&mut self, path: &Path, node: DiskNode) -> io::Result<NodeId> {
         let (directory, name) = self.parent_and_name(path)?;
         self.nodes.push(node);
@@ -161,6 +165,7 @@ impl DiskState {
         Ok(id)
     }
 
+    /// Returns the content of a file.
     pub fn file_mut(&mut self, id: NodeId) -> io::Result<&mut FileContent> {
         match self.nodes.get_mut(id) {
             Some(DiskNode::File(content)) => Ok(content),

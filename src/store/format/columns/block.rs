@@ -7,7 +7,7 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
-use super::{LiveColumn, FORMAT, LiveHead, LiveTable, MAX_ROWS, LiveRow};
+use super::{FORMAT, LiveColumn, LiveHead, LiveRow, LiveTable, MAX_ROWS};
 
 /// Magic number at the beginning of a block.
 const MAGIC: &[u8; 8] = b"wingdrow";
@@ -24,10 +24,14 @@ pub(crate) fn first_block_digest(line: &[u8]) -> BlockDigest {
 }
 
 /// Encodes rows as a block; returns the block and its digest.
-pub(crate) fn encode_block(table: &LiveTable, rows: &[LiveRow], before: &BlockDigest) -> io::Result<(Vec<u8>, BlockDigest)> {
-    let bad = |what: String| io::Error::new(io::ErrorKind::InvalidInput, what);
-    if let Some(what) = table.row_error(rows) {
-        return Err(bad(what));
+pub(crate) fn encode_block(
+    table: &LiveTable,
+    rows: &[LiveRow],
+    before: &BlockDigest,
+) -> io::Result<(Vec<u8>, BlockDigest)> {
+    let bad = |problem: String| io::Error::new(io::ErrorKind::InvalidInput, problem);
+    if let Some(problem) = table.row_error(rows) {
+        return Err(bad(problem));
     }
     let (mut lengths, mut parts) = (Vec::new(), Vec::new());
     let mut at = 0;
@@ -39,7 +43,7 @@ pub(crate) fn encode_block(table: &LiveTable, rows: &[LiveRow], before: &BlockDi
         let packed = compress_column(&plain, column.kind.byte_size())?;
         let part = if packed.len() < plain.len() { packed } else { plain };
         lengths.extend(
-            u32::try_from(part.len()).map_err(|_| bad(format!("{} is too long", column.name)))?.to_le_bytes(),
+            u32::try_from(part.len()).map_err(|_| bad(format!("column {} is too long", column.name)))?.to_le_bytes(),
         );
         parts.extend(part);
     }
@@ -83,14 +87,14 @@ fn decompress_column(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8
 }
 
 /// Intact block of rows.
-pub struct RowBlock<'a> {
+pub struct LiveBlock<'a> {
     columns: &'a [LiveColumn],
     rows: usize,
     /// Encoded columns.
     parts: Vec<&'a [u8]>,
 }
 
-impl RowBlock<'_> {
+impl LiveBlock<'_> {
     /// Returns the number of rows.
     pub fn len(&self) -> usize {
         self.rows
@@ -101,8 +105,7 @@ impl RowBlock<'_> {
         self.rows == 0
     }
 
-    /// Decodes one column, row after row, without decoding the others. `None` if there is no such column or its
-    /// encoding is
+    /// Decodes one column, row after row, without decoding the others. `None` if there is no such column or its encoding is
     /// unknown.
     pub fn column_values(&self, index: usize) -> Option<Vec<f64>> {
         let (column, part) = (self.columns.get(index)?, *self.parts.get(index)?);
@@ -159,7 +162,7 @@ impl<'a> LiveFile<'a> {
     }
 
     /// Returns the next block; `None` at the end, or if the next block is not intact.
-    pub fn next_block(&mut self) -> Option<RowBlock<'_>> {
+    pub fn next_block(&mut self) -> Option<LiveBlock<'_>> {
         let (block, check) = self.peek_block()?;
         let (rows, content) = block;
         self.offset += HEADER_LENGTH + content.len();
@@ -172,19 +175,19 @@ impl<'a> LiveFile<'a> {
             parts.push(part);
             rest = after;
         }
-        Some(RowBlock { columns, rows, parts })
+        Some(LiveBlock { columns, rows, parts })
     }
 
     /// Returns row count, content and digest of the next block without advancing.
     fn peek_block(&self) -> Option<((usize, &'a [u8]), BlockDigest)> {
         let bytes = self.bytes.get(self.offset..)?;
         let (header, rest) = bytes.split_at_checked(HEADER_LENGTH)?;
-        let (counts, said) = header.split_at_checked(COUNTS_LENGTH)?;
+        let (counts, stored_digest) = header.split_at_checked(COUNTS_LENGTH)?;
         let rows = read_u32(counts.get(8..12)?)?;
         let content = rest.get(..read_u32(counts.get(12..)?)?)?;
         let check = block_digest(&self.digest, counts, content);
-        let whole = counts.starts_with(MAGIC) && rows <= MAX_ROWS && check == said;
-        whole.then_some(((rows, content), check))
+        let intact = counts.starts_with(MAGIC) && rows <= MAX_ROWS && check == stored_digest;
+        intact.then_some(((rows, content), check))
     }
 }
 

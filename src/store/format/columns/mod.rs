@@ -1,15 +1,14 @@
 //! Files of live results, append-only: one line of JSON, then blocks of columns (docs/store.md).
 //!
 //! The digest of a block covers the digest of the block before, so that a torn, zeroed, stale or misplaced block is
-//! detected;
-//! data after it is not read.
+//! detected; data after it is not read.
 
 mod block;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-pub use block::{RowBlock, LiveFile};
+pub use block::{LiveBlock, LiveFile};
 pub(crate) use block::{encode_block, first_block_digest, intact_prefix};
 
 use crate::clock::Stamp;
@@ -38,9 +37,8 @@ pub enum ValueKind {
 /// Column of a live table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LiveColumn {
-    /// Unique name in the table. In `list.rest`, `list` of the source names the values: `markers.deflection` has
-    /// one for each
-    /// of `source.markers`.
+    /// Unique name in the table. In `list.rest`, `list` of the source names the values: `markers.deflection` has one for
+    /// each of `source.markers`.
     pub name: String,
     /// Unit: `m`, `deg`, `px`, …; empty if dimensionless; [`UTC`] for times.
     pub unit: String,
@@ -150,8 +148,7 @@ impl LiveTable {
         let mut at = 0;
         for column in &self.columns {
             let values = || rows.iter().flat_map(move |row| row.iter().skip(at).take(column.width));
-            let whole =
-                |v: &f64| v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.max_value()).contains(v));
+            let whole = |v: &f64| v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.max_value()).contains(v));
             let integers = !matches!(column.kind, ValueKind::F64 | ValueKind::F32);
             if let Some(bad) = values().find(|value| integers && !whole(value)) {
                 return Some(format!("column {} cannot hold {bad}", column.name));

@@ -8,8 +8,7 @@ use super::*;
 use crate::store::jsonl;
 
 fn table() -> LiveTable {
-    let column =
-        |name: &str, unit: &str, kind, width| LiveColumn { name: name.into(), unit: unit.into(), kind, width };
+    let column = |name: &str, unit: &str, kind, width| LiveColumn { name: name.into(), unit: unit.into(), kind, width };
     let columns = vec![
         column("utc", UTC, ValueKind::U64, 1),
         column("markers.deflection", "m", ValueKind::F32, 3),
@@ -86,7 +85,7 @@ fn every_value_of_every_kind_comes_back_and_none_stays_none() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_with_its_column() {
+fn values_out_of_range_are_refused_with_their_column() {
     let refused = |at: usize, value: f64| {
         let mut row = rows(1).remove(0);
         row[at] = value;
@@ -101,7 +100,7 @@ fn what_does_not_fit_is_refused_with_its_column() {
 }
 
 #[test]
-fn a_torn_changed_zeroed_or_misplaced_block_ends_the_whole_ones() {
+fn a_torn_changed_zeroed_or_misplaced_block_ends_the_intact_ones() {
     let (bytes, ends) = file(&[rows(20), rows(21), rows(22)]);
     for cut in ends[1]..bytes.len() {
         let good = ends.iter().rev().find(|end| **end <= cut).unwrap();

@@ -1,4 +1,4 @@
-//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17 and 20 to 22 of docs/store.md).
+//! Comparison of a flight with its chain and its SHA256SUMS (invariants 14 to 17 and 20 to 22 of docs/store.md).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,28 +7,29 @@ use sha2::{Digest, Sha256};
 
 use super::report::VerifyReport;
 use crate::store::disk::Disk;
-use crate::store::format::chain::{Chain, ChainState};
 use crate::store::format::append_file_kinds::{APPEND_FILE_KINDS, AppendFileKind};
+use crate::store::format::chain::{Chain, ChainState};
 use crate::store::format::manifest::SeriesManifest;
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations;
 use crate::store::write::results::{ResultKey, read_pending};
 
-/// Digest of `series.json` and what it says, by series.
+/// SHA-256 and content of `series.json`, by series.
 pub(super) type Manifests = BTreeMap<String, (String, SeriesManifest)>;
 
-/// A flight under audit.
+/// Audit of a flight.
 pub(super) struct FlightAudit<'a> {
     pub disk: &'a dyn Disk,
-    /// The store, where the flight lies in one.
+    /// Root of the store; `None` for a flight outside a store.
     pub root: Option<&'a Path>,
     pub flight: &'a FlightRef,
-    /// Its series that could be read.
+    /// Readable manifests of the flight's series.
     pub manifests: &'a Manifests,
 }
 
 impl FlightAudit<'_> {
+    /// Checks the flight's chain and notes each violation.
     pub fn run(&self, found: &mut VerifyReport) {
         let path = self.flight.folder.join(layout::CHAIN_FILE);
         let bytes = match self.disk.read(&path) {
@@ -36,10 +37,10 @@ impl FlightAudit<'_> {
             Err(error) => return found.add_fault(14, &path, format!("cannot be read: {error}")),
         };
         let chain = Chain::parse(&bytes);
-        chain.faults.iter().for_each(|what| found.add_fault(14, &path, what));
+        chain.faults.iter().for_each(|problem| found.add_fault(14, &path, problem));
         if chain.good_length < bytes.len() {
-            let what = "its last line is torn; set aside with the next one";
-            found.notes.push(format!("{}: {what}", path.display()));
+            let problem = "its last line is torn; it is set aside when the next one is written";
+            found.notes.push(format!("{}: {problem}", path.display()));
         }
         let state = chain.state_at(usize::MAX);
         self.check_identity(&state, &path, found);
@@ -68,22 +69,22 @@ impl FlightAudit<'_> {
             match self.manifests.get(id) {
                 Some((sha256, _)) if sha256 == digest => {}
                 Some(_) => {
-                    let what = "does not have the SHA-256 of the chain: it was changed or replaced";
-                    found.add_fault(15, &folder.join(layout::SERIES_FILE), what);
+                    let problem = "does not have the SHA-256 of the chain: it was changed or replaced";
+                    found.add_fault(15, &folder.join(layout::SERIES_FILE), problem);
                 }
-                // A manifest that cannot be read is reported as such.
+                // An unreadable manifest is reported elsewhere.
                 None if self.disk.exists(&folder) => {}
                 None if self.is_commit_pending(id, digest) => {}
-                None => found.add_fault(15, &folder, "this series was closed by the chain, and it is missing"),
+                None => found.add_fault(15, &folder, "the chain has this series as closed, but it is missing"),
             }
         }
         for id in self.manifests.keys().filter(|id| !state.series.contains_key(*id)) {
-            let what = "this series is not in the chain: it was added, or the chain was cut";
-            found.add_fault(15, &self.flight.folder.join(id), what);
+            let problem = "this series is not in the chain: it was added, or the chain was truncated";
+            found.add_fault(15, &self.flight.folder.join(id), problem);
         }
     }
 
-    /// Closed, and not at its place yet: the next start finishes it.
+    /// Returns whether the series was closed but not moved yet; the next start finishes that.
     fn is_commit_pending(&self, series: &str, digest: &str) -> bool {
         let manifest = self.root.map(|root| layout::incoming_folder(root, series).join(layout::SERIES_FILE));
         manifest.and_then(|path| self.disk.read(&path).ok()).is_some_and(|bytes| sha256_hex(&bytes) == digest)
@@ -97,11 +98,11 @@ impl FlightAudit<'_> {
                 Ok(bytes) => bytes,
                 Err(_) if entries.is_empty() => continue,
                 Err(_) if !self.disk.exists(&path) => {
-                    let what = format!("{} results are in the chain, and the file is missing", entries.len());
-                    found.add_fault(15, &path, what);
+                    let problem = format!("{} results are in the chain, but the file is missing", entries.len());
+                    found.add_fault(15, &path, problem);
                     continue;
                 }
-                // Reported as invariant 9.
+                // Invariant 9 reports it.
                 Err(_) => continue,
             };
             match check_growth(&bytes, entries) {
@@ -111,7 +112,7 @@ impl FlightAudit<'_> {
         }
     }
 
-    /// Bytes after what the chain knows are sound only where they were announced.
+    /// Reports bytes after the chain's length, unless they were announced in `pending.json`.
     fn check_unchained_tail(&self, series: &str, path: &Path, bytes: &[u8], known: usize, found: &mut VerifyReport) {
         let tail = bytes.len() - known;
         if tail == 0 {
@@ -124,18 +125,18 @@ impl FlightAudit<'_> {
             here && (p.results.sha256 == sha256_hex(bytes) || (torn && p.results.bytes >= bytes.len() as u64))
         });
         if announced {
-            let what = "a result is being written, or was when the program ended; the next start settles it";
-            found.notes.push(format!("{}: {what}", path.display()));
+            let problem = "a result was being written when the program ended, or still is; the next start completes it";
+            found.notes.push(format!("{}: {problem}", path.display()));
         } else {
-            let what = format!("its last {tail} bytes are not in the chain: they were added by hand");
-            found.add_fault(15, path, what);
+            let problem = format!("its last {tail} bytes are not in the chain: they were added manually");
+            found.add_fault(15, path, problem);
         }
     }
 
-    /// What the chain has is there, and nothing else.
+    /// Checks the closed files of a kind against the chain, both ways.
     fn check_closed_files(&self, state: &ChainState, kind: &AppendFileKind, found: &mut VerifyReport) {
-        let mut fault = |file: &str, what: String| {
-            found.add_fault(kind.invariant, &self.flight.folder.join(file), what);
+        let mut fault = |file: &str, problem: String| {
+            found.add_fault(kind.invariant, &self.flight.folder.join(file), problem);
         };
         let is_ours = |file: &String| (kind.closed_number)(file).is_some();
         for (file, (_, digest)) in state.files.iter().filter(|(file, _)| is_ours(file)) {
@@ -143,16 +144,16 @@ impl FlightAudit<'_> {
                 Ok(bytes) if sha256_hex(&bytes) == *digest => {}
                 Ok(_) => fault(file, "does not have the SHA-256 of the chain: it was changed".to_owned()),
                 Err(_) if self.is_close_pending(digest, kind) => {}
-                Err(error) => fault(file, format!("is in the chain, and cannot be read: {error}")),
+                Err(error) => fault(file, format!("is in the chain, but cannot be read: {error}")),
             }
         }
         let here = catalogue::closed_files(self.disk, self.flight, kind).unwrap_or_default();
         for file in here.into_iter().filter(|file| !state.files.contains_key(file)) {
-            fault(&file, "is not in the chain: it was added, or the chain was cut".to_owned());
+            fault(&file, "is not in the chain: it was added, or the chain was truncated".to_owned());
         }
     }
 
-    /// The one in the root, which the next start moves to its flight.
+    /// Returns whether the file is still in the root; the next start moves it to its flight.
     fn is_close_pending(&self, digest: &str, kind: &AppendFileKind) -> bool {
         let bytes = self.root.and_then(|root| self.disk.read(&root.join(kind.open_name)).ok());
         let ours = |bytes: &[u8]| (kind.intact_prefix)(bytes).is_some_and(|(_, flight)| flight == self.flight.id);
@@ -162,8 +163,8 @@ impl FlightAudit<'_> {
     fn check_installations(&self, state: &ChainState, found: &mut VerifyReport) {
         let Some(root) = self.root else { return };
         for digest in &state.installations {
-            if let Some((path, what)) = installations::find_fault(self.disk, root, digest) {
-                found.add_fault(17, &path, what);
+            if let Some((path, problem)) = installations::find_fault(self.disk, root, digest) {
+                found.add_fault(17, &path, problem);
             }
         }
     }
@@ -176,39 +177,43 @@ impl FlightAudit<'_> {
         };
         let sums = sums::parse_sums(&text).unwrap_or_default();
         let Some(end) = sums::covered_chain_length(&sums, bytes, chain) else {
-            return found.add_fault(16, &path, "is not of this chain: one of the two was changed or cut");
+            return found.add_fault(
+                16,
+                &path,
+                "does not belong to this chain: one of the two was changed or truncated",
+            );
         };
-        let mut wanted = sums::FileDigests::new();
+        let mut expected = sums::FileDigests::new();
         for (_, event) in chain.events.iter().take_while(|(at, _)| *at <= end) {
             let manifest = |id: &str| self.manifests.get(id).map(|(_, m)| m.clone()).ok_or(());
             // A missing series is reported above.
-            if sums::add_event(&mut wanted, event, manifest).is_err() {
+            if sums::add_event(&mut expected, event, manifest).is_err() {
                 return;
             }
         }
-        wanted.insert(layout::CHAIN_FILE.to_owned(), sha256_hex(bytes.get(..end).unwrap_or_default()));
-        if text != sums::format_sums(&wanted).into_bytes() {
-            found.add_fault(16, &path, "does not list the files as chain and manifests do");
+        expected.insert(layout::CHAIN_FILE.to_owned(), sha256_hex(bytes.get(..end).unwrap_or_default()));
+        if text != sums::format_sums(&expected).into_bytes() {
+            found.add_fault(16, &path, "does not match the files in chain and manifests");
         } else if end < chain.good_length {
-            let what = "behind the chain; brought up to it at the next start";
-            found.notes.push(format!("{}: {what}", path.display()));
+            let problem = "behind the chain; updated at the next start";
+            found.notes.push(format!("{}: {problem}", path.display()));
         }
     }
 }
 
-/// How results are not what the chain says.
+/// Difference between results and chain.
 #[derive(Debug, thiserror::Error)]
 enum ChainMismatch {
-    #[error("has {length} bytes, the chain had {known}: results are missing")]
+    #[error("has {length} bytes, but {known} in the chain: results are missing")]
     Short { length: usize, known: usize },
     #[error("its first {end} bytes do not have the SHA-256 of the chain: it was changed")]
     Changed { end: usize },
-    #[error("between bytes {from} and {end} lies more than the result in the chain")]
+    #[error("bytes {from} to {end} contain more than the result in the chain")]
     More { from: usize, end: usize },
 }
 
-/// Checks that a file grew as the chain says, a line at a time; returns the length that the chain
-/// knows. (The first entry may hold several lines: those from before an upgrade.)
+/// Checks that a file grew as the chain states, one line at a time; returns the length that the chain covers. (The first
+/// entry may cover several lines, from before an upgrade.)
 fn check_growth(bytes: &[u8], entries: &[(u64, String)]) -> Result<usize, ChainMismatch> {
     let (mut hasher, mut done) = (Sha256::new(), 0);
     for (index, (length, digest)) in entries.iter().enumerate() {

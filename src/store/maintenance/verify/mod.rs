@@ -1,4 +1,4 @@
-//! Checks the invariants of docs/store.md, by their numbers, on a store or on a copy of a part of it.
+//! Verification of the numbered invariants of docs/store.md, on a store or on a copy of a part of it.
 
 mod audit;
 mod report;
@@ -13,14 +13,14 @@ use audit::{FlightAudit, Manifests};
 use serde::de::DeserializeOwned;
 
 use crate::clock::Stamp;
-use crate::store::disk::{Disk, DirectoryEntry};
+use crate::store::disk::{DirectoryEntry, Disk};
 use crate::store::format::manifest::{Counter, FlightManifest, JournalLine, PrunedFlight, RefusedSeries, Shot};
 use crate::store::format::{jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, FlightRef, SeriesRef};
 use crate::store::read::result_sets;
 use crate::store::write::signing::{self, PublicKey};
 
-/// Like [`verify`], and whether all of it was signed with this key (invariant 19).
+/// Runs [`verify_path`] and checks that everything was signed with a key (invariant 19).
 pub fn verify_with_key(disk: &dyn Disk, path: &Path, key: &PublicKey) -> VerifyReport {
     let mut report = verify_path(disk, path);
     let flights = match catalogue::list_flights(disk, path) {
@@ -31,23 +31,23 @@ pub fn verify_with_key(disk: &dyn Disk, path: &Path, key: &PublicKey) -> VerifyR
         let file = flight.folder.join(layout::CHAIN_FILE);
         let links = jsonl::parse_lines(&disk.read(&file).unwrap_or_default()).good;
         let signed = signing::check_signatures(links, key);
-        for what in signed.invalid {
-            report.add_fault(19, &file, what);
+        for problem in signed.invalid {
+            report.add_fault(19, &file, problem);
         }
         if signed.valid == 0 {
             report.add_fault(19, &file, "has no signature by this key");
         } else if signed.unsigned > 0 {
-            let what = format!(
-                "{} lines after the last signature: not signed yet (start the recorder once), or added by hand",
+            let problem = format!(
+                "{} lines after the last signature: not signed yet (start the recorder once), or added manually",
                 signed.unsigned
             );
-            report.add_fault(19, &file, what);
+            report.add_fault(19, &file, problem);
         }
     }
     report
 }
 
-/// Checks a store, or a copied flight or series (the files in it say which).
+/// Verifies a store, or a copied flight or series, distinguished by the files in it.
 pub fn verify_path(disk: &dyn Disk, path: &Path) -> VerifyReport {
     let mut checker = StoreChecker {
         disk,
@@ -65,13 +65,13 @@ pub fn verify_path(disk: &dyn Disk, path: &Path) -> VerifyReport {
         let series = SeriesRef { flight: String::new(), id: folder_name(path), folder: path.to_owned() };
         checker.check_series(&series);
     } else {
-        let what = format!(
+        let problem = format!(
             "is not a store, flight or series: it has no {}, {} or {}",
             layout::STORE_FILE,
             layout::FLIGHT_FILE,
             layout::SERIES_FILE
         );
-        checker.report.add_fault(1, path, what);
+        checker.report.add_fault(1, path, problem);
     }
     checker.report
 }
@@ -84,11 +84,11 @@ fn folder_name(path: &Path) -> String {
 struct StoreChecker<'a> {
     disk: &'a dyn Disk,
     report: VerifyReport,
-    /// Series ids and where they were seen.
+    /// Paths of the series seen, by id.
     seen: BTreeMap<String, PathBuf>,
-    /// The flight's, for its audit.
+    /// Manifests of the current flight, for its audit.
     manifests: Manifests,
-    /// The last moment of the series before.
+    /// Last time stamp of the previous series.
     last: Option<Stamp>,
 }
 
@@ -105,7 +105,7 @@ impl StoreChecker<'_> {
             } else if entry.is_dir && layout::flight_number(&entry.name).is_some() {
                 self.check_flight(Some(root), &FlightRef { id: entry.name, folder });
             } else {
-                self.report.add_fault(3, &folder, "is not a flight; only folders f0001, f0002, … belong here");
+                self.report.add_fault(3, &folder, "is not a flight; only folders f0001, f0002, … are allowed here");
             }
         }
         self.report.notes.extend(result_sets::mixed_inputs_warnings(self.disk, root));
@@ -117,24 +117,24 @@ impl StoreChecker<'_> {
         self.note_refusals(root);
         if let Ok(entries) = self.disk.list(&root.join(layout::PARTIAL)) {
             let names = entries.iter().map(|entry| entry.name.as_str());
-            self.report.notes.extend(names.map(|name| format!("partial/{name}: half data, kept")));
+            self.report.notes.extend(names.map(|name| format!("partial/{name}: incomplete data, kept")));
         }
     }
 
-    /// What `fetch`, `copy` or `prune` left when it was broken off.
+    /// Notes the remains of an interrupted `fetch`, `copy` or `prune`.
     fn note_unfinished(&mut self, root: &Path) {
-        let begun = [
-            (layout::FETCHING, "a copy or fetch into this directory was broken off: repeat it"),
+        let remains = [
+            (layout::FETCHING, "a copy or fetch into this directory was interrupted: repeat it"),
             (layout::PRUNED, "files that were being deleted: `wingd prune` removes the rest"),
         ];
-        for (name, what) in begun {
+        for (name, problem) in remains {
             if self.disk.list(&root.join(name)).is_ok_and(|list| !list.is_empty()) {
-                self.report.notes.push(format!("{name}/: {what}"));
+                self.report.notes.push(format!("{name}/: {problem}"));
             }
         }
     }
 
-    /// In a store with evidence nothing else lies in the root; nowhere in it is a link.
+    /// Reports foreign files in the root of a store with evidence, and links anywhere.
     fn check_root_entries(&mut self, root: &Path) {
         let evidence = catalogue::store_id(self.disk, root).is_some();
         for entry in self.list_or_report(root, 3) {
@@ -142,7 +142,7 @@ impl StoreChecker<'_> {
             if entry.is_link {
                 self.report_link(&path);
             } else if evidence && !layout::is_root_name(&entry.name) {
-                self.report.add_fault(3, &path, "does not belong into a store");
+                self.report.add_fault(3, &path, "does not belong in a store");
             }
         }
         for name in [layout::INCOMING, layout::INSTALLATIONS] {
@@ -162,26 +162,26 @@ impl StoreChecker<'_> {
     }
 
     fn report_link(&mut self, path: &Path) {
-        self.report.add_fault(18, path, "is a link: what it leads to can change or go without the store");
+        self.report.add_fault(18, path, "is a link: its target can change or disappear independently of the store");
     }
 
-    /// Flights that were begun and are not here: moved away, or lost.
+    /// Notes flights that were begun but are not here: moved away, or lost.
     fn note_absent_flights(&mut self, root: &Path) {
         let Some(counter) = self.disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE)) else { return };
         let pruned = self.disk.read(&root.join(layout::PRUNED_FILE)).unwrap_or_default();
-        let mut gone = BTreeSet::new();
+        let mut pruned_here = BTreeSet::new();
         for (_, line) in jsonl::parse_lines::<PrunedFlight>(&pruned).good {
             let (id, copy) = (line.flight.flight, line.copy);
-            if !self.disk.exists(&root.join(layout::FLIGHTS).join(&id)) && gone.insert(id.clone()) {
+            if !self.disk.exists(&root.join(layout::FLIGHTS).join(&id)) && pruned_here.insert(id.clone()) {
                 self.report.notes.push(format!("{id} was pruned; its verified copy: {}", copy.display()));
             }
         }
         let here = catalogue::list_flights(self.disk, root).unwrap_or_default();
         let here: BTreeSet<u64> = here.iter().filter_map(|f| layout::flight_number(&f.id)).collect();
-        let absent = counter.next_flight.saturating_sub(1 + (here.len() + gone.len()) as u64);
+        let absent = counter.next_flight.saturating_sub(1 + (here.len() + pruned_here.len()) as u64);
         if absent > 0 {
-            let what = "flights that were begun are not here: moved away, or lost";
-            self.report.notes.push(format!("{absent} {what}"));
+            let problem = "flights are missing: they were moved away or lost";
+            self.report.notes.push(format!("{absent} {problem}"));
         }
     }
 
@@ -198,8 +198,7 @@ impl StoreChecker<'_> {
     fn check_counter(&mut self, root: &Path) {
         let path = root.join(layout::COUNTER_FILE);
         let read = self.disk.read(&path).map_err(|e| e.to_string());
-        let counter =
-            read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).map_err(|e| e.to_string()));
+        let counter = read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).map_err(|e| e.to_string()));
         let counter = match counter {
             Ok(counter) => counter,
             Err(error) => return self.report.add_fault(2, &path, format!("cannot be read: {error}")),
@@ -208,10 +207,10 @@ impl StoreChecker<'_> {
         let folder = |path: &PathBuf| path.parent().map(folder_name).unwrap_or_default();
         let flight = self.seen.values().filter_map(|path| layout::flight_number(&folder(path))).max();
         if series.is_some_and(|last| counter.next_series <= last) {
-            self.report.add_fault(2, &path, "next_series is not above the series that are here");
+            self.report.add_fault(2, &path, "next_series is not above the existing series");
         }
         if flight.is_some_and(|last| counter.next_flight <= last) {
-            self.report.add_fault(2, &path, "next_flight is not above the flights that are here");
+            self.report.add_fault(2, &path, "next_flight is not above the existing flights");
         }
     }
 
@@ -220,8 +219,8 @@ impl StoreChecker<'_> {
         self.manifests.clear();
         let path = flight.folder.join(layout::FLIGHT_FILE);
         if let Some(manifest) = self.parse_or_report::<FlightManifest>(&path, 3).filter(|m| m.flight != flight.id) {
-            let what = format!("names flight {}, its folder is {}", manifest.flight, flight.id);
-            self.report.add_fault(3, &path, what);
+            let problem = format!("names flight {}, its folder is {}", manifest.flight, flight.id);
+            self.report.add_fault(3, &path, problem);
         }
         for entry in self.list_or_report(&flight.folder, 3) {
             let folder = flight.folder.join(&entry.name);
@@ -230,13 +229,13 @@ impl StoreChecker<'_> {
             } else if entry.is_dir && layout::series_number(&entry.name).is_some() {
                 self.check_series(&SeriesRef { flight: flight.id.clone(), id: entry.name, folder });
             } else if !layout::is_flight_file(&entry.name) {
-                self.report.add_fault(3, &folder, "is not a series; it does not belong into a flight's folder");
+                self.report.add_fault(3, &folder, "is not a series; it does not belong in a flight's folder");
             }
         }
         self.audit_flight(root, flight);
     }
 
-    /// A flight of an old store has no chain; one that lies alone has one where the store had.
+    /// Audits the chain of a flight. Flights of format 1 have none; in a flight outside a store the files decide.
     fn audit_flight(&mut self, root: Option<&Path>, flight: &FlightRef) {
         let evidence = match root {
             Some(root) => catalogue::store_id(self.disk, root).is_some(),
@@ -249,15 +248,16 @@ impl StoreChecker<'_> {
             let audit = FlightAudit { disk: self.disk, root, flight, manifests: &self.manifests };
             audit.run(&mut self.report);
         } else if root.is_some() && self.disk.exists(&flight.folder.join(layout::CHAIN_FILE)) {
-            let what = "is in a store of format 1: an upgrade was broken off (begin it again), or store.toml was changed";
-            self.report.add_fault(1, &flight.folder.join(layout::CHAIN_FILE), what);
+            let problem =
+                "is in a store of format 1: an upgrade was interrupted (repeat it), or store.toml was changed";
+            self.report.add_fault(1, &flight.folder.join(layout::CHAIN_FILE), problem);
         } else {
-            let what = "has no chain: changed results and missing series do not show";
-            self.report.notes.push(format!("{}: {what} (`wingd verify --upgrade`)", flight.id));
+            let problem = "has no chain: changed results and missing series cannot be detected";
+            self.report.notes.push(format!("{}: {problem} (`wingd verify --upgrade`)", flight.id));
         }
     }
 
-    /// What lies there is a series being taken, or is recovered at the daemon's next start.
+    /// Notes series in `incoming/`: being recorded, or to be recovered at the daemon's next start.
     fn check_incoming(&mut self, root: &Path) {
         let incoming = root.join(layout::INCOMING);
         for entry in self.disk.list(&incoming).unwrap_or_default() {
@@ -267,13 +267,13 @@ impl StoreChecker<'_> {
             {
                 self.report.add_fault(4, &folder, format!("has the same id as {}", other.display()));
             }
-            let what = "being taken, or recovered at the daemon's next start";
-            self.report.notes.push(format!("incoming/{}: {what}", entry.name));
+            let problem = "being recorded, or recovered at the daemon's next start";
+            self.report.notes.push(format!("incoming/{}: {problem}", entry.name));
             self.check_acknowledged_frames(&folder);
         }
     }
 
-    /// Every frame in a journal but the last, which may be under way, is whole.
+    /// Checks that every frame in a journal except the last, which may be incomplete, is intact.
     fn check_acknowledged_frames(&mut self, folder: &Path) {
         let Ok(bytes) = self.disk.read(&folder.join(layout::JOURNAL_FILE)) else { return };
         let lines = jsonl::parse_lines::<JournalLine>(&bytes).good;
@@ -288,7 +288,7 @@ impl StoreChecker<'_> {
         for entry in acknowledged.iter().filter_map(|shot| shot.frame.as_ref()) {
             let path = folder.join(&entry.file);
             if !self.disk.read(&path).is_ok_and(|bytes| sha256_hex(&bytes) == entry.sha256) {
-                self.report.add_fault(13, &path, "is in the journal but not whole");
+                self.report.add_fault(13, &path, "is in the journal, but not intact");
             }
         }
     }
@@ -297,18 +297,21 @@ impl StoreChecker<'_> {
         let path = root.join(layout::REFUSED_FILE);
         let Ok(bytes) = self.disk.read(&path) else { return };
         let lines = jsonl::parse_lines::<RefusedSeries>(&bytes);
-        self.report.notes.extend(lines.good.iter().map(|(_, refusal)| {
-            format!("a series was refused at {}: {}", refusal.stamp.utc, refusal.reason)
-        }));
+        self.report.notes.extend(
+            lines
+                .good
+                .iter()
+                .map(|(_, refusal)| format!("a series was refused at {}: {}", refusal.stamp.utc, refusal.reason)),
+        );
     }
 
-    /// A file's bytes; a fault where they cannot be read.
+    /// Reads a file; reports a fault if that fails.
     fn read_or_report(&mut self, path: &Path, invariant: u8) -> Option<Vec<u8>> {
         let fault = |error| self.report.add_fault(invariant, path, format!("cannot be read: {error}"));
         self.disk.read(path).map_err(fault).ok()
     }
 
-    /// What a file of JSON says; a fault where it says nothing.
+    /// Parses a JSON file; reports a fault if that fails.
     fn parse_or_report<T: DeserializeOwned>(&mut self, path: &Path, invariant: u8) -> Option<T> {
         let bytes = self.read_or_report(path, invariant)?;
         let fault = |error| self.report.add_fault(invariant, path, format!("is damaged: {error}"));

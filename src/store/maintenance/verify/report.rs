@@ -1,46 +1,45 @@
-//! What was checked and found.
+//! Report of a verification.
 
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-/// A broken invariant.
+/// Violated invariant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InvariantFault {
-    /// Its number in docs/store.md.
+    /// Number of the invariant in docs/store.md.
     pub invariant: u8,
-    /// Where.
     pub path: PathBuf,
-    /// What is wrong, one sentence.
+    /// Description, one sentence.
     pub what: String,
 }
 
-/// What was checked and found.
+/// Report of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct VerifyReport {
-    /// Broken invariants; none in a sound store.
+    /// Violated invariants; empty for a sound store.
     pub faults: Vec<InvariantFault>,
-    /// What a person should know: interrupted series, what lies in `incoming/` and `partial/`.
+    /// Notes for a person: interrupted series, content of `incoming/` and `partial/`.
     pub notes: Vec<String>,
-    /// Flights seen.
+    /// Number of flights.
     pub flights: usize,
-    /// Series seen.
+    /// Number of series.
     pub series: usize,
-    /// Frames whose hash was computed.
+    /// Number of frames whose digest was computed.
     pub frames: usize,
-    /// Bytes of those.
+    /// Bytes of those frames.
     pub bytes: u64,
-    /// Results seen.
+    /// Number of results.
     pub results: usize,
 }
 
 impl VerifyReport {
-    /// Whether every invariant holds.
+    /// Returns whether every invariant is satisfied.
     pub fn is_sound(&self) -> bool {
         self.faults.is_empty()
     }
 
-    pub(super) fn add_fault(&mut self, invariant: u8, path: &Path, what: impl Into<String>) {
-        self.faults.push(InvariantFault { invariant, path: path.to_owned(), what: what.into() });
+    pub(super) fn add_fault(&mut self, invariant: u8, path: &Path, problem: impl Into<String>) {
+        self.faults.push(InvariantFault { invariant, path: path.to_owned(), what: problem.into() });
     }
 }

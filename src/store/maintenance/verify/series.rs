@@ -1,10 +1,10 @@
-//! Invariants of a finished series, 4 to 12.
+//! Verification of a finished series: invariants 4 to 12.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::StoreChecker;
-use crate::store::format::manifest::{ResultLine, SeriesManifest, Shot, SeriesState};
+use crate::store::format::manifest::{ResultLine, SeriesManifest, SeriesState, Shot};
 use crate::store::format::{Inputs, jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::SeriesRef;
 
@@ -19,19 +19,19 @@ impl StoreChecker<'_> {
         let digest = self.disk.read(&path).map(|bytes| sha256_hex(&bytes)).unwrap_or_default();
         self.manifests.insert(series.id.clone(), (digest, manifest.clone()));
         if manifest.format != layout::SERIES_FORMAT {
-            let what = format!("has format {}, expected {}", manifest.format, layout::SERIES_FORMAT);
-            self.report.add_fault(4, &path, what);
+            let problem = format!("has format {}, expected {}", manifest.format, layout::SERIES_FORMAT);
+            self.report.add_fault(4, &path, problem);
         }
         let foreign = !series.flight.is_empty() && manifest.flight != series.flight;
         if manifest.series != series.id || foreign {
-            let what = format!(
-                "says {}/{}, the folder is {}/{}",
+            let problem = format!(
+                "names {}/{}, but the folder is {}/{}",
                 manifest.flight, manifest.series, series.flight, series.id
             );
-            self.report.add_fault(4, &path, what);
+            self.report.add_fault(4, &path, problem);
         }
         if manifest.state == SeriesState::Interrupted {
-            self.report.notes.push(format!("{}: interrupted; its whole frames are kept", series.id));
+            self.report.notes.push(format!("{}: interrupted; its complete frames are kept", series.id));
         }
         self.check_frames(series, &manifest);
         self.check_extra_files(series, &manifest);
@@ -51,8 +51,8 @@ impl StoreChecker<'_> {
             self.report.frames += 1;
             self.report.bytes += bytes.len() as u64;
             if bytes.len() as u64 != entry.bytes {
-                let what = format!("has {} bytes, series.json says {}", bytes.len(), entry.bytes);
-                self.report.add_fault(5, &path, what);
+                let problem = format!("has {} bytes, but {} in series.json", bytes.len(), entry.bytes);
+                self.report.add_fault(5, &path, problem);
             } else if sha256_hex(&bytes) != entry.sha256 {
                 self.report.add_fault(5, &path, "does not have the SHA-256 of series.json");
             }
@@ -78,9 +78,8 @@ impl StoreChecker<'_> {
             self.report.add_fault(7, path, "its shots are not numbered in order from 1");
         }
         if manifest.state == SeriesState::Complete && !numbers.iter().copied().eq(1..=manifest.planned_shots) {
-            let what =
-                format!("is complete, but not every one of its {} shots is in it", manifest.planned_shots);
-            self.report.add_fault(7, path, what);
+            let problem = format!("is complete, but some of its {} shots are missing", manifest.planned_shots);
+            self.report.add_fault(7, path, problem);
         }
         let empty = |shot: &&Shot| shot.frame.is_none() && shot.failures.is_empty();
         if let Some(shot) = manifest.shots.iter().find(empty) {
@@ -88,8 +87,8 @@ impl StoreChecker<'_> {
         }
     }
 
-    /// Time since boot does not go back within a boot, nor from one series to the next. A series that is taken beside
-    /// others is by itself, and may hold shots from before it was begun.
+    /// Checks that time since boot does not decrease within a boot, nor from one series to the next. Concurrent series are
+    /// checked separately; they may contain shots from before their beginning.
     fn check_times(&mut self, path: &Path, manifest: &SeriesManifest) {
         let beside = manifest.cause.is_concurrent();
         let mut last = if beside { None } else { self.last.take() };
@@ -98,8 +97,8 @@ impl StoreChecker<'_> {
         for stamp in began.chain(shots).chain(manifest.ended.iter()) {
             let earlier = last.as_ref().filter(|last| last.boot_id == stamp.boot_id);
             if earlier.is_some_and(|last| stamp.since_boot_s < last.since_boot_s) {
-                let what = format!("time since boot goes back to {:.3} s", stamp.since_boot_s);
-                self.report.add_fault(8, path, what);
+                let problem = format!("time since boot goes back to {:.3} s", stamp.since_boot_s);
+                self.report.add_fault(8, path, problem);
             }
             last = Some(stamp.clone());
         }
@@ -121,7 +120,7 @@ impl StoreChecker<'_> {
         if lines.good_length < bytes.len() {
             let count = bytes.len() - lines.good_length;
             self.report.notes.push(format!(
-                "{}: its last {count} bytes are torn; mended when the frame is solved again",
+                "{}: its last {count} bytes are torn; they are set aside when the frame is solved again",
                 path.display()
             ));
         }
@@ -130,8 +129,8 @@ impl StoreChecker<'_> {
             self.report.results += 1;
             self.check_result(&path, number, &line, manifest);
             if !seen.insert((line.frame.clone(), line.inputs.clone())) {
-                let what = format!("line {number}: {} has a result for these inputs already", line.frame);
-                self.report.add_fault(11, &path, what);
+                let problem = format!("line {number}: {} has a result for these inputs already", line.frame);
+                self.report.add_fault(11, &path, problem);
             }
         }
     }
@@ -140,12 +139,12 @@ impl StoreChecker<'_> {
         let mut frames = manifest.frames();
         let frame = frames.find(|frame| frame.file == line.frame);
         if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {
-            let what = format!("line {number}: {} with that hash is not in this series", line.frame);
-            self.report.add_fault(10, path, what);
+            let problem = format!("line {number}: {} with this hash is not in the series", line.frame);
+            self.report.add_fault(10, path, problem);
         }
         if Inputs::new(line.provenance.clone()).key(&line.frame_sha256) != line.inputs {
-            let what = format!("line {number}: inputs is not the hash of frame and provenance");
-            self.report.add_fault(12, path, what);
+            let problem = format!("line {number}: inputs is not the hash of frame and provenance");
+            self.report.add_fault(12, path, problem);
         }
     }
 }

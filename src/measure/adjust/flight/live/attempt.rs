@@ -1,98 +1,102 @@
-//! A frame solved under one hypothesis, with what was known before it.
+//! Solution of one live frame under one hypothesis, with the prior from earlier frames.
 
 use nalgebra::DVector;
 
 use crate::adjust::flight::flight_problem::FlightProblem;
 use crate::adjust::flight::frames::{Flight, MIN_MARKERS};
 use crate::adjust::flight::shape::SharedShape;
-use crate::adjust::flight::solving::Solved;
-use crate::adjust::flight::usage::Removed;
-use crate::adjust::layout::Layout;
-use crate::adjust::snooping::{self, Removable, ResidualSum, Suspect};
+use crate::adjust::flight::solving::SolvedFlight;
+use crate::adjust::flight::usage::RemovedObservation;
+use crate::adjust::layout::ParameterLayout;
+use crate::adjust::snooping::{self, ResidualSum, SnoopingModel, Suspect};
 use crate::adjust::{AdjustError, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
 use crate::estimation::{InformationPrior, Problem, SolveOptions};
 
-/// What a mount disturbance must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
+/// Significance level of a mount disturbance and of a removed marker: each must reduce the sum of squares by the
+/// corresponding chi-square quantile.
 pub const DISTURBANCE_ALPHA: f64 = 1e-6;
-/// No more markers than one in so many are left out of a frame.
-const LEFT_OUT: usize = 3;
+/// Number of markers per permitted removal in a frame.
+const MARKERS_PER_REMOVAL: usize = 3;
 
-/// What all frames are set up with, fixed at the first one so that unknowns keep their meaning.
+/// Model shared by all frames, fixed at the first frame so that the unknowns keep their meaning.
 #[derive(Clone, Debug)]
-pub struct Model {
-    /// Where the unknowns stand.
-    pub layout: Layout,
-    /// What is missing where a global one cannot be determined.
+pub struct LiveModel {
+    /// Columns of the unknowns.
+    pub layout: ParameterLayout,
+    /// Text per global parameter for the case that it cannot be determined.
     pub missing: Vec<&'static str>,
-    /// The shape that frames share.
+    /// Shape of bending that the frames share.
     pub shape: SharedShape,
-    /// Markers whose surveyed position is wrong.
+    /// Markers with a wrong surveyed position.
     pub wrong: Vec<Suspect>,
 }
 
 /// A frame solved under one hypothesis.
-pub struct Attempt {
-    /// With what is left of it.
-    pub solved: Solved,
-    /// What is not.
-    pub removed: Vec<Removed>,
-    /// Whether all markers together passed the global test.
+pub struct FrameAttempt {
+    /// Solution with the remaining observations.
+    pub solved: SolvedFlight,
+    /// Observations removed by data snooping.
+    pub removed: Vec<RemovedObservation>,
+    /// True if all markers together passed the global test.
     pub passed: bool,
 }
 
-impl Attempt {
-    /// Solves the frame, its worst marker left out as long as there is one beyond the limit; one that fits later comes
-    /// back. `local`: its own unknowns to begin with.
+impl FrameAttempt {
+    /// Solves the frame and removes its worst marker as long as one exceeds the limit; a marker that fits later is used
+    /// again. `local`: start values of the frame's own unknowns.
+    ///
+    /// # Errors
+    /// Returns an error if the frame has no solution.
     pub fn new(
-        model: &Model,
+        model: &LiveModel,
         local: &DVector<f64>,
         flight: &Flight,
         known: &InformationPrior,
     ) -> Result<Self, AdjustError> {
         let mut flight = flight.clone();
-        let everywhere: Vec<_> = model.wrong.iter().map(|s| Removed { group: 0, suspect: *s }).collect();
-        flight.usage.all_but(&everywhere);
-        let layout = model.layout.with_rows(&flight.input, &flight.frames[0]);
-        let frame = Frame { model, layout, local, flight, known };
-        let all = frame.solve(None)?;
+        let everywhere: Vec<_> = model.wrong.iter().map(|s| RemovedObservation { group: 0, suspect: *s }).collect();
+        flight.usage.reset_except(&everywhere);
+        let layout = model.layout.with_row_times(&flight.input, &flight.frames[0]);
+        let frame = FrameHypothesis { model, layout, local, flight, known };
+        let all = frame.solve_from(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
-        let allowed = all.setting.members[0].len() / LEFT_OUT;
-        let snooping::Snooped { model: frame, solved, removed, judged } =
-            snooping::one_by_one(frame, all, allowed)?;
-        let solved = Solved { judged, ..frame.solve_by(Some(&solved), false)? };
-        let removed = removed.into_iter().map(|suspect| Removed { group: 0, suspect });
+        let allowed = all.flight_problem.members[0].len() / MARKERS_PER_REMOVAL;
+        let snooping::SnoopingResult { model: frame, solved, removed, tested_sum } =
+            snooping::snoop_one_by_one(frame, all, allowed)?;
+        let solved = SolvedFlight { tested_sum, ..frame.solve_with(Some(&solved), false)? };
+        let removed = removed.into_iter().map(|suspect| RemovedObservation { group: 0, suspect });
         let removed = everywhere.into_iter().chain(removed).collect();
         Ok(Self { solved, removed, passed: test != GlobalTest::Rejected })
     }
 
-    /// Whether chance explains what is left, where standard deviations are stated too small by the root of a factor.
+    /// Returns whether the residuals are consistent with standard deviations increased by the square root of `factor`.
     pub fn is_explained(&self, factor: f64) -> bool {
         let fit = &self.solved.fit;
         quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA) != GlobalTest::Rejected
     }
 
-    /// Sum of squares, and for each marker left out what a marker must gain to be left out.
-    pub fn cost(&self) -> f64 {
+    /// Sum of squares, plus the required gain for each removed marker.
+    pub fn penalized_misfit(&self) -> f64 {
         self.solved.fit.omega + self.removed.len() as f64 * chi_square_limit(2.0, DISTURBANCE_ALPHA)
     }
 }
 
-/// A frame and what is known before it.
+/// A frame, its hypothesis and the prior from earlier frames.
 #[derive(Clone)]
-struct Frame<'s, 'a> {
-    model: &'s Model,
-    layout: Layout,
+struct FrameHypothesis<'s, 'a> {
+    model: &'s LiveModel,
+    layout: ParameterLayout,
     local: &'s DVector<f64>,
     flight: Flight<'a>,
     known: &'s InformationPrior,
 }
 
-impl Frame<'_, '_> {
-    fn solve_by(&self, before: Option<&Solved>, rough: bool) -> Result<Solved, AdjustError> {
+impl FrameHypothesis<'_, '_> {
+    fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> Result<SolvedFlight, AdjustError> {
         let Self { model, layout, flight, known, .. } = self;
-        let (mut group, members) = flight.group(0, layout, None);
+        let (mut group, members) = flight.frame_group(0, layout, None);
         group.local.copy_from(before.map_or(self.local, |b| &b.fit.groups[0].local));
         let problem = Problem {
             start: before.map_or(&known.mean, |b| &b.fit.global).clone(),
@@ -101,33 +105,34 @@ impl Frame<'_, '_> {
             known: Some((*known).clone()),
             groups: vec![],
         };
-        let setting = FlightProblem::of_frame(layout.clone(), model.shape.clone(), group, members, problem);
-        let course = SolveOptions { rough, residuals: before.map(|b| &b.fit) };
-        let fit = setting.solve(flight.input.scene, &course)?;
-        Ok(Solved { setting, fit, judged: None })
+        let flight_problem =
+            FlightProblem::for_single_frame(layout.clone(), model.shape.clone(), group, members, problem);
+        let solve_options = SolveOptions { rough, residuals: before.map(|b| &b.fit) };
+        let fit = flight_problem.solve(flight.input.scene, &solve_options)?;
+        Ok(SolvedFlight { flight_problem, fit, tested_sum: None })
     }
 }
 
-impl Removable for Frame<'_, '_> {
-    type Solved = Solved;
+impl SnoopingModel for FrameHypothesis<'_, '_> {
+    type SolvedModel = SolvedFlight;
 
-    fn worst(&self, Solved { setting, fit, .. }: &Solved) -> Option<Suspect> {
-        snooping::worst(&self.flight.input, &setting.problem, fit, 0, &setting.members[0])
+    fn find_worst(&self, SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> Option<Suspect> {
+        snooping::worst_suspect(&self.flight.input, &flight_problem.problem, fit, 0, &flight_problem.members[0])
     }
 
-    fn judged(solved: &Solved) -> ResidualSum {
-        ResidualSum::of(&solved.fit)
+    fn residual_sum(solved: &SolvedFlight) -> ResidualSum {
+        ResidualSum::from_fit(&solved.fit)
     }
 
-    fn use_marker(&mut self, suspect: &Suspect, used: bool) {
+    fn set_used(&mut self, suspect: &Suspect, used: bool) {
         self.flight.usage.frames[0][suspect.marker] = used;
     }
 
-    fn is_enough(&self, last: &Solved) -> bool {
-        last.setting.members[0].len() > MIN_MARKERS + 1
+    fn is_sufficient(&self, last: &SolvedFlight) -> bool {
+        last.flight_problem.members[0].len() > MIN_MARKERS + 1
     }
 
-    fn solve(&self, before: Option<&Solved>) -> Result<Solved, AdjustError> {
-        self.solve_by(before, true)
+    fn solve_from(&self, before: Option<&SolvedFlight>) -> Result<SolvedFlight, AdjustError> {
+        self.solve_with(before, true)
     }
 }

@@ -1,54 +1,62 @@
-//! How far a frame's shape leaves the one that frames share, learnt as they come.
+//! Departure of live frames from the shared shape, estimated continuously.
 
-use crate::adjust::flight::hyperparameters::{DEPARTURE, FlightHyperparameters};
+use crate::adjust::flight::hyperparameters::{FlightHyperparameters, INITIAL_DEPARTURE};
 use crate::adjust::flight::shape::SharedShape;
-use crate::adjust::flight::solving::Solved;
+use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::flight::tuning::{VarianceEvidence, bounded_departure};
 
-/// The departure from the shared shape is learnt from this time's frames, s.
+/// Time constant of the estimate of the departure, s.
 const DEPARTURE_MEMORY_S: f64 = 600.0;
-/// The departure to begin with counts as so many observations: with fewer, the first frames' chance would rule.
+/// Weight of the initial departure as a number of observations; with less, the first frames would dominate.
 const DEPARTURE_WEIGHT: f64 = 2.0;
-/// A swing to begin with, a share of what no fleet explains: 1 mm at the tip of 30 m in the second mode.
-const SWING: f64 = 0.05;
-/// Bounds of it: 0.05 mm, below what any frame shows, and 80 mm.
-const SWING_BOUNDS: (f64, f64) = (0.002, 3.0);
+/// Initial vibration, as a fraction of the spread that the fleet does not explain: 1 mm at the tip of a 30 m wing in the
+/// second mode.
+const INITIAL_OSCILLATION: f64 = 0.05;
+/// Bounds of the vibration: 0.05 mm, below what a frame can show, and 80 mm.
+const OSCILLATION_BOUNDS: (f64, f64) = (0.002, 3.0);
 
-/// Sums that the departures from the shared shape are learnt from.
+/// Evidence for the departures from the shared shape.
 #[derive(Clone, Copy, Debug)]
-pub struct Departure {
+pub struct ShapeDeparture {
     loads: VarianceEvidence,
-    swings: VarianceEvidence,
+    oscillations: VarianceEvidence,
 }
 
-impl Departure {
-    /// Before the first frame.
-    pub fn assumed() -> Self {
-        let of = |share: f64| VarianceEvidence {
-            square: DEPARTURE_WEIGHT * share * share,
-            redundancy: DEPARTURE_WEIGHT,
-        };
-        Self { loads: of(DEPARTURE), swings: of(SWING) }
+impl ShapeDeparture {
+    /// Evidence before the first frame.
+    pub fn initial() -> Self {
+        let prior_evidence =
+            |share: f64| VarianceEvidence { square: DEPARTURE_WEIGHT * share * share, redundancy: DEPARTURE_WEIGHT };
+        Self { loads: prior_evidence(INITIAL_DEPARTURE), oscillations: prior_evidence(INITIAL_OSCILLATION) }
     }
 
-    /// Takes for granted of the next frame what is learnt.
-    pub fn taken<'a>(&self, assumed: FlightHyperparameters<'a>) -> FlightHyperparameters<'a> {
+    /// Sets the departures of the next frame to the current estimates.
+    pub fn apply_to<'a>(&self, hyperparameters: FlightHyperparameters<'a>) -> FlightHyperparameters<'a> {
         let share = |VarianceEvidence { square, redundancy }: VarianceEvidence| (square / redundancy).sqrt();
-        let (least, most) = SWING_BOUNDS;
-        assumed.departing(bounded_departure(share(self.loads)), share(self.swings).clamp(least, most))
+        let (least, most) = OSCILLATION_BOUNDS;
+        hyperparameters
+            .with_departures(bounded_departure(share(self.loads)), share(self.oscillations).clamp(least, most))
     }
 
-    /// Adds this share of what a frame's departures show, solved with what was `assumed`.
-    pub fn learn(&mut self, solved: &Solved, assumed: &FlightHyperparameters, elapsed_s: f64, share: f64) {
-        let terms = solved.setting.layouts[0].curvature_terms;
-        let [loads, swings] = SharedShape::components(terms, assumed, 0);
-        let Some([of_loads, of_swings]) = solved.departure_shown(0, [&loads, &swings]) else { return };
-        let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        let add = |sum: &mut VarianceEvidence, shown: VarianceEvidence, used: f64| {
-            sum.square = sum.square * kept + share * shown.square * used * used;
-            sum.redundancy = sum.redundancy * kept + share * shown.redundancy;
+    /// Adds the fraction `share` of the evidence of a frame that was solved with `hyperparameters`.
+    pub fn update(
+        &mut self,
+        solved: &SolvedFlight,
+        hyperparameters: &FlightHyperparameters,
+        elapsed_s: f64,
+        share: f64,
+    ) {
+        let terms = solved.flight_problem.layouts[0].curvature_terms;
+        let [loads, oscillations] = SharedShape::departure_covariances(terms, hyperparameters, 0);
+        let Some([of_loads, of_oscillations]) = solved.departure_evidence(0, [&loads, &oscillations]) else {
+            return;
         };
-        add(&mut self.loads, of_loads, assumed.departure);
-        add(&mut self.swings, of_swings, assumed.swing);
+        let decay = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
+        let add = |sum: &mut VarianceEvidence, evidence: VarianceEvidence, used: f64| {
+            sum.square = sum.square * decay + share * evidence.square * used * used;
+            sum.redundancy = sum.redundancy * decay + share * evidence.redundancy;
+        };
+        add(&mut self.loads, of_loads, hyperparameters.departure);
+        add(&mut self.oscillations, of_oscillations, hyperparameters.oscillation);
     }
 }

@@ -1,20 +1,21 @@
-//! What is said of a live frame's adjustment.
+//! Remarks about the adjustment of a live frame.
 
-/// Of a frame that the state explains: which it is of its mounting, and whether the camera mount was disturbed.
-pub fn remarks(frames: usize, mounting: usize, mount_disturbed: bool) -> Vec<String> {
-    let mut list =
-        vec![format!("adjusted with what the frames before it told, frame {frames} of mounting {mounting}")];
+/// Remarks for a frame that the state explains: its number within the mounting, and a mount disturbance if there was one.
+pub fn accepted_remarks(frames: usize, mounting: usize, mount_disturbed: bool) -> Vec<String> {
+    let mut list = vec![format!("adjusted with the previous frames (frame {frames} of mounting {mounting})")];
     if mount_disturbed {
-        list.push("the camera mount was disturbed: its rotation and shift are estimated again".into());
+        list.push(
+            "the camera mount was disturbed: its rotation and shift were estimated again; check the mount".into(),
+        );
     }
     list
 }
 
-/// Of one that contradicts it.
-pub fn contradiction(given_up: bool, mounting: usize) -> String {
-    let what = "adjusted by itself: what the frames before it told contradicts it, whether the camera mount was disturbed or not";
-    match given_up {
-        true => format!("{what}; all is learnt anew from here, in mounting {mounting}"),
-        false => format!("{what}; nothing is learnt from it"),
+/// Remark for a frame that contradicts the state.
+pub fn rejection_remark(is_restarted: bool, mounting: usize) -> String {
+    let cause = "adjusted on its own: inconsistent with the previous frames, with or without a mount disturbance";
+    match is_restarted {
+        true => format!("{cause}; all parameters are estimated again from here, as mounting {mounting}"),
+        false => format!("{cause}; not used for later frames"),
     }
 }

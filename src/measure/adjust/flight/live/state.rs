@@ -1,108 +1,117 @@
-//! What the frames so far told, and what a next one makes of it.
+//! State of the live adjustment, and its update by the next frame.
 
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::attempt::{Attempt, DISTURBANCE_ALPHA, Model};
-use super::departure::Departure;
+use super::attempt::{DISTURBANCE_ALPHA, FrameAttempt, LiveModel};
+use super::departure::ShapeDeparture;
 use super::process_model::{add_process_noise, apply_forgetting, reset_parameters};
 use crate::adjust::AdjustError;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
-use crate::adjust::terms::rotation_of_mounting;
+use crate::adjust::terms::mounting_rotation_prior;
 use crate::estimation::quality::chi_square_limit;
 use crate::estimation::{AttributedInformation, InformationPrior};
 
-/// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
-/// time, s, and leaves its walk by it in any frame.
-const WALK_S: f64 = 60.0;
-/// No flight burns its fuel faster, s: in this time the shape's ratios walk by what burning all of it does.
-const BURN_S: f64 = 3600.0;
-/// What a frame told fades in this time, s. Errors of the model that repeat from gust to gust do not average out as
-/// often as there are frames: a state that remembers all is too sure after some minutes.
-const MEMORY_S: f64 = 30.0;
-/// From one frame to the next the factor by which standard deviations are stated too small is taken to change by no more: one
-/// frame is an exception, many are the rule.
-const FACTOR_STEP: f64 = 1.25;
+/// Time constant of the mounting's drift, s. `mount_drift_rad` is the drift between two shots of a series, which are
+/// minutes apart: the mounting drifts by this amount in this time, and each frame deviates from its random walk by the same
+/// amount.
+const DRIFT_TIME_S: f64 = 60.0;
+/// Shortest time in which a flight burns its fuel, s: the shape ratios drift in this time by the effect of burning all of
+/// it.
+const FUEL_BURN_TIME_S: f64 = 3600.0;
+/// Time constant with which the information of earlier frames decays, s. Model errors that repeat from gust to gust do not
+/// average out with the number of frames; without forgetting, the state would be overconfident after some minutes.
+const FORGETTING_TIME_S: f64 = 30.0;
+/// Largest change of the variance factor from one frame to the next. A single frame is an exception, several frames are a
+/// trend.
+const MAX_FACTOR_STEP: f64 = 1.25;
 
-/// What the frames so far told.
+/// Information of the frames so far.
 #[derive(Clone, Debug)]
-pub struct State {
-    /// Of all that frames share.
+pub struct LiveState {
+    /// Estimate of all parameters that the frames share.
     pub known: InformationPrior,
-    /// The same with the first frame alone, with survey and ground frame: what does not fade.
+    /// Estimate from the first frame with survey and ground frame only, which does not decay.
     pub base: InformationPrior,
-    /// What of it keeps its name in a budget of variance.
-    pub told: Arc<AttributedInformation>,
-    /// What all frames are set up with.
-    pub model: Model,
-    /// Own unknowns of the last frame: where the next one begins.
+    /// Information in the state that keeps its source names in the variance budget.
+    pub attributed: Arc<AttributedInformation>,
+    /// Model of all frames.
+    pub model: LiveModel,
+    /// Local unknowns of the last frame, from which the next one starts.
     pub local: DVector<f64>,
-    /// From the shared shape.
-    pub departure: Departure,
-    /// Frames of this mounting.
+    /// Departures from the shared shape.
+    pub departure: ShapeDeparture,
+    /// Number of frames in the current mounting.
     pub frames: usize,
-    /// Frames that it rests on.
+    /// Number of frames that updated the state.
     pub accepted_frames: usize,
-    /// Frames that contradicted it since the last that it rests on, and the time that went by with them, s.
+    /// Number of frames rejected since the last accepted one.
     pub rejected_frames: usize,
-    /// See there.
+    /// Time since the last accepted frame, s.
     pub rejected_s: f64,
-    /// Variance factor that frames have shown of late, not below 1.
+    /// Variance factor of the recent frames, at least 1.
     pub factor: f64,
 }
 
-/// A frame solved with what is known.
-pub struct Step {
-    /// Under the hypothesis that explains it better.
-    pub attempt: Attempt,
-    /// Whether that is a mounting of its own.
+/// A frame solved with the state.
+pub struct LiveStep {
+    /// Solution under the hypothesis that explains the frame better.
+    pub attempt: FrameAttempt,
+    /// True if that hypothesis is a new mounting.
     pub mount_disturbed: bool,
-    /// What does not fade, after the time that went by.
+    /// Estimate that does not decay, after the elapsed time.
     base: InformationPrior,
 }
 
-impl State {
-    /// The next frame, as it is carried by the state, or after a mount disturbance where that explains it better.
-    pub fn step(&self, flight: &Flight, elapsed_s: f64) -> Result<Step, AdjustError> {
+impl LiveState {
+    /// Solves the next frame with the state, and after a mount disturbance if that explains it better.
+    ///
+    /// # Errors
+    /// Returns an error if the frame has no solution under either hypothesis.
+    pub fn step(&self, flight: &Flight, elapsed_s: f64) -> Result<LiveStep, AdjustError> {
         let mut base = self.base.clone();
-        let walked = self.walked(flight, &mut base, elapsed_s)?;
-        let carried = self.attempt(flight, &walked);
-        let doubtful = carried.as_ref().map_or(true, |a| !a.passed);
-        let restarted = doubtful.then(|| self.try_new_mounting(flight, &walked)).and_then(Result::ok);
-        let (attempt, mount_disturbed) = match (carried, restarted) {
-            (Ok(carried), Some(restarted)) => {
-                let gain = chi_square_limit(self.model.layout.own.count as f64, DISTURBANCE_ALPHA);
-                let mount_disturbed = restarted.cost() + gain < carried.cost();
-                (if mount_disturbed { restarted } else { carried }, mount_disturbed)
+        let predicted = self.predict_prior(flight, &mut base, elapsed_s)?;
+        let carried = self.attempt_frame(flight, &predicted);
+        let is_suspect = carried.as_ref().map_or(true, |a| !a.passed);
+        let remounted = is_suspect.then(|| self.try_new_mounting(flight, &predicted)).and_then(Result::ok);
+        let (attempt, mount_disturbed) = match (carried, remounted) {
+            (Ok(carried), Some(remounted)) => {
+                let gain = chi_square_limit(self.model.layout.mounting.count as f64, DISTURBANCE_ALPHA);
+                let mount_disturbed = remounted.penalized_misfit() + gain < carried.penalized_misfit();
+                (if mount_disturbed { remounted } else { carried }, mount_disturbed)
             }
             (Ok(carried), None) => (carried, false),
-            (Err(_), Some(restarted)) => (restarted, true),
+            (Err(_), Some(remounted)) => (remounted, true),
             (Err(error), None) => return Err(error),
         };
         if mount_disturbed {
-            self.remounted(flight, &mut base)?;
+            self.reset_mounting(flight, &mut base)?;
         }
-        Ok(Step { attempt, mount_disturbed, base })
+        Ok(LiveStep { attempt, mount_disturbed, base })
     }
 
-    fn attempt(&self, flight: &Flight, known: &InformationPrior) -> Result<Attempt, AdjustError> {
-        Attempt::new(&self.model, &self.local, flight, known)
+    fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> Result<FrameAttempt, AdjustError> {
+        FrameAttempt::new(&self.model, &self.local, flight, known)
     }
 
-    /// After a frame with this variance factor; `None`: it could not be solved.
-    pub fn next_factor(&self, shown: Option<f64>) -> f64 {
-        let (least, most) = (self.factor / FACTOR_STEP, self.factor * FACTOR_STEP);
-        shown.unwrap_or(most).clamp(least, most).max(1.0)
+    /// Variance factor after a frame; `None`: the frame could not be solved.
+    pub fn next_factor(&self, variance_factor: Option<f64>) -> f64 {
+        let (least, most) = (self.factor / MAX_FACTOR_STEP, self.factor * MAX_FACTOR_STEP);
+        variance_factor.unwrap_or(most).clamp(least, most).max(1.0)
     }
 
-    /// The state with a frame. One that chance does not explain teaches as much less as its variance factor says.
-    pub fn learn(&self, step: &Step, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
-        let Step { attempt, mount_disturbed, base } = step;
+    /// Returns the state updated by a frame. If the residuals are not consistent with the standard deviations, the frame's
+    /// information is divided by its variance factor.
+    ///
+    /// # Errors
+    /// Returns an error if the information matrix is not positive definite.
+    pub fn updated(&self, step: &LiveStep, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
+        let LiveStep { attempt, mount_disturbed, base } = step;
         let fit = &attempt.solved.fit;
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
-        let mut next = State {
+        let mut next = LiveState {
             known: fit.information_prior(),
             base: base.clone(),
             local: fit.groups[0].local.clone(),
@@ -115,17 +124,17 @@ impl State {
         };
         let factor = fit.variance_factor().unwrap_or(1.0).max(1.0);
         let share = if attempt.is_explained(1.0) { 1.0 } else { 1.0 / factor };
-        let before = attempt.solved.setting.problem.known.as_ref();
+        let before = attempt.solved.flight_problem.problem.known.as_ref();
         if let Some(before) = before.filter(|_| share < 1.0) {
             apply_forgetting(&mut next.known, before, share)?;
         }
-        next.departure.learn(&attempt.solved, &flight.assumed, elapsed_s, share);
+        next.departure.update(&attempt.solved, &flight.hyperparameters, elapsed_s, share);
         Ok(next)
     }
 
-    /// What is known when the next frame comes: rotation and ratios have walked, of the base too, and all beside that
-    /// has faded.
-    fn walked(
+    /// Predicts the prior for the next frame: adds process noise to rotation and ratios, also in `base`, and lets the
+    /// remaining information decay.
+    fn predict_prior(
         &self,
         flight: &Flight,
         base: &mut InformationPrior,
@@ -133,30 +142,30 @@ impl State {
     ) -> Result<InformationPrior, AdjustError> {
         let terms = self.model.layout.curvature_terms;
         let n = terms.saturating_sub(1);
-        let drift = flight.assumed.drift_covariance(&flight.input.scene.camera_from_wing);
+        let drift = flight.hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing);
         let mut noise = DMatrix::zeros(3 + n, 3 + n);
-        noise.view_mut((0, 0), (3, 3)).copy_from(&(drift * (elapsed_s / WALK_S)));
-        noise.view_mut((3, 3), (n, n)).copy_from(&(burning_covariance(terms) * (elapsed_s / BURN_S)));
-        let (mounting, ratios) = (self.model.layout.own.first, self.model.shape.columns.ratios);
+        noise.view_mut((0, 0), (3, 3)).copy_from(&(drift * (elapsed_s / DRIFT_TIME_S)));
+        noise.view_mut((3, 3), (n, n)).copy_from(&(burning_covariance(terms) * (elapsed_s / FUEL_BURN_TIME_S)));
+        let (mounting, ratios) = (self.model.layout.mounting.first, self.model.shape.columns.ratios);
         let columns: Vec<_> = (mounting..mounting + 3).chain(ratios..ratios + n).collect();
         let mut known = self.known.clone();
         add_process_noise(&mut known, &columns, noise.clone())?;
         add_process_noise(base, &columns, noise)?;
-        apply_forgetting(&mut known, base, (-elapsed_s / MEMORY_S).exp())?;
+        apply_forgetting(&mut known, base, (-elapsed_s / FORGETTING_TIME_S).exp())?;
         Ok(known)
     }
 
-    /// The frame in a mounting of its own.
-    fn try_new_mounting(&self, flight: &Flight, walked: &InformationPrior) -> Result<Attempt, AdjustError> {
-        let mut known = walked.clone();
-        self.remounted(flight, &mut known)?;
-        self.attempt(flight, &known)
+    /// Solves the frame with a new mounting.
+    fn try_new_mounting(&self, flight: &Flight, predicted: &InformationPrior) -> Result<FrameAttempt, AdjustError> {
+        let mut known = predicted.clone();
+        self.reset_mounting(flight, &mut known)?;
+        self.attempt_frame(flight, &known)
     }
 
-    /// Of rotation and shift only the mount's repeatability is left.
-    fn remounted(&self, flight: &Flight, known: &mut InformationPrior) -> Result<(), AdjustError> {
-        let own = self.model.layout.own;
-        let rotation = rotation_of_mounting(&flight.input);
+    /// Resets rotation and shift of the mounting to the mount's repeatability.
+    fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> Result<(), AdjustError> {
+        let own = self.model.layout.mounting;
+        let rotation = mounting_rotation_prior(&flight.input);
         let shift = flight.input.setup.uncertainty.mount_shift_m;
         let mut covariance = DMatrix::identity(own.count, own.count) * (shift * shift);
         covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);

@@ -1,20 +1,20 @@
-//! What terms with knots have in common: their normal equations, and what correlated residuals do to the centre.
+//! Normal equations of terms with knots, and the effect of correlated residuals on the centre.
 //!
-//! A pixel knows the few knots about it only. Pixels between the same knots are a cell, whose batches are summed as those of the
-//! plain formula are; the cells' sums are then put where their knots stand.
+//! A pixel depends only on the few knots around it. Pixels between the same knots form a cell, whose batches are summed
+//! like those of the plain formula; the sums of a cell are then added at the rows and columns of its knots.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
 use crate::detect::appearance::formula::MarkerModel;
 use crate::detect::appearance::parameters::{COMMON, MarkerParameters, X, Y};
-use crate::detect::estimate::normal_equations::{RowBlock, MIN_WEIGHT, ColumnProducts, NormalMatrix};
+use crate::detect::estimate::normal_equations::{ColumnProducts, MIN_WEIGHT, NormalMatrix, RowBlock};
 use crate::detect::estimate::{gauss_newton::MarkerFit, sandwich::ResidualBlocks};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::simd::batch::{Batch, append};
+use crate::detect::simd::batch::{Batch, append_pixel};
 use crate::detect::simd::dispatch::wide;
-use crate::detect::simd::lanes::{Lanes, each, total};
+use crate::detect::simd::lanes::{Lanes, each, sum_lanes};
 
 /// Pixels between the same knots.
 pub struct KnotCell<const ABOUT: usize> {
@@ -22,79 +22,86 @@ pub struct KnotCell<const ABOUT: usize> {
     pub batches: Vec<Batch>,
 }
 
-/// What a batch says.
+/// Residuals and derivatives of a batch.
 pub struct JacobianRows<const ABOUT: usize> {
     /// Residuals, grey levels.
     pub r: Lanes,
-    /// Roots of the weights, robust ones included.
+    /// Square roots of the weights, including the robust ones.
     pub root: Lanes,
-    /// Derivatives by the formula's parameters.
+    /// Derivatives with respect to the parameters of the formula.
     pub gradient: [Lanes; COMMON],
-    /// Derivative by what the term has beside its knots.
+    /// Derivative with respect to the unknown of the term that is not a knot.
     pub shared: Lanes,
-    /// Derivatives by the knots about.
+    /// Derivatives with respect to the knots around the pixels.
     pub knots: [Lanes; ABOUT],
 }
 
 impl<const ABOUT: usize> JacobianRows<ABOUT> {
-    /// All zero.
+    /// Creates rows of zeros.
     #[inline(always)]
     pub fn new() -> Self {
-        let zero = Lanes::of(0.0);
+        let zero = Lanes::splat(0.0);
         Self { r: zero, root: zero, gradient: [zero; COMMON], shared: zero, knots: [zero; ABOUT] }
     }
 }
 
-/// A term of the image formula with knots, of which a pixel knows `ABOUT`.
+/// Term of the image formula with knots, of which each pixel depends on `ABOUT`.
 pub trait KnotTerm<const ABOUT: usize> {
-    /// Unknowns beside the knots: none, or one.
+    /// Number of unknowns in addition to the knots: 0 or 1.
     const SHARED: usize;
-    /// Knots.
+    /// Returns the number of knots.
     fn knot_count(&self) -> usize;
-    /// The formula without the term.
+    /// Returns the formula without the term.
     fn model(&self) -> MarkerModel;
-    /// One batch's rows.
-    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<ABOUT>, batch: &Batch, scale: f64) -> JacobianRows<ABOUT>;
-    /// Whether a pixel of some grey value tells the residuals' scale.
+    /// Returns the residuals and derivatives of a batch.
+    fn jacobian_rows(
+        &self,
+        model: &MarkerModel,
+        cell: &KnotCell<ABOUT>,
+        batch: &Batch,
+        scale: f64,
+    ) -> JacobianRows<ABOUT>;
+    /// Returns true if a pixel of this grey value is used to estimate the scale of the residuals.
     fn constrains_scale(value: f32) -> bool;
 }
 
-/// A linearisation: normal equations over the parameters of a list, what the term has beside its knots, and the knots; and the
-/// residuals' statistics.
+/// Linearisation of a model with a knot term: normal equations over the parameters in a list, the additional unknown and
+/// the knots; and the residual statistics.
 pub struct KnotLinearisation {
     pub normal: DMatrix<f64>,
     pub right: DVector<f64>,
-    /// Sizes of the residuals that tell their scale, grey levels.
+    /// Sizes of the residuals from which their scale is estimated, grey levels.
     pub sizes: Vec<f32>,
-    /// Sum of the weights, and of the weighted squares.
+    /// Sum of the weights.
     pub weight: f64,
     pub square: f64,
 }
 
 impl KnotLinearisation {
-    /// Adds what is known beforehand of the `i`-th unknown, which has some value now.
+    /// Adds the prior of the `i`-th unknown, whose present value is `now`.
     pub fn add_prior(&mut self, i: usize, now: f64, prior: PriorValue, scale: f64) {
         let weight = (scale / prior.sigma).powi(2);
         self.normal[(i, i)] += weight + MIN_WEIGHT;
         self.right[i] += weight * (prior.value - now);
     }
 
-    /// Variance of a residual of weight 1, `count` of the formula's parameters being sought.
+    /// Variance of a residual of weight 1 in a fit with `count` free parameters of the formula.
     pub fn variance(&self, count: usize) -> f64 {
         self.square / (self.weight - count as f64).max(1.0)
     }
 }
 
-/// What a linearisation says of the centre.
+/// Covariance and influence of the centre in a linearisation.
 pub struct CentreEstimate {
-    /// Its rows of the inverse normal equations.
+    /// Rows of the inverse normal matrix for the centre.
     pub influence: [DVector<f64>; 2],
-    /// Its covariance if no residuals hung together, px^2.
+    /// Covariance of the centre for uncorrelated residuals, px^2.
     pub white: Matrix2<f64>,
 }
 
 impl CentreEstimate {
-    /// From the factor of normal equations over the parameters of a list and a term's unknowns, and a residual's variance.
+    /// Computes the estimate from the factor of normal equations over the parameters in a list and a term's unknowns, and
+    /// the variance of a residual. Returns `None` if the centre is not in the list.
     pub fn from_factor(factor: &Cholesky<f64, Dyn>, list: &[usize], variance: f64) -> Option<Self> {
         let slot = |k: usize| list.iter().position(|&l| l == k);
         let slots = [slot(X)?, slot(Y)?];
@@ -104,8 +111,8 @@ impl CentreEstimate {
         Some(Self { influence, white })
     }
 
-    /// The fit that ends at some parameters: `blocks` is what the residuals did to the centre, `weight` the sum of the pixels'
-    /// own weights.
+    /// Returns the fit at parameters `m`. `blocks` holds the contributions of the residuals to the centre, `weight` is the
+    /// sum of the pixels' own weights.
     pub fn to_marker_fit(
         &self,
         m: &MarkerParameters,
@@ -133,7 +140,7 @@ impl CentreEstimate {
     }
 }
 
-/// Lower triangle and right side: the shared parameters, then the knots.
+/// Lower triangle and right-hand side: the shared parameters, then the knots.
 struct BorderedNormal {
     normal: DMatrix<f64>,
     right: DVector<f64>,
@@ -141,13 +148,13 @@ struct BorderedNormal {
 }
 
 impl BorderedNormal {
-    /// Zero.
+    /// Creates zero normal equations.
     fn new(shared: usize, knots: usize) -> Self {
         let all = shared + knots;
         Self { normal: DMatrix::zeros(all, all), right: DVector::zeros(all), shared }
     }
 
-    /// Adds what a cell's pixels say of the knots about them, which are the first columns of the products and are then forgotten.
+    /// Adds the sums of a cell for the knots around it, the first columns of the products, and clears these columns.
     #[inline(always)]
     fn add_cell<const ABOUT: usize>(&mut self, sums: &mut ColumnProducts, knots: [usize; ABOUT]) {
         let mut totals = sums.totals();
@@ -165,7 +172,7 @@ impl BorderedNormal {
         sums.clear_columns(ABOUT);
     }
 
-    /// Sets what all pixels say of the shared parameters, which are the products' columns after so many of knots.
+    /// Sets the sums of all pixels for the shared parameters: the columns of the products after those of `about` knots.
     #[inline(always)]
     fn set_shared(&mut self, sums: &ColumnProducts, about: usize) {
         let n = self.shared;
@@ -179,7 +186,8 @@ impl BorderedNormal {
     }
 }
 
-/// The pixels of some batches by the knots about them; `place` tells a cell's number, of so many, and its knots.
+/// Groups pixels, given by batch and lane, by the knots around them. `place` returns the number of a pixel's cell, below
+/// `count`, and its knots.
 pub fn group_by_knots<const ABOUT: usize>(
     pixels: &Pixels,
     own: impl Iterator<Item = [usize; 2]>,
@@ -196,13 +204,14 @@ pub fn group_by_knots<const ABOUT: usize>(
             *own = out.len();
             out.push(KnotCell { knots, batches: Vec::new() });
         }
-        append(&mut out[*own].batches, batch, i);
+        append_pixel(&mut out[*own].batches, batch, i);
     }
-    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);
+    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill_lanes);
     out
 }
 
-/// What is linearised: a term over cells of pixels, by the formula's parameters of a list, with residuals of some scale.
+/// Input of a linearisation: a term over cells of pixels, the parameters of the formula in a list, and the scale of the
+/// residuals.
 pub struct KnotProblem<'a, T, const ABOUT: usize> {
     pub cells: &'a [KnotCell<ABOUT>],
     pub term: &'a T,
@@ -211,7 +220,7 @@ pub struct KnotProblem<'a, T, const ABOUT: usize> {
 }
 
 wide! {
-    /// The normal equations without what is known beforehand.
+    /// Returns the normal equations without priors.
     pub fn linearise_term[T: KnotTerm<ABOUT>, const ABOUT: usize](over: KnotProblem<T, ABOUT>) -> KnotLinearisation = linearise_term_generic
 }
 
@@ -220,17 +229,17 @@ fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProb
     let KnotProblem { cells, term, list, scale } = over;
     let n = list.len() + T::SHARED;
     let model = term.model();
-    let mut sought = BorderedNormal::new(n, term.knot_count());
+    let mut bordered = BorderedNormal::new(n, term.knot_count());
     let mut sizes = Vec::new();
-    let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
+    let (mut weight, mut square) = (Lanes::splat(0.0), Lanes::splat(0.0));
     let (mut block, mut sums) = (RowBlock::new(), ColumnProducts::new(ABOUT + n));
     for cell in cells {
         for batch in &cell.batches {
             let rows = term.jacobian_rows(&model, cell, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            let telling = (0..batch.len).filter(|&i| T::constrains_scale(batch.value[i]));
-            sizes.extend(telling.map(|i| rows.r[i].abs()));
+            let used = (0..batch.len).filter(|&i| T::constrains_scale(batch.value[i]));
+            sizes.extend(used.map(|i| rows.r[i].abs()));
             let own = list.iter().map(|&k| &rows.gradient[k]);
             let shared = [&rows.shared].into_iter().take(T::SHARED);
             if block.push(&rows.root, rows.knots.iter().chain(own).chain(shared).chain([&rows.r])) {
@@ -238,16 +247,16 @@ fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProb
             }
         }
         block.flush(&mut sums);
-        sought.add_cell(&mut sums, cell.knots);
+        bordered.add_cell(&mut sums, cell.knots);
     }
-    sought.set_shared(&sums, ABOUT);
-    let BorderedNormal { mut normal, right, .. } = sought;
+    bordered.set_shared(&sums, ABOUT);
+    let BorderedNormal { mut normal, right, .. } = bordered;
     normal.fill_upper_triangle_with_lower_triangle();
-    KnotLinearisation { normal, right, sizes, weight: total(&weight), square: total(&square) }
+    KnotLinearisation { normal, right, sizes, weight: sum_lanes(&weight), square: sum_lanes(&square) }
 }
 
 wide! {
-    /// Adds what the residuals of each batch did to the centre, from its rows of the inverse normal equations.
+    /// Adds the contributions of the residuals of each batch to the centre, given its rows of the inverse normal matrix.
     pub fn add_centre_shifts[T: KnotTerm<ABOUT>, const ABOUT: usize](
         over: KnotProblem<T, ABOUT>, influence: &[DVector<f64>; 2], blocks: &mut ResidualBlocks
     ) = add_centre_shifts_generic
@@ -264,7 +273,7 @@ fn add_centre_shifts_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(
     for cell in cells {
         for batch in &cell.batches {
             let rows = term.jacobian_rows(&model, cell, batch, scale);
-            let mut by = [Lanes::of(0.0); 2];
+            let mut by = [Lanes::splat(0.0); 2];
             for (sum, h) in by.iter_mut().zip(influence) {
                 let knots = cell.knots.iter().map(|k| h[list.len() + T::SHARED + k]);
                 for (g, h) in rows.knots.iter().zip(knots) {

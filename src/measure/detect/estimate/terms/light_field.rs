@@ -1,19 +1,19 @@
-//! A field of light: where light and darkness are no planes, as under a shadow's edge, a soft smear or a bright patch.
+//! Light field: light and darkness that are not planes, as under the edge of a shadow, a soft smear or a bright patch.
 //!
-//! `L (1 + f) (1 - (k + d) c)^g`: `f` is bilinear between 9 x 3 knots over the marker, `d` linear between 6 along it, all 0 with a
-//! standard deviation of 15 % beforehand. Unknowns: 33 beside the formula's. Let in by what it takes off the weighted squares
-//! ([`super::super::lack_of_fit`]): 120 variances to be heard, 280 to be believed. Held by `tests/detect/bad_light.rs` and, for
-//! what it does to standard deviations under JPEG, `tests/detect/fixtures.rs`. Knots beside the outline too would follow dirt,
-//! and chance in frames with JPEG.
+//! `L (1 + f) (1 - (k + d) c)^g`: `f` is bilinear between 9 x 3 knots over the marker, `d` linear between 6 knots along it,
+//! all with the prior 0 and a standard deviation of 15 %: 33 unknowns in addition to those of the formula. The field is
+//! accepted by the reduction of the weighted squares ([`super::super::lack_of_fit`]): in part from 120 variances, fully
+//! from 280. Checked by `tests/detect/bad_light.rs` and, for its effect on standard deviations with JPEG,
+//! `tests/detect/fixtures.rs`. Knots outside the outline would also follow dirt, and random structure in frames with JPEG.
 
 use nalgebra::{Cholesky, DVector};
 
-use super::knot_field::{self, KnotCell, CentreEstimate, KnotProblem, JacobianRows, KnotLinearisation, KnotTerm};
-use crate::detect::appearance::formula::{MarkerModel, GreyDerivatives, Tone};
-use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, MarkerParameters, MarkerPattern, WHITEST, X, Y};
+use super::knot_field::{self, CentreEstimate, JacobianRows, KnotCell, KnotLinearisation, KnotProblem, KnotTerm};
+use crate::detect::appearance::formula::{GreyDerivatives, MarkerModel, Tone};
+use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, MarkerParameters, MarkerPattern, N, WHITEST, X, Y};
 use crate::detect::estimate::options::{ITERATION, TERM};
 use crate::detect::estimate::prior::FitUnknowns;
-use crate::detect::estimate::sandwich::{ResidualBlocks, REACH};
+use crate::detect::estimate::sandwich::{REACH, ResidualBlocks};
 use crate::detect::estimate::{bounds::is_sharp, gauss_newton::MarkerFit, residuals::ResidualAnalysis};
 use crate::detect::estimate::{foreign_ground::clean_pixels, normal_equations::biweight_roots, scale::robust_sigma};
 use crate::detect::hypothesis::prior::PriorValue;
@@ -22,19 +22,19 @@ use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{LANES, each};
 
-/// Knots of the field of light along the marker. Chosen: a shadow's edge is some tenths of a marker wide;
+/// Knots of the light field along the marker. Chosen: the edge of a shadow is a few tenths of a marker wide;
 /// `tests/detect/bad_light.rs`.
 const LIGHT_ALONG: usize = 9;
-/// The same across it, where light changes less.
+/// Knots of the light field across the marker, along which light changes less.
 const LIGHT_ACROSS: usize = 3;
-/// Knots of its darkness along it.
+/// Knots of the darkness along the marker.
 const DARK_KNOTS: usize = 6;
-/// All of them.
+/// Unknowns of the field.
 const FIELD_UNKNOWNS: usize = LIGHT_ALONG * LIGHT_ACROSS + DARK_KNOTS;
-/// Knots about a pixel: four of light, two of darkness.
+/// Knots around a pixel: four of light, two of darkness.
 const PIXEL_KNOTS: usize = 6;
 
-/// A fit with a field of light: the model's parameters, then the field's; of pixels that count from an origin.
+/// State of a fit with a light field: the parameters of the model, then those of the field. Pixels count from `origin`.
 struct LightField {
     pattern: MarkerPattern,
     origin: [f64; 2],
@@ -42,9 +42,9 @@ struct LightField {
     extra: [f64; FIELD_UNKNOWNS],
 }
 
-/// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
-/// promise to take off the residuals' squares the `least` that is asked, in variances of one. Nothing is asked where foreign
-/// pixels pull at first.
+/// Fits the marker with a light field, without the pixels of foreign objects. Returns `None` if the first step is predicted
+/// to reduce the squared residuals by less than `least`, in variances of one residual. `least` is `None` if foreign pixels
+/// distort the first step.
 pub fn fit_light_field(
     pixels: &Pixels,
     fit: &MarkerFit,
@@ -74,7 +74,7 @@ pub fn fit_light_field(
             step.normal[(i, i)] *= 1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped_steps)];
         }
         let change = Cholesky::new(step.normal)?.solve(&step.right);
-        // What the step takes off the residuals' squares, if the model is linear.
+        // The reduction of the squared residuals if the model is linear.
         if iteration == 0 && least.is_some_and(|least| change.dot(&step.right) < least * fit.variance) {
             return None;
         }
@@ -96,7 +96,7 @@ pub fn fit_light_field(
     centre.to_marker_fit(m, &step, list.len(), &blocks, pixels.weight())
 }
 
-/// The knot before a place on [-REACH, REACH], of `count`, and the share of the one behind it.
+/// Returns the knot before a position on [-REACH, REACH], of `count` knots, and the weight of the next one.
 #[inline(always)]
 fn hat_position(at: f32, count: usize) -> (f32, f32) {
     let place = (at * (0.5 / REACH as f32) + 0.5) * (count - 1) as f32;
@@ -105,9 +105,11 @@ fn hat_position(at: f32, count: usize) -> (f32, f32) {
     (low, place - low)
 }
 
-/// The pixels by the knots about them.
+/// Groups the pixels by the knots around them.
 fn group_pixels(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<KnotCell<PIXEL_KNOTS>> {
-    let knots = |p: f32, q: f32| [hat_position(p, LIGHT_ALONG), hat_position(q, LIGHT_ACROSS), hat_position(p, DARK_KNOTS)].map(|h| h.0 as usize);
+    let knots = |p: f32, q: f32| {
+        [hat_position(p, LIGHT_ALONG), hat_position(q, LIGHT_ACROSS), hat_position(p, DARK_KNOTS)].map(|h| h.0 as usize)
+    };
     knot_field::group_by_knots(pixels, own.into_iter(), LIGHT_ALONG * LIGHT_ACROSS * DARK_KNOTS, |batch, i| {
         let [along, across, dark] = knots(batch.p[i], batch.q[i]);
         let (first, after) = (along * LIGHT_ACROSS + across, LIGHT_ALONG * LIGHT_ACROSS + dark);
@@ -117,7 +119,7 @@ fn group_pixels(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<KnotCell<PIXEL_KNO
 }
 
 impl LightField {
-    /// Goes a step, at most two pixels of the centre; how far that moves.
+    /// Applies a step, of at most 2 px of the centre. Returns the full step of the centre, px.
     fn apply_step(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let worst = place(X).hypot(place(Y));
@@ -131,8 +133,14 @@ impl LightField {
         worst
     }
 
-    /// The normal equations with what is known beforehand.
-    fn linearise(&self, cells: &[KnotCell<PIXEL_KNOTS>], unknowns: &FitUnknowns, list: &[usize], scale: f64) -> KnotLinearisation {
+    /// Returns the normal equations including the priors.
+    fn linearise(
+        &self,
+        cells: &[KnotCell<PIXEL_KNOTS>],
+        unknowns: &FitUnknowns,
+        list: &[usize],
+        scale: f64,
+    ) -> KnotLinearisation {
         let mut out = knot_field::linearise_term(KnotProblem { cells, term: self, list, scale });
         list.iter().enumerate().for_each(|(i, &k)| out.add_prior(i, self.m[k], unknowns.prior[k], scale));
         for (k, &extra) in self.extra.iter().enumerate() {
@@ -159,32 +167,39 @@ impl KnotTerm<PIXEL_KNOTS> for LightField {
     }
 
     #[inline(always)]
-    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<PIXEL_KNOTS>, batch: &Batch, scale: f64) -> JacobianRows<PIXEL_KNOTS> {
+    fn jacobian_rows(
+        &self,
+        model: &MarkerModel,
+        cell: &KnotCell<PIXEL_KNOTS>,
+        batch: &Batch,
+        scale: f64,
+    ) -> JacobianRows<PIXEL_KNOTS> {
         let (s, t) = model.along_and_across(batch);
-        let share = model.share(&s, &t);
+        let share = model.black_fraction(&s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
         let (mut out, mut slopes) = (JacobianRows::new(), GreyDerivatives::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
-            let (u, v, w) = (hat_position(p, LIGHT_ALONG).1, hat_position(q, LIGHT_ACROSS).1, hat_position(p, DARK_KNOTS).1);
+            let (u, v, w) =
+                (hat_position(p, LIGHT_ALONG).1, hat_position(q, LIGHT_ACROSS).1, hat_position(p, DARK_KNOTS).1);
             let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
             let uneven = hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
-            let light = model.light([p, q]) + model.k[LIGHT] * uneven;
-            let dark = model.dark([p, q]) + hats[4] * extra[4] + hats[5] * extra[5];
-            let Tone { linear, log, through } = model.tone(1.0 - dark * c);
+            let light = model.light_value([p, q]) + model.k[LIGHT] * uneven;
+            let dark = model.darkness([p, q]) + hats[4] * extra[4] + hats[5] * extra[5];
+            let Tone { linear, log, through } = model.apply_tone_curve(1.0 - dark * c);
             let value = light * through;
             let open = if value < WHITEST { 1.0 } else { 0.0 };
             out.r[i] = batch.value[i] - if value < WHITEST { value } else { WHITEST };
             let (value, through) = (open * value, open * through);
             let slope = model.k[GAMMA] * value / linear;
             let (by_share, by_dark) = (-slope * dark, -slope * c);
-            (slopes.share[i], slopes.dark[i]) = (by_share, by_dark);
+            (slopes.black_fraction[i], slopes.dark[i]) = (by_share, by_dark);
             (slopes.light[i], slopes.gamma[i]) = (through, value * log);
             for (k, hat) in hats.into_iter().enumerate() {
                 out.knots[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
             }
         }
-        slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
+        slopes.write_gradient(model, &share, [&s, &t], batch, &mut out.gradient);
         let tukey = biweight_roots(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| batch.root[i] * tukey[i]);
         out

@@ -1,16 +1,16 @@
-//! Veiling glare: what the skin mirrors of the sun adds to the light of black and white alike, so that a disc shows through as
-//! far as the picture is not saturated.
+//! Veiling glare: sunlight reflected by the skin adds to the light of black and white equally, so that a disc stays visible
+//! unless the image is saturated.
 //!
-//! `I = L (1 - k c + g)^gamma`, with `g` the mirrored light over the skin's own. Glare on a wing is a band: `g` is a cubic B-spline
-//! along the disc, slanted as the band is, with a knot every 10 px. Unknowns: the slant and the knots, which skin and black alone
-//! tell beforehand ([`super::glare_spline`]). What is saturated only says that it is not darker. Held by `tests/detect/glare.rs`;
-//! over 414 discs of 35 rendered glare frames the rms fell from 0.299 to 0.237 px.
+//! `I = L (1 - k c + g)^gamma`, with `g` the reflected light relative to the skin's own. Glare on a wing is a band: `g` is
+//! a cubic B-spline along the disc, slanted like the band, with a knot every 10 px. Unknowns: the slant and the knots,
+//! whose prior is estimated from skin and black alone ([`super::glare_spline`]). A saturated pixel is only a lower bound.
+//! Checked by `tests/detect/glare.rs`; over 414 discs of 35 rendered glare frames the rms decreased from 0.299 to 0.237 px.
 
 use nalgebra::{Cholesky, DVector};
 
-use super::glare_spline::{GlareSpline, outline_position, estimate_glare, spline_weights};
-use super::knot_field::{self, KnotCell, CentreEstimate, KnotProblem, JacobianRows, KnotLinearisation, KnotTerm};
-use crate::detect::appearance::formula::{MarkerModel, GreyDerivatives, Tone};
+use super::glare_spline::{GlareSpline, estimate_glare, outline_position, spline_weights};
+use super::knot_field::{self, CentreEstimate, JacobianRows, KnotCell, KnotLinearisation, KnotProblem, KnotTerm};
+use crate::detect::appearance::formula::{GreyDerivatives, MarkerModel, Tone};
 use crate::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, MarkerParameters, MarkerPattern, X, Y};
 use crate::detect::estimate::bounds::{has_shape, is_sharp};
 use crate::detect::estimate::options::{ITERATION, TERM};
@@ -23,10 +23,10 @@ use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{LANES, each};
 
-/// Knots about a pixel: a cubic spline's.
+/// Knots around a pixel, those of a cubic spline.
 const PIXEL_KNOTS: usize = 4;
 
-/// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
+/// State of a fit with glare over a disc. Pixels count from `origin`, and along and across `ellipse`.
 struct GlareState<'a> {
     origin: [f64; 2],
     ellipse: &'a Ellipse,
@@ -34,7 +34,7 @@ struct GlareState<'a> {
     glare: GlareSpline,
 }
 
-/// What is known of the glare's knots beforehand.
+/// Priors of the knots of the glare.
 struct KnotPriors(Vec<PriorValue>);
 
 impl KnotPriors {
@@ -48,8 +48,15 @@ impl KnotPriors {
         Self((0..knots.len()).map(known).collect())
     }
 
-    /// Adds that, and what is known of the parameters, to the normal equations.
-    fn add_to(&self, step: &mut KnotLinearisation, state: &GlareState, list: &[usize], unknowns: &FitUnknowns, scale: f64) {
+    /// Adds the priors of the knots and of the parameters to the normal equations.
+    fn add_to(
+        &self,
+        step: &mut KnotLinearisation,
+        state: &GlareState,
+        list: &[usize],
+        unknowns: &FitUnknowns,
+        scale: f64,
+    ) {
         let n = list.len();
         list.iter().enumerate().for_each(|(i, &k)| step.add_prior(i, state.m[k], unknowns.prior[k], scale));
         step.add_prior(n, state.glare.slant, PriorValue { value: state.glare.slant, sigma: 1.0 }, scale);
@@ -60,7 +67,7 @@ impl KnotPriors {
 }
 
 impl GlareState<'_> {
-    /// Goes a step, at most a pixel and a half of the centre; how far that moves.
+    /// Applies a step, of at most 1.5 px of the centre. Returns the full step of the centre, px.
     fn apply_step(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let of = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let moved = of(X).hypot(of(Y));
@@ -73,7 +80,7 @@ impl GlareState<'_> {
     }
 }
 
-/// The fit with glare over the disc, from a first one to what glare leaves; `None` where it does not settle.
+/// Fits a disc with glare over it, starting from a fit without glare. Returns `None` if the fit does not converge.
 pub fn fit_with_glare(
     pixels: &Pixels,
     ellipse: &Ellipse,
@@ -118,7 +125,7 @@ pub fn fit_with_glare(
     None
 }
 
-/// Sum of the weights of what is not saturated.
+/// Sum of the weights of the unsaturated pixels.
 fn unsaturated_weight(pixels: &Pixels) -> f64 {
     let own = |b: &Batch| {
         (0..b.len).filter(|&i| b.value[i] < TERM.saturated).map(|i| f64::from(b.root[i]).powi(2)).sum::<f64>()
@@ -126,7 +133,7 @@ fn unsaturated_weight(pixels: &Pixels) -> f64 {
     pixels.batches.iter().map(own).sum()
 }
 
-/// The pixels by the knots about them.
+/// Groups the pixels by the knots around them.
 fn group_pixels(pixels: &Pixels, ellipse: &Ellipse, glare: &GlareSpline) -> Vec<KnotCell<PIXEL_KNOTS>> {
     let all = pixels.batches.iter().enumerate();
     let all = all.flat_map(|(k, batch)| (0..batch.len).map(move |i| [k, i]));
@@ -140,7 +147,7 @@ fn group_pixels(pixels: &Pixels, ellipse: &Ellipse, glare: &GlareSpline) -> Vec<
 }
 
 impl KnotTerm<PIXEL_KNOTS> for GlareState<'_> {
-    /// The slant.
+    /// Slant of the glare.
     const SHARED: usize = 1;
 
     fn knot_count(&self) -> usize {
@@ -158,12 +165,17 @@ impl KnotTerm<PIXEL_KNOTS> for GlareState<'_> {
     }
 
     #[inline(always)]
-    fn jacobian_rows(&self, model: &MarkerModel, cell: &KnotCell<PIXEL_KNOTS>, batch: &Batch, scale: f64) -> JacobianRows<PIXEL_KNOTS> {
+    fn jacobian_rows(
+        &self,
+        model: &MarkerModel,
+        cell: &KnotCell<PIXEL_KNOTS>,
+        batch: &Batch,
+        scale: f64,
+    ) -> JacobianRows<PIXEL_KNOTS> {
         let (glare, first) = (&self.glare, cell.knots[0]);
         let (s, t) = model.along_and_across(batch);
-        let share = model.share(&s, &t);
-        let heights: [f32; 4] =
-            std::array::from_fn(|i| glare.knots.get(first + i).map_or(0.0, |knot| *knot as f32));
+        let share = model.black_fraction(&s, &t);
+        let heights: [f32; 4] = std::array::from_fn(|i| glare.knots.get(first + i).map_or(0.0, |knot| *knot as f32));
         let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / TERM.knot_px) as f32);
         let from = (glare.first / TERM.knot_px + first as f64) as f32;
@@ -177,24 +189,24 @@ impl KnotTerm<PIXEL_KNOTS> for GlareState<'_> {
                 over += height * share;
                 rise += height * slope * by_spacing;
             }
-            let dark = model.dark([p, q]);
-            let Tone { linear, log, through } = model.tone(1.0 - dark * c + over);
-            let value = model.light([p, q]) * through;
+            let dark = model.darkness([p, q]);
+            let Tone { linear, log, through } = model.apply_tone_curve(1.0 - dark * c + over);
+            let value = model.light_value([p, q]) * through;
             let slope = model.k[GAMMA] * value / linear;
-            (slopes.share[i], slopes.dark[i]) = (-slope * dark, -slope * c);
+            (slopes.black_fraction[i], slopes.dark[i]) = (-slope * dark, -slope * c);
             (slopes.light[i], slopes.gamma[i]) = (through, value * log);
             out.shared[i] = -slope * across * rise;
             for (knot, share) in out.knots.iter_mut().zip(shares) {
                 knot[i] = slope * share;
             }
-            // What is saturated only says that it is not darker.
+            // A saturated pixel is only a lower bound.
             let saturated = batch.value[i] >= TERM.saturated;
             let seen = if saturated { TERM.saturated } else { batch.value[i] };
             let lighter = saturated && value >= TERM.saturated;
             out.r[i] = if lighter { 0.0 } else { seen - value };
             out.root[i] = if lighter { 0.0 } else { batch.root[i] };
         }
-        slopes.put(model, &share, [&s, &t], batch, &mut out.gradient);
+        slopes.write_gradient(model, &share, [&s, &t], batch, &mut out.gradient);
         let tukey = biweight_roots(&out.r, &out.gradient[X], &out.gradient[Y], scale);
         out.root = each(|i| out.root[i] * if batch.value[i] >= TERM.saturated { 1.0 } else { tukey[i] });
         out
@@ -228,20 +240,20 @@ mod tests {
         let mut batch = Batch::new();
         for i in 0..LANES {
             batch.push(i as f32 * 0.4 - 3.0, (i as f32 * 1.7) % 14.0 - 7.0, 120.0);
-            let (s, t) =
-                ellipse.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
+            let (s, t) = ellipse.to_local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
         let cell = KnotCell { knots: [0, 1, 2, 3], batches: Vec::new() };
         let rows = |state: &GlareState| state.jacobian_rows(&state.model(), &cell, &batch, 1e3);
         let own = rows(&state(m, 0.2, knots));
-        let close = |name: &str, by: &Lanes, low: &JacobianRows<PIXEL_KNOTS>, high: &JacobianRows<PIXEL_KNOTS>, step: f64| {
-            for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
-                let difference = f64::from(low - high) / (2.0 * step);
-                let off = (f64::from(*by) - difference).abs();
-                assert!(off < 0.02 * difference.abs() + 0.6, "{name}: {by} against {difference}");
-            }
-        };
+        let close =
+            |name: &str, by: &Lanes, low: &JacobianRows<PIXEL_KNOTS>, high: &JacobianRows<PIXEL_KNOTS>, step: f64| {
+                for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
+                    let difference = f64::from(low - high) / (2.0 * step);
+                    let off = (f64::from(*by) - difference).abs();
+                    assert!(off < 0.02 * difference.abs() + 0.6, "{name}: {by} against {difference}");
+                }
+            };
         for k in [X, Y, MAJOR, MINOR, BLUR, LIGHT, DARK, GAMMA] {
             let step = if m[k] < 2.0 { 2e-3 } else { 1e-2 };
             let moved = |by: f64| {
@@ -254,9 +266,8 @@ mod tests {
         let slanted = |by: f64| rows(&state(m, 0.2 + by, knots));
         close("slant", &own.shared, &slanted(-0.01), &slanted(0.01), 0.01);
         for k in 0..4 {
-            let raised = |by: f64| {
-                rows(&state(m, 0.2, std::array::from_fn(|j| knots[j] + if j == k { by } else { 0.0 })))
-            };
+            let raised =
+                |by: f64| rows(&state(m, 0.2, std::array::from_fn(|j| knots[j] + if j == k { by } else { 0.0 })));
             close("knot", &own.knots[k], &raised(-0.01), &raised(0.01), 0.01);
         }
     }

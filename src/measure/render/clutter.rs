@@ -1,7 +1,7 @@
-//! What is on the skin: markers, and the clutter that a detector must not take for them.
+//! Paint and clutter on the skin, which a detector must not take for markers.
 //!
-//! Reflectance 0 to 1 over material coordinates. Clutter is averaged over the pixel's footprint in
-//! closed form; markers are left to the sampling in [`super::picture`].
+//! Reflectance 0 to 1 over material coordinates. Clutter is averaged over the pixel's footprint in closed form; markers are
+//! left to the sampling in [`super::picture`].
 
 use super::random::{SeededRandom, value_noise};
 use super::wing::SceneWing;
@@ -9,13 +9,11 @@ use super::wing::SceneWing;
 /// Size of a pixel on the skin, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelFootprint {
-    /// Along s.
     pub s: f64,
-    /// Across.
     pub z: f64,
 }
 
-/// A small thing at a place.
+/// Clutter item at a position on the skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ClutterSpot {
     s: f64,
@@ -35,7 +33,7 @@ enum SpotKind {
     Blob { depth: f64 },
 }
 
-/// Everything but the markers.
+/// Clutter on the skin: paint, panel lines, covers, lettering, dirt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkinClutter {
     seed: u64,
@@ -49,7 +47,7 @@ pub struct SkinClutter {
 }
 
 impl SkinClutter {
-    /// Clutter for a wing; `density` 1 is a usual one.
+    /// Samples clutter for a wing; `density` 1 is typical.
     pub fn random(random: &mut SeededRandom, wing: &SceneWing, density: f64) -> Self {
         let length = wing.beam.length_m;
         let mut ribs_m = Vec::new();
@@ -70,20 +68,20 @@ impl SkinClutter {
             line_depth: random.uniform(0.15, 0.4),
             spots: Vec::new(),
         };
-        let many = |random: &mut SeededRandom, low: f64, high: f64| (random.uniform(low, high) * density) as usize;
-        for _ in 0..many(random, 5.0, 10.0) {
+        let count_of = |random: &mut SeededRandom, low: f64, high: f64| (random.uniform(low, high) * density) as usize;
+        for _ in 0..count_of(random, 5.0, 10.0) {
             clutter.add_cover(random, wing);
         }
-        for _ in 0..many(random, 3.0, 7.0) {
+        for _ in 0..count_of(random, 3.0, 7.0) {
             clutter.add_lettering(random, wing);
         }
-        for _ in 0..many(random, 8.0, 18.0) {
+        for _ in 0..count_of(random, 8.0, 18.0) {
             clutter.add_dirt(random, wing);
         }
         clutter
     }
 
-    /// Even paint and nothing on it.
+    /// Creates uniform paint without clutter.
     #[cfg(test)]
     pub(super) fn bare(base: f64) -> Self {
         let (ribs_m, stringers, spots) = (Vec::new(), Vec::new(), Vec::new());
@@ -91,7 +89,7 @@ impl SkinClutter {
     }
 
     fn random_place(random: &mut SeededRandom, wing: &SceneWing) -> (f64, f64) {
-        // Near the fuselage more is seen.
+        // More clutter is visible near the fuselage.
         let s = 4.0 + (wing.beam.length_m - 5.0) * random.unit().powf(1.5);
         let (low, high) = wing.edges(s);
         (s, random.uniform(0.85 * low, 0.85 * high))
@@ -131,15 +129,21 @@ impl SkinClutter {
         self.spots.push(ClutterSpot { s, z, reach_s, reach_z, kind });
     }
 
-    /// Reflectance of the bare paint with its slow changes.
+    /// Returns the reflectance of the paint with its slow variation.
     pub fn paint_reflectance(&self, s: f64, z: f64) -> f64 {
         let slow = value_noise(s / 2.3, z / 1.1, self.seed);
         let fine = value_noise(s / 0.5, z / 0.3, self.seed ^ 0x55);
         self.base * (1.0 + self.mottle * (slow + 0.4 * fine))
     }
 
-    /// What may touch a patch of skin.
-    pub fn select_nearby(&self, wing: &SceneWing, s: (f64, f64), z: (f64, f64), footprint: &PixelFootprint) -> NearbyClutter {
+    /// Selects the clutter that may touch a patch of skin.
+    pub fn select_nearby(
+        &self,
+        wing: &SceneWing,
+        s: (f64, f64),
+        z: (f64, f64),
+        footprint: &PixelFootprint,
+    ) -> NearbyClutter {
         let reaches = |spot: &ClutterSpot| {
             let soft = if matches!(spot.kind, SpotKind::Blob { .. }) { 3.0 } else { 1.2 };
             let (ds, dz) = (soft * spot.reach_s, soft * spot.reach_z);
@@ -149,7 +153,7 @@ impl SkinClutter {
         let rib = |rib: &&f64| **rib > s.0 - wide && **rib < s.1 + wide;
         let (low, high) = wing.edges(0.5 * (s.0 + s.1));
         let chord = high - low;
-        // Taper within the patch is covered by a margin.
+        // A margin allows for taper within the patch.
         let wide = (self.line_m + footprint.z + 0.3 * (s.1 - s.0)) / chord;
         let (from, to) = ((z.0 - low) / chord - wide, (z.1 - low) / chord + wide);
         let stringer = |place: &&f64| **place > from && **place < to;
@@ -160,17 +164,24 @@ impl SkinClutter {
         }
     }
 
-    /// The factor of panel lines and spots.
-    pub fn reflectance_factor(&self, near: &NearbyClutter, wing: &SceneWing, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
+    /// Returns the factor of panel lines and spots on the reflectance.
+    pub fn reflectance_factor(
+        &self,
+        near: &NearbyClutter,
+        wing: &SceneWing,
+        s: f64,
+        z: f64,
+        footprint: &PixelFootprint,
+    ) -> f64 {
         self.line_factor(near, wing, s, z, footprint) * self.spot_factor(&near.spots, s, z, footprint)
     }
 
     fn line_factor(&self, near: &NearbyClutter, wing: &SceneWing, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
-        let share = |distance: f64, pixel: f64| bar_overlap(distance, 0.5 * self.line_m, pixel);
-        let mut cover = near.ribs_m.iter().map(|rib| share(s - rib, footprint.s)).fold(0.0, f64::max);
+        let covered = |distance: f64, pixel: f64| bar_overlap(distance, 0.5 * self.line_m, pixel);
+        let mut cover = near.ribs_m.iter().map(|rib| covered(s - rib, footprint.s)).fold(0.0, f64::max);
         if !near.stringers.is_empty() {
             let (low, high) = wing.edges(s);
-            let place = |stringer: &f64| share(z - low - stringer * (high - low), footprint.z);
+            let place = |stringer: &f64| covered(z - low - stringer * (high - low), footprint.z);
             cover = near.stringers.iter().map(place).fold(cover, f64::max);
         }
         1.0 - self.line_depth * cover
@@ -181,7 +192,7 @@ impl SkinClutter {
     }
 }
 
-/// Indices and places of what a patch of skin may show.
+/// Clutter that a patch of skin may show.
 #[derive(Clone, Debug, Default)]
 pub struct NearbyClutter {
     ribs_m: Vec<f64>,
@@ -199,8 +210,8 @@ impl ClutterSpot {
                 1.0 - depth * bar_overlap(r - radius, 0.5 * width, pixel)
             }
             SpotKind::Block { depth } => {
-                let share = bar_overlap(ds, self.reach_s, footprint.s) * bar_overlap(dz, self.reach_z, footprint.z);
-                1.0 - depth * share
+                let covered = bar_overlap(ds, self.reach_s, footprint.s) * bar_overlap(dz, self.reach_z, footprint.z);
+                1.0 - depth * covered
             }
             SpotKind::Blob { depth } => {
                 let q = (ds / self.reach_s).powi(2) + (dz / self.reach_z).powi(2);
@@ -210,7 +221,7 @@ impl ClutterSpot {
     }
 }
 
-/// Share of a pixel of the given size, `distance` from a bar's middle, that the bar covers.
+/// Returns the fraction of a pixel that a bar covers; `distance` between their centres.
 fn bar_overlap(distance: f64, half_width: f64, pixel: f64) -> f64 {
     let half_pixel = 0.5 * pixel.max(1e-6);
     let low = (distance - half_pixel).max(-half_width);
@@ -223,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bar_covers_its_share_of_a_pixel() {
+    fn a_bar_covers_its_fraction_of_a_pixel() {
         assert!((bar_overlap(0.0, 0.5, 2.0) - 0.5).abs() < 1e-12);
         assert!((bar_overlap(0.0, 5.0, 2.0) - 1.0).abs() < 1e-12);
         assert!((bar_overlap(5.0, 5.0, 2.0) - 0.5).abs() < 1e-12);

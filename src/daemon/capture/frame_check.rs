@@ -1,41 +1,43 @@
-//! A frame is judged: whether it is good, when it was exposed, and what a failure is called.
+//! Checks captured frames: completeness, freshness, time of exposure; and names the kinds of failure.
 
 use crate::camera::freshness::Freshness;
-use crate::camera::{CameraError, Format, CameraFrame, exif, jpeg};
+use crate::camera::{CameraError, CameraFrame, Format, exif, jpeg};
 use crate::clock::exposure::{self, Exposure};
 use crate::clock::{Clock, Stamp};
 use crate::store::manifest::ShotFailure;
 
-/// A camera's clock shows whole seconds, so that it may seem to go off by one; more is a sign, s.
-const CAMERA_CLOCK_JUMP_S: f64 = 2.0;
+/// Maximum step of the camera's clock against UTC between two frames, s. It shows whole seconds, so a step of 1 s is
+/// normal.
+const MAX_CAMERA_CLOCK_JUMP_S: f64 = 2.0;
 
-/// What the frames before say of the next one. It outlives the camera, which may be made anew.
-pub(super) struct Judge {
+/// Checks each frame against the preceding ones. It is kept when the camera is replaced.
+pub(super) struct FrameChecker {
     freshness: Freshness,
-    /// The camera's own clock less UTC by the last frame that has its time, s.
+    /// Camera clock minus UTC at the last frame that has the camera's time, s.
     camera_clock_offset_s: Option<f64>,
 }
 
-impl Judge {
-    /// A frame that equals one of `stale_window` before it is stale.
-    pub fn remembering(stale_window: usize) -> Self {
+impl FrameChecker {
+    /// Creates a checker that compares each frame with the preceding `stale_window` frames.
+    pub fn new(stale_window: usize) -> Self {
         Self { freshness: Freshness::with_capacity(stale_window), camera_clock_offset_s: None }
     }
 
-    /// A frame that came without an error may still be half or old.
-    pub fn judge(&mut self, frame: &CameraFrame) -> Result<(), ShotFailure> {
+    /// Returns a failure if the frame, although delivered without an error, is incomplete or old.
+    pub fn check(&mut self, frame: &CameraFrame) -> Result<(), ShotFailure> {
         let whole = match &frame.format {
             Format::Jpeg => jpeg::check_complete(&frame.bytes).map_err(|why| why.to_string()),
-            _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
+            _ if frame.bytes.is_empty() => Err("the file is empty".to_owned()),
             _ => Ok(()),
         };
-        whole.map_err(|reason| failure_of(&CameraError::BadFrame(reason)))?;
+        whole.map_err(|reason| shot_failure(&CameraError::BadFrame(reason)))?;
         let fresh = self.freshness.check(&frame.bytes);
-        fresh.map_err(|error| ShotFailure { kind: STALE.to_owned(), ..failure_of(&error) })
+        fresh.map_err(|error| ShotFailure { kind: STALE.to_owned(), ..shot_failure(&error) })
     }
 
-    /// When a frame was exposed that has just been delivered; a camera whose own clock disagrees is noted with it.
-    pub fn exposure(&mut self, frame: &mut CameraFrame, asked: &Stamp, clock: &dyn Clock) -> Exposure {
+    /// Determines the time of exposure of a frame just delivered, and adds a warning to its settings if the camera's own
+    /// clock disagrees.
+    pub fn determine_exposure(&mut self, frame: &mut CameraFrame, asked: &Stamp, clock: &dyn Clock) -> Exposure {
         let (now, quality) = (clock.stamp(), clock.quality());
         let mut exposure = match &frame.exposed {
             Some(evidence) => Exposure::new(&exposure::exposure_instant(evidence), &now, quality),
@@ -47,9 +49,9 @@ impl Judge {
         exposure.camera_clock_offset_s = exif::camera_clock_offset_s(&frame.bytes, exposure.exposure_time);
         let last = std::mem::replace(&mut self.camera_clock_offset_s, exposure.camera_clock_offset_s);
         let jump_s = exposure.camera_clock_offset_s.zip(last).map(|(now, last)| now - last);
-        if let Some(jump_s) = jump_s.filter(|jump| jump.abs() > CAMERA_CLOCK_JUMP_S) {
+        if let Some(jump_s) = jump_s.filter(|jump| jump.abs() > MAX_CAMERA_CLOCK_JUMP_S) {
             let what = format!(
-                "by the camera's own clock this frame is {jump_s:.0} s off the one before: an old picture, or a clock was set"
+                "the camera's clock jumped by {jump_s:.0} s since the previous frame: an old frame, or a clock was set"
             );
             tracing::warn!(what);
             frame.settings.insert("clock_warning".to_owned(), what.into());
@@ -58,11 +60,11 @@ impl Judge {
     }
 }
 
-/// The kind of a frame that was delivered before.
+/// Failure kind of a frame that was already delivered before.
 pub(crate) const STALE: &str = "stale";
 
-/// As `series.json` keeps it.
-pub(super) fn failure_of(error: &CameraError) -> ShotFailure {
+/// Converts a camera error to an entry of `series.json`.
+pub(super) fn shot_failure(error: &CameraError) -> ShotFailure {
     let kind = match error {
         CameraError::Busy(_) => "busy",
         CameraError::Gone(_) => "gone",

@@ -1,4 +1,4 @@
-//! The threads of live mode share their configuration, and what they write into the status.
+//! Configuration and status that the threads of live mode share.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,35 +8,39 @@ use super::config::LiveConfig;
 use crate::daemon::core::Core;
 use crate::daemon::status::LiveStatus;
 
-/// What the threads share.
+/// Configuration, status and faults that the threads of live mode share.
 #[derive(Clone)]
-pub(crate) struct Shared {
+pub(crate) struct LiveContext {
     pub core: Core,
     pub config: LiveConfig,
     skipped: Arc<AtomicU64>,
     faults: Arc<Mutex<BTreeMap<&'static str, String>>>,
 }
 
-impl Shared {
+impl LiveContext {
+    /// Creates the shared context of the live threads.
     pub fn new(core: &Core, config: &LiveConfig) -> Self {
         Self { core: core.clone(), config: config.clone(), skipped: Arc::default(), faults: Arc::default() }
     }
 
+    /// Changes the live part of the status.
     pub fn update(&self, f: impl FnOnce(&mut LiveStatus)) {
         self.core.board.update_live(f);
     }
 
+    /// Returns the number of skipped frames.
     pub fn skipped(&self) -> u64 {
         self.skipped.load(Ordering::Relaxed)
     }
 
-    pub fn skip(&self) {
+    /// Counts a skipped frame and updates the status.
+    pub fn count_skipped(&self) {
         let skipped = self.skipped.fetch_add(1, Ordering::Relaxed) + 1;
         self.update(|live| live.skipped = skipped);
     }
 
-    /// What is wrong with a part, until it is cleared; said once.
-    pub fn fault(&self, part: &'static str, what: &str) {
+    /// Sets the fault of a part until it is cleared, and logs it once.
+    pub fn set_fault(&self, part: &'static str, what: &str) {
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
         if faults.get(part).map(String::as_str) == Some(what) {
             return;
@@ -44,11 +48,12 @@ impl Shared {
         faults.insert(part, what.to_owned());
         drop(faults);
         tracing::warn!(part, what, "live mode");
-        self.core.board.fault(what);
+        self.core.board.note_fault(what);
         self.update(|live| live.fault = Some(what.to_owned()));
     }
 
-    pub fn clear(&self, part: &'static str) {
+    /// Removes the error of a part from the status.
+    pub fn clear_fault(&self, part: &'static str) {
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
         if faults.remove(part).is_some() {
             let other = faults.values().next().cloned();

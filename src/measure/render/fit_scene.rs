@@ -1,40 +1,39 @@
-//! A scene for an installation that exists: a wing whose skin passes through the surveyed markers.
+//! Scene for an existing installation: a wing whose skin passes through the surveyed markers.
 
 use nalgebra::{Matrix4, Rotation3, Vector3, Vector4};
 
 use super::beam::{CantileverBeam, LoadShape};
-use super::decals::SkinClutter;
+use super::clutter::SkinClutter;
 use super::layout::{SceneOptions, aim_camera};
 use super::markers::SceneMarker;
 use super::random::SeededRandom;
 use super::scene::Scene;
-use super::wing::{LinearTaper, DeformedWing, SceneSide, SceneState, SceneWing};
+use super::wing::{DeformedWing, LinearTaper, SceneSide, SceneState, SceneWing};
 use crate::setup::Setup;
 
-/// Why no scene can be made.
+/// Reason why no scene can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitFault {
-    /// Too little to fit the skin to.
-    #[error("{0} markers in the survey, at least 4 are needed to find the skin")]
+    /// Too few markers to fit the skin.
+    #[error("{0} markers in the survey; at least 4 are needed to fit the skin")]
     TooFew(usize),
-    /// The skin does not pass through the markers.
+    /// Marker off the fitted skin.
     #[error(
-        "no smooth wing passes through marker {id}: it is {off_mm:.0} mm away; check its survey and span_direction"
+        "no smooth wing passes through marker {id}: it is {off_mm:.0} mm off; check its survey coordinates \
+         and span_direction"
     )]
-    OffSkin {
-        /// The worst marker.
-        id: String,
-        /// Its height over the fitted skin, mm.
-        off_mm: f64,
-    },
+    OffSkin { id: String, off_mm: f64 },
 }
 
 const LOAD: LoadShape = LoadShape { triangular: 0.35, relief: 0.15 };
 const MAX_OFFSET_M: f64 = 0.15;
 
 impl Scene {
-    /// The installation's wing, taken as surveyed without error. What a survey does not tell
-    /// (load, twist, clutter) follows from the seed; so does the attitude where none is given.
+    /// Builds a scene from an installation, with the survey as truth. Quantities not in the survey (load, twist, clutter)
+    /// follow from the seed; so does the attitude if none is given.
+    ///
+    /// # Errors
+    /// Returns an error if there are too few markers or no smooth skin passes through them.
     pub fn from_setup(
         setup: &Setup,
         camera_from_survey: Option<Rotation3<f64>>,
@@ -43,7 +42,7 @@ impl Scene {
     ) -> Result<Self, FitFault> {
         let mut random = SeededRandom::new(seed, 12);
         let frame = setup.wing_frame();
-        let (_, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
+        let (_, points): (Vec<usize>, Vec<_>) = setup.wing_markers().into_iter().unzip();
         if points.len() < 4 {
             return Err(FitFault::TooFew(points.len()));
         }
@@ -87,7 +86,7 @@ impl Scene {
     }
 }
 
-/// Everything that the survey gives directly; root height, slopes and crown are guesses.
+/// Returns the wing as far as the survey gives it directly, with start values of root height, slopes and crown.
 fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
     let n = points.len() as f64;
     let furthest = points.iter().map(|p| p.x).fold(0.0, f64::max);
@@ -95,15 +94,14 @@ fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
     let length_m = length_m.max(1.02 * (furthest - setup.root_offset_m));
     let axis_z_m = setup.axis_chord_offset_m.unwrap_or(points.iter().map(|p| p.z).sum::<f64>() / n);
     let eta = |p: &Vector3<f64>| (p.x - setup.root_offset_m) / length_m;
-    // Wide enough for every marker: the taper is a usual one, the size follows.
+    // Wide enough for every marker, with a typical taper.
     let taper = 0.3;
     let half = points
         .iter()
         .map(|p| (p.z - axis_z_m).abs() * 1.25 / (1.0 - (1.0 - taper) * eta(p)))
         .fold(0.1 * length_m, f64::max);
     let leading = |pair: &crate::setup::TorsionPair| {
-        let z =
-            |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
+        let z = |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
         z(pair.leading) < z(pair.trailing)
     };
     let side = if setup.torsion.first().is_none_or(leading) { SceneSide::Right } else { SceneSide::Left };
@@ -135,8 +133,7 @@ fn apply_change(wing: &SceneWing, change: &Vector4<f64>) -> SceneWing {
     }
 }
 
-/// Root height, slopes and crown by least squares on the markers' heights, held softly near usual
-/// values where the markers do not tell.
+/// Fits root height, slopes and crown to the markers' heights by least squares, with weak priors at typical values.
 fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
     const STEP: [f64; 4] = [1e-4, 1e-5, 1e-5, 1e-4];
     for _ in 0..6 {
@@ -166,7 +163,7 @@ fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
     wing
 }
 
-/// Height of the skin above each point, m.
+/// Returns the height of the skin above each point, m.
 fn skin_heights(wing: &SceneWing, points: &[Vector3<f64>]) -> Vec<f64> {
     let pose = wing.deform(&SceneState::ground(LOAD));
     let height = |point: &Vector3<f64>| {

@@ -1,14 +1,14 @@
-//! The pane that cabin pressure bows: two concentric spheres instead of two planes.
+//! Pane bowed by cabin pressure: two concentric spheres instead of two planes.
 //!
-//! Rule of thumb: a slanting ray leaves the pane by t tan i / n beside where it entered, where the outer face
-//! is turned against the inner one; the pane turns it by (n - 1) t tan i / (n r). That is a change of scale:
-//! 5e-4 for 14.5 mm bowed to a radius of 10 m (0.8 mm over a window of 25 cm), 1 px at 15 degrees.
+//! Rule of thumb: a slanting ray leaves the pane displaced by t tan i / n, at a point at which the outer face is rotated
+//! against the inner one; the pane deflects it by (n - 1) t tan i / (n r). That is a change of scale: 5e-4 for 14.5 mm
+//! bowed to a radius of 10 m (0.8 mm over a window of 25 cm), 1 px at 15 degrees.
 //!
-//! Formula: the ray is traced through both faces with Snell's law. A face with its apex at the origin, outward
-//! normal m and curvature c is `m.p + c p.p / 2 = 0`, which holds for planes too and loses no digits at large
-//! radii; its normal at p is `m + c p`. The apex is taken where the normal through the projection centre meets
-//! the pane. Source: Born and Wolf, Principles of Optics, 4.4. The radius' error is an unknown of the
-//! adjustment, a share of the curvature.
+//! Formula: the ray is traced through both faces with Snell's law. A face with its apex at the origin, outward normal m and
+//! curvature c is `m.p + c p.p / 2 = 0`, which is valid for planes too and loses no digits at large radii; its normal at p
+//! is `m + c p`. The apex is at the intersection of the pane with the normal through the projection centre. Source: Born
+//! and Wolf, Principles of Optics, 4.4. The error of the curvature is an unknown of the adjustment, relative to the
+//! curvature.
 //!
 //! Validated against rays traced face by face with spheres about their centres (tests/adjust/window.rs).
 
@@ -17,8 +17,9 @@ use nalgebra::Vector3;
 use super::refraction::refract_ray;
 use crate::setup::Pane;
 
-/// The ray outside of one that leaves the projection centre: a point on it and its direction; `None` where it
-/// misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive where the pane bulges outwards.
+/// Traces a ray from the projection centre through the pane: returns a point on the outside ray and its direction; `None`
+/// if it misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive if the pane bulges
+/// outwards.
 pub(super) fn trace_bowed_pane(
     pane: &Pane,
     normal: &Vector3<f64>,
@@ -34,7 +35,7 @@ pub(super) fn trace_bowed_pane(
     Some((leaves - outside * leaves.dot(&outside), outside))
 }
 
-/// Where a ray meets a face (apex, curvature), and the face's normal there.
+/// Returns the intersection of a ray with a face (apex, curvature), and the face's normal there.
 fn intersect_face(
     from: &Vector3<f64>,
     ray: &Vector3<f64>,

@@ -1,4 +1,4 @@
-//! A JPEG file is of a kind that is read, or refused with what to set in the camera.
+//! Header of a JPEG file, and the check that its kind is supported.
 
 use std::sync::Arc;
 
@@ -8,33 +8,36 @@ use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
 
 use super::{JpegFault, MAX_SIDE};
 
-/// What the first component holds.
+/// Colour of the first component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FirstComponent {
-    /// Grey, or luma with two colour differences.
+    /// Luma, alone or with two colour differences.
     Luma,
-    /// Red, with green and blue.
+    /// Red, followed by green and blue.
     Red,
 }
 
-/// Scans at most: a progressive file has about ten, and many of them cost time without end.
+/// Maximum number of scans: a progressive file has about ten; very many would cost unlimited time.
 const MAX_SCANS: usize = 200;
 
-/// The header of a picture of 8 bits, Huffman-coded by cosine transform, grey or in colour, and its colour.
+/// Reads the header of an image of 8 bits, Huffman-coded by cosine transform, grey or in colour.
+///
+/// # Errors
+/// Returns an error if the header is damaged or the kind is not supported.
 pub fn read_header(bytes: &[u8]) -> Result<(JpegMetadata, FirstComponent), JpegFault> {
     let mut reader = MarkerReader::new(bytes);
     reader.set_scan_cap(MAX_SCANS);
     let mut header = reader.read_markers().map_err(|error| match error {
-        JpegError::Unsupported(_) => JpegFault::Kind("hierarchical coding".into()),
+        JpegError::Unsupported(_) => JpegFault::Unsupported("hierarchical coding".into()),
         other => JpegFault::Damaged(other.to_string()),
     })?;
-    let colour = check_kind(&header).map_err(|kind| JpegFault::Kind(kind.into()))?;
+    let colour = check_kind(&header).map_err(|kind| JpegFault::Unsupported(kind.into()))?;
     check_plausible(&header, bytes.len())?;
     add_standard_tables(&mut header);
     Ok((header, colour))
 }
 
-/// The colour of a picture that is read; else the name of its kind.
+/// Returns the first component of a supported image, or the name of the unsupported kind.
 fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
     let frame = &header.frame;
     if frame.is_lossless {
@@ -56,15 +59,16 @@ fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
     let finest = (first.horizontal_sampling, first.vertical_sampling);
     let sampling = || parts.iter().map(|c| (c.horizontal_sampling, c.vertical_sampling));
     match first_component(header) {
-        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of several resolutions"),
+        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of different \
+                                                                       resolutions"),
         FirstComponent::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
-            Err("colour finer than brightness")
+            Err("colour of higher resolution than brightness")
         }
         colour => Ok(colour),
     }
 }
 
-/// Of three components: JFIF is luma first, then Adobe's marker says it, then the components' names.
+/// Determines the first of three components from JFIF (luma), then Adobe's marker, then the components' names.
 fn first_component(header: &JpegMetadata) -> FirstComponent {
     let names: Vec<u8> = header.frame.components.iter().map(|c| c.id).collect();
     let red = match header.adobe_transform_at_first_sos {
@@ -75,21 +79,21 @@ fn first_component(header: &JpegMetadata) -> FirstComponent {
     if red { FirstComponent::Red } else { FirstComponent::Luma }
 }
 
-/// Headers that no picture has: the likeliest damage.
+/// Rejects implausible headers, which are most likely damaged.
 fn check_plausible(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
-    let damaged = |what: String| Err(JpegFault::Damaged(what));
+    let damaged = |problem: String| Err(JpegFault::Damaged(problem));
     let frame = &header.frame;
     let (width, height) = (frame.width(), frame.height());
     if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
-        return damaged(format!("its size is {width} x {height} px"));
+        return damaged(format!("the header gives a size of {width} x {height} px"));
     }
-    // A block of 8 x 8 px takes a bit at least.
+    // A block of 8 x 8 px takes at least one bit.
     if width.div_ceil(8) * height.div_ceil(8) > 8 * length {
         return damaged(format!("{length} bytes are too few for {width} x {height} px"));
     }
     let names = frame.components.iter().map(|c| c.id);
     if names.collect::<std::collections::BTreeSet<u8>>().len() < frame.components.len() {
-        return damaged("two components have one name".into());
+        return damaged("two components have the same name".into());
     }
     Ok(())
 }
@@ -99,7 +103,7 @@ fn fill_tables(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTab
     slots[1].get_or_insert_with(|| colour.clone());
 }
 
-/// The tables of ITU-T T.81, K.3 where the file brings none: the frames of MJPEG leave them out.
+/// Adds the tables of ITU-T T.81, K.3, if the file contains none, as in frames of MJPEG.
 fn add_standard_tables(header: &mut JpegMetadata) {
     let [dc_luma, dc_colour, ac_luma, ac_colour] = std_huffman_tables();
     fill_tables(&mut header.dc_huffman_tables, dc_luma, dc_colour);

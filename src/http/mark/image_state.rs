@@ -1,49 +1,50 @@
-//! A picture's state as the page gets it.
+//! State of an image, as JSON for the marking page.
 
 use serde_json::{Value, json};
 
-use super::{Open, Workplace};
+use super::{OpenImage, Workplace};
 use crate::installation::ManualObservation;
 use crate::measure::raster::Raster;
-use crate::pipeline::manual_observations::{observation, rows};
+use crate::pipeline::manual_observations::{covariance_rows, observation_from_mark};
 use crate::pipeline::marking::MarkingResult;
 use crate::record::{ImageRecord, MarkerRecord};
 use crate::store::manual_marks::{ManualMark, MarkAction};
 
-/// Markers with what is known of each, where lost ones should be, what is solved with the marks and without.
-pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
-    let Workplace { installation, pictures, kept, .. } = workplace;
-    let image = pictures.get(open.number).map_or("", |p| p.name.as_str());
-    let marks = kept.of(image);
-    let said: Vec<ManualObservation> =
-        marks.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
-    let now = open.desk.solve(&said, installation);
-    let raster = open.desk.raster();
+/// Returns the state of an image: markers, predicted positions of lost ones, and the solutions with and without manual
+/// marks.
+pub(super) fn image_state(workplace: &Workplace, open: &OpenImage) -> Value {
+    let Workplace { installation, images, storage, .. } = workplace;
+    let image = images.get(open.number).map_or("", |p| p.name.as_str());
+    let marks = storage.image_marks(image);
+    let manual: Vec<ManualObservation> =
+        marks.iter().filter_map(|mark| observation_from_mark(mark, &installation.setup)).collect();
+    let now = open.session.solve(&manual, installation);
+    let raster = open.session.raster();
     let markers = now.record.markers.iter().enumerate();
     let markers: Vec<Value> =
-        markers.map(|(k, line)| marker(k, line, &now, marks.iter().find(|m| m.id == line.id))).collect();
+        markers.map(|(k, line)| marker_state(k, line, &now, marks.iter().find(|m| m.id == line.id))).collect();
     json!({
         "number": open.number,
         "image": image,
         "width": raster.width(),
         "height": raster.height(),
-        "now": result(&now.record),
-        "bare": result(&open.bare.record),
-        "change_m": change(&now.record, &open.bare.record),
+        "now": result_summary(&now.record),
+        "bare": result_summary(&open.unmarked.record),
+        "change_m": deflection_change(&now.record, &open.unmarked.record),
         "marks": marks.len(),
         "markers": markers,
     })
 }
 
-fn marker(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
-    let seen = now.observations.iter().find(|o| o.marker == index);
+fn marker_state(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
+    let observed = now.observations.iter().find(|o| o.marker == index);
     let state = match mark.map(|mark| &mark.act) {
         Some(MarkAction::Place(_)) => "manual",
         Some(MarkAction::Reject) => "rejected",
-        _ if seen.is_some() => "detected",
+        _ if observed.is_some() => "detected",
         _ => "lost",
     };
-    let foretold = now.predicted.iter().find(|f| f.marker == index).map(|f| {
+    let predicted = now.predicted.iter().find(|f| f.marker == index).map(|f| {
         json!({
             "u_px": f.point_px.x, "v_px": f.point_px.y,
             "outline": {
@@ -53,55 +54,55 @@ fn marker(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&
             },
         })
     });
-    let covariance = seen.map(|o| rows(&o.covariance_px2));
+    let covariance = observed.map(|o| covariance_rows(&o.covariance_px2));
     json!({
         "id": line.id,
         "shape": line.shape,
         "state": state,
         "used": line.used,
         "reason": line.reason,
-        "u_px": seen.map(|o| o.pixel.x),
-        "v_px": seen.map(|o| o.pixel.y),
+        "u_px": observed.map(|o| o.pixel.x),
+        "v_px": observed.map(|o| o.pixel.y),
         "covariance_px2": covariance,
         "residual_u_px": line.residual_u_px,
         "residual_v_px": line.residual_v_px,
-        "foretold": foretold,
+        "predicted": predicted,
         "mark": mark,
     })
 }
 
-fn result(record: &ImageRecord) -> Value {
+fn result_summary(record: &ImageRecord) -> Value {
     let tip = record.tip.as_ref();
-    let shown = tip.map(|tip| tip.reference.unwrap_or_default());
-    let deflection = tip.zip(shown).and_then(|(tip, shown)| tip.deflection(shown));
+    let reference = tip.map(|tip| tip.reference.unwrap_or_default());
+    let deflection = tip.zip(reference).and_then(|(tip, reference)| tip.deflection(reference));
     json!({
         "status": record.status,
         "reason": record.reason,
         "tip": tip.map(|tip| tip.marker.as_str()),
-        "reference": shown.map(|shown| shown.words()),
+        "reference": reference.map(|reference| reference.description()),
         "deflection_m": deflection.map(|deflection| deflection.0),
         "sigma_deflection_m": deflection.and_then(|deflection| deflection.1),
         "deflection_survey_m": tip.map(|tip| tip.deflection_m),
         "sigma_deflection_survey_m": tip.and_then(|tip| tip.sigma_deflection_m),
-        "used": record.used(),
+        "used": record.used_count(),
         "variance_factor": record.variance_factor,
         "global_test": record.global_test,
         "remarks": record.remarks,
     })
 }
 
-/// How much higher the marks put the tip, m: of the same marker, counted from the same place.
-fn change(now: &ImageRecord, bare: &ImageRecord) -> Option<f64> {
+/// Returns the change of the tip deflection due to the manual marks, m, for the same marker and reference.
+fn deflection_change(now: &ImageRecord, unmarked: &ImageRecord) -> Option<f64> {
     let tip = now.tip.as_ref()?;
-    let of = |record: &ImageRecord| {
+    let deflection = |record: &ImageRecord| {
         let line = record.markers.iter().find(|m| m.id == tip.marker)?;
         line.deflection(tip.reference.unwrap_or_default()).0
     };
-    Some(of(now)? - of(bare)?)
+    Some(deflection(now)? - deflection(unmarked)?)
 }
 
-/// A grey picture as PNG.
-pub(super) fn png(raster: &Raster) -> Option<Vec<u8>> {
+/// Encodes a grey-level image as PNG.
+pub(super) fn encode_png(raster: &Raster) -> Option<Vec<u8>> {
     use image::ImageEncoder;
     use image::codecs::png::{CompressionType, FilterType, PngEncoder};
     let size = (u32::try_from(raster.width()).ok()?, u32::try_from(raster.height()).ok()?);

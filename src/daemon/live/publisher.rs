@@ -1,0 +1,210 @@
+//! Publishes results and the recorder's state as lines at a Unix socket and as datagrams. The queue of each listener is
+//! bounded: a listener that hangs loses lines, which are counted, and holds up nobody else.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use base64::Engine;
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::net::{UdpSocket, UnixListener, UnixStream};
+use tokio::sync::Semaphore;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
+use tokio::sync::broadcast::{Receiver, Sender};
+
+use super::context::LiveContext;
+use super::preview::Preview;
+use super::result::LiveMessage;
+use super::state;
+use crate::daemon::endpoint;
+
+/// Maximum number of results that wait for a slow listener: three seconds at 20 per second.
+pub(super) const MAX_WAITING: usize = 64;
+/// Maximum number of listeners at a time.
+const MAX_LISTENERS: usize = 32;
+/// Time after which a listener that accepts nothing is disconnected.
+const STALL_TIMEOUT: Duration = Duration::from_secs(30);
+/// Time between two checks for lines lost by a listener.
+const LOSS_CHECK_INTERVAL: Duration = Duration::from_millis(200);
+/// Pause after an error of the operating system.
+const RETRY_PAUSE: Duration = Duration::from_secs(2);
+/// Maximum length of a request, bytes.
+const MAX_LINE: u64 = 64;
+
+/// Publishes results to listeners at the socket and as datagrams.
+#[derive(Clone)]
+pub(crate) struct ResultPublisher {
+    pub(super) messages: Sender<Arc<LiveMessage>>,
+    pub(super) preview: Arc<Preview>,
+    pub(super) shared: LiveContext,
+}
+
+impl ResultPublisher {
+    /// Serves the socket and sends the datagrams, forever.
+    pub async fn serve(self) {
+        let (socket, udp) = (self.shared.config.socket.clone(), self.shared.config.udp.clone());
+        if let Some(to) = udp {
+            tokio::spawn(send_datagrams(self.clone(), to));
+        }
+        tokio::spawn(state::publish_state(self.shared.clone(), self.messages.clone()));
+        let Some(path) = socket else { return };
+        match endpoint::bind_socket(&path) {
+            Ok(listener) => self.accept_listeners(listener).await,
+            Err(error) => self.shared.set_fault("socket", &format!("{}: {error}", path.display())),
+        }
+    }
+
+    async fn accept_listeners(self, listener: UnixListener) {
+        let permits = Arc::new(Semaphore::new(MAX_LISTENERS));
+        let client = |stream| {
+            // One listener too many is disconnected at once.
+            let Ok(permit) = permits.clone().try_acquire_owned() else { return };
+            let publisher = self.clone();
+            let results = self.messages.subscribe();
+            tokio::spawn(async move {
+                let _ = publisher.serve_listener(stream, results).await;
+                drop(permit);
+            });
+        };
+        endpoint::accept_clients(listener, client).await;
+    }
+
+    /// Sends result lines until the listener disconnects, the preview on request, and the state from the first request on.
+    async fn serve_listener(&self, stream: UnixStream, mut results: Receiver<Arc<LiveMessage>>) -> io::Result<()> {
+        let (read, mut write) = stream.into_split();
+        let (sender, mut requests) = tokio::sync::mpsc::channel(1);
+        let reading = tokio::spawn(read_requests(read, sender));
+        let end = async {
+            let mut states = false;
+            loop {
+                let line = tokio::select! {
+                    result = results.recv() => match result {
+                        Ok(message) if message.is_state && !states => continue,
+                        Ok(message) => message.line.clone(),
+                        Err(RecvError::Lagged(lines)) => {
+                            self.shared.update(|live| live.lines_lost += lines);
+                            continue;
+                        }
+                        Err(RecvError::Closed) => return Ok(()),
+                    },
+                    Some(request) = requests.recv() => match request {
+                        ListenerRequest::State => {
+                            states = true;
+                            state::state_line(&self.shared.core.board.snapshot())
+                        }
+                        ListenerRequest::Frame => match self.preview_line().await {
+                            Some(line) => line,
+                            None => continue,
+                        },
+                    },
+                };
+                self.send_line(&mut write, &line, &mut results).await?;
+            }
+        };
+        let ended = end.await;
+        reading.abort();
+        ended
+    }
+
+    /// Sends a line, and counts the lines that the listener loses meanwhile.
+    async fn send_line(
+        &self,
+        write: &mut OwnedWriteHalf,
+        line: &str,
+        results: &mut Receiver<Arc<LiveMessage>>,
+    ) -> io::Result<()> {
+        let whole = async {
+            write.write_all(line.as_bytes()).await?;
+            write.write_all(b"\n").await
+        };
+        tokio::pin!(whole);
+        let begun = tokio::time::Instant::now();
+        while begun.elapsed() < STALL_TIMEOUT {
+            tokio::select! {
+                done = &mut whole => return done,
+                () = tokio::time::sleep(LOSS_CHECK_INTERVAL) => {}
+            }
+            // The queue has overflowed: the next receipt reports the number of lost lines.
+            if results.len() > MAX_WAITING
+                && let Err(TryRecvError::Lagged(lines)) = results.try_recv()
+            {
+                self.shared.update(|live| live.lines_lost += lines);
+            }
+        }
+        Err(io::ErrorKind::TimedOut.into())
+    }
+
+    async fn preview_line(&self) -> Option<String> {
+        let source = self.preview.clone();
+        let preview = tokio::task::spawn_blocking(move || source.image()).await.ok()??;
+        let jpeg = base64::engine::general_purpose::STANDARD.encode(&preview.jpeg);
+        let (width, height) = preview.size;
+        Some(serde_json::json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg }).to_string())
+    }
+}
+
+/// Request of a listener, a line with this word.
+enum ListenerRequest {
+    /// One preview image.
+    Frame,
+    /// The state, now and from now on.
+    State,
+}
+
+/// Reads the requests of a listener until it disconnects.
+async fn read_requests(read: OwnedReadHalf, requests: tokio::sync::mpsc::Sender<ListenerRequest>) {
+    let mut reader = BufReader::new(read);
+    loop {
+        let mut line = String::new();
+        match (&mut reader).take(MAX_LINE).read_line(&mut line).await {
+            Ok(0) | Err(_) => return,
+            Ok(_) => {
+                let request = match line.trim() {
+                    "frame" => ListenerRequest::Frame,
+                    "state" => ListenerRequest::State,
+                    _ => continue,
+                };
+                let _ = requests.try_send(request);
+            }
+        }
+    }
+}
+
+/// Sends a datagram for each result and state.
+async fn send_datagrams(publisher: ResultPublisher, to: String) {
+    let mut results = publisher.messages.subscribe();
+    loop {
+        match resolve_address(&to).await {
+            Ok((socket, address)) => {
+                publisher.shared.clear_fault("udp");
+                loop {
+                    match results.recv().await {
+                        Ok(message) => {
+                            let sent = socket.send_to(message.datagram.as_bytes(), address).await.is_ok();
+                            publisher.shared.update(|live| {
+                                *(if sent { &mut live.datagrams } else { &mut live.datagrams_lost }) += 1;
+                            });
+                        }
+                        Err(RecvError::Lagged(lost)) => publisher.shared.update(|live| live.datagrams_lost += lost),
+                        Err(RecvError::Closed) => return,
+                    }
+                }
+            }
+            Err(error) => {
+                publisher.shared.set_fault("udp", &format!("live.udp = \"{to}\": {error}"));
+                tokio::time::sleep(RETRY_PAUSE).await;
+            }
+        }
+    }
+}
+
+/// Resolves `host:port` and opens a UDP socket for it. The network may not know the name yet.
+async fn resolve_address(to: &str) -> io::Result<(UdpSocket, std::net::SocketAddr)> {
+    let found = tokio::net::lookup_host(to).await?.next();
+    let address = found.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the host name has no address"))?;
+    let own = if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = UdpSocket::bind(own).await?;
+    socket.set_broadcast(true)?;
+    Ok((socket, address))
+}

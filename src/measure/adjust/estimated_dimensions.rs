@@ -1,0 +1,93 @@
+//! Dimensions of the wing that the user can only estimate, as unknowns: the bending root, the chordwise position of the
+//! bending axis and the direction of the span.
+//!
+//! The position of a marker in flight is nearly linear in each of them. A root position that is wrong by 0.3 m moves the
+//! tip of a wing that bends by 3 m by 5 cm, and the nonlinear part is at most 1 mm. The derivative is therefore the
+//! difference from a neighbouring wing, computed once.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::AdjustError;
+use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
+use super::ground::GroundShape;
+use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
+use crate::setup::{Setup, SetupUncertainty};
+
+/// Steps to the neighbouring wings, in the order root offset (m), chord offset (m), span direction (rad); within typical
+/// uncertainties.
+const DIMENSION_STEPS: [f64; ESTIMATED_DIMENSIONS] = [0.05, 0.05, 2e-3];
+
+/// Prior standard deviations of the estimated dimensions, in the same order and units as [`DIMENSION_STEPS`].
+pub fn dimension_sigmas(uncertainty: &SetupUncertainty) -> [f64; ESTIMATED_DIMENSIONS] {
+    [uncertainty.root_offset_m, uncertainty.axis_chord_offset_m, uncertainty.span_direction_rad]
+}
+
+/// A wing that differs from the nominal wing in one estimated dimension.
+#[derive(Clone, Debug)]
+pub struct NeighbourWing {
+    /// The neighbouring wing as surveyed.
+    pub ground: GroundShape,
+    /// Difference from the nominal dimension, in the unit of the unknown.
+    pub step: f64,
+    grid: BeamGrid,
+    arms: Vec<MarkerArm>,
+    wing_from_own: Matrix3<f64>,
+    /// Outboard distance of its root from the nominal root, m.
+    pub root_m: f64,
+}
+
+impl NeighbourWing {
+    /// Creates the neighbours of an installation; `None` for a dimension without uncertainty. `trusted` holds one flag per
+    /// marker, as in [`GroundShape::new`].
+    pub fn all_from_setup(
+        setup: &Setup,
+        trusted: &[bool],
+    ) -> Result<[Option<Self>; ESTIMATED_DIMENSIONS], AdjustError> {
+        let nominal = GroundShape::new(setup, trusted)?;
+        let sigmas = dimension_sigmas(&setup.uncertainty);
+        let mut all = [None, None, None];
+        for (k, slot) in all.iter_mut().enumerate().filter(|(k, _)| sigmas[*k] > 0.0) {
+            *slot = Some(Self::new(setup, trusted, &nominal, k)?);
+        }
+        Ok(all)
+    }
+
+    fn new(setup: &Setup, trusted: &[bool], nominal: &GroundShape, which: usize) -> Result<Self, AdjustError> {
+        let step = DIMENSION_STEPS[which];
+        let mut setup = setup.clone();
+        match which {
+            0 => setup.root_offset_m += step,
+            1 => setup.axis_chord_offset_m = Some(nominal.axis.root_m.z + step),
+            _ => {
+                let (sin, cos) = step.sin_cos();
+                setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * setup.span_direction;
+            }
+        }
+        let ground = GroundShape::new(&setup, trusted)?;
+        let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
+        let grid = BeamGrid::new(&ground, &arcs);
+        let mounts = grid.marker_arms(&ground.stations);
+        let wing_from_own =
+            nominal.frame.wing_from_survey.matrix() * ground.frame.wing_from_survey.matrix().transpose();
+        let root_m = if which == 0 { step } else { 0.0 };
+        Ok(Self { ground, step, grid, arms: mounts, wing_from_own, root_m })
+    }
+
+    /// Computes the sections in flight, one per marker.
+    pub fn bend(&self, bending: &Bending) -> Vec<BeamSection> {
+        self.grid.bend(bending)
+    }
+
+    /// Computes a marker's state in flight from its position on the ground, both in the nominal wing frame, m.
+    pub fn marker_state(
+        &self,
+        index: usize,
+        section: &BeamSection,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> MarkerState {
+        let own = self.wing_from_own.transpose() * ground_m;
+        let state = MarkerState::on_wing(&self.grid, &self.arms[index], section, &own, bending);
+        state.rotated(&self.wing_from_own)
+    }
+}

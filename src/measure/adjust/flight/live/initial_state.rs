@@ -1,0 +1,80 @@
+//! Start of the live state from a first frame.
+
+use std::sync::Arc;
+
+use super::attempt::LiveModel;
+use super::departure::ShapeDeparture;
+use super::state::LiveState;
+use crate::adjust::budget;
+use crate::adjust::flight::frames::Flight;
+use crate::adjust::flight::joint::JointSolution;
+use crate::adjust::flight::solving::SolvedFlight;
+use crate::adjust::input::AdjustmentInput;
+use crate::adjust::outcome::with_prior_if_consistent;
+use crate::adjust::snooping::SuspectTarget;
+use crate::adjust::{AdjustError, AdjustmentMethod, GlobalTest, Options, Solution};
+use crate::estimation::AttributedInformation;
+
+/// Change of bending by a gust, 1/m, equal to the typical bending in flight. It may change the shape as much as burning
+/// fuel does, because lift and inertia respond at different times and positions.
+const LOAD_CURVATURE_PER_M: f64 = 5e-3;
+
+/// State after one frame, with the frame's result.
+pub struct InitialState {
+    pub state: LiveState,
+    /// Result of the frame.
+    pub solution: Solution,
+    /// True if the frame passes the global test with no observation removed.
+    pub is_sound: bool,
+}
+
+/// Adjusts the first frame as a flight of one frame, with survey and ground frame, and with the prior from earlier flights
+/// unless the frame contradicts it.
+///
+/// # Errors
+/// Returns an error if the frame has no solution.
+pub fn start_state(flight: &Flight) -> Result<InitialState, AdjustError> {
+    let begin = |options: &Options| {
+        state_from_flight(Flight { input: AdjustmentInput { options, ..flight.input }, ..flight.clone() })
+    };
+    with_prior_if_consistent(flight.input.options, begin, |initial| std::slice::from_mut(&mut initial.solution))
+}
+
+fn state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
+    let joint = JointSolution::for_single_frame(flight)?;
+    let solution = joint.single_solution(AdjustmentMethod::Flight);
+    let JointSolution { solved, removed, .. } = joint;
+    let is_sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
+    let attributed = retained_information(&solved);
+    let SolvedFlight { flight_problem, fit, .. } = solved;
+    let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == SuspectTarget::Survey).collect();
+    let state = LiveState {
+        known: fit.information_prior(),
+        base: fit.information_prior(),
+        model: LiveModel {
+            layout: flight_problem.layouts[0].clone(),
+            missing: flight_problem.problem.missing,
+            shape: flight_problem.shape.with_amplitude_range(LOAD_CURVATURE_PER_M),
+            wrong,
+        },
+        attributed: Arc::new(attributed),
+        local: fit.groups[0].local.clone(),
+        departure: ShapeDeparture::initial(),
+        frames: 1,
+        accepted_frames: 1,
+        rejected_frames: 0,
+        rejected_s: 0.0,
+        factor: 1.0,
+    };
+    Ok(InitialState { state, solution, is_sound })
+}
+
+/// Information that keeps its source names in the state. Excluded are the mounting's rotation and the shape ratios, which
+/// follow a random walk; the mounting's shift is included because each mounting starts with the same prior.
+fn retained_information(SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> AttributedInformation {
+    let (layout, shape) = (&flight_problem.layouts[0], flight_problem.shape.columns);
+    let rotation = layout.mounting.first..layout.mounting.first + 3;
+    let of_shape = shape.ratios..shape.changes;
+    let invariant = |column: usize| !rotation.contains(&column) && !of_shape.contains(&column);
+    budget::attribute_information(flight_problem.block_members(), &flight_problem.problem, fit, invariant)
+}

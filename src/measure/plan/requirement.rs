@@ -1,0 +1,303 @@
+//! Check of a required standard deviation: whether a layout meets it, a variance budget, and possible improvements,
+//! cheapest first.
+
+use serde::Serialize;
+
+use super::prediction::{LayoutPrecision, SimulatedFlight};
+use super::{PlanOptions, fixed_targets, terms};
+use crate::adjust::AdjustError;
+use crate::adjust::flight_prior::FlightPrior;
+use crate::setup::{Orientation, Setup, SurveyMarker};
+
+/// A required precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Requirement {
+    /// Required standard deviation of the tip's deflection, m.
+    pub sigma_m: f64,
+    /// Number of frames of a flight adjusted together; 1: each frame alone.
+    pub frames: usize,
+}
+
+/// Contribution of a source to the variance.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct VarianceFraction {
+    /// Uncertain term of the installation, or images and survey.
+    pub source: String,
+    /// Fraction of the variance of the tip's deflection; the sum is 1.
+    pub share: f64,
+}
+
+/// A possible improvement.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Remedy {
+    /// Description of the improvement.
+    pub remedy: String,
+    /// Cost of the improvement.
+    pub cost: &'static str,
+    /// Standard deviation of the tip's deflection with this improvement alone, m.
+    pub sigma_alone_m: Option<f64>,
+    /// Standard deviation with this and the accepted improvements before it, m; `None` if it is not accepted.
+    pub sigma_taken_m: Option<f64>,
+}
+
+/// Result of the check of a requirement.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RequirementResult {
+    /// Whether the planned layout meets the requirement.
+    pub reached: bool,
+    /// Required standard deviation, m.
+    pub want_m: f64,
+    /// Number of frames adjusted together.
+    pub frames: usize,
+    /// Standard deviation of the planned layout, m.
+    pub sigma_tip_deflection_m: f64,
+    /// Variance budget, largest contribution first.
+    pub sources: Vec<VarianceFraction>,
+    /// Possible improvements, cheapest first.
+    pub remedies: Vec<Remedy>,
+    /// Whether the proposal, with the accepted improvements, meets the requirement.
+    pub proposal_reached: bool,
+    pub proposal_sigma_m: f64,
+    /// Number of frames that the proposal adjusts together.
+    pub proposal_frames: usize,
+}
+
+/// Installation, attitude and number of frames of a possible flight.
+#[derive(Clone)]
+struct Campaign {
+    setup: Setup,
+    /// Attitude; its observations are those of exact ground frames.
+    orientation: Orientation,
+    frames: usize,
+}
+
+/// An improvement: returns its description and the improved campaign, or `None` if there is nothing to improve.
+type RemedyAction = fn(&Campaign, &PlanOptions) -> Option<(String, Campaign)>;
+
+/// Improvements with their costs, cheapest first.
+const REMEDY_ACTIONS: [(&str, RemedyAction); 8] = [
+    ("nothing", add_frames),
+    ("nothing", keep_camera_mounted),
+    ("a drawing", use_drawings),
+    ("a thermometer", measure_temperature),
+    ("two decals and their survey", add_two_fixed_targets),
+    ("two decals and their survey", add_two_fixed_targets),
+    ("half a day with the total station", refine_survey),
+    ("decals and their survey", add_markers),
+];
+
+/// Smallest relative decrease of the standard deviation for which an improvement is accepted.
+const MIN_IMPROVEMENT: f64 = 0.02;
+/// Number of frames from which on more frames hardly help; with fewer, more frames are proposed.
+const FEW_FRAMES: usize = 10;
+/// Standard deviations of drawings: heights, positions along span and chord, m; directions, rad.
+const DRAWING_SIGMAS: (f64, f64, f64) = (0.01, 0.05, 1.75e-3);
+/// Standard deviation of a measured wing temperature, K.
+const MEASURED_TEMPERATURE_SIGMA_K: f64 = 3.0;
+/// Standard deviation of a careful survey, m.
+const FINE_SURVEY_SIGMA_M: f64 = 0.001;
+/// Number of markers that are added at once.
+const ADDITIONAL_MARKERS: usize = 6;
+
+/// Checks a requirement. Returns the result with setup and attitude of the proposal.
+///
+/// # Errors
+/// Returns an error if the layout gives no wing or no adjustment.
+pub fn check_requirement(
+    setup: &Setup,
+    orientation: Option<&Orientation>,
+    options: &PlanOptions,
+    requirement: &Requirement,
+) -> Result<(RequirementResult, Setup, Orientation), AdjustError> {
+    let first = SimulatedFlight::new(setup, orientation, options)?;
+    let attitude = Orientation { ground: vec![], ..first.orientation };
+    let planned = Campaign { setup: setup.clone(), orientation: attitude, frames: requirement.frames.max(1) };
+    let sigma_m = predict_campaign(&planned, options)?.sigma_tip_deflection_m;
+    let (remedies, proposal, proposal_m) = apply_remedies(&planned, options, (sigma_m, requirement.sigma_m));
+    let answer = RequirementResult {
+        reached: sigma_m <= requirement.sigma_m,
+        want_m: requirement.sigma_m,
+        frames: planned.frames,
+        sigma_tip_deflection_m: sigma_m,
+        sources: variance_sources(&planned, options, sigma_m),
+        remedies,
+        proposal_reached: proposal_m <= requirement.sigma_m,
+        proposal_sigma_m: proposal_m,
+        proposal_frames: proposal.frames,
+    };
+    Ok((answer, proposal.setup, proposal.orientation))
+}
+
+/// Predicts the precision of a layout, with several frames adjusted together. Only the attitude of `orientation` is used;
+/// without it the camera looks at the middle of the wing. `flight_prior`: prior from earlier flights.
+///
+/// # Errors
+/// Returns an error if the layout gives no wing or no adjustment.
+pub fn predict_precision(
+    setup: &Setup,
+    orientation: Option<&Orientation>,
+    options: &PlanOptions,
+    frames: usize,
+    flight_prior: Option<&FlightPrior>,
+) -> Result<LayoutPrecision, AdjustError> {
+    let simulation = SimulatedFlight::new(setup, orientation, options)?;
+    match (frames, flight_prior) {
+        (..=1, None) => simulation.predict_single_frame(),
+        _ => simulation.predict_flight(frames, flight_prior),
+    }
+}
+
+/// Returns the attitude of the camera; without an orientation it looks at the middle of the wing, upright.
+///
+/// # Errors
+/// Returns an error if the survey gives no wing.
+pub fn assumed_attitude(
+    setup: &Setup,
+    orientation: Option<&Orientation>,
+    options: &PlanOptions,
+) -> Result<Orientation, AdjustError> {
+    Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
+}
+
+fn predict_campaign(campaign: &Campaign, options: &PlanOptions) -> Result<LayoutPrecision, AdjustError> {
+    predict_precision(&campaign.setup, Some(&campaign.orientation), options, campaign.frames, None)
+}
+
+/// Evaluates each improvement alone and after those before it, and builds the proposal from as many as it needs.
+fn apply_remedies(
+    planned: &Campaign,
+    options: &PlanOptions,
+    (sigma_m, want_m): (f64, f64),
+) -> (Vec<Remedy>, Campaign, f64) {
+    let (mut proposal, mut reached_m) = (planned.clone(), sigma_m);
+    let mut all: Vec<Remedy> = Vec::new();
+    for (cost, change) in REMEDY_ACTIONS {
+        let tried = change(&proposal, options);
+        let Some((remedy, next)) = tried else { continue };
+        // Alone it may be another improvement: two targets if the proposal already has two.
+        let change_alone = change(planned, options).filter(|(other, _)| *other == remedy);
+        let alone = change_alone.and_then(|(_, campaign)| predict_campaign(&campaign, options).ok());
+        let mut taken_m = None;
+        if reached_m > want_m
+            && let Ok(better) = predict_campaign(&next, options)
+            && better.sigma_tip_deflection_m < (1.0 - MIN_IMPROVEMENT) * reached_m
+        {
+            (proposal, reached_m) = (next, better.sigma_tip_deflection_m);
+            taken_m = Some(reached_m);
+        }
+        let sigma_alone_m = alone.map(|e| e.sigma_tip_deflection_m);
+        if !all.iter().any(|known| known.remedy == remedy) {
+            all.push(Remedy { remedy, cost, sigma_alone_m, sigma_taken_m: taken_m });
+        }
+    }
+    (all, proposal, reached_m)
+}
+
+/// Returns the decrease of the variance if each uncertain term were known; the rest is images and survey. Terms that can
+/// replace each other count twice, so all are scaled to a sum of 1.
+fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> Vec<VarianceFraction> {
+    let variance = |setup: &Setup| {
+        let campaign = Campaign { setup: setup.clone(), ..planned.clone() };
+        predict_campaign(&campaign, options).ok().map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
+    };
+    let mut left = 1.0;
+    let mut all: Vec<VarianceFraction> = Vec::new();
+    for (name, setup) in terms::setups_with_known_terms(&planned.setup) {
+        let Some(rest) = variance(&setup).map(|rest| rest.min(1.0)) else { continue };
+        if name == terms::ALL_TERMS {
+            left = rest;
+            continue;
+        }
+        all.push(VarianceFraction { source: name.to_owned(), share: 1.0 - rest });
+    }
+    if all.len() == 1 {
+        left = 1.0 - all[0].share;
+    }
+    let sum: f64 = all.iter().map(|s| s.share).sum();
+    let scale = if sum > 0.0 { (1.0 - left) / sum } else { 0.0 };
+    all.iter_mut().for_each(|s| s.share *= scale);
+    let known: f64 = all.iter().map(|s| s.share).sum();
+    all.push(VarianceFraction { source: "images, survey and rotation of the mounting".to_owned(), share: 1.0 - known });
+    all.sort_by(|a, b| b.share.total_cmp(&a.share));
+    all
+}
+
+fn add_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let frames = if campaign.frames < FEW_FRAMES { FEW_FRAMES } else { 2 * campaign.frames };
+    let remedy = format!("adjust {frames} frames of a flight together, with deflections from small to large");
+    Some((remedy, Campaign { frames, ..campaign.clone() }))
+}
+
+fn keep_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let mut next = campaign.clone();
+    (next.setup.uncertainty.mount_shift_m > 0.0).then(|| {
+        next.setup.uncertainty.mount_shift_m = 0.0;
+        ("keep the camera mounted between the ground frame and the flight".to_owned(), next)
+    })
+}
+
+fn use_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let mut next = campaign.clone();
+    let uncertainty = &mut next.setup.uncertainty;
+    let (height_m, position_m, direction) = DRAWING_SIGMAS;
+    uncertainty.skin_height_sigma_m = uncertainty.skin_height_sigma_m.min(height_m);
+    uncertainty.root_offset_m = uncertainty.root_offset_m.min(position_m);
+    uncertainty.axis_chord_offset_m = uncertainty.axis_chord_offset_m.min(position_m);
+    uncertainty.span_direction_rad = uncertainty.span_direction_rad.min(direction);
+    let remedy = format!(
+        "take the bending axis from drawings: its height to {height_m} m, root and chord offset to {position_m} m, the span's \
+         direction to 0.1 deg"
+    );
+    (next.setup.uncertainty != campaign.setup.uncertainty).then_some((remedy, next))
+}
+
+fn measure_temperature(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let mut next = campaign.clone();
+    let default = crate::setup::Thermal {
+        expansion_per_k: 23.1e-6,
+        expansion_sigma_per_k: None,
+        ground_temperature_c: 15.0,
+        flight_temperature_c: 15.0,
+        flight_temperature_sigma_k: None,
+    };
+    let thermal = next.setup.thermal.get_or_insert(default);
+    let is_uncertain = campaign.setup.thermal.is_none()
+        || thermal.flight_temperature_sigma_k.is_some_and(|s| s > MEASURED_TEMPERATURE_SIGMA_K);
+    thermal.flight_temperature_sigma_k = Some(MEASURED_TEMPERATURE_SIGMA_K);
+    is_uncertain.then(|| (format!("measure the wing's temperature to {MEASURED_TEMPERATURE_SIGMA_K} K"), next))
+}
+
+fn add_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(String, Campaign)> {
+    let existing = campaign.setup.markers.iter().filter(|m| m.fixed).count();
+    let (setup, orientation) =
+        fixed_targets::add_fixed_targets(&campaign.setup, &campaign.orientation, (existing, 2, options.pixel_sigma))?;
+    let count = setup.markers.iter().filter(|m| m.fixed).count();
+    let orientation = Orientation { ground: vec![], ..orientation };
+    let remedy = format!("{count} fixed targets, rigid to the cabin, in the corners of the frame");
+    (count > existing).then_some((remedy, Campaign { setup, orientation, ..campaign.clone() }))
+}
+
+fn refine_survey(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let mut next = campaign.clone();
+    let reduced = |sigma: f64| sigma.min(FINE_SURVEY_SIGMA_M);
+    next.setup.markers.iter_mut().for_each(|m| m.sigma_m = reduced(m.sigma_m));
+    next.setup.projection_centre_sigma_m = reduced(next.setup.projection_centre_sigma_m);
+    let remedy = format!("survey markers and lens to {FINE_SURVEY_SIGMA_M} m");
+    (next.setup != campaign.setup).then_some((remedy, next))
+}
+
+/// Adds markers in the middle of the largest gaps along the span, on the straight line between the neighbours.
+fn add_markers(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+    let mut next = campaign.clone();
+    for k in 0..ADDITIONAL_MARKERS {
+        let mut wing = next.setup.wing_markers();
+        wing.sort_by(|a, b| a.1.x.total_cmp(&b.1.x));
+        let gap = |pair: &&[(usize, nalgebra::Vector3<f64>)]| pair[1].1.x - pair[0].1.x;
+        let widest = wing.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+        let (a, b) = (next.setup.markers.get(widest[0].0)?, next.setup.markers.get(widest[1].0)?);
+        let position_m = 0.5 * (a.position_m + b.position_m);
+        let added = SurveyMarker { id: format!("N{:02}", k + 1), position_m, ..b.clone() };
+        next.setup.markers.push(added);
+    }
+    Some((format!("{ADDITIONAL_MARKERS} more markers, in the largest gaps along the span"), next))
+}
