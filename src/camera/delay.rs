@@ -16,7 +16,7 @@ pub(crate) fn delay_fault(key: &str, seconds: Option<f64>, sigma_s: Option<f64>)
                 "use at most {MAX_DELAY_S} s, and a standard deviation from 0 to \
                                 {MAX_DELAY_S} s"
             );
-            let problem = format!("is {s} s with a standard deviation of {sigma} s");
+            let problem = format!("is {s} s with a standard deviation of {sigma} s, which is not plausible");
             Some(KeyFault::new(format!("{key}_s"), problem, remedy))
         }
         (Some(_), None) => Some(KeyFault::new(format!("{key}_sigma_s"), "is missing", remedy)),

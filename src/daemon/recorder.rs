@@ -62,12 +62,12 @@ impl Recorder {
                 ScheduleAction::Over => break,
                 ScheduleAction::Begin(slot) => {
                     progress.last_slot = Some(slot);
-                    if self.live.as_ref().is_none_or(Feeder::takes_series) {
+                    if self.live.as_ref().is_none_or(Feeder::series_are_enabled) {
                         self.take_series(SeriesCause::Scheduled);
                     }
                 }
                 ScheduleAction::Wait(wait) => {
-                    let series = self.live.as_ref().is_none_or(Feeder::takes_series);
+                    let series = self.live.as_ref().is_none_or(Feeder::series_are_enabled);
                     self.core.board.set_next_series(series.then_some(wait));
                     self.wait_for_series(wait.min(WAIT_SLICE));
                 }

@@ -36,7 +36,7 @@ pub struct ImageCorners {
     pub used: Vec<bool>,
 }
 
-/// Writes one line per corner.
+/// Writes the corners of all images as CSV: one line per corner with covariance and use.
 pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()> {
     let mut text = COLUMNS.join(",") + ",used\n";
     for image in images {

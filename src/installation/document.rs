@@ -41,7 +41,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let in_range = reader.faults.len() == before;
     let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::read_window(reader, &file, document.window.as_ref());
-    let structure = structure::structure_from_table(reader, &file, document.structure.as_ref());
+    let structure = structure::read_structure(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let camera = lens?;
     let setup = Setup {

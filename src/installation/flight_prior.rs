@@ -85,7 +85,7 @@ impl StoredFlightPrior {
     /// # Errors
     /// Returns an error if they do not have the same unknowns.
     pub fn from_flights(sources: Vec<PriorFlight>, setup: &Setup) -> Result<Self, AdjustError> {
-        let together = combine_flights(sources.iter(), setup)?;
+        let together = combined_prior(sources.iter(), setup)?;
         Ok(Self { flights: sources, combined: together })
     }
 
@@ -110,11 +110,12 @@ impl StoredFlightPrior {
             return self.combined.clone();
         }
         // A subset of regular contributions is regular too.
-        combine_flights(self.flights.iter().filter(|source| !own.contains(source)), setup).ok().flatten()
+        combined_prior(self.flights.iter().filter(|source| !own.contains(source)), setup).ok().flatten()
     }
 }
 
-fn combine_flights<'a>(
+/// Combines the contributions of flights into one prior.
+fn combined_prior<'a>(
     sources: impl Iterator<Item = &'a PriorFlight>,
     setup: &Setup,
 ) -> Result<Option<Arc<FlightPrior>>, AdjustError> {

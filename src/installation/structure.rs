@@ -21,7 +21,7 @@ pub struct Structure {
 }
 
 /// Reads `[structure]` of an installation.
-pub(super) fn structure_from_table(
+pub(super) fn read_structure(
     reader: &mut Reader,
     installation: &Path,
     structure: Option<&tables::StructureTable>,

@@ -56,7 +56,7 @@ fn join_lines(texts: &[String]) -> String {
 
 fn overview_text(record: &ImageRecord) -> String {
     let method = match (record.method, record.flight) {
-        (Method::Profile, _) => "profile (a parabola in the vertical plane)",
+        (Method::Profile, _) => "profile (the wing bends as a parabola in the vertical plane)",
         (_, true) => "spatial (a beam of rigid sections), joint adjustment of the flight's frames",
         _ => "spatial (a beam of rigid sections), single frame",
     };

@@ -172,6 +172,10 @@ fn upload_is_reported_as_missing_if_it_is_not_built_in() {
     for arguments in [&["upload"][..], &["upload", "store", "--to", "s3://bucket/prefix", "--json"]] {
         let output = wingd().args(arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(printed(&output).contains("--features upload"), "{}", printed(&output));
+        assert!(
+            super::program::all_output(&output).contains("--features upload"),
+            "{}",
+            super::program::all_output(&output)
+        );
     }
 }

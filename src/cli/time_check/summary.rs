@@ -46,7 +46,7 @@ enum NoConfiguration {
     SeveralSources,
     #[error("the camera reports no event at the exposure, so there is no delay to configure")]
     NoEvent,
-    #[error("the record does not contain the configured delay; take the images again")]
+    #[error("the images were recorded without the delay that was configured then; record them again with this version")]
     NoDelay,
     #[error("{0} images are too few; {MIN_PICTURES} are needed")]
     TooFew(usize),
@@ -128,7 +128,7 @@ impl TimeCheckSummary {
         );
         match &self.lines {
             Ok(ConfigurationLines { text, section }) => out.push_str(&format!("\nFor {section}:\n{text}")),
-            Err(reason) => out.push_str(&format!("\nNo lines for the configuration: {reason}\n")),
+            Err(reason) => out.push_str(&format!("\nNo delay to enter in the configuration: {reason}\n")),
         }
         out
     }

@@ -33,7 +33,7 @@ impl EventDetector {
             return Some("the camera mount was disturbed".to_owned());
         }
         if result.is_rejected() && self.keep.rejected {
-            return Some("the global test rejects a frame".to_owned());
+            return Some("a frame was rejected by the global test".to_owned());
         }
         gust
     }

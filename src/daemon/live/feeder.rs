@@ -55,8 +55,8 @@ impl Feeder {
         Self { shared, mailbox, raw, governor, number: 0, next_frame, next_check, failures: 0, noted_opening: 0 }
     }
 
-    /// Returns whether scheduled series are taken.
-    pub fn takes_series(&self) -> bool {
+    /// Returns whether the recorder also takes scheduled series in live mode (key `series`).
+    pub fn series_are_enabled(&self) -> bool {
         self.shared.config.series
     }
 

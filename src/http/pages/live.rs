@@ -27,12 +27,12 @@ pub fn live_page(listens: bool) -> Markup {
             }
             p #state .soft {}
             div.live {
-                (empty_figure("curve", "Deflection along the span"))
-                (empty_figure("deflections", "Tip deflection over time"))
+                (live_figure("curve", "Deflection along the span"))
+                (live_figure("deflections", "Tip deflection over time"))
                 section { h2 { "Frame" }
                     div.seen { img #frame alt="The newest frame"; svg #outlines aria-hidden="true" {} }
                     p.caption #frame-caption {} }
-                (empty_figure("twists", "Twist over time"))
+                (live_figure("twists", "Twist over time"))
             }
             script src="/live-plot.js" defer {}
             script src="/live.js" defer {}
@@ -45,7 +45,8 @@ fn value_tile(id: &str, name: &str) -> Markup {
     html! { li { span id={ (id) "-name" } { (name) } b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
 }
 
-fn empty_figure(id: &str, name: &str) -> Markup {
+/// Returns a section with an SVG that the page's script fills.
+fn live_figure(id: &str, name: &str) -> Markup {
     html! {
         section { h2 { (name) }
             svg id=(id) viewBox="0 0 560 300" role="img" aria-label=(name) {}

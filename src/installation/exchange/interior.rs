@@ -58,7 +58,8 @@ impl Interior {
         Ok(lens)
     }
 
-    fn fault_at<T>(&self, map: &Node, key: usize, problem: String, remedy: &str) -> Result<T, LineFault> {
+    /// Returns the error of a key, with its line in the file.
+    fn key_fault<T>(&self, map: &Node, key: usize, problem: String, remedy: &str) -> Result<T, LineFault> {
         let key = self.keys[key];
         let line = map.get(key)?.map_or(map.line, |node| node.line);
         Err(LineFault::new(line, key, problem, remedy))
@@ -71,23 +72,23 @@ impl Interior {
             return Ok(());
         }
         let problem = format!("is {width} x {height} px");
-        self.fault_at(map, 0, problem, "give the size of the images in whole pixels")
+        self.key_fault(map, 0, problem, "give the size of the images in whole pixels")
     }
 
     fn check_core(&self, map: &Node) -> Result<(), LineFault> {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         if fx == 0.0 && fy == 0.0 {
             let problem = "is zero: this camera was never calibrated".to_owned();
-            return self.fault_at(map, 1, problem, "calibrate it, or use the file that its calibration wrote");
+            return self.key_fault(map, 1, problem, "calibrate it, or use the file that its calibration wrote");
         }
         let sides = [fx, fy].map(|f| f / width.max(height));
         if sides.iter().any(|s| !(CONSTANT_SIDES[0]..=CONSTANT_SIDES[1]).contains(s)) {
             let problem = format!("gives camera constants of {fx} and {fy} px in images {width} px wide");
-            return self.fault_at(map, 1, problem, "give fx and fy in pixels, in the right order");
+            return self.key_fault(map, 1, problem, "give fx and fy in pixels, in the right order");
         }
         if !(0.0..=width).contains(&cx) || !(0.0..=height).contains(&cy) {
             let problem = format!("puts the principal point at ({cx}, {cy}) px, outside {width} x {height} px");
-            return self.fault_at(map, 1, problem, "give cx and cy in pixels, in the right order");
+            return self.key_fault(map, 1, problem, "give cx and cy in pixels, in the right order");
         }
         Ok(())
     }
@@ -98,7 +99,7 @@ impl Interior {
         let Some((k, value)) = other else { return Ok(()) };
         let model = if k < 12 { "thin prism" } else { "tilt" };
         let problem = format!("has {} = {value}, a term of the {model} model", TERMS[k]);
-        self.fault_at(map, 2, problem, MODEL_REMEDY)
+        self.key_fault(map, 2, problem, MODEL_REMEDY)
     }
 
     /// Checks that the distortion is invertible over the full image.
@@ -109,7 +110,7 @@ impl Interior {
         for (u, v) in edge {
             if lens.ray(&Vector2::new(u - 0.5, v - 0.5)).is_err() {
                 let problem = format!("is not invertible: no ray belongs to the pixel ({u:.0}, {v:.0})");
-                return self.fault_at(map, 2, problem, "calibrate again with the board up to the corners");
+                return self.key_fault(map, 2, problem, "calibrate again with the board up to the corners");
             }
         }
         Ok(())

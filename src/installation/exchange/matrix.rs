@@ -127,7 +127,7 @@ fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], LineFault> {
     if m[2] == 0.0 && m[5] == 0.0 && (m[6] != 0.0 || m[7] != 0.0) {
         let problem =
             format!("is transposed: row 3 begins with {} and {}, but cx and cy belong in column 3", m[6], m[7]);
-        return fault(problem, "give its rows: fx 0 cx, 0 fy cy, 0 0 1");
+        return fault(problem, "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]");
     }
     if m[1] != 0.0 {
         let problem = format!("has a skew of {} px (row 1, column 2), which is not supported", m[1]);
@@ -136,7 +136,7 @@ fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], LineFault> {
     for (k, want) in [(3, 0.0), (6, 0.0), (7, 0.0), (8, 1.0)] {
         if m[k] != want {
             let problem = format!("has {} in row {}, column {}, not {want}", m[k], k / 3 + 1, k % 3 + 1);
-            return fault(problem, "give its rows: fx 0 cx, 0 fy cy, 0 0 1");
+            return fault(problem, "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]");
         }
     }
     Ok([m[0], m[4], m[2], m[5]])

@@ -84,8 +84,8 @@ fn systematic_rms(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>)
     (sum / points.max(1) as f64).max(0.0).sqrt()
 }
 
-/// Returns the distortion terms that may be dropped next: the highest radial one that is left, first of the denominator,
-/// and the tangential ones.
+/// Returns the distortion terms of which one may be dropped next: of the free radial ones the first of k6, k3, k5, k2, k4,
+/// k1, and each free tangential one.
 pub(super) fn droppable_terms(fixed: &[bool; GLOBAL]) -> Vec<usize> {
     let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !fixed[*k]);
     radial.into_iter().chain([7, 8].into_iter().filter(|k| !fixed[*k])).collect()

@@ -87,7 +87,7 @@ pub(super) struct Selection {
 impl Selection {
     /// Rejects views that are unusable before any adjustment, which might not converge with them.
     pub(super) fn from_views(views: &[BoardView], size: ImageSize) -> Self {
-        let mut dropped: Vec<Option<ImageRejection>> = (0..views.len()).map(|k| unusable_reason(views, k)).collect();
+        let mut dropped: Vec<Option<ImageRejection>> = (0..views.len()).map(|k| view_rejection(views, k)).collect();
         let misfits: Vec<f64> = views.iter().map(|v| start::min_plane_misfit_px(v, size)).collect();
         let rest: Vec<f64> = misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
         let limit = NOT_PLANAR_FACTOR * median(rest.clone()).unwrap_or(0.0) + 1.0;
@@ -247,7 +247,8 @@ fn student_limit(n: usize, sides: f64) -> f64 {
     StudentsT::new(0.0, 1.0, (n.max(2) - 1) as f64).map_or(f64::INFINITY, |t| t.inverse_cdf(share))
 }
 
-fn unusable_reason(views: &[BoardView], k: usize) -> Option<ImageRejection> {
+/// Returns why view `k` cannot be used: too few corners, or the same view as an earlier image.
+fn view_rejection(views: &[BoardView], k: usize) -> Option<ImageRejection> {
     if views[k].len() < MIN_POINTS {
         return Some(ImageRejection::TooFewPoints { found: views[k].len() });
     }

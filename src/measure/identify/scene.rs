@@ -114,10 +114,11 @@ impl<'a> WingView<'a> {
         let rotation = self.camera_from_wing(state);
         let surveyed = self.setup.markers.get(marker)?;
         let position = self.beam.marker_positions(state, self.scale).get(marker).copied()?;
-        self.disc_at(state, marker, &rotation, &position, surveyed.diameter_m)
+        self.disc_in_camera(state, marker, &rotation, &position, surveyed.diameter_m)
     }
 
-    fn disc_at(
+    /// Returns the disc of a marker at a position of the wing, camera frame.
+    fn disc_in_camera(
         &self,
         state: &WingState,
         marker: usize,
@@ -146,7 +147,7 @@ impl<'a> WingView<'a> {
         let markers = self.setup.markers.iter().zip(&placed).enumerate();
         markers
             .map(|(j, (marker, position))| {
-                self.disc_at(state, j, &rotation, position, marker.diameter_m)?.outline(&self.setup.lens)
+                self.disc_in_camera(state, j, &rotation, position, marker.diameter_m)?.outline(&self.setup.lens)
             })
             .collect()
     }

@@ -140,7 +140,7 @@ pub(super) fn draw_coverage(c: &Calibration) -> Markup {
 /// Draws the standard deviation of a projected point over the image, one map per distance.
 pub(super) fn draw_uncertainty(c: &Calibration) -> Markup {
     let Some(projections) = &c.projections else {
-        return html! { p { "The distortion cannot be inverted over the full image." } };
+        return html! { p { "No map of the projection's uncertainty: it cannot be computed over the full image. Add images with the board near the edges." } };
     };
     let cells = projections.iter().flat_map(|p| p.cells_px.iter().flatten().flatten());
     let most = cells.copied().fold(f64::MIN_POSITIVE, f64::max);

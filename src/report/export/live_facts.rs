@@ -61,8 +61,8 @@ fn finite_value(column: &Option<Vec<f64>>, row: usize) -> Option<f64> {
 }
 
 impl RowInstants {
-    /// Returns UTC and time since boot of a row, s; `None` if its time is unknown.
-    fn instant_at(&self, began: &Stamp, row: usize) -> Option<(jiff::Timestamp, f64)> {
+    /// Returns UTC and time since boot, s, of a live result (a row of the table); `None` if its time is unknown.
+    fn result_instant(&self, began: &Stamp, row: usize) -> Option<(jiff::Timestamp, f64)> {
         let utc = jiff::Timestamp::from_microsecond(finite_value(&self.utc, row)? as i64).ok()?;
         let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
         Some((utc, finite_value(&self.since_boot_s, row).unwrap_or(by_utc_s)))
@@ -71,7 +71,7 @@ impl RowInstants {
     /// Returns the aircraft data at a row; `None` if its time is unknown.
     fn aircraft_state(&self, track: &AircraftTrack, began: &Stamp, row: usize) -> Option<AircraftState> {
         let value_at_row = |column: &Option<Vec<f64>>| finite_value(column, row);
-        let (utc, since_boot_s) = self.instant_at(began, row)?;
+        let (utc, since_boot_s) = self.result_instant(began, row)?;
         let clock_sigma_s = value_at_row(&self.clock_sigma_s);
         let utc_synchronised = began.utc_synchronised || clock_sigma_s.is_some();
         let stamp = Stamp { utc, utc_synchronised, since_boot_s, boot_id: began.boot_id.clone() };
@@ -101,7 +101,7 @@ pub(super) fn result_ids(head: &LiveHead, block: &LiveBlock) -> Vec<Option<Strin
     };
     let boot: String = head.began.boot_id.chars().filter(char::is_ascii_alphanumeric).take(8).collect();
     let id = |row: usize| {
-        let (_, since_boot_s) = instants.instant_at(&head.began, row)?;
+        let (_, since_boot_s) = instants.result_instant(&head.began, row)?;
         Some(format!("{boot}/{:.0}", 1e6 * since_boot_s))
     };
     (0..block.len()).map(id).collect()

@@ -41,7 +41,7 @@ impl Canvas {
         }
         let steps = length.ceil().max(1.0);
         for i in 0..=steps as usize {
-            self.dot(from + (to - from) * (i as f64 / steps), colour);
+            self.fill_square(from + (to - from) * (i as f64 / steps), colour);
         }
     }
 
@@ -93,7 +93,8 @@ impl Canvas {
         }
     }
 
-    fn dot(&mut self, at: Vector2<f64>, colour: Rgb<u8>) {
+    /// Fills the square of one scaled pixel around a position.
+    fn fill_square(&mut self, at: Vector2<f64>, colour: Rgb<u8>) {
         let half = (self.scale as f64 - 1.0) / 2.0;
         let (x, y) = ((at.x - half).round() as i64, (at.y - half).round() as i64);
         let s = self.scale as i64;

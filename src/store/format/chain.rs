@@ -191,9 +191,9 @@ pub(crate) fn last_line(bytes: &[u8]) -> Option<&[u8]> {
     bytes.split_inclusive(|byte| *byte == b'\n').next_back()
 }
 
-/// Returns the last entry for the results of a series; `None` if there is none. Reads from the end, because results are
+/// Returns the chain's last entry for the results of a series; `None` if there is none. Reads from the end, because results are
 /// mostly added to the newest series.
-pub(crate) fn last_results(bytes: &[u8], series_name: &str) -> Option<AppendedResults> {
+pub(crate) fn last_results_entry(bytes: &[u8], series_name: &str) -> Option<AppendedResults> {
     for line in bytes.split_inclusive(|byte| *byte == b'\n').rev() {
         match serde_json::from_slice::<ChainLine>(line).ok().map(|link| link.event) {
             Some(ChainEvent::Results(results)) if results.series == series_name => return Some(results),

@@ -210,8 +210,8 @@ impl Counter {
         self.next_series = above(self.next_series, layout::series_number(id));
     }
 
-    /// Returns the larger of the next ids of two counters.
-    pub fn max(self, other: Self) -> Self {
+    /// Returns the larger next flight id and the larger next series id.
+    pub fn merge(self, other: Self) -> Self {
         let (next_flight, next_series) =
             (self.next_flight.max(other.next_flight), self.next_series.max(other.next_series));
         Self { next_flight, next_series }

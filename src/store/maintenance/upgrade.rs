@@ -74,7 +74,7 @@ fn build_chain(
         events.push(ChainEvent::Series { series: series.id.clone(), sha256 });
         let path = series.folder.join(layout::RESULTS_FILE);
         if disk.exists(&path) {
-            results::repair_tail(root, &series.folder)?;
+            results::repair_results(root, &series.folder)?;
             let (bytes, sha256) = digest(&path)?;
             events.push(ChainEvent::Results(AppendedResults { series: series.id, bytes, sha256 }));
         }

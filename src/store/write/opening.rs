@@ -135,7 +135,7 @@ pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result
     let series = incoming.iter().filter(|entry| layout::series_number(&entry.name).is_some());
     series.for_each(|entry| on_disk.advance_past(&entry.name));
     let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE));
-    let counter = saved.map_or(on_disk, |saved| saved.max(on_disk));
+    let counter = saved.map_or(on_disk, |saved| saved.merge(on_disk));
     if saved != Some(counter) {
         recovery.remarks.push("counter.json was damaged or behind; restored from the ids on disk".to_owned());
         save_counter(root, &counter)?;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::chain;
 use super::root::StoreRoot;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::{AppendedResults, ChainEvent, last_results};
+use crate::store::format::chain::{AppendedResults, ChainEvent, last_results_entry};
 use crate::store::format::manifest::ResultLine;
 use crate::store::format::{jsonl, layout, sha256_hex};
 use crate::store::read::catalogue::{self, SeriesRef};
@@ -49,11 +49,11 @@ pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
     let folder = flight.join(&results.series);
     let Ok(written) = root.disk.read(&folder.join(layout::RESULTS_FILE)) else { return Ok(()) };
     let (chain, _) = catalogue::read_chain(root.disk, &flight)?;
-    if last_results(&chain, &results.series).as_ref() == Some(&results) {
+    if last_results_entry(&chain, &results.series).as_ref() == Some(&results) {
         return Ok(());
     }
     if written.len() as u64 != results.bytes || sha256_hex(&written) != results.sha256 {
-        return repair_tail(root, &folder);
+        return repair_results(root, &folder);
     }
     // The file may be new, and its name not on the medium yet.
     root.disk.sync_directory(&folder)?;
@@ -69,7 +69,7 @@ pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &Resul
         settle_pending(root)?;
     }
     if root.disk.exists(&path) {
-        repair_tail(root, &place.folder)?;
+        repair_results(root, &place.folder)?;
     }
     let before = root.disk.load_if_exists(&path)?.unwrap_or_default();
     let keys = jsonl::parse_lines::<ResultKey>(&before).good;
@@ -101,8 +101,8 @@ fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result
     Ok(pending)
 }
 
-/// Moves a torn tail to `partial/` and truncates the file to its complete lines.
-pub(crate) fn repair_tail(root: StoreRoot<'_>, series: &Path) -> Result<(), StoreError> {
+/// Moves a torn tail of a series' results to `partial/` and truncates the results to complete lines.
+pub(crate) fn repair_results(root: StoreRoot<'_>, series: &Path) -> Result<(), StoreError> {
     let path = series.join(layout::RESULTS_FILE);
     let bytes = root.disk.load_file(&path)?;
     let good = jsonl::parse_lines::<ResultKey>(&bytes).good_length;

@@ -66,7 +66,7 @@ impl MountingTerms {
 /// Covariance of a frame's rotation about its mounting's. The mount's repeatability, common to these frames, counts once
 /// and not once per frame.
 fn frame_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
-    match flight.hyperparameters.mountings.are_determined() {
+    match flight.hyperparameters.mountings.are_assigned() {
         false => terms::mounting_rotation_prior(&flight.input).covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         true => flight.hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing),
     }

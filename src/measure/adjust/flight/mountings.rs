@@ -38,8 +38,8 @@ impl<'a> FrameMountings<'a> {
         Some(self.specified?.iter().map(number).collect())
     }
 
-    /// Returns whether the mountings are determined.
-    pub fn are_determined(&self) -> bool {
+    /// Returns whether each frame is assigned to a mounting; until then each has a rotation of its own.
+    pub fn are_assigned(&self) -> bool {
         self.numbers.is_some()
     }
 

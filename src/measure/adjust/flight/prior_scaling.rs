@@ -16,8 +16,9 @@ const MAX_SCALE: f64 = 10.0;
 /// Factor of the default from which a remark is added; aircraft differ by about 50 %.
 const REMARKED_SCALE: f64 = 1.5;
 
-/// Computes the factor that the residuals show, given that they were computed with the factor `before`.
-fn posterior_scale(before: f64, evidence: VarianceEvidence) -> f64 {
+/// Computes the factor of a default prior standard deviation from the evidence of its unknowns, computed with the factor
+/// `before`; the default counts as [`DEFAULT_WEIGHT`] observations.
+fn tuned_prior_scale(before: f64, evidence: VarianceEvidence) -> f64 {
     let square = evidence.square + DEFAULT_WEIGHT / (before * before);
     (before * (square / (evidence.redundancy + DEFAULT_WEIGHT)).sqrt()).min(MAX_SCALE)
 }
@@ -62,7 +63,7 @@ impl Flight<'_> {
     /// Sets default priors to the size that the frames show (Koch's estimate of one variance component each, with the
     /// default as earlier observations). Returns whether they changed only little.
     pub fn tune_prior_scales(&mut self, solved: &SolvedFlight) -> bool {
-        if !self.hyperparameters.mountings.are_determined() {
+        if !self.hyperparameters.mountings.are_assigned() {
             return true;
         }
         let FlightEffectPriors { skin_motion_m, skin_scaled_by_frames: skin_by_frames, vibration, shake, .. } =
@@ -70,13 +71,13 @@ impl Flight<'_> {
         let before = self.prior_scales;
         if skin_by_frames && skin_motion_m > 0.0 {
             self.prior_scales.skin =
-                posterior_scale(before.skin, solved.skin_evidence(self, before.skin * skin_motion_m));
+                tuned_prior_scale(before.skin, solved.skin_evidence(self, before.skin * skin_motion_m));
         }
         if vibration.scaled_by_frames {
-            self.prior_scales.vibration = posterior_scale(before.vibration, solved.term_evidence(VIBRATION));
+            self.prior_scales.vibration = tuned_prior_scale(before.vibration, solved.term_evidence(VIBRATION));
         }
         if shake.scaled_by_frames {
-            self.prior_scales.shake = posterior_scale(before.shake, solved.term_evidence(SHAKE));
+            self.prior_scales.shake = tuned_prior_scale(before.shake, solved.term_evidence(SHAKE));
         }
         let PriorScales { skin, vibration, shake, .. } = self.prior_scales;
         is_settled(before.skin, skin) && is_settled(before.vibration, vibration) && is_settled(before.shake, shake)

@@ -128,7 +128,7 @@ impl Flight<'_> {
     /// determine it; pitch is poorly separable from bending in a single frame, and its drift is taken to be somewhat
     /// larger. The configured drift counts as one observation. Returns whether the drift changed only little.
     fn tune_drift(&mut self, solved: &SolvedFlight) -> bool {
-        if !self.hyperparameters.mountings.are_determined() {
+        if !self.hyperparameters.mountings.are_assigned() {
             return true;
         }
         let (configured, before) = (mount_drift_rad(self.input.setup), self.hyperparameters.drift_rad);

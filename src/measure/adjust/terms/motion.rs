@@ -57,7 +57,7 @@ fn wing_points(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
     })
 }
 
-fn zero_field(scene: &WingScene) -> DisplacementField {
+fn zero_displacements(scene: &WingScene) -> DisplacementField {
     vec![Vector3::zeros(); scene.ground.stations.len()]
 }
 
@@ -68,7 +68,7 @@ pub fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     }
     let unbent = Bending { curvature_per_m: &[0.0], ..Bending::UNBENT };
     let flat = scene.bend(&unbent);
-    let mut field = zero_field(scene);
+    let mut field = zero_displacements(scene);
     for WingPoint { marker, .. } in wing_points(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
         let state = scene.marker_with_dimensions(marker, &flat, &ground_m, &unbent, &Default::default());
@@ -94,7 +94,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let mut fields = vec![zero_field(scene); BULGE_COUNT];
+    let mut fields = vec![zero_displacements(scene); BULGE_COUNT];
     let bulge = |k: usize, eta: f64| (-(eta * BULGE_COUNT as f64 - k as f64 - 0.5).powi(2)).exp();
     for WingPoint { marker, eta, .. } in wing_points(scene) {
         let normal = scene.ground.axis.skin_normal(scene.ground.stations[marker].arc_m);
@@ -122,7 +122,7 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let mut fields = vec![zero_field(scene); 2];
+    let mut fields = vec![zero_displacements(scene); 2];
     let length_m = scene.ground.axis.length_m;
     for WingPoint { marker, eta, arm_m } in wing_points(scene) {
         let shapes = [first_mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
@@ -142,7 +142,7 @@ const PART_SIGMAS: [f64; 3] = [0.2, 0.1, 0.02];
 fn moving_part(scene: &WingScene, markers: &[usize]) -> ParameterTerm {
     let chord_m = |marker: usize| scene.ground.stations[marker].surveyed_m.z;
     let mean_m = markers.iter().map(|k| chord_m(*k)).sum::<f64>() / markers.len().max(1) as f64;
-    let mut fields = vec![zero_field(scene); PART_SIGMAS.len()];
+    let mut fields = vec![zero_displacements(scene); PART_SIGMAS.len()];
     for &marker in markers {
         fields[0][marker] = Vector3::y() * (chord_m(marker) - mean_m);
         fields[1][marker] = Vector3::y();
@@ -192,7 +192,7 @@ pub const SHAKE: &str = "shake of the camera";
 
 /// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
 fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
-    let mut field = zero_field(scene);
+    let mut field = zero_displacements(scene);
     for WingPoint { marker, eta, .. } in wing_points(scene) {
         field[marker] = Vector3::y() * (first_mode(eta).0 * times_s[marker]);
     }
@@ -327,7 +327,7 @@ pub fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
     let name = "vertical of the survey";
     ParameterTerm {
         name,
-        missing: "the survey's vertical cannot be determined",
+        missing: "the survey's vertical cannot be determined; give survey.vertical_sigma_deg",
         size: 2,
         priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
         add_values: |x, values| values.plane_rad = Some(x[0]),

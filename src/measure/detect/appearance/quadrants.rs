@@ -156,11 +156,11 @@ fn half_chord(x: f32) -> f32 {
 
 wide! {
     /// Sums over the chords around each position.
-    fn sum_chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums = sum_chords_inlined
+    fn sum_chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums = sum_outline_chords_generic
 }
 
 #[inline(always)]
-fn sum_chords_inlined(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums {
+fn sum_outline_chords_generic(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums {
     let mut out = ChordSums::default();
     let by_sigma = 1.0 / k[BLUR];
     let step = STEP * k[BLUR];

@@ -79,7 +79,7 @@ impl Covariance {
     /// Raises the covariance to that of a source, px^2, in the directions in which that is larger. It stays unchanged if it
     /// is not positive definite.
     pub fn raise(&mut self, source: CovarianceSource, shown: &Matrix2<f64>) {
-        if let Some((raised, _)) = raise_to(shown, &self.sum, 1.0) {
+        if let Some((raised, _)) = raise_covariance(shown, &self.sum, 1.0) {
             self.record(source, raised - self.sum);
             self.sum = raised;
         }
@@ -126,12 +126,12 @@ pub fn squared_mahalanobis(apart: &Vector2<f64>, covariance: &Matrix2<f64>) -> f
     covariance.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)))
 }
 
-/// Raises `white` to `seen` in the directions in which that is larger by more than a factor. Also returns the largest of
-/// their ratios; `None` if `white` is not positive definite.
-pub fn raise_to(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
-    let root = Cholesky::new(*white)?.l();
+/// Raises the covariance `base` to `shown` in the directions in which `shown` is larger by more than a factor. Also
+/// returns the largest ratio; `None` if `base` is not positive definite.
+pub fn raise_covariance(base: &Matrix2<f64>, shown: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
+    let root = Cholesky::new(*base)?.l();
     let inverse = root.try_inverse()?;
-    let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
+    let eigen = SymmetricEigen::new(inverse * shown * inverse.transpose());
     let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
     let back = root * eigen.eigenvectors;
     Some((back * raised * back.transpose(), eigen.eigenvalues.max()))

@@ -22,7 +22,7 @@ numbers! {
         gamma: (f64, f64) = (0.15, 3.0),
         /// Minimum semi-axes of a disc, px: major, minor.
         axes_px: [f64; 2] = [1.0, 0.2],
-        /// Tangent of half the angle between the edges of quadrants.
+        /// Plausible tangent of half the angle between the edges of a quadrant marker.
         tangent: (f64, f64) = (0.005, 2.5),
         /// Maximum relative difference between the blur of either edge of quadrants and their mean blur.
         uneven_blur: f64 = 0.7,

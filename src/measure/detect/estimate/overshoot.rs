@@ -60,7 +60,7 @@ pub enum Sharpening {
 }
 
 impl Sharpening {
-    /// Returns the overshoot of a sharpened frame.
+    /// Returns amplitude and halo if the frame is sharpened; `None` if it is not or if that is undetermined.
     pub fn overshoot(self) -> Option<Overshoot> {
         if let Self::Sharpened(overshoot) = self { Some(overshoot) } else { None }
     }

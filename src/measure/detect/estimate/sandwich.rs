@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Matrix2};
 
 use crate::detect::appearance::parameters::{MarkerParameters, X, Y};
-use crate::detect::detection::covariance::raise_to;
+use crate::detect::detection::covariance::raise_covariance;
 use crate::detect::estimate::options::WEIGHT;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::Batch;
@@ -64,8 +64,9 @@ impl ResidualBlocks {
     /// squares.
     pub fn raise_covariance(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
         let squares = block_covariance(&self.squares, count);
-        let (raised, one) = raise_to(white, &squares, WEIGHT.max_random_ratio)?;
-        let (raised, other) = raise_to(&raised, &block_covariance(&self.sectors, count), WEIGHT.max_random_ratio)?;
+        let (raised, one) = raise_covariance(white, &squares, WEIGHT.max_random_ratio)?;
+        let (raised, other) =
+            raise_covariance(&raised, &block_covariance(&self.sectors, count), WEIGHT.max_random_ratio)?;
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }

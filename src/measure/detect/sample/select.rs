@@ -109,8 +109,8 @@ impl PatternBits {
         Self([bits(|[edge, flat]| edge.max(*flat) > 0.0), bits(|[_, flat]| *flat > 0.0)].map(|b| b * EVERY))
     }
 
-    /// Returns the masks for a row that starts at another position of the pattern.
-    fn rotated(self, turn: usize) -> [u64; 2] {
+    /// Returns the masks of used pixels for a row that starts at another position of the sampling pattern.
+    fn for_row(self, turn: usize) -> [u64; 2] {
         /// Columns that advance the pattern by one position: `COLUMN_SHIFT` times this is 1 modulo `PERIOD`.
         const COLUMNS_PER_POSITION: usize = 13;
         self.0.map(|bits| bits.rotate_right((COLUMNS_PER_POSITION * turn % PERIOD) as u32))
@@ -144,7 +144,7 @@ impl PixelSource<'_> {
     fn take_row(&self, y: usize, columns: ColumnRange, near: &[ColumnRange; 2], taker: &mut PixelCollector) {
         let Some(row) = self.image.row(y).get(columns.clone()) else { return };
         let turn = (columns.start * COLUMN_SHIFT + y * ROW_SHIFT) % PERIOD;
-        let [edge, flat] = self.places.rotated(turn);
+        let [edge, flat] = self.places.for_row(turn);
         for (first, pixels) in (columns.start..).step_by(WORD_BITS).zip(row.chunks(WORD_BITS)) {
             let close = column_bits(&near[0], first) | column_bits(&near[1], first);
             let mut marks = (edge & close | flat & !close) & column_bits(&(first..first + pixels.len()), first);

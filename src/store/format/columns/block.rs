@@ -146,7 +146,7 @@ impl<'a> LiveFile<'a> {
         (head.format == FORMAT).then(|| Self { head, bytes, offset: line.len(), digest: first_block_digest(line) })
     }
 
-    /// Returns the length of the file, bytes.
+    /// Returns the length of the file including a torn end, bytes.
     pub fn length(&self) -> usize {
         self.bytes.len()
     }
