@@ -21,12 +21,12 @@
 //! let (seen, _) = pipeline::stages::detect_only("ground.jpg", &ground, None);
 //! let frames = [seen.detections.markers];
 //! let fit = identify::estimate_orientation(&wing.setup, &frames)?;
-//! let ground = pipeline::stages::ground_sights(&wing.setup, &frames, &fit);
+//! let ground = pipeline::stages::ground_observations(&wing.setup, &frames, &fit);
 //! wing.orientation = Some(Orientation { ground, ..fit.orientation });
 //!
 //! // The wing, from an image in flight, rendered with the outermost marker 2.615 m above its position on the ground.
 //! let flight = std::fs::read(dev.join("frames/flight-1.jpg"))?;
-//! let job = pipeline::Job::default();
+//! let job = pipeline::SolveJob::default();
 //! let result = pipeline::solve_frame("flight-1.jpg", &flight, None, &wing, wing.require_orientation()?, &job);
 //! let tip = result.tip.expect("if a frame cannot be solved, the record has a reason");
 //! let sigma_m = tip.sigma_deflection_m.expect("deflection is estimated, not fixed");

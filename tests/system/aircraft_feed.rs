@@ -184,7 +184,7 @@ fn a_table_after_the_flight_is_imported_by_its_mapping() {
     let (place, table, mapped) = (root.to_string_lossy(), table_file.to_string_lossy(), mapping.to_string_lossy());
     let take = ["aircraft-data", &place, &table, "--mapping", &mapped, "--flight", "f0001"];
     let printed = stdout(&take);
-    assert!(printed.contains(&format!("{} lines kept", 5 * shots.len())), "{printed}");
+    assert!(printed.contains(&format!("{} lines stored", 5 * shots.len())), "{printed}");
     assert!(verify_path(&RealDisk, &root).is_sound());
     let lines = stdout(&["export", &place, "--format", "jsonl"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();

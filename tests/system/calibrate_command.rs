@@ -71,7 +71,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
     );
     assert!(first["halves"]["difference_px"].is_number() && first["t_values"]["k1"].is_number());
     let page = std::fs::read_to_string(&page).unwrap();
-    for words in ["<svg", "Projection uncertainty", "The board&#39;s shape", "b07.png", "correlation"] {
+    for words in ["<svg", "Projection uncertainty", "Shape of the board", "b07.png", "correlation"] {
         assert!(page.contains(words) || page.contains(&words.replace("&#39;", "'")), "{words}");
     }
     assert!(!page.contains("http://") || page.matches("http://").count() == page.matches("http://www.w3.org").count());

@@ -181,7 +181,7 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
         assert!(status == Some(0) && printed.contains("is no longer used"), "{printed}");
     }
     assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None), "the first is there still");
-    assert!(withdraw("2").1.contains("withdrawn already") && withdraw("9").1.contains("has 3 sources"));
+    assert!(withdraw("2").1.contains("already withdrawn") && withdraw("9").1.contains("has 3 sources"));
     let list = stdout(&["aircraft-data", &store, "--flight", "f0001", "--list", "--json"]);
     crate::json_schemas::assert_valid("aircraft-data", list.as_bytes());
     let list: Value = serde_json::from_str(&list).unwrap();

@@ -53,7 +53,7 @@ fn sixteen_bit_images_are_read_by_their_upper_bits_and_named_if_those_are_empty(
     assert_eq!(grey(&png(translucent)), Ok(252));
     for (shift, bits) in [(4, 12), (6, 10)] {
         let reason = grey(&png(slope(shift))).unwrap_err().to_string();
-        assert!(reason.contains(&format!("16 bits, of which {bits} are used")), "{reason}");
+        assert!(reason.contains(&format!("16 bits, of which only {bits} are used")), "{reason}");
     }
     let black = GrayImage::new(64, 48);
     assert_eq!(grey(&png(black)), Ok(0));
@@ -93,7 +93,7 @@ fn unreadable_files_are_named_by_detect_and_calibrate() {
         ("a.dng", raw_file(), "raw file"),
         ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(), "it is HEIC"),
         ("a.webp", b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(), "use JPEG, PNG, PNM or TIFF"),
-        ("ten.png", png(slope(6)), "16 bits, of which 10 are used"),
+        ("ten.png", png(slope(6)), "16 bits, of which only 10 are used"),
     ] {
         let file = folder.path().join(name);
         std::fs::write(&file, bytes).unwrap();
@@ -139,7 +139,7 @@ fn import_copies_readable_images_byte_by_byte_and_names_skipped_files() {
     }
     let arguments = ["import", &card.to_string_lossy(), "--store", &store.to_string_lossy()];
     let (status, printed) = outcome(&arguments);
-    assert!(status == Some(0) && printed.contains("3 taken"), "{printed}");
+    assert!(status == Some(0) && printed.contains("3 imported"), "{printed}");
     assert!(printed.contains("1 images of unsupported formats are skipped, first d.heic"), "{printed}");
     let series = store.join("flights/f0001");
     let mut kept: Vec<Vec<u8>> = vec![];

@@ -244,7 +244,7 @@ fn a_damaged_copy_is_repaired_and_a_foreign_or_changed_one_refused() {
     let (_other_dir, other, _) = copied_store();
     let foreign = run(&["copy", &other, &to]);
     assert_eq!(foreign.status.code(), Some(1));
-    assert!(text(&foreign).contains("another store"), "{}", text(&foreign));
+    assert!(text(&foreign).contains("a store other than"), "{}", text(&foreign));
     let copy = open(Arc::new(RealDisk), Path::new(&to)).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "mine".into())]));
     let flight = catalogue::list_flights(&RealDisk, Path::new(&to)).unwrap().remove(0);

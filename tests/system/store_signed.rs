@@ -84,7 +84,7 @@ fn a_store_forged_with_all_its_digests_is_sound_and_lacks_its_signature() {
         let report = verify_path(&RealDisk, &root);
         assert!(report.is_sound(), "a complete rewrite leaves no trace: {:#?}", report.faults);
         let (status, printed) = verify_with(&root, &key);
-        let wanted = if keep_signatures { "is not good" } else { "no signature by this key" };
+        let wanted = if keep_signatures { "is not valid" } else { "no signature by this key" };
         assert!(status == Some(1) && printed.contains(wanted), "{printed}");
     }
 }
