@@ -160,7 +160,10 @@ fn unsupported_models_and_elements_are_named() {
         (ros("KannalaBrandt8", good, brown), "\"KannalaBrandt8\" is not a supported lens model"),
         (ros("none", good, brown), "are not all 0, but distortion_model is none"),
         (ros("~", good, brown), "is empty: this camera was never calibrated"),
-        (ros("plumb_bob", good, brown) + "lens: {maker: x, type: Kannala-Brandt4}\n", "\"Kannala-Brandt4\" is not a supported"),
+        (
+            ros("plumb_bob", good, brown) + "lens: {maker: x, type: Kannala-Brandt4}\n",
+            "\"Kannala-Brandt4\" is not a supported",
+        ),
         (ros("plumb_bob", good, brown) + "lens: {fisheye: yes}\n", "line 6, fisheye: \"fisheye\" is not a supported"),
         (ros("plumb_bob", good, brown) + "base: &b {x: 1}\n<<: *b\n", "<<: merges keys from elsewhere"),
         ("M1: {rows: 3}\nD1: [0]\nM2: {rows: 3}\n".into(), "camera_matrix: is missing; the file has M1, D1, M2"),

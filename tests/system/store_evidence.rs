@@ -154,7 +154,7 @@ fn damage_06_a_file_cut_at_a_line_end() {
         "SHA256SUMS",
         "does not belong to this chain",
     );
-    assert_named(|root| cut_last_line(root, "flights/f0001/SHA256SUMS"), "SHA256SUMS", "does not list");
+    assert_named(|root| cut_last_line(root, "flights/f0001/SHA256SUMS"), "SHA256SUMS", "does not match the files");
 }
 
 #[test]
