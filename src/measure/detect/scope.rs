@@ -59,7 +59,7 @@ impl MarkerPrediction {
         let seen = &hypothesis.ellipse;
         let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
         let near = |ellipse: Ellipse| {
-            let (s, t) = ellipse.to_local(self.shifted_to_prediction(seen.centre));
+            let (s, t) = ellipse.local_position(self.shifted_to_prediction(seen.centre));
             let part = |a: f64, b: f64| {
                 a > MIN_VISIBLE_FRACTION * b - AXIS_MARGIN_PX && a < MAX_RAW_AXIS_RATIO * b + AXIS_MARGIN_PX
             };
@@ -176,7 +176,7 @@ fn missing_predictions<'a>(
 pub fn may_show_part_of(seen: &Ellipse, predictions: &[MarkerPrediction]) -> bool {
     predictions.iter().filter_map(|p| Some((p.ellipse()?, p.shifted_to_prediction(seen.centre)))).any(
         |(ellipse, at)| {
-            let (s, t) = ellipse.to_local(at);
+            let (s, t) = ellipse.local_position(at);
             is_in_unit_circle(s / (MAX_RAW_AXIS_RATIO * ellipse.major), t / (MAX_RAW_AXIS_RATIO * ellipse.minor))
         },
     )

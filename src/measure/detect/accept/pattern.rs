@@ -43,7 +43,7 @@ pub fn have_corners(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, m
     }
     let (along, across) = (ellipse.major_direction(), ellipse.minor_direction());
     let turned = |angle: f64| {
-        let (s, t) = ellipse.to_local(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
+        let (s, t) = ellipse.local_position(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
         (t / ellipse.minor).atan2(s / ellipse.major)
     };
     let half = m[TANGENT].atan();

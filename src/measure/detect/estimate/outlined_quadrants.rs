@@ -144,7 +144,7 @@ fn sample_pixels(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, blur
             let Some(&value) = image.row(y).get(x).filter(|_| turn.is_multiple_of(step)) else { continue };
             batch.len = 0;
             batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
-            let (s, t) = ellipse.to_local(Vector2::new(x as f64, y as f64));
+            let (s, t) = ellipse.local_position(Vector2::new(x as f64, y as f64));
             (batch.p[0], batch.q[0]) = ((s / ellipse.major) as f32, (t / ellipse.minor) as f32);
             batch.root[0] = 1.0;
             sorter.push(PixelKind::Integrated, &batch, 0);

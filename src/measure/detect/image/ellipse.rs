@@ -50,7 +50,7 @@ impl Ellipse {
     }
 
     /// Returns the coordinates of a point along and across the major axis, from the centre, px.
-    pub fn to_local(&self, at: Vector2<f64>) -> (f64, f64) {
+    pub fn local_position(&self, at: Vector2<f64>) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();
         let d = at - self.centre;
         (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
@@ -58,7 +58,7 @@ impl Ellipse {
 
     /// Returns the normalised radius of a point, px: 0 at the centre, 1 on the outline.
     pub fn normalized_radius(&self, at: Vector2<f64>) -> f64 {
-        let (s, t) = self.to_local(at);
+        let (s, t) = self.local_position(at);
         (s / self.major).hypot(t / self.minor)
     }
 

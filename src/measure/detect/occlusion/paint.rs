@@ -26,7 +26,7 @@ pub fn find_painted_end(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters,
         let half = extent.map(|v| v.min((1.0 - PAINT.end) * ellipse.major + reach));
         let along = |(x, y, value): (usize, usize, u8)| {
             let at = Vector2::new(x as f64, y as f64);
-            let (s, t) = ellipse.to_local(at);
+            let (s, t) = ellipse.local_position(at);
             let lies_there = end * s > PAINT.end * ellipse.major && outer.contains(at) && !inner.contains(at);
             let darker = || light_at(m, s / ellipse.major, t / ellipse.minor) - f64::from(value);
             (lies_there && darker() > limit).then_some(end * s)

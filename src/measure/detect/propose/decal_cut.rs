@@ -71,7 +71,7 @@ fn fit_centre(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>)
     }
     // Mapped to a circle of radius 1.
     let whole = |at: Vector2<f64>| {
-        let (s, t) = shape.to_local(at);
+        let (s, t) = shape.local_position(at);
         Vector2::new(s / shape.major, t / shape.minor)
     };
     let round: Vec<Vector2<f64>> = points.iter().map(|&at| whole(at)).collect();

@@ -63,7 +63,7 @@ pub fn complete_disc(
 fn are_overlapping(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
         let ellipse = Ellipse::from_blob(a);
-        let (s, t) = ellipse.to_local(b.centroid);
+        let (s, t) = ellipse.local_position(b.centroid);
         (s / ellipse.major.max(0.5)).hypot(t / ellipse.minor.max(0.5)) < 1.0
     };
     inside(one, other) || inside(other, one)

@@ -112,7 +112,7 @@ fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) ->
     }
     let own =
         |s: f64, t: f64| s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px;
-    let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.to_local(at);
+    let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local_position(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
     let lighter = LevelSide::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
     for blob in blob::blobs_in_box(image, low, high, lighter) {

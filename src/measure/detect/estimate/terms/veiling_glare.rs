@@ -240,7 +240,8 @@ mod tests {
         let mut batch = Batch::new();
         for i in 0..LANES {
             batch.push(i as f32 * 0.4 - 3.0, (i as f32 * 1.7) % 14.0 - 7.0, 120.0);
-            let (s, t) = ellipse.to_local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
+            let (s, t) =
+                ellipse.local_position(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
         let cell = KnotCell { knots: [0, 1, 2, 3], batches: Vec::new() };
