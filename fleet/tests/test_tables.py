@@ -248,7 +248,7 @@ def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_pat
     )[0]
     assert abs(found["m"] - synthesise.SHIFT_M) < 4 * synthesise.SHIFT_SIGMA_M / found["n"] ** 0.5
     reasons = {r["reason"] for r in asked.rows("FROM failing_flights")}
-    assert reasons == {"synthetic: no marker was found, the picture is dark"}
+    assert reasons == {"synthetic: no marker was found, the image is dark"}
     page = tmp_path / "fleet.html"
     report.write(asked, page, "recalibrated", "onboard", made.is_synthetic())
     assert "These flights are synthetic" in page.read_text()
