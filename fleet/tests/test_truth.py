@@ -316,7 +316,7 @@ def test_what_has_not_arrived_is_not_solved_and_said(wingd, lake, tmp_path):
     with pytest.raises(Passing, match="not arrived"):
         task.run(lake, "recalibrated", flight, wingd, tmp_path / "work")
     assert task.run(lake, "onboard", flight, wingd, tmp_path / "work") == "done"
-    assert any("not arrived" in text for text in Desk(lake).incomplete())
+    assert any("not completely uploaded" in text for text in Desk(lake).incomplete())
 
 
 def test_a_driver_that_is_ended_leaves_no_process_and_no_folder(wingd, lake, tmp_path):

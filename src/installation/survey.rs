@@ -63,8 +63,14 @@ fn check_id(reader: &mut Reader, file: &Path, line: u64, id: &str, seen: &mut Ha
     }
 }
 
-/// Checks motion in flight: that of a fixed target, and the control surface of a marker on the wing.
-fn check_motion(reader: &mut Reader, file: &Path, line: u64, fixed: bool, (motion_m, part): (f64, Option<&str>)) {
+/// Checks that only a fixed target has a motion, of 0 to 1 m, and only a marker on the wing a part.
+fn check_motion_and_part(
+    reader: &mut Reader,
+    file: &Path,
+    line: u64,
+    fixed: bool,
+    (motion_m, part): (f64, Option<&str>),
+) {
     if !(0.0..=1.0).contains(&motion_m) {
         let remedy = "give a number from 0 to 1 m, or nothing";
         reader.fault(file, &format!("line {line}, column {MOTION_COLUMN}"), format!("is {motion_m:?} m"), remedy);
@@ -121,7 +127,7 @@ fn parse_marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 10
         text => rows::parse_number(reader, file, line, MOTION_COLUMN, text)?,
     };
     let part = Some(cells[8].as_str()).filter(|part| !part.is_empty() && *part != WING_PART).map(str::to_owned);
-    check_motion(reader, file, line, fixed, (flight_motion_m, part.as_deref()));
+    check_motion_and_part(reader, file, line, fixed, (flight_motion_m, part.as_deref()));
     let (id, shape) = (cells[0].clone(), shape?);
     Some(SurveyMarker { id, shape, diameter_m, position_m, sigma_m, fixed, flight_motion_m, part })
 }

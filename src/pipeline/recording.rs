@@ -52,7 +52,7 @@ pub fn build_record(
     let mut record = ImageRecord {
         image: frame.image.clone(),
         method: record_method(job.method),
-        markers: unsolved_markers(frame, installation),
+        markers: markers_of_unsolved_frame(frame, installation),
         provenance: Provenance { frame_sha256, ..provenance(installation, job) },
         timing_ms: stage_timing(&frame.stages),
         ..ImageRecord::default()
@@ -177,12 +177,13 @@ fn record_manual(record: &mut ImageRecord, frame: &ProcessedFrame) {
 
 /// Builds the records of all survey markers as not used, with their observations.
 pub(super) fn marker_records(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
-    let mut record = ImageRecord { markers: unsolved_markers(frame, installation), ..ImageRecord::default() };
+    let mut record = ImageRecord { markers: markers_of_unsolved_frame(frame, installation), ..ImageRecord::default() };
     record_manual(&mut record, frame);
     record.markers
 }
 
-fn unsolved_markers(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
+/// Returns a record of every surveyed marker of a frame without a solution: its pixel if measured, and why it was not used.
+fn markers_of_unsolved_frame(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
     let missing = missing_reasons(frame);
     let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {

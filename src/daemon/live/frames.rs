@@ -256,7 +256,7 @@ impl RawFrameWriter {
         let core = &self.shared.core;
         match core.store.close_series(series, SeriesState::Complete, &core.clock.stamp(), remarks.clone()) {
             Ok(()) => {
-                tracing::info!(series = id, why = remarks.join("; "), "raw frames of live mode kept")
+                tracing::info!(series = id, why = remarks.join("; "), "stored a series of raw frames of live mode")
             }
             Err(error) => self.shared.set_fault("frames", &format!("raw frames cannot be kept: {error}")),
         }

@@ -81,9 +81,13 @@ impl Interior {
             let problem = "is zero: this camera was never calibrated".to_owned();
             return self.key_fault(map, 1, problem, "calibrate it, or use the file that its calibration wrote");
         }
-        let sides = [fx, fy].map(|f| f / width.max(height));
+        let side = width.max(height);
+        let sides = [fx, fy].map(|f| f / side);
         if sides.iter().any(|s| !(CONSTANT_SIDES[0]..=CONSTANT_SIDES[1]).contains(s)) {
-            let problem = format!("gives camera constants of {fx} and {fy} px in images {width} px wide");
+            let problem = format!(
+                "gives camera constants of {fx} and {fy} px, not {} to {} times the longer side of the image ({side} px)",
+                CONSTANT_SIDES[0], CONSTANT_SIDES[1]
+            );
             return self.key_fault(map, 1, problem, "give fx and fy in pixels, in the right order");
         }
         if !(0.0..=width).contains(&cx) || !(0.0..=height).contains(&cy) {

@@ -59,7 +59,7 @@ pub(super) fn find_solutions(problem: &MatchingProblem<'_>) -> Vec<RefinedMatch>
 /// Returns true if a guess is another start to a known solution. A rival contradicts it in many pairs; a few differences
 /// are examined one by one later.
 fn leads_to_solution(guess: &StateGuess, solution: &RefinedMatch) -> bool {
-    let against = guess.pairs.iter().filter(|p| find_contradiction(&solution.pairs, **p).is_some()).count();
+    let against = guess.pairs.iter().filter(|p| find_conflicting_pair(&solution.pairs, **p).is_some()).count();
     against < 3 || 10 * against < 3 * solution.pairs.len()
 }
 
@@ -71,7 +71,7 @@ fn mark_ambiguous(decision: &mut MatchDecision, solutions: &[RefinedMatch]) -> u
     for rival in solutions.iter().filter(|s| s.evidence > limit) {
         let mut differs = false;
         for &(i, j) in &decision.refined.pairs {
-            if let Some(ambiguity) = find_contradiction(&rival.pairs, (i, j)) {
+            if let Some(ambiguity) = find_conflicting_pair(&rival.pairs, (i, j)) {
                 differs = true;
                 if !decision.ambiguous.iter().any(|d| d.0 == j) {
                     decision.ambiguous.push((j, ambiguity));
@@ -83,7 +83,8 @@ fn mark_ambiguous(decision: &mut MatchDecision, solutions: &[RefinedMatch]) -> u
     rivals
 }
 
-fn find_contradiction(pairs: &[MatchedPair], (i, j): MatchedPair) -> Option<Ambiguity> {
+/// Returns how another solution contradicts a pair: it gives the detection another marker, or the marker another detection.
+fn find_conflicting_pair(pairs: &[MatchedPair], (i, j): MatchedPair) -> Option<Ambiguity> {
     pairs.iter().find_map(|&(a, b)| match (a == i, b == j) {
         (true, false) => Some(Ambiguity::Marker(b)),
         (false, true) => Some(Ambiguity::Detection),

@@ -28,7 +28,7 @@ pub fn decode_luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeEr
         other => return Err(DecodeError::Unreadable(format!("{other:?} is not supported"))),
     };
     let pixels = decoded.map_err(|e| DecodeError::Unreadable(first_line(&e.to_string())))?;
-    if let Some(bits) = used_bits(&pixels) {
+    if let Some(bits) = misplaced_low_bits(&pixels) {
         return Err(DecodeError::LowBits(bits));
     }
     let luma = pixels.into_luma8();
@@ -61,11 +61,11 @@ fn is_preview(bytes: &[u8]) -> bool {
     kind.and_then(|field| field.value.get_uint(0)).is_some_and(|kind| kind & 1 == 1)
 }
 
-/// Returns the number of bits used in a 16-bit image if a sensor's 10 or 12 bits are in the lower ones, which would appear
-/// black.
+/// Returns the number of bits, 9 to 12, if a 16-bit image uses only its lower ones, which would appear black; such an image
+/// is rejected.
 ///
 /// A dark image of 14 bits reaches 63 of 255 grey levels and may be intended.
-fn used_bits(pixels: &DynamicImage) -> Option<u32> {
+fn misplaced_low_bits(pixels: &DynamicImage) -> Option<u32> {
     use DynamicImage::{ImageLuma16, ImageLumaA16, ImageRgb16, ImageRgba16};
     let most = match pixels {
         ImageLuma16(p) => p.iter().copied().max(),

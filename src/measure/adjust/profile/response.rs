@@ -70,7 +70,7 @@ impl LinearResponse {
     /// Covariance of two functions, a priori.
     pub fn covariance(&self, f: &MarkerFunction, g: &MarkerFunction) -> f64 {
         let common = f.by_a * g.by_a * self.variance_a;
-        let crossed = f.by_a * self.with_a(g) + g.by_a * self.with_a(f);
+        let crossed = f.by_a * self.own_covariance_with_a(g) + g.by_a * self.own_covariance_with_a(f);
         let own = if f.marker == g.marker {
             (f.by_own * self.markers[f.marker].covariance * g.by_own.transpose())[(0, 0)]
         } else {
@@ -96,11 +96,11 @@ impl LinearResponse {
 
     /// Covariance of a function with a.
     pub fn covariance_with_a(&self, f: &MarkerFunction) -> f64 {
-        f.by_a * self.variance_a + self.with_a(f)
+        f.by_a * self.variance_a + self.own_covariance_with_a(f)
     }
 
-    /// Covariance of a with a function's own observations.
-    fn with_a(&self, f: &MarkerFunction) -> f64 {
+    /// Covariance of `a` with the part of a function that its marker's own observations cause at fixed `a`.
+    fn own_covariance_with_a(&self, f: &MarkerFunction) -> f64 {
         let marker = &self.markers[f.marker];
         (marker.a * marker.covariance * f.by_own.transpose())[(0, 0)]
     }

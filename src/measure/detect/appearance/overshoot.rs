@@ -51,11 +51,11 @@ wide! {
         batch: &Batch,
         out: &mut GreyBatch,
         copy: &mut GreyBatch,
-    ) = sharpened_grey_inlined
+    ) = sharpened_grey_generic
 }
 
 #[inline(always)]
-fn sharpened_grey_inlined(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
+fn sharpened_grey_generic(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
     formula::grey_values(&model.own, batch, out);
     formula::grey_values(&model.copy, batch, copy);
     apply_overshoot(model, out, copy);

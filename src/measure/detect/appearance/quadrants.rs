@@ -228,11 +228,11 @@ fn correct_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut ChordSums) 
 
 wide! {
     /// Computes the grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
-    pub fn outlined_grey_values(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) = outlined_grey_inlined
+    pub fn outlined_grey_values(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) = outlined_grey_generic
 }
 
 #[inline(always)]
-fn outlined_grey_inlined(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
+fn outlined_grey_generic(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
     let (s, t) = model.along_and_across(batch);
     let k = &model.k;
     let chords = sum_chords(&s, &t, k);

@@ -168,8 +168,11 @@ impl FitAttempt<'_> {
         unknowns.free[GAMMA] &= grey_contrast(near) > MEASURE.min_gamma_contrast * near[LIGHT];
         bounds.overshoot.iter().for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
-        let (masked, all) =
-            if whole { (exclude_darker(near, floor), FINAL) } else { (PixelExclusion::Blobs(blobs), UNLIMITED) };
+        let (masked, all) = if whole {
+            (exclude_darker_surroundings(near, floor), FINAL)
+        } else {
+            (PixelExclusion::Blobs(blobs), UNLIMITED)
+        };
         let sag = if fitted.edges.is_none() { near[SAG] } else { 0.0 };
         let appearance = EdgeAppearance { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
         let pixels = select_pixels(image, masked, fitted, appearance, all).ok_or(RejectReason::NoConvergence)?;
@@ -265,7 +268,8 @@ impl FitAttempt<'_> {
         let mut fitted = with_fitted_geometry(seen, m).with_glare(bands);
         for _ in 0..2 {
             let appearance = EdgeAppearance { crossing: fitted.ellipse.centre, blur: m[BLUR], sag: 0.0 };
-            let pixels = select_pixels(self.image, exclude_darker(m, floor), &fitted, appearance, UNLIMITED)?;
+            let pixels =
+                select_pixels(self.image, exclude_darker_surroundings(m, floor), &fitted, appearance, UNLIMITED)?;
             let (mut unknowns, _) = select_unknowns(&fitted);
             // Glare changes the contrast along the disc far more than its own darkness does.
             unknowns.free[DARK + 1..=DARK + 2].fill(false);
@@ -303,9 +307,9 @@ pub fn min_scale(noise: f64) -> f64 {
     MEASURE.min_scale.1.max(MEASURE.min_scale.0 * noise)
 }
 
-/// Excludes pixels that are darker than a fit's light by more than a fraction of the contrast and than residuals of the
-/// smallest scale `floor`, grey levels.
-pub fn exclude_darker<'a>(m: &MarkerParameters, floor: f64) -> PixelExclusion<'a> {
+/// Returns the rule that excludes pixels outside a fitted disc that are darker than its bright surroundings by more than a
+/// fraction of the contrast and than residuals of the smallest scale `floor`, grey levels.
+pub fn exclude_darker_surroundings<'a>(m: &MarkerParameters, floor: f64) -> PixelExclusion<'a> {
     PixelExclusion::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign_contrast * grey_contrast(m)))
 }
 

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use crate::detect::accept::verdict::fits_poorly;
 use crate::detect::appearance::parameters::{BLUR, SAG, X, Y, grey_contrast};
-use crate::detect::attempt::measure::{exclude_darker, min_scale};
+use crate::detect::attempt::measure::{exclude_darker_surroundings, min_scale};
 use crate::detect::attempt::sharpening_candidates::{SharpeningCandidate, SharpeningCandidates};
 use crate::detect::estimate::options::OVERSHOT;
 use crate::detect::estimate::overshoot::{
@@ -46,7 +46,7 @@ fn marker_evidence(
     let floor = min_scale(noise);
     let sag = if hypothesis.edges.is_none() { plain[SAG] } else { 0.0 };
     let appearance = EdgeAppearance { crossing: Vector2::new(plain[X], plain[Y]), blur: plain[BLUR], sag };
-    let pixels = select_pixels(image, exclude_darker(plain, floor), hypothesis, appearance, FINAL)?;
+    let pixels = select_pixels(image, exclude_darker_surroundings(plain, floor), hypothesis, appearance, FINAL)?;
     let assessment = assess_sharpening(&pixels, plain, *scale, &unknowns, floor);
     let is_marker = match assessment.best_fit() {
         Some((rms, amplitude)) => !fits_poorly(image, hypothesis, rms, noise, (grey_contrast(plain), amplitude)),

@@ -3,7 +3,7 @@
 use crate::detect::appearance::parameters::{BLUR, MarkerParameters, X, Y, grey_contrast};
 use crate::detect::attempt::options::MEASURE;
 use crate::detect::estimate::options::OVERSHOT;
-use crate::detect::estimate::overshoot::{SharpeningEvidence, preliminary_evidence};
+use crate::detect::estimate::overshoot::{SharpeningEvidence, evidence_from_rms};
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 
 /// Possible marker whose residuals may be those of sharpened edges.
@@ -42,7 +42,7 @@ impl SharpeningCandidates {
         if !is_whole || hypothesis.ellipse.minor < MEASURE.min_overshoot_blurs * plain[BLUR] {
             return;
         }
-        match preliminary_evidence(*scale, grey_contrast(plain), noise) {
+        match evidence_from_rms(*scale, grey_contrast(plain), noise) {
             None if !self.candidates.iter().any(|known| known.is_same_marker(plain)) => self.candidates.push(candidate),
             Some(SharpeningEvidence::Excluded) if *is_marker => self.unsharpened += 1,
             _ => {}

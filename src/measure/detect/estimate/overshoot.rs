@@ -111,10 +111,10 @@ fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
     sure.then_some(Overshoot { amplitude, amplitude_sigma, halo_px })
 }
 
-/// Returns the evidence from the root mean square of a marker's residuals alone, or `None` if sharpening is possible and
+/// Returns the evidence on sharpening from the root mean square of a marker's residuals alone, or `None` if sharpening is possible and
 /// must be tested. Residuals below the accuracy of the image formula exclude sharpening; residuals within the noise, or
 /// larger than sharpening leaves, are inconclusive.
-pub fn preliminary_evidence(rms: f64, contrast: f64, noise: f64) -> Option<SharpeningEvidence> {
+pub fn evidence_from_rms(rms: f64, contrast: f64, noise: f64) -> Option<SharpeningEvidence> {
     let (least, most) = OVERSHOT.residual_range;
     match rms / contrast {
         share if share < least => Some(SharpeningEvidence::Excluded),

@@ -35,11 +35,11 @@ pub fn smooth_image(image: &Raster, tiles: &Tiles) -> Option<Raster> {
 
 wide! {
     /// Filters the middle one of three rows, except for its ends.
-    fn smooth_row(rows: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) = smooth_row_inlined
+    fn smooth_row(rows: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) = smooth_row_generic
 }
 
 #[inline(always)]
-fn smooth_row_inlined([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) {
+fn smooth_row_generic([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8]) {
     for (sum, ((&a, &b), &c)) in sums.iter_mut().zip(above.iter().zip(row).zip(below)) {
         *sum = u16::from(a) + 2 * u16::from(b) + u16::from(c);
     }
