@@ -89,12 +89,12 @@ def read(path: Path) -> pa.Table:
 
 def points(names: list[str], kind: str) -> dict[str, str]:
     """Returns label -> deflection column of the stations (`deflection_s01_m`) or of the markers."""
-    station = {
-        name[5:-2] for name in names if re.fullmatch(r"deflection_s\d\d_m", name) and f"arc_length{name[4:]}" in names
-    }
     label = re.compile(r"deflection_(.+)_m")
     all_of = {match[1]: name for name in names if (match := label.fullmatch(name))}
-    wanted = station if kind == "stations" else {name for name in all_of if f"u_{name}_px" in names}
+    if kind == "stations":
+        wanted = {name for name in all_of if re.fullmatch(r"s\d\d", name) and f"arc_length_{name}_m" in names}
+    else:
+        wanted = {name for name in all_of if f"u_{name}_px" in names}
     if len(wanted) < 2:
         raise FleetError(
             f"the export has no deflections of {kind}; create it with wingd export --table live of this version"
