@@ -41,7 +41,7 @@ mod read;
 mod write;
 
 pub use config::{BootPolicy, StoreConfig};
-pub use disk::{Disk, RealDisk, StoreError, fake};
+pub use disk::{Disk, RealDisk, StoreError};
 pub use format::columns::{LiveColumn, LiveRow, LiveTable, ValueKind};
 pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256_hex};
 pub use maintenance::upgrade::upgrade_store;

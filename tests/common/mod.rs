@@ -6,6 +6,7 @@ pub mod beam_truth;
 pub mod clock_screen;
 pub mod disc_image;
 pub mod drawn;
+pub mod fake_disk;
 pub mod random;
 pub mod report_store;
 pub mod statistics;

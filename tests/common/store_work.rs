@@ -4,11 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::common::fake_disk::FakeDisk;
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
 use wingd::store::aircraft::{self, AircraftLine};
 use wingd::store::columns::UTC;
-use wingd::store::fake::FakeDisk;
 use wingd::store::installations::InstallationFile;
 use wingd::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
 use wingd::store::verify::verify_path;

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::common::fake_disk::{DiskFault, FakeDisk, Survival};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use serde_json::Map;
@@ -14,7 +15,6 @@ use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SimulatedClock, Stamp};
 use wingd::daemon::{self, DaemonParts, Event, PowerConfig, SeriesConfig, Solver, StatusBoard};
 use wingd::record::{ImageRecord, Method};
-use wingd::store::fake::{DiskFault, FakeDisk, Survival};
 use wingd::store::verify::verify_path;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
 

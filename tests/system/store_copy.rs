@@ -4,9 +4,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
+use crate::common::fake_disk::{DiskFault, FakeDisk, Survival, read_all_files};
 use serde_json::{Map, json};
 use wingd::store::bundle::{self, BundleContent};
-use wingd::store::fake::{DiskFault, FakeDisk, Survival, read_all_files};
 use wingd::store::prune::CopyProof;
 use wingd::store::receive::{Listing, Receiver};
 use wingd::store::verify::verify_path;

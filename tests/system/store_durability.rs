@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use wingd::store::fake::{DiskFault, FakeDisk, Survival};
+use crate::common::fake_disk::{DiskFault, FakeDisk, Survival};
 use wingd::store::manifest::SeriesCause;
 use wingd::store::verify::verify_path;
 use wingd::store::{Disk, SeriesPlan, Store, StoreConfig, StoreError};

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
 
+use crate::common::fake_disk::read_all_files;
 use serde_json::{Map, Value, json};
-use wingd::store::fake::read_all_files;
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256_hex, upgrade_store};
 

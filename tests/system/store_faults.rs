@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use wingd::store::fake::{DiskFault, FakeDisk, Survival, UnsyncedBytes, read_all_files};
+use crate::common::fake_disk::{DiskFault, FakeDisk, Survival, UnsyncedBytes, read_all_files};
 use wingd::store::manifest::SeriesCause;
 use wingd::store::{Disk, StoreError, upgrade_store};
 

@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::common::fake_disk::{DiskFault, FakeDisk};
 use serde_json::{Value, json};
-use wingd::store::fake::{DiskFault, FakeDisk};
 use wingd::store::manifest::{SeriesCause, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{

@@ -6,8 +6,8 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
+use crate::common::fake_disk::{FakeDisk, read_all_files};
 use serde_json::{Map, Value};
-use wingd::store::fake::{FakeDisk, read_all_files};
 use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
 use wingd::store::{NewFrame, SeriesPlan, Store, StoreConfig};
 

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use crate::common::fake_disk::read_all_files;
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
-use wingd::store::fake::read_all_files;
 use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, NewFrame, OpenSeries, RealDisk, SeriesPlan, Store, StoreConfig};

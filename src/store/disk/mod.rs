@@ -1,7 +1,6 @@
 //! File system interface of the store. Every fsync of recorded data is in this module.
 
 mod error;
-pub mod fake;
 
 use std::any::Any;
 use std::fs::{self, File, OpenOptions};

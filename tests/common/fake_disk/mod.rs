@@ -18,7 +18,7 @@ pub use content::UnsyncedBytes;
 pub use state::DiskFault;
 use state::{DirectoryNames, DiskNode, DiskState, NameChange, NodeId};
 
-use super::{DirectoryEntry, Disk, Lock};
+use wingd::store::disk::{DirectoryEntry, Disk, Lock};
 
 /// Remains of all unsynced changes after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
