@@ -107,7 +107,7 @@ impl WingScene {
         let mut ground_sights = vec![None; setup.markers.len()];
         for s in &orientation.ground {
             if let Some(slot) = ground_sights.get_mut(s.marker) {
-                *slot = Some(Observation { marker: s.marker, pixel: s.pixel, covariance_px2: s.covariance_px2 });
+                *slot = Some(*s);
             }
         }
         // Two or three observations determine the rotation without redundancy; the orientation is better then.

@@ -10,7 +10,7 @@ use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
-use crate::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
+use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -189,7 +189,7 @@ impl<'a> SimulatedFlight<'a> {
             None => taken.is_empty().then_some(covariance_px2),
         };
         let observe = |(marker, p): (usize, &Vector3<f64>)| {
-            Some(GroundObservation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
+            Some(Observation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
         };
         let ground = self.ground.iter().enumerate().filter_map(observe).collect();
         (self.observations, self.orientation.ground) = (observations, ground);
@@ -316,7 +316,7 @@ impl<'a> SimulatedFlight<'a> {
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
-        orientation.ground.push(GroundObservation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
+        orientation.ground.push(Observation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
         Some(LayoutChange {
             without: None,
             span_m: frame.wing_point(&position_m).x,
