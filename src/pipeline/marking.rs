@@ -23,14 +23,11 @@ pub const MANUAL_SIGMA_PX: f64 = 2.0;
 /// Distance from the marked point, in its standard deviations, within which the detector's measurement is accepted.
 const MAX_OFFSET_SIGMAS: f64 = 3.0;
 
-/// Image that a person marks.
-pub struct MarkingSession {
-    /// Image and its detections.
-    image: LoadedImage,
-}
-
-enum LoadedImage {
+/// Image that a person marks, with its detections.
+pub enum MarkingSession {
+    /// Frame in flight.
     Flight { raster: Raster, processed: Box<ProcessedFrame>, orientation: Box<Orientation> },
+    /// Frame of the wing on the ground.
     Ground(Box<GroundFrame>),
 }
 
@@ -59,35 +56,34 @@ impl MarkingSession {
         orientation: Option<&Orientation>,
     ) -> Result<Self, Reason> {
         let load = || match orientation {
-            None => Ok(LoadedImage::Ground(Box::new(orienting::process_ground_frame(name, bytes, setup)?))),
+            None => Ok(Self::Ground(Box::new(orienting::process_ground_frame(name, bytes, setup)?))),
             Some(orientation) => {
                 let raster = decode::decode_image(bytes, format).map_err(Reason::from_error)?;
                 if let Some(fault) = ViewFault::from_size(&raster, &setup.lens) {
                     return Err(Reason::from_error(fault));
                 }
                 let processed = stages::process_frame(name, bytes, format, setup, Some(orientation)).into();
-                Ok(LoadedImage::Flight { raster, processed, orientation: orientation.clone().into() })
+                Ok(Self::Flight { raster, processed, orientation: orientation.clone().into() })
             }
         };
-        let seen = catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))?;
-        Ok(Self { image: seen })
+        catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))
     }
 
     /// Returns the decoded image.
     pub fn raster(&self) -> &Raster {
-        match &self.image {
-            LoadedImage::Flight { raster, .. } => raster,
-            LoadedImage::Ground(frame) => frame.raster(),
+        match self {
+            Self::Flight { raster, .. } => raster,
+            Self::Ground(frame) => frame.raster(),
         }
     }
 
     /// Solves the image with the manual observations.
     pub fn solve(&self, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
-        let solve = || match &self.image {
-            LoadedImage::Flight { processed, orientation, .. } => {
+        let solve = || match self {
+            Self::Flight { processed, orientation, .. } => {
                 solve_in_flight(processed, orientation, manual, installation)
             }
-            LoadedImage::Ground(frame) => solve_on_ground(frame, manual, installation),
+            Self::Ground(frame) => solve_on_ground(frame, manual, installation),
         };
         catch_panic(solve).unwrap_or_else(|| MarkingResult {
             record: ImageRecord::failed("", crate::record::Method::None, PANIC_REASON),
@@ -129,9 +125,9 @@ impl MarkingSession {
 
     /// Detects a marker of known size by a second pass.
     fn detect_closer(&self, marker: usize, prediction: &MarkerPrediction) -> Option<Detection> {
-        let mut found = match &self.image {
-            LoadedImage::Flight { processed, .. } => processed.detections.clone(),
-            LoadedImage::Ground(frame) => frame.processed.detections.clone(),
+        let mut found = match self {
+            Self::Flight { processed, .. } => processed.detections.clone(),
+            Self::Ground(frame) => frame.processed.detections.clone(),
         };
         // The detection there was identified as something else.
         let elsewhere = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
 
 use super::scene::mahalanobis_squared;
-use crate::environment::Plate;
+use crate::environment::apparent_point;
 use crate::estimation::{Block, BlockPoint, EstimationError, Fit, Group, Linearised, Prior, Problem, solve};
 use crate::geometry::{cross_matrix, left_jacobian};
 use crate::observation::{Estimate, Observation};
@@ -23,7 +23,6 @@ pub(super) struct GroundImage {
     pub(super) seen: Observation,
 }
 
-/// An adjusted orientation.
 pub(super) struct AdjustedOrientation {
     pub(super) orientation: Orientation,
     pub(super) variance_factor: f64,
@@ -134,7 +133,7 @@ impl OrientationAdjustment<'_> {
         let by_bend = self.bend.get(marker);
         let bent_m = by_bend.map_or_else(Vector3::zeros, |by| by * at.global[self.bend_column()]);
         let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first) + bent_m;
-        let p = apparent_point(setup, &rotation, &marker_m, &centre_m);
+        let p = apparent_point(setup.window.as_ref(), &rotation, &(marker_m - centre_m), false);
         let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
         let by_shift = by_point * rotation.matrix();
         let bend = by_bend.map(|_| self.bend_column());
@@ -163,7 +162,7 @@ impl OrientationAdjustment<'_> {
         let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
         let residual = |GroundImage { seen, .. }: &GroundImage| {
             let ground = setup.markers[seen.marker].position_m;
-            let p = apparent_point(setup, &rotation, &ground, &setup.projection_centre_m);
+            let p = apparent_point(setup.window.as_ref(), &rotation, &(ground - setup.projection_centre_m), false);
             setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| seen.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
@@ -180,16 +179,4 @@ impl OrientationAdjustment<'_> {
             rejected,
         }
     }
-}
-
-/// Returns the point at which the camera sees a surveyed point on the ground, through the window if it is configured;
-/// camera frame, m.
-fn apparent_point(
-    setup: &Setup,
-    rotation: &Rotation3<f64>,
-    survey_m: &Vector3<f64>,
-    centre_m: &Vector3<f64>,
-) -> Vector3<f64> {
-    let p = rotation * (survey_m - centre_m);
-    Plate::from_window(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent_point(&p))
 }

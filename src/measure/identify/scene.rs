@@ -152,7 +152,6 @@ impl<'a> WingView<'a> {
         self.setup.markers.get(marker).is_some_and(|m| m.fixed)
     }
 
-    /// Returns the outlines of all markers.
     pub(super) fn marker_outlines(&self, state: &WingState) -> Vec<Option<DiscOutline>> {
         let rotation = self.camera_from_wing(state);
         let placed = self.beam.marker_positions(state, self.scale);

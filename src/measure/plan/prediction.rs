@@ -5,11 +5,12 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector3};
 use serde::Serialize;
 
-use super::view::{apparent_point, bend_markers, camera_attitude};
+use super::view::{bend_markers, camera_attitude};
 use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
+use crate::environment::apparent_point;
 use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
@@ -174,7 +175,8 @@ impl<'a> SimulatedFlight<'a> {
         let turn = &self.orientation.camera_from_survey;
         let see = |p: &Vector3<f64>, in_flight| {
             let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
-            let pixel = self.setup.lens.project(&apparent_point(self.setup, turn, &survey, in_flight))?;
+            let pixel =
+                self.setup.lens.project(&apparent_point(self.setup.window.as_ref(), turn, &survey, in_flight))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
         let flight = self.flight.iter().enumerate();
@@ -312,7 +314,7 @@ impl<'a> SimulatedFlight<'a> {
         let mut orientation = self.orientation.clone();
         let frame = setup.wing_frame();
         let from_camera = position_m - frame.origin_m;
-        let seen = apparent_point(&setup, &orientation.camera_from_survey, &from_camera, false);
+        let seen = apparent_point(setup.window.as_ref(), &orientation.camera_from_survey, &from_camera, false);
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
