@@ -5,7 +5,8 @@ use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::installation;
-use wingd::measure::{detect, identify};
+use wingd::measure::detect;
+use wingd::measure::identify::{self, MAX_DEFLECTION_CHANGE_M, WingView};
 use wingd::pipeline::decode::decode_image;
 
 fn benches(c: &mut Criterion) {
@@ -18,8 +19,9 @@ fn benches(c: &mut Criterion) {
     let orientation =
         identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
     let markers = detect::detect(&raster).markers;
-    let identities = identify::identify_markers(&setup, &orientation, &markers).expect("identifies");
-    let predictions = identify::predict_next_frame(&setup, &orientation, &markers, &identities);
+    let wing = WingView::in_flight(&setup, &orientation);
+    let identities = wing.identify_markers(&markers).expect("identifies");
+    let predictions = wing.predict_next_frame(&markers, &identities, MAX_DEFLECTION_CHANGE_M);
     let mut group = c.benchmark_group("frame");
     group.sample_size(20);
     group.bench_function("read", |b| {
@@ -31,9 +33,9 @@ fn benches(c: &mut Criterion) {
     group.bench_function("orient", |b| {
         b.iter(|| identify::estimate_orientation(&setup, std::slice::from_ref(&on_ground)).is_ok());
     });
-    group.bench_function("identify", |b| b.iter(|| identify::identify_markers(&setup, &orientation, &markers).is_ok()));
+    group.bench_function("identify", |b| b.iter(|| wing.identify_markers(&markers).is_ok()));
     group.bench_function("remove perspective bias", |b| {
-        b.iter(|| identify::remove_perspective_bias(&setup, &orientation, &markers, &identities));
+        b.iter(|| wing.remove_perspective_bias(&markers, &identities));
     });
     group.finish();
 }

@@ -8,7 +8,7 @@ use std::hint::black_box;
 
 use common::synthetic::{Conditions, World};
 use criterion::{Criterion, criterion_group, criterion_main};
-use wingd::measure::identify::{estimate_orientation, identify_markers, predict_next_frame, remove_perspective_bias};
+use wingd::measure::identify::{MAX_DEFLECTION_CHANGE_M, WingView, estimate_orientation};
 use wingd::measure::setup::Orientation;
 
 fn stages(c: &mut Criterion) {
@@ -21,14 +21,22 @@ fn stages(c: &mut Criterion) {
     let known = Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] };
     c.bench_function("orient", |b| b.iter(|| estimate_orientation(black_box(setup), black_box(&ground)).unwrap()));
     c.bench_function("identify", |b| {
-        b.iter(|| identify_markers(black_box(setup), &known, black_box(&flight)).unwrap())
+        b.iter(|| WingView::in_flight(black_box(setup), &known).identify_markers(black_box(&flight)).unwrap())
     });
-    let identities = identify_markers(setup, &known, &flight).unwrap();
+    let identities = WingView::in_flight(setup, &known).identify_markers(&flight).unwrap();
     c.bench_function("remove_perspective_bias", |b| {
-        b.iter(|| remove_perspective_bias(black_box(setup), &known, black_box(&flight), &identities))
+        b.iter(|| {
+            WingView::in_flight(black_box(setup), &known).remove_perspective_bias(black_box(&flight), &identities)
+        })
     });
     c.bench_function("predict", |b| {
-        b.iter(|| predict_next_frame(black_box(setup), &known, black_box(&flight), &identities))
+        b.iter(|| {
+            WingView::in_flight(black_box(setup), &known).predict_next_frame(
+                black_box(&flight),
+                &identities,
+                MAX_DEFLECTION_CHANGE_M,
+            )
+        })
     });
 }
 

@@ -21,7 +21,7 @@
 //! let (seen, _) = pipeline::stages::detect_only("ground.jpg", &ground, None);
 //! let frames = [seen.detections.markers];
 //! let fit = identify::estimate_orientation(&wing.setup, &frames)?;
-//! let ground = pipeline::stages::ground_observations(&wing.setup, &frames, &fit);
+//! let ground = fit.ground_observations(&wing.setup, &frames);
 //! wing.orientation = Some(Orientation { ground, ..fit.orientation });
 //!
 //! // The wing, from an image in flight, rendered with the outermost marker 2.615 m above its position on the ground.

@@ -93,7 +93,7 @@ fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
     let failure = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
     let bytes = std::fs::read(ground).map_err(|e| failure(&e))?;
-    let frame = orienting::process_ground_frame("ground.jpg", &bytes, &installation);
+    let frame = orienting::process_ground_frame("ground.jpg", &bytes, &installation.setup);
     let mut frames = [frame.map_err(|e| failure(&e))?];
     let fit = orienting::orient_frames(&installation.setup, &mut frames).map_err(|e| failure(&e))?;
     let [frame] = frames;

@@ -56,7 +56,7 @@ pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
         // Without overlay and rejected candidates, the guided search is enough.
         Ok(bytes) => match &installation {
             Some(installation) if overlay.is_none() && !args.rejected => {
-                stages::process_frame(name, bytes, None, installation, installation.orientation.as_ref())
+                stages::process_frame(name, bytes, None, &installation.setup, installation.orientation.as_ref())
             }
             _ => process_image(name, bytes, installation.as_ref(), overlay.as_ref()),
         },
@@ -92,7 +92,7 @@ fn process_image(
     overlay: Option<&OverlayOptions>,
 ) -> ProcessedFrame {
     let (mut processed, raster) = match installation {
-        Some(known) => stages::process_full_frame(name, bytes, None, known, known.orientation.as_ref()),
+        Some(known) => stages::process_full_frame(name, bytes, None, &known.setup, known.orientation.as_ref()),
         None => stages::detect_only(name, bytes, None),
     };
     if let (Some(raster), Some(overlay)) = (&raster, overlay) {

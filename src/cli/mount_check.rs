@@ -8,7 +8,7 @@ use super::{Completion, Failure, image_batch, print_line};
 use crate::installation::{self, Installation};
 use crate::measure::identify;
 use crate::measure::mount::{self, CameraMovement, MarkerShift};
-use crate::measure::setup::GroundObservation;
+use crate::measure::observation::Observation;
 use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 
@@ -35,7 +35,7 @@ const MAX_NORMALIZED: f64 = 3.0;
 /// A frame's marker images, and the surveyed markers in camera coordinates.
 struct MountFrame {
     name: String,
-    observations: Vec<GroundObservation>,
+    observations: Vec<Observation>,
     points_m: Vec<Vector3<f64>>,
 }
 
@@ -48,7 +48,7 @@ pub(super) fn run(args: &MountCheckArgs) -> Result<Completion, Failure> {
         args.jobs,
         "detecting",
         |name, bytes| match bytes {
-            Ok(bytes) => stages::process_frame(name, bytes, None, &installation, None),
+            Ok(bytes) => stages::process_frame(name, bytes, None, &installation.setup, None),
             Err(reason) => ProcessedFrame::failed(name, reason),
         },
     )?;
@@ -87,7 +87,7 @@ fn orient_frame(installation: &Installation, processed: &ProcessedFrame) -> Resu
     };
     Ok(MountFrame {
         name: processed.image.clone(),
-        observations: stages::ground_observations(setup, &detections, &fit),
+        observations: fit.ground_observations(setup, &detections),
         points_m: (0..setup.markers.len()).map(into_camera).collect(),
     })
 }
@@ -97,7 +97,7 @@ fn compare_frames(
     first: &MountFrame,
     other: &MountFrame,
 ) -> Result<CameraMovement, Reason> {
-    let pair = |before: &GroundObservation| {
+    let pair = |before: &Observation| {
         let after = other.observations.iter().find(|s| s.marker == before.marker)?;
         Some(MarkerShift {
             point_m: first.points_m[before.marker],

@@ -44,7 +44,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let mut reasons: Vec<String> = vec![];
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
         bytes
-            .and_then(|b| orienting::process_ground_frame(name, b, &installation))
+            .and_then(|b| orienting::process_ground_frame(name, b, &installation.setup))
             .map_err(|why| format!("{name}: {why}"))
     };
     image_batch::for_each_image(&files, args.jobs, "detecting", process, |ground| {

@@ -28,7 +28,9 @@ pub(super) fn process_stored_frame(
 ) -> ProcessedFrame {
     let name = store_access::frame_name(frame);
     let processed = match (bytes, Format::from_manifest(&frame.entry.format)) {
-        (Ok(bytes), Ok(format)) => stages::process_frame(&name, bytes, Some(&format), installation, Some(orientation)),
+        (Ok(bytes), Ok(format)) => {
+            stages::process_frame(&name, bytes, Some(&format), &installation.setup, Some(orientation))
+        }
         (Err(reason), _) => ProcessedFrame::failed(name, reason),
         (_, Err(unknown)) => ProcessedFrame::failed(name, Reason::from_error(unknown)),
     };

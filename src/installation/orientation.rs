@@ -10,7 +10,8 @@ use serde::Deserialize;
 
 use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_atomically};
 use crate::measure::identify::OrientationFit;
-use crate::measure::setup::{GroundObservation, Orientation, SurveyMarker};
+use crate::measure::observation::Observation;
+use crate::measure::setup::{Orientation, SurveyMarker};
 
 #[derive(Deserialize)]
 struct OrientationTable {
@@ -95,7 +96,7 @@ fn parse_ground_observation(
     file: &Path,
     s: &GroundEntry,
     markers: &[SurveyMarker],
-) -> Option<GroundObservation> {
+) -> Option<Observation> {
     let [uu, uv, vv] = s.covariance_px2;
     let covariance_px2 = Matrix2::new(uu, uv, uv, vv);
     let finite = s.u_px.is_finite() && s.v_px.is_finite();
@@ -103,7 +104,7 @@ fn parse_ground_observation(
     let sound = finite && uu > 0.0 && covariance_px2.determinant() > 0.0;
     let problem = match (marker, sound) {
         (Some(marker), true) => {
-            return Some(GroundObservation { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
+            return Some(Observation { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
         }
         (None, _) => "is not in the survey",
         (_, false) => "has no finite pixel with a positive covariance",
@@ -159,7 +160,7 @@ pub fn write_orientation(
 }
 
 /// Writes the ground-frame observations, which the adjustment of flights refers to.
-fn write_ground(text: &mut String, installation: &Installation, ground: &[GroundObservation]) {
+fn write_ground(text: &mut String, installation: &Installation, ground: &[Observation]) {
     for s in ground {
         let id = installation.setup.markers.get(s.marker).map_or("", |m| m.id.as_str());
         let c = &s.covariance_px2;

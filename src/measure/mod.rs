@@ -21,3 +21,4 @@ pub mod setup;
 pub mod stress;
 pub mod tiles;
 pub mod time_code;
+pub mod view;

@@ -4,6 +4,7 @@ use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 
 pub use super::flight_effects::{FlightEffectPriors, Vibration};
 use super::geometry::{Lens, WingFrame};
+use super::observation::Observation;
 
 /// Kind of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -331,7 +332,7 @@ pub struct Orientation {
     pub covariance_rad2: Option<nalgebra::Matrix3<f64>>,
     /// Observations of the ground frames. They determine the errors of the survey and the image of the unbent wing to a
     /// fraction of a pixel, which separates the mount's pitch from bending. Empty if only the rotation is known.
-    pub ground: Vec<GroundObservation>,
+    pub ground: Vec<Observation>,
 }
 
 /// Minimum number of points for a wing's surface: two for each of the seven coefficients of its cubic along the span,
@@ -348,35 +349,5 @@ impl Orientation {
             seen.fill(true);
         }
         seen
-    }
-}
-
-/// Image of a marker's centre on the ground, perspective bias removed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroundObservation {
-    /// Index in [`Setup::markers`].
-    pub marker: usize,
-    /// Image, px; the mean of several frames.
-    pub pixel: Vector2<f64>,
-    /// Covariance of the image, px^2.
-    pub covariance_px2: nalgebra::Matrix2<f64>,
-}
-
-impl GroundObservation {
-    /// Returns the mean observation of each observed marker below `markers`, weighted by the covariances.
-    pub fn mean_observations(markers: usize, observations: impl IntoIterator<Item = Self>) -> Vec<Self> {
-        let mut sums = vec![(nalgebra::Matrix2::zeros(), Vector2::zeros()); markers];
-        for observation in observations {
-            let weight = observation.covariance_px2.try_inverse();
-            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(observation.marker)) {
-                sum.0 += weight;
-                sum.1 += weight * observation.pixel;
-            }
-        }
-        let mean = |(marker, (weight, sum)): (usize, (nalgebra::Matrix2<f64>, Vector2<f64>))| {
-            let covariance_px2 = weight.try_inverse()?;
-            Some(Self { marker, pixel: covariance_px2 * sum, covariance_px2 })
-        };
-        sums.into_iter().enumerate().filter_map(mean).collect()
     }
 }

@@ -5,15 +5,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::guided::{self, SearchMode};
-use super::stages::{self, ProcessedFrame, StageTime, Work};
-use super::{SolveJob, correct_refraction, flight_priors, recording};
+use super::stages::{ProcessedFrame, StageTime, Work};
+use super::{SolveJob, correct_refraction, decode, flight_priors, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, LiveAdjustment, Parameter, Solution};
-use crate::measure::detect::{Detection, MarkerPrediction};
-use crate::measure::identify::{self, Identities, MAX_DEFLECTION_CHANGE_M};
+use crate::measure::detect::{self, Detection, MarkerPrediction};
+use crate::measure::identify::{Identities, MAX_DEFLECTION_CHANGE_M, WingView};
 use crate::measure::setup::Orientation;
+use crate::measure::tiles::Tiles;
+use crate::measure::view::{self, FrameView, SearchMode};
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::{ImageRecord, Provenance, Reason};
 
@@ -91,6 +92,18 @@ struct PreviousFrame {
     at_s: f64,
 }
 
+impl PreviousFrame {
+    /// Predicts the markers' images in the next frame; the search area grows with the time since this one.
+    fn predict_markers(&self, wing: &WingView, at_s: f64) -> Vec<MarkerPrediction> {
+        let elapsed_s = at_s - self.at_s;
+        if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
+            return vec![];
+        }
+        let deflection_m = (MAX_TIP_SPEED_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
+        wing.predict_next_frame(&self.detections, &self.identities, deflection_m)
+    }
+}
+
 /// Largest speed of the tip, m/s: a deflection of 0.25 m at 2 Hz, about the natural frequency of large wings.
 const MAX_TIP_SPEED_M_S: f64 = 3.0;
 /// Largest change of the tip's deflection in gusts after any time, m. If it is larger, markers are missing and the full
@@ -125,25 +138,45 @@ impl Tracker {
     /// Solves the next frame, exposed `at_s` seconds after boot. An error is in the record; the state is then unchanged.
     pub fn track_frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> TrackedFrame {
         let tracked = catch_panic(|| {
-            let seen = self.seen.take();
-            let predictions = seen.as_ref().map_or(vec![], |seen| self.predict_markers(seen, at_s));
-            let known = seen.map(|seen| seen.identities);
-            self.solve(name, bytes, format, at_s, (&predictions, known.as_ref()))
+            let mut processed = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
+            let search = self.search(&mut processed, bytes, format, at_s);
+            self.solve(processed, search, at_s)
         });
         tracked.unwrap_or_else(|| {
             self.failed_frame(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, PANIC_REASON)
         })
     }
 
-    /// Predicts the markers' images in this frame; the search area grows with the time since the last one.
-    fn predict_markers(&self, seen: &PreviousFrame, at_s: f64) -> Vec<MarkerPrediction> {
-        let elapsed_s = at_s - seen.at_s;
-        if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
-            return vec![];
-        }
-        let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        let deflection_m = (MAX_TIP_SPEED_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
-        identify::predict_next_frame_within(setup, orientation, &seen.detections, &seen.identities, deflection_m)
+    /// Detects and identifies the markers of the next frame, which the previous one predicts.
+    fn search(
+        &mut self,
+        processed: &mut ProcessedFrame,
+        bytes: &[u8],
+        format: Option<&Format>,
+        at_s: f64,
+    ) -> SearchMode {
+        let wing = WingView::in_flight(&self.installation.setup, &self.orientation);
+        let seen = self.seen.take();
+        let predictions = seen.as_ref().map_or(vec![], |seen| seen.predict_markers(&wing, at_s));
+        let first = |width, height| match &predictions[..] {
+            [] => Tiles::all(width, height),
+            _ => detect::tiles_read(&predictions, width, height),
+        };
+        let unread = if predictions.is_empty() { SearchMode::Full } else { SearchMode::Guided };
+        let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first)) else {
+            return unread;
+        };
+        // A fast tip is not at its previous position; the markers near the root predict it.
+        let predict_again = |found: &[Detection]| wing.predict_from_found(found, &seen.as_ref()?.identities);
+        let (found, search) =
+            processed.timed(|ended| view::search_guided(&mut picture, &predictions, predict_again, ended));
+        let markers = processed.timed(|ended| FrameView::new(&wing, &mut picture, ended).name(found.clone()));
+        // Guided detection does not find markers that need a second pass: if they were predicted, every frame would be
+        // searched in full.
+        let first = markers.first_identities.clone();
+        self.seen = first.map(|identities| PreviousFrame { detections: found.markers, identities, at_s });
+        processed.set_markers(markers);
+        search
     }
 
     fn failed_frame(&self, processed: &ProcessedFrame, reason: &str) -> TrackedFrame {
@@ -152,27 +185,7 @@ impl Tracker {
         TrackedFrame { mounting: self.live.mounting_count(), ..TrackedFrame::failed(record) }
     }
 
-    fn solve(
-        &mut self,
-        name: &str,
-        bytes: &[u8],
-        format: Option<&Format>,
-        at_s: f64,
-        (predictions, known): (&[MarkerPrediction], Option<&Identities>),
-    ) -> TrackedFrame {
-        let mut processed = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
-        let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        // A fast tip is not at its previous position; the markers near the root predict it.
-        let predict_again = |found: &[Detection]| identify::predict_from_found(setup, orientation, found, known?);
-        let (part, search) = guided::search_guided(&mut processed, bytes, format, predictions, predict_again);
-        if let Some(part) = &part {
-            processed.failure = stages::size_fault(part.raster(), &self.installation);
-        }
-        if let (None, Some(mut part)) = (&processed.failure, part) {
-            let (installation, orientation) = (&self.installation, &self.orientation);
-            let known = stages::identify_for_tracking(&mut processed, &mut part, installation, orientation);
-            self.seen = known.map(|(detections, identities)| PreviousFrame { detections, identities, at_s });
-        }
+    fn solve(&mut self, mut processed: ProcessedFrame, search: SearchMode, at_s: f64) -> TrackedFrame {
         let before = self.live.mounting_count();
         let started = std::time::Instant::now();
         let outcome = correct_refraction(&processed, &self.installation, &self.orientation);

@@ -11,9 +11,10 @@ use crate::camera::Format;
 use crate::installation::{Installation, ManualObservation, ManualPosition};
 use crate::measure::adjust::Observation;
 use crate::measure::detect::{self, Detection, ExpectedMarker, MarkerPrediction};
-use crate::measure::identify::{self, OrientationFit, PredictedMarker};
+use crate::measure::identify::{OrientationFit, PredictedMarker, WingView};
 use crate::measure::raster::Raster;
-use crate::measure::setup::Orientation;
+use crate::measure::setup::{Orientation, Setup};
+use crate::measure::view::ViewFault;
 use crate::record::{ImageRecord, Reason, RecordStatus};
 
 /// Standard deviation of a centre marked on a screen, px, in each coordinate. Chosen: a person who sees edges of 2 to 3 px
@@ -22,14 +23,11 @@ pub const MANUAL_SIGMA_PX: f64 = 2.0;
 /// Distance from the marked point, in its standard deviations, within which the detector's measurement is accepted.
 const MAX_OFFSET_SIGMAS: f64 = 3.0;
 
-/// Image that a person marks.
-pub struct MarkingSession {
-    /// Image and its detections.
-    image: LoadedImage,
-}
-
-enum LoadedImage {
+/// Image that a person marks, with its detections.
+pub enum MarkingSession {
+    /// Frame in flight.
     Flight { raster: Raster, processed: Box<ProcessedFrame>, orientation: Box<Orientation> },
+    /// Frame of the wing on the ground.
     Ground(Box<GroundFrame>),
 }
 
@@ -54,39 +52,38 @@ impl MarkingSession {
         name: &str,
         bytes: &[u8],
         format: Option<&Format>,
-        installation: &Installation,
+        setup: &Setup,
         orientation: Option<&Orientation>,
     ) -> Result<Self, Reason> {
         let load = || match orientation {
-            None => Ok(LoadedImage::Ground(Box::new(orienting::process_ground_frame(name, bytes, installation)?))),
+            None => Ok(Self::Ground(Box::new(orienting::process_ground_frame(name, bytes, setup)?))),
             Some(orientation) => {
                 let raster = decode::decode_image(bytes, format).map_err(Reason::from_error)?;
-                if let Some(fault) = stages::size_fault(&raster, installation) {
-                    return Err(fault);
+                if let Some(fault) = ViewFault::from_size(&raster, &setup.lens) {
+                    return Err(Reason::from_error(fault));
                 }
-                let processed = stages::process_frame(name, bytes, format, installation, Some(orientation)).into();
-                Ok(LoadedImage::Flight { raster, processed, orientation: orientation.clone().into() })
+                let processed = stages::process_frame(name, bytes, format, setup, Some(orientation)).into();
+                Ok(Self::Flight { raster, processed, orientation: orientation.clone().into() })
             }
         };
-        let seen = catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))?;
-        Ok(Self { image: seen })
+        catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))
     }
 
     /// Returns the decoded image.
     pub fn raster(&self) -> &Raster {
-        match &self.image {
-            LoadedImage::Flight { raster, .. } => raster,
-            LoadedImage::Ground(frame) => frame.raster(),
+        match self {
+            Self::Flight { raster, .. } => raster,
+            Self::Ground(frame) => frame.raster(),
         }
     }
 
     /// Solves the image with the manual observations.
     pub fn solve(&self, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
-        let solve = || match &self.image {
-            LoadedImage::Flight { processed, orientation, .. } => {
+        let solve = || match self {
+            Self::Flight { processed, orientation, .. } => {
                 solve_in_flight(processed, orientation, manual, installation)
             }
-            LoadedImage::Ground(frame) => solve_on_ground(frame, manual, installation),
+            Self::Ground(frame) => solve_on_ground(frame, manual, installation),
         };
         catch_panic(solve).unwrap_or_else(|| MarkingResult {
             record: ImageRecord::failed("", crate::record::Method::None, PANIC_REASON),
@@ -117,7 +114,8 @@ impl MarkingSession {
             let refine = || self.detect_closer(marker, &prediction);
             let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
             let found = plain.into_iter().find(near).or_else(|| refine().filter(near))?;
-            let centred = identify::correct_marker_centre(setup, orientation, &result.observations, marker, &found);
+            let wing = WingView::in_flight(setup, orientation);
+            let centred = wing.correct_marker_centre(&result.observations, marker, &found);
             let covariance_px2 = *centred.covariance_px2;
             let is_better = covariance_px2.trace() < 2.0 * manual_sigma_px * manual_sigma_px;
             is_better.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
@@ -127,9 +125,9 @@ impl MarkingSession {
 
     /// Detects a marker of known size by a second pass.
     fn detect_closer(&self, marker: usize, prediction: &MarkerPrediction) -> Option<Detection> {
-        let mut found = match &self.image {
-            LoadedImage::Flight { processed, .. } => processed.detections.clone(),
-            LoadedImage::Ground(frame) => frame.processed.detections.clone(),
+        let mut found = match self {
+            Self::Flight { processed, .. } => processed.detections.clone(),
+            Self::Ground(frame) => frame.processed.detections.clone(),
         };
         // The detection there was identified as something else.
         let elsewhere = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
@@ -150,7 +148,8 @@ fn solve_in_flight(
     let mut processed = processed.clone();
     processed.add_manual(manual);
     let record = solve_processed_frame(&processed, installation, orientation, &SolveJob::default());
-    let predicted = identify::predict_markers(&installation.setup, orientation, &processed.observations);
+    let wing = WingView::in_flight(&installation.setup, orientation);
+    let predicted = wing.predict_markers(&processed.observations);
     let orientation = Some(orientation.clone());
     MarkingResult { record, observations: processed.observations, predicted, orientation }
 }
@@ -162,8 +161,8 @@ fn solve_on_ground(frame: &GroundFrame, manual: &[ManualObservation], installati
     let mut frames = [frame];
     match orienting::orient_frames(setup, &mut frames) {
         Ok(fit) => {
-            let observations: Vec<Observation> = fit.orientation.ground.iter().map(observation_from_ground).collect();
-            let predicted = identify::predict_ground_markers(setup, &fit.orientation, &[]);
+            let observations = fit.orientation.ground.clone();
+            let predicted = WingView::on_ground(setup, &fit.orientation).predict_markers(&[]);
             let record = ground_record(&fit, &observations, manual, installation);
             MarkingResult { record, observations, predicted, orientation: Some(fit.orientation) }
         }
@@ -174,10 +173,6 @@ fn solve_on_ground(frame: &GroundFrame, manual: &[ManualObservation], installati
             MarkingResult { record, observations: vec![], predicted: vec![], orientation: None }
         }
     }
-}
-
-fn observation_from_ground(ground: &crate::measure::setup::GroundObservation) -> Observation {
-    Observation { marker: ground.marker, pixel: ground.pixel, covariance_px2: ground.covariance_px2 }
 }
 
 fn ground_markers(

@@ -3,7 +3,7 @@
 //! | stage | in | out | module |
 //! |---|---|---|---|
 //! | decode | bytes as delivered | grey image | [`decode`] |
-//! | measure | grey image, installation | identified markers | [`measure`](self::stages) |
+//! | measure | grey image, installation | identified markers | [`stages`], [`crate::measure::view`] |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | orient | ground frames | orientation | [`orienting`] |
 //! | mark | image, manual marks | solution with the marks | [`marking`] |
@@ -15,9 +15,7 @@
 pub mod decode;
 mod flight_priors;
 pub mod guard;
-pub mod guided;
 pub mod live;
-mod located;
 pub mod manual_observations;
 pub mod marking;
 pub mod orienting;
@@ -77,7 +75,7 @@ pub fn solve_frame(
     job: &SolveJob,
 ) -> ImageRecord {
     let solve = || {
-        let processed = stages::process_frame(name, bytes, format, installation, Some(orientation));
+        let processed = stages::process_frame(name, bytes, format, &installation.setup, Some(orientation));
         solve_processed_frame(&processed, installation, orientation, job)
     };
     let broken = || ProcessedFrame::failed(name, PANIC_REASON);

@@ -3,13 +3,13 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::guard::PANIC_REASON;
-use super::located::MAX_PASSES;
 use super::stages::{self, ProcessedFrame};
-use crate::installation::{Installation, ManualObservation, ManualPosition};
+use crate::installation::{ManualObservation, ManualPosition};
 use crate::measure::detect::{self, Detection, ExpectedMarker};
-use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker};
+use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker, WingView};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Setup, SurveyMarker};
+use crate::measure::view::MAX_PASSES;
 use crate::record::Reason;
 
 /// Frame of the wing on the ground.
@@ -37,10 +37,10 @@ impl GroundFrame {
 ///
 /// # Errors
 /// Returns an error if the frame cannot be read or does not have the calibrated camera's size.
-pub fn process_ground_frame(name: &str, bytes: &[u8], installation: &Installation) -> Result<GroundFrame, Reason> {
+pub fn process_ground_frame(name: &str, bytes: &[u8], setup: &Setup) -> Result<GroundFrame, Reason> {
     let (mut processed, raster) = stages::detect_only(name, bytes, None);
-    let fault = raster.as_ref().and_then(|raster| stages::size_fault(raster, installation));
-    match (processed.failure.take().or(fault), raster) {
+    raster.iter().for_each(|raster| processed.check_size(raster, setup));
+    match (processed.failure.take(), raster) {
         (None, Some(raster)) => Ok(GroundFrame { processed, raster, manual: vec![] }),
         (reason, _) => Err(reason.unwrap_or_else(|| PANIC_REASON.into())),
     }
@@ -63,10 +63,10 @@ pub fn orient_frames(setup: &Setup, frames: &mut [GroundFrame]) -> Result<Orient
     for _ in 0..MAX_PASSES {
         let before: Vec<_> = frames.iter().map(|frame| frame.processed.detections.clone()).collect();
         let mut changed = false;
+        let wing = WingView::on_ground(setup, &fit.orientation);
         for (frame, identities) in frames.iter_mut().zip(&fit.identities) {
             let found = &mut frame.processed.detections;
-            let mut expected =
-                identify::predict_ground_second_pass(setup, &fit.orientation, &found.markers, identities);
+            let mut expected = wing.predict_second_pass(&found.markers, identities);
             expected.retain(|e: &ExpectedMarker| frame.manual.iter().all(|observation| observation.marker != e.marker));
             changed |= detect::second_pass(&frame.raster, found, &expected);
         }
@@ -85,7 +85,7 @@ pub fn orient_frames(setup: &Setup, frames: &mut [GroundFrame]) -> Result<Orient
             break;
         }
     }
-    fit.orientation.ground = stages::ground_observations(setup, &detected_markers(frames), &fit);
+    fit.orientation.ground = fit.ground_observations(setup, &detected_markers(frames));
     record_rejected(frames, &mut fit);
     Ok(fit)
 }
@@ -103,7 +103,7 @@ fn first_orientation(setup: &Setup, frames: &mut [GroundFrame]) -> Result<Orient
 
 /// Replaces, in each frame, detections of markers that have manual observations.
 fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
-    let predicted = fit.map_or(vec![], |fit| identify::predict_ground_markers(setup, &fit.orientation, &[]));
+    let predicted = fit.map_or(vec![], |fit| WingView::on_ground(setup, &fit.orientation).predict_markers(&[]));
     for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.manual.is_empty()) {
         let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
         let rejected = |marker: usize| frame.manual.iter().any(|s| s.marker == marker && s.place.is_none());

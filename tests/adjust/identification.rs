@@ -7,9 +7,7 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::Detection;
-use wingd::measure::identify::{
-    IdentifyError, Identities, estimate_orientation, identify_markers, predict_next_frame, remove_perspective_bias,
-};
+use wingd::measure::identify::{IdentifyError, Identities, MAX_DEFLECTION_CHANGE_M, WingView, estimate_orientation};
 use wingd::measure::setup::{Orientation, Setup, Shape};
 
 const HARD: Conditions =
@@ -109,7 +107,7 @@ fn frames_in_flight_are_never_misidentified() {
         let world = World::random(seed, &conditions);
         let deflection_m = deflection(seed, conditions.deflection_m);
         let view = world.flight_view(deflection_m, seed, &conditions);
-        match identify_markers(&world.setup, &known(&world), &view.detections) {
+        match WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections) {
             Ok(identities) => {
                 is_complete(&world.setup, &view.detections, &identities);
                 let before = tally.wrong;
@@ -143,7 +141,7 @@ fn plain_frames_lose_no_marker() {
     for seed in 1000..1100 {
         let world = World::random(seed, &PLAIN);
         let view = world.flight_view(deflection(seed, PLAIN.deflection_m), seed, &PLAIN);
-        let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
+        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
         tally.add(&view, &identities);
     }
     eprintln!("plain: {tally:?}");
@@ -158,8 +156,9 @@ fn the_perspective_bias_is_removed() {
         let conditions = Conditions { noise_px: 0.01, ..PLAIN };
         let world = World::random(seed, &conditions);
         let view = world.flight_view(deflection(seed, conditions.deflection_m), seed, &conditions);
-        let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
-        let corrected = remove_perspective_bias(&world.setup, &known(&world), &view.detections, &identities);
+        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
+        let corrected =
+            WingView::in_flight(&world.setup, &known(&world)).remove_perspective_bias(&view.detections, &identities);
         for ((raw, new), j) in view.detections.iter().zip(&corrected).zip(&identities.marker_of) {
             let Some(truth) = j.and_then(|j| view.centres_px[j]) else { continue };
             if raw.shape == Shape::Quadrant {
@@ -182,8 +181,12 @@ fn the_next_frame_is_predicted_within_the_search_radius() {
         let world = World::random(seed, &PLAIN);
         let now = world.flight_view(2.0, seed, &Conditions { hidden: 0.2, ..PLAIN });
         let next = world.flight_view(2.1, seed + 1, &PLAIN);
-        let identities = identify_markers(&world.setup, &known(&world), &now.detections).unwrap();
-        let predictions = predict_next_frame(&world.setup, &known(&world), &now.detections, &identities);
+        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&now.detections).unwrap();
+        let predictions = WingView::in_flight(&world.setup, &known(&world)).predict_next_frame(
+            &now.detections,
+            &identities,
+            MAX_DEFLECTION_CHANGE_M,
+        );
         for detection in &next.detections {
             let hit = predictions.iter().any(|p| {
                 p.shape == detection.shape
@@ -242,7 +245,7 @@ fn too_few_markers_and_clutter_alone_are_refused() {
         estimate_orientation(&world.setup, std::slice::from_ref(&three)),
         Err(IdentifyError::TooFew { found: 3, .. })
     ));
-    let refused = identify_markers(&world.setup, &known(&world), &three);
+    let refused = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&three);
     assert!(matches!(refused, Err(IdentifyError::TooFew { .. })));
     for seed in 0..20 {
         let mut rng = StdRng::seed_from_u64(seed);
@@ -252,7 +255,7 @@ fn too_few_markers_and_clutter_alone_are_refused() {
         }
         let on_ground = estimate_orientation(&world.setup, &[clutter.clone()]);
         assert!(on_ground.is_err(), "seed {seed}");
-        let in_flight = identify_markers(&world.setup, &known(&world), &clutter);
+        let in_flight = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&clutter);
         assert!(in_flight.is_err(), "seed {seed}: {in_flight:?}");
     }
 }
@@ -261,16 +264,16 @@ fn too_few_markers_and_clutter_alone_are_refused() {
 fn non_finite_values_do_no_harm() {
     let world = World::random(6, &PLAIN);
     let mut view = world.flight_view(1.0, 6, &PLAIN);
-    let identities = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
+    let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
     view.detections[0].centre_px.x = f64::NAN;
     view.detections[3].covariance_px2 = Matrix2::zeros().into();
     view.detections[5].semi_major_px = f64::INFINITY;
-    let again = identify_markers(&world.setup, &known(&world), &view.detections).unwrap();
+    let again = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
     for (i, (a, b)) in identities.marker_of.iter().zip(&again.marker_of).enumerate() {
         let expected = if [0, 3, 5].contains(&i) { None } else { *a };
         assert_eq!(*b, expected);
     }
-    let corrected = remove_perspective_bias(&world.setup, &known(&world), &view.detections, &again);
+    let corrected = WingView::in_flight(&world.setup, &known(&world)).remove_perspective_bias(&view.detections, &again);
     assert_eq!(corrected.len(), view.detections.len());
 }
 
@@ -355,7 +358,7 @@ fn the_independent_set_is_oriented_and_identified() {
     assert!(off < 2.0 * sigma && sigma < 0.4e-3, "{off} {sigma}");
     assert_eq!(fit.identities[0].marker_of, ground.truth);
     for (name, view, _) in &dev.frames[1..] {
-        let identities = identify_markers(&dev.setup, &fit.orientation, &view.detections).unwrap();
+        let identities = WingView::in_flight(&dev.setup, &fit.orientation).identify_markers(&view.detections).unwrap();
         eprintln!("{name}: tip {:.2} m, missing {:?}", identities.tip_deflection_m, identities.missing);
         assert_eq!(identities.marker_of, view.truth, "{name}");
     }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Observation, Options, Solution};
 use wingd::measure::render::{self, Light, Scene, SceneSide};
-use wingd::measure::setup::{GroundObservation, Orientation, Setup};
+use wingd::measure::setup::{Orientation, Setup};
 
 const SURVEY_SIGMA_M: f64 = 0.002;
 const PIXEL_SIGMA: f64 = 0.05;
@@ -56,10 +56,7 @@ fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
         marker.sigma_m = SURVEY_SIGMA_M;
     }
     setup.projection_centre_m = scene.frame.origin_m + normal3(rng) * setup.projection_centre_sigma_m;
-    let sight = |(marker, pixel)| {
-        let Observation { marker, pixel, covariance_px2 } = noisy(rng, marker, pixel);
-        GroundObservation { marker, pixel, covariance_px2 }
-    };
+    let sight = |(marker, pixel)| noisy(rng, marker, pixel);
     let seen = ground.markers.iter().enumerate().filter_map(|(k, m)| Some((k, m.pixel?)));
     let orientation = Orientation {
         camera_from_survey: ground.camera_from_survey,

@@ -9,7 +9,7 @@ use wingd::measure::adjust::{self, Observation, Options};
 use wingd::measure::geometry::{PointPair, TransformFit};
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::render::{Light, SampledAircraft, Scene, SceneShot, SeededRandom};
-use wingd::measure::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
+use wingd::measure::setup::{Orientation, Setup, SurveyMarker};
 
 /// Precision of marker detection in a rendered frame, px.
 const PIXEL_SIGMA: f64 = 0.08;
@@ -45,11 +45,10 @@ fn sampled_errors(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
     let aircraft = SampledAircraft::new(&scene, &mut random);
     let configured = SampledAircraft::perturbed_setup(&scene, &mut random);
     let on_ground = aircraft.ground_shot(scene.ground_shot(seed));
-    let sight = |Observation { marker, pixel, covariance_px2 }| GroundObservation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
         camera_from_survey: scene.truth(&on_ground).camera_from_survey * tilt(&scene.setup, &configured).inverse(),
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
-        ground: observations(&scene, &on_ground, &mut random).into_iter().map(sight).collect(),
+        ground: observations(&scene, &on_ground, &mut random),
     };
     let deflection = |k: usize| TIP_DEFLECTION_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
     let shots: Vec<SceneShot> = (0..FRAMES)

@@ -6,9 +6,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{
-    Air, FlightEffectPriors, GroundObservation, Orientation, Pane, Setup, SetupUncertainty, Window,
-};
+use wingd::measure::setup::{Air, FlightEffectPriors, Orientation, Pane, Setup, SetupUncertainty, Window};
 
 use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
 
@@ -214,7 +212,7 @@ fn sample_window(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Sa
     let flight = truth.positions_in_flight(2.0, truth.fuel());
     let mount = Rotation3::new(remount);
     let seen = project_all(&flight, &(mount * truth.camera_from_survey), true);
-    let sight = |(marker, pixel)| GroundObservation { marker, pixel, covariance_px2 };
+    let sight = |(marker, pixel)| Observation { marker, pixel, covariance_px2 };
     let orientation = Orientation {
         camera_from_survey: truth.camera_from_survey,
         covariance_rad2: None,

@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
-    GroundObservation, Orientation, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
+    Orientation, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
 };
 
 mod aircraft;
@@ -364,7 +364,7 @@ impl Truth {
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64, with_sights: bool) -> Orientation {
         let sight = |(marker, p): (usize, Vector2<f64>)| {
             let pixel = p + normal2(rng) * sigma_px;
-            GroundObservation { marker, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+            Observation { marker, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
         };
         let pixels = self.pixels(&self.ground_m, Vector3::zeros());
         let ground: Vec<_> = pixels.into_iter().enumerate().map(sight).collect();

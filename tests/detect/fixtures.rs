@@ -6,11 +6,12 @@ use std::path::Path;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::installation::{self, Installation};
-use wingd::measure::identify;
+use wingd::measure::identify::{self, WingView};
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::{Orientation, Shape};
+use wingd::measure::view::{FrameMarkers, FrameView};
 use wingd::pipeline::decode::decode_image;
-use wingd::pipeline::stages::{ProcessedFrame, detect_only, identify_frame};
+use wingd::pipeline::stages::{ProcessedFrame, detect_only};
 
 /// True position of a marker in one frame.
 struct Truth {
@@ -111,12 +112,14 @@ fn assert_promised(name: &str, mut set: Set, worse_by: f64) -> (usize, f64) {
         let places: Vec<[f64; 2]> =
             processed.detections.markers.iter().map(|d| [d.centre_px.x, d.centre_px.y]).collect();
         extra += places.iter().filter(|p| !near(p)).count();
-        identify_frame(processed, raster, &set.installation, &set.orientation);
-        assert_eq!(processed.failure, None, "{}", frame.name);
+        let wing = WingView::in_flight(&set.installation.setup, &set.orientation);
+        let named = FrameView::new(&wing, &mut &*raster, &mut |_| ()).name(processed.detections.clone());
+        let FrameMarkers { detections, identities, fault, .. } = named;
+        assert_eq!(fault, None, "{}", frame.name);
         let light = if frame.light == "plain" { &mut plain } else { &mut worse };
-        let identities = processed.identities.as_ref().unwrap();
+        let identities = identities.unwrap();
         let mut found = 0;
-        for (d, marker) in processed.detections.markers.iter().zip(&identities.marker_of) {
+        for (d, marker) in detections.markers.iter().zip(&identities.marker_of) {
             let Some(marker) = marker.and_then(|j| set.installation.setup.markers.get(j)) else { continue };
             let truth = frame.markers.iter().find(|m| m.id == marker.id).unwrap();
             let off = [d.centre_px.x - truth.pixel[0], d.centre_px.y - truth.pixel[1]];

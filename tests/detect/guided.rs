@@ -4,10 +4,11 @@ use std::path::Path;
 
 use nalgebra::{Cholesky, Vector2};
 use wingd::installation;
-use wingd::measure::detect::{Detection, MarkerPrediction};
-use wingd::measure::identify;
-use wingd::pipeline::guided::detect_predicted;
-use wingd::pipeline::stages::{ProcessedFrame, Work, detect_only};
+use wingd::measure::detect::{Detection, Detections, MarkerPrediction, tiles_read};
+use wingd::measure::identify::{self, MAX_DEFLECTION_CHANGE_M, WingView};
+use wingd::measure::view::{SearchMode, search_guided};
+use wingd::pipeline::decode::{DecodeError, decode_partial};
+use wingd::pipeline::stages::{ProcessedFrame, detect_only};
 
 /// A frame of a fixture with all detections, and its surveyed markers predicted with an error of some pixels.
 struct Case {
@@ -37,8 +38,9 @@ fn cases(set: &str) -> Vec<Case> {
         .into_iter()
         .map(|(name, bytes, whole)| {
             let markers = &whole.detections.markers;
-            let identities = identify::identify_markers(&setup, &orientation, markers).unwrap();
-            let mut predictions = identify::predict_next_frame(&setup, &orientation, markers, &identities);
+            let wing = WingView::in_flight(&setup, &orientation);
+            let identities = wing.identify_markers(markers).unwrap();
+            let mut predictions = wing.predict_next_frame(markers, &identities, MAX_DEFLECTION_CHANGE_M);
             for (k, p) in predictions.iter_mut().enumerate() {
                 let (sin, cos) = (2.4 * k as f64).sin_cos();
                 p.centre_px += 5.0 * Vector2::new(cos, sin);
@@ -47,6 +49,13 @@ fn cases(set: &str) -> Vec<Case> {
             Case { name, bytes, whole, predictions }
         })
         .collect()
+}
+
+/// Detects the predicted markers, of which only the surroundings are decoded.
+fn detect_predicted(bytes: &[u8], predictions: &[MarkerPrediction]) -> Result<(Detections, SearchMode), DecodeError> {
+    let around = |width, height| tiles_read(predictions, width, height);
+    let mut picture = decode_partial(bytes, None, &around)?;
+    Ok(search_guided(&mut picture, predictions, |_| None, &mut |_| ()))
 }
 
 /// Distance of two detections, in standard deviations of the first.
@@ -59,12 +68,11 @@ fn difference_in_sigma(one: &Detection, other: &Detection) -> f64 {
 fn markers_of_the_previous_frame_are_found_again_with_equal_results() {
     let (mut count, mut equal) = (0, 0);
     for case in ["dev", "demo"].iter().flat_map(|set| cases(set)) {
-        let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
-        let stages: Vec<Work> = guided.stages.iter().map(|s| s.work).collect();
-        assert_eq!(stages, [Work::Decode, Work::Detect], "{}: a full search was made", case.name);
+        let (guided, search) = detect_predicted(&case.bytes, &case.predictions).unwrap();
+        assert_eq!(search, SearchMode::Guided, "{}: a full search was made", case.name);
         let seen = case.predictions.iter().filter(|p| p.seen).count();
-        assert!(guided.detections.markers.len() >= seen, "{}", case.name);
-        for marker in &guided.detections.markers {
+        assert!(guided.markers.len() >= seen, "{}", case.name);
+        for marker in &guided.markers {
             let same = (case.whole.detections.markers.iter())
                 .find(|m| (m.centre_px - marker.centre_px).norm() < 3.0)
                 .unwrap_or_else(|| panic!("{}: {marker:?} is not found by the full search", case.name));
@@ -83,14 +91,12 @@ fn a_missing_marker_causes_a_full_search() {
     for mut case in cases("dev").into_iter().take(2) {
         let seen = case.predictions.iter().position(|p| p.seen).unwrap();
         case.predictions[seen].centre_px.y -= 150.0;
-        let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
-        assert_eq!(guided.detections, case.whole.detections);
-        assert_eq!(guided.stages.len(), 4);
+        let full = (case.whole.detections, SearchMode::Full);
+        assert_eq!(detect_predicted(&case.bytes, &case.predictions).unwrap(), full);
         // A marker that was hidden before need not be found.
         case.predictions[seen].seen = false;
-        let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
-        assert_eq!(guided.stages.len(), 2);
-        assert_eq!(detect_predicted(&case.name, &case.bytes, None, &[]).detections, case.whole.detections);
+        assert_eq!(detect_predicted(&case.bytes, &case.predictions).unwrap().1, SearchMode::Guided);
+        assert_eq!(detect_predicted(&case.bytes, &[]).unwrap(), full);
     }
 }
 
@@ -98,7 +104,6 @@ fn a_missing_marker_causes_a_full_search() {
 fn an_unreadable_frame_is_a_failure_without_results() {
     let case = cases("dev").swap_remove(0);
     let cut = &case.bytes[..case.bytes.len() / 2];
-    let guided = detect_predicted(&case.name, cut, None, &case.predictions);
-    assert!(guided.failure.is_some_and(|f| !f.text().contains(&case.name) && f.text().contains("cut short")));
-    assert!(guided.detections.markers.is_empty());
+    let error = detect_predicted(cut, &case.predictions).unwrap_err().to_string();
+    assert!(!error.contains(&case.name) && error.contains("cut short"));
 }

@@ -22,7 +22,7 @@ fn read_set(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
     let seen = |(name, bytes): &(String, Vec<u8>)| stages::detect_only(name, bytes, None).0.detections.markers;
     let ground: Vec<_> = ground.iter().map(seen).collect();
     let fit = identify::estimate_orientation(&installation.setup, &ground).unwrap();
-    let ground = stages::ground_observations(&installation.setup, &ground, &fit);
+    let ground = fit.ground_observations(&installation.setup, &ground);
     let orientation = Orientation { ground, ..fit.orientation };
     (installation, orientation, flight)
 }
@@ -32,8 +32,8 @@ fn detect_full_and_guided(
     installation: &Installation,
     orientation: &Orientation,
 ) -> [ProcessedFrame; 2] {
-    let whole = stages::process_full_frame(name, bytes, None, installation, Some(orientation)).0;
-    [whole, stages::process_frame(name, bytes, None, installation, Some(orientation))]
+    let whole = stages::process_full_frame(name, bytes, None, &installation.setup, Some(orientation)).0;
+    [whole, stages::process_frame(name, bytes, None, &installation.setup, Some(orientation))]
 }
 
 #[test]

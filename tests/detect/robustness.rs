@@ -4,9 +4,10 @@
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::measure::detect::{Detection, MarkerPrediction, RejectReason, detect, detect_guided, detect_guided_or_full};
+use wingd::measure::detect::{Detection, MarkerPrediction, RejectReason, detect, detect_guided};
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
+use wingd::measure::view::search_guided;
 
 /// An image of black ellipses on grey, anti-aliased, with noise: centre, semi-axes, direction.
 fn picture(width: usize, height: usize, discs: &[[f64; 5]], seed: u64) -> Raster {
@@ -194,12 +195,14 @@ fn offset_prediction(marker: &Detection) -> MarkerPrediction {
 fn a_failed_prediction_causes_a_full_search() {
     let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
     let whole = detect(&image);
+    let guided_or_full =
+        |predictions: &[MarkerPrediction]| search_guided(&mut &image, predictions, |_| None, &mut |_| ()).0;
     let mut predictions: Vec<MarkerPrediction> = whole.markers.iter().map(offset_prediction).collect();
-    assert_eq!(detect_guided_or_full(&image, &predictions), detect_guided(&image, &predictions));
+    assert_eq!(guided_or_full(&predictions), detect_guided(&image, &predictions));
     predictions[1].centre_px.y -= 150.0;
     assert_eq!(detect_guided(&image, &predictions).markers.len(), 1);
-    assert_eq!(detect_guided_or_full(&image, &predictions), whole);
-    assert_eq!(detect_guided_or_full(&image, &[]), whole);
+    assert_eq!(guided_or_full(&predictions), whole);
+    assert_eq!(guided_or_full(&[]), whole);
 }
 
 #[test]

@@ -4,10 +4,11 @@
 use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
-use wingd::measure::identify::{identify_markers, remove_perspective_bias};
+use wingd::measure::identify::WingView;
+use wingd::measure::observation::Observation;
 use wingd::measure::render::{Light, MarkerTruth, Scene, SceneOptions, SceneSide};
-use wingd::measure::setup::{GroundObservation, Orientation, Shape};
-use wingd::pipeline::stages::identify_and_refine;
+use wingd::measure::setup::{Orientation, Shape};
+use wingd::measure::view::FrameView;
 
 /// Errors, px, and normalised, of the poorly visible markers; and the number of missing ones.
 #[derive(Default)]
@@ -53,8 +54,9 @@ fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection
 
 /// Detection of each marker, without its perspective bias.
 fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
-    let identities = identify_markers(&scene.setup, orientation, &found.markers).unwrap();
-    let centred = remove_perspective_bias(&scene.setup, orientation, &found.markers, &identities);
+    let wing = WingView::in_flight(&scene.setup, orientation);
+    let identities = wing.identify_markers(&found.markers).unwrap();
+    let centred = wing.remove_perspective_bias(&found.markers, &identities);
     let of = |j: usize| identities.marker_of.iter().position(|m| *m == Some(j)).map(|i| centred[i].clone());
     (0..scene.markers.len()).map(of).collect()
 }
@@ -80,7 +82,7 @@ fn oriented(scene: &Scene, seed: u64) -> Orientation {
     let truth = scene.truth(&scene.ground_shot(seed)).markers;
     let sight = |(marker, truth): (usize, &MarkerTruth)| {
         let covariance_px2 = Matrix2::identity() * (SIGHT_PX * SIGHT_PX);
-        truth.pixel.filter(|_| truth.visible).map(|pixel| GroundObservation { marker, pixel, covariance_px2 })
+        truth.pixel.filter(|_| truth.visible).map(|pixel| Observation { marker, pixel, covariance_px2 })
     };
     Orientation {
         camera_from_survey: scene.camera_from_survey,
@@ -106,7 +108,9 @@ fn compare_passes(seed: u64, Case { shape, light, deflection_m, length_m }: Case
         (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
 
     let first = detect(&image);
-    let (closer, _) = identify_and_refine(&scene.setup, &orientation, &mut &image, first.clone()).unwrap();
+    let wing = WingView::in_flight(&scene.setup, &orientation);
+    let identities = wing.identify_markers(&first.markers).unwrap();
+    let (closer, _) = FrameView::new(&wing, &mut &image, &mut |_| ()).refine(first.clone(), identities);
     for (i, one) in closer.markers.iter().enumerate() {
         let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
         assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");

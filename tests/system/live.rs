@@ -16,7 +16,7 @@ use wingd::daemon::{
     self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
 };
 use wingd::daemon::{FrameTracker, live::KeepConfig};
-use wingd::pipeline::guided::SearchMode;
+use wingd::measure::view::SearchMode;
 use wingd::pipeline::live::TrackedFrame;
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};

@@ -65,7 +65,7 @@ fn solve_files(
                 ProcessedFrame::without_detection(name, bytes, manual.for_image(name))
             }
             Ok(bytes) => {
-                let mut processed = stages::process_frame(name, bytes, None, installation, Some(*orientation));
+                let mut processed = stages::process_frame(name, bytes, None, &installation.setup, Some(*orientation));
                 processed.add_manual(manual.for_image(name));
                 processed
             }

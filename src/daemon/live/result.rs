@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::clock::exposure::Exposure;
 use crate::daemon::capture::CapturedFrame;
 use crate::daemon::status::Health;
-use crate::pipeline::guided::SearchMode;
+use crate::measure::view::SearchMode;
 use crate::pipeline::live::{CurvatureEstimate, Outline, TrackedFrame};
 use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus, variant_name};
 

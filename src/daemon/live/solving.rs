@@ -14,7 +14,7 @@ use super::result::{LiveFrame, LiveMessage, LiveResult};
 use crate::camera::CameraFrame;
 use crate::daemon::solver::{FrameTracker, FrameTrackerFactory};
 use crate::daemon::worker::{CallError, Worker};
-use crate::pipeline::guided::SearchMode;
+use crate::measure::view::SearchMode;
 use crate::pipeline::live::TrackedFrame;
 use crate::record::{ImageRecord, Method};
 

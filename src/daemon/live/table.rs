@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::result::LiveResult;
 use crate::clock::exposure::ExposureSource;
-use crate::pipeline::guided::SearchMode;
+use crate::measure::view::SearchMode;
 use crate::record::{
     CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Reference, ReportedSigma, TorsionRecord, variant_name,
 };

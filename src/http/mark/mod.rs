@@ -245,7 +245,7 @@ impl MarkingState {
             let failed = |reason: Reason| MarkRefusal::Failed(format!("{}: {reason}", image.name));
             let (bytes, digest, format) = image.read().map_err(failed)?;
             let session =
-                MarkingSession::open(&image.name, &bytes, format.as_ref(), installation, orientation.as_ref());
+                MarkingSession::open(&image.name, &bytes, format.as_ref(), &installation.setup, orientation.as_ref());
             let session = session.map_err(failed)?;
             let unmarked = session.solve(&[], installation);
             self.open = Some(OpenImage { number, digest, session, unmarked });

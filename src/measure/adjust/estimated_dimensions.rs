@@ -29,7 +29,8 @@ pub struct NeighbourWing {
     pub ground: GroundShape,
     /// Difference from the nominal dimension, in the unit of the unknown.
     pub step: f64,
-    grid: BeamGrid,
+    /// Beam grid at its markers' stations.
+    pub grid: BeamGrid,
     arms: Vec<MarkerArm>,
     wing_from_own: Matrix3<f64>,
     /// Outboard distance of its root from the nominal root, m.
@@ -71,11 +72,6 @@ impl NeighbourWing {
             nominal.frame.wing_from_survey.matrix() * ground.frame.wing_from_survey.matrix().transpose();
         let root_m = if which == 0 { step } else { 0.0 };
         Ok(Self { ground, step, grid, arms: mounts, wing_from_own, root_m })
-    }
-
-    /// Computes the sections in flight, one per marker.
-    pub fn bend(&self, bending: &Bending) -> Vec<BeamSection> {
-        self.grid.bend(bending)
     }
 
     /// Computes a marker's state in flight from its position on the ground, both in the nominal wing frame, m.

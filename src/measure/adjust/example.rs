@@ -4,9 +4,9 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::geometry::Lens;
+use crate::observation::Observation;
 use crate::setup::{
-    Air, GroundObservation, Orientation, Pane, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal,
-    Window, WingSide,
+    Air, Orientation, Pane, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, Window, WingSide,
 };
 
 /// Installation with nine markers on 30 m.
@@ -57,7 +57,7 @@ pub fn orientation() -> Orientation {
     let camera_from_survey =
         Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
     let observation =
-        |marker| GroundObservation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
+        |marker| Observation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
     Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(observation).collect() }
 }
 

@@ -34,6 +34,7 @@ mod usage;
 
 pub use flight_information::learn_from_flight;
 pub use live::LiveAdjustment;
+pub use usage::FlightUsage;
 
 use self::frames::Flight;
 use self::hyperparameters::FlightHyperparameters;

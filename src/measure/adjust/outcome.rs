@@ -15,10 +15,10 @@ use super::input::AdjustmentInput;
 use super::layout::{BlockMember, GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
 use super::scene::BentWing;
-use super::snooping::{ResidualSum, Suspect, SuspectTarget};
+use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
 use super::{AdjustmentMethod, CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
-use crate::estimation::quality::{self, Reliability};
+use crate::estimation::quality::Reliability;
 use crate::estimation::{Fit, Gradient, Problem, VarianceSources};
 
 /// Part of a fit that belongs to one frame.
@@ -48,14 +48,8 @@ pub struct FrameOutcome<'a> {
 
 impl<'a> FrameOutcome<'a> {
     /// Evaluates the model at the solution.
-    pub fn new(
-        input: &'a AdjustmentInput<'a>,
-        layout: &'a ParameterLayout,
-        problem: &'a Problem,
-        fit: &'a Fit,
-        group: usize,
-        members: &'a [BlockMember],
-    ) -> Self {
+    pub fn new(solved: SolvedGroup<'a>, layout: &'a ParameterLayout) -> Self {
+        let SolvedGroup { input, problem, fit, group, members } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend_frame(&values);
         let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
@@ -239,13 +233,8 @@ impl<'a> FrameOutcome<'a> {
         let member = self.members[block];
         let Some(first) = member.flight else { return solution };
         let residuals = &self.fit.groups[self.group].blocks[block].residuals;
-        let all = quality::observation_reliability(
-            self.problem,
-            self.fit,
-            self.group,
-            block,
-            self.input.options.snooping_alpha,
-        );
+        let Self { input, problem, fit, group, members, .. } = *self;
+        let all = SolvedGroup { input, problem, fit, group, members }.reliability(block);
         let (u, v) = (all[first], all[first + 1]);
         let bias = |r: &Reliability| r.minimal_detectable_bias.unwrap_or(f64::INFINITY);
         solution.residual_px = Some(Vector2::new(residuals[first], residuals[first + 1]));

@@ -20,7 +20,7 @@ use super::{
     VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
-use crate::estimation::{Block, Fit, Group, Problem, VarianceGroup, solve_groups, variance_components};
+use crate::estimation::{Block, Fit, Group, Problem, SolveOptions, VarianceGroup, solve_groups, variance_components};
 use crate::setup::{Orientation, Setup, SurveyMarker};
 use conditions::{ARC_LENGTH, HEIGHT, PER_MARKER, PIXEL, ProfileGeometry};
 use response::{LinearResponse, MarkerFunction};
@@ -61,7 +61,7 @@ impl<'a> ProfileAdjustment<'a> {
         }
         let geometry = ProfileGeometry::new(setup, orientation);
         let problem = build_problem(&geometry, &observations)?;
-        let fit = solve_groups(&problem, |at, blocks| geometry.linearise(at, blocks))?;
+        let fit = solve_groups(&problem, &SolveOptions::default(), |at, blocks| geometry.linearise(at, blocks))?;
         let response = LinearResponse::new(&problem, &fit);
         let reliability = marker_reliabilities(&problem, &fit, alpha);
         Ok(Self {

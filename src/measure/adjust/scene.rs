@@ -107,7 +107,7 @@ impl WingScene {
         let mut ground_sights = vec![None; setup.markers.len()];
         for s in &orientation.ground {
             if let Some(slot) = ground_sights.get_mut(s.marker) {
-                *slot = Some(Observation { marker: s.marker, pixel: s.pixel, covariance_px2: s.covariance_px2 });
+                *slot = Some(*s);
             }
         }
         // Two or three observations determine the rotation without redundancy; the orientation is better then.
@@ -204,7 +204,7 @@ impl WingScene {
 
     /// Bends the wing and its neighbours.
     pub fn bend(&self, bending: &Bending) -> BentWing {
-        let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.bend(bending)));
+        let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.grid.bend(bending)));
         BentWing { sections: self.grid.bend(bending), neighbours }
     }
 

@@ -17,6 +17,17 @@ pub const CURVATURE_RATIOS: usize = MAX_CURVATURE_TERMS - 1;
 /// Values, one per curvature term.
 pub type CurvatureTermValues = [f64; MAX_CURVATURE_TERMS];
 
+/// Curvature that is typical in flight, 1/m: the start of every solution, and the reference for vibration.
+pub const TYPICAL_CURVATURE_PER_M: f64 = 5e-3;
+/// Curvature below which the wing counts as unbent, 1/m (0.1 m at 32 m).
+const MIN_CURVATURE_PER_M: f64 = 2e-4;
+
+/// Returns the amplitude with which shapes are weighted, 1/m: a leading curvature coefficient, not below that of an unbent
+/// wing.
+pub fn bounded_amplitude(curvature_per_m: f64) -> f64 {
+    curvature_per_m.abs().max(MIN_CURVATURE_PER_M)
+}
+
 const TABLE: usize = 1025;
 /// Step in the table at which beams are compared.
 const STRIDE: usize = 8;

@@ -18,6 +18,8 @@ const GROSS_ERROR_LIMITS: (f64, f64) = (5.0, 0.05);
 const MANY_MARKERS: usize = 3;
 /// Largest number of fixed targets among which an outlier cannot be identified.
 const FEW_FIXED_TARGETS: usize = 4;
+/// Number of a frame's observations per permitted removal.
+const OBSERVATIONS_PER_REMOVAL: usize = 3;
 
 /// Sum of squares and its redundancy, the input of a global test.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,8 +104,8 @@ pub trait SnoopingModel: Clone {
     /// Model with its solution.
     type SolvedModel;
 
-    /// Finds the worst observation beyond the limit, if any.
-    fn find_worst(&self, solved: &Self::SolvedModel) -> Option<Suspect>;
+    /// Returns the frame's group of a solution.
+    fn solved_group<'s>(&'s self, solved: &'s Self::SolvedModel) -> SolvedGroup<'s>;
 
     /// Sets whether the suspect observation is used.
     fn set_used(&mut self, suspect: &Suspect, used: bool);
@@ -113,9 +115,6 @@ pub trait SnoopingModel: Clone {
 
     /// Solves with the observations in use, starting from an earlier solution.
     fn solve_from(&self, before: Option<&Self::SolvedModel>) -> Result<Self::SolvedModel, AdjustError>;
-
-    /// Sum of squares of a solution for the global test.
-    fn residual_sum(solved: &Self::SolvedModel) -> ResidualSum;
 }
 
 /// Result of data snooping.
@@ -131,20 +130,20 @@ pub struct SnoopingResult<M: SnoopingModel> {
     pub tested_sum: Option<ResidualSum>,
 }
 
-/// Removes outliers one by one, the worst first, at most `allowed`. An early suspect may be a consequence of a later one,
-/// so each is tested again without all the others.
+/// Removes outliers one by one, the worst first, at most one of three of the frame's `observations`. An early suspect may be
+/// a consequence of a later one, so each is tested again without all the others.
 ///
 /// # Errors
 /// Returns an error if the reduced problem has no solution.
 pub fn snoop_one_by_one<M: SnoopingModel>(
     mut model: M,
     mut solved: M::SolvedModel,
-    allowed: usize,
+    observations: usize,
 ) -> Result<SnoopingResult<M>, AdjustError> {
     let mut removed: Vec<Suspect> = vec![];
-    let mut with_all = M::residual_sum(&solved);
-    while removed.len() < allowed {
-        let Some(suspect) = model.find_worst(&solved) else { break };
+    let mut with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
+    while removed.len() < observations / OBSERVATIONS_PER_REMOVAL {
+        let Some(suspect) = model.solved_group(&solved).worst_suspect() else { break };
         let mut without = model.clone();
         without.set_used(&suspect, false);
         if !without.is_sufficient(&solved) {
@@ -154,7 +153,7 @@ pub fn snoop_one_by_one<M: SnoopingModel>(
         model = without;
         removed.push(suspect);
         if removed.iter().all(Suspect::is_gross) {
-            with_all = M::residual_sum(&solved);
+            with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
         }
     }
     if removed.len() < 2 {
@@ -165,49 +164,94 @@ pub fn snoop_one_by_one<M: SnoopingModel>(
         let mut with = model.clone();
         with.set_used(&suspect, true);
         match with.solve_from(Some(&solved)) {
-            Ok(again) if with.find_worst(&again).is_none() => (model, solved) = (with, again),
+            Ok(again) if with.solved_group(&again).worst_suspect().is_none() => (model, solved) = (with, again),
             _ => out.push(suspect),
         }
     }
     Ok(SnoopingResult { model, solved, tested_sum: with_all.if_many_removed(out.iter()), removed: out })
 }
 
-/// Finds the largest w-statistic beyond the limit. If the global test rejects the model, w is studentised by the variance
-/// factor of the other observations (external form of Pope's tau), so that standard deviations that are too small do not
-/// turn good markers into outliers.
-pub fn worst_suspect(
-    input: &AdjustmentInput,
-    problem: &Problem,
-    fit: &Fit,
-    group: usize,
-    members: &[BlockMember],
-) -> Option<Suspect> {
-    let blocks = members.iter().enumerate();
-    worst_suspect_among(input, problem, fit, group, blocks)
+/// A group of a solved problem: a frame, or survey and ground frame.
+#[derive(Clone, Copy)]
+pub struct SolvedGroup<'a> {
+    pub input: &'a AdjustmentInput<'a>,
+    pub problem: &'a Problem,
+    pub fit: &'a Fit,
+    /// Index of the group.
+    pub group: usize,
+    /// Members of the group's blocks.
+    pub members: &'a [BlockMember],
 }
 
-/// Returns whether few fixed targets contradict each other in flight; they then move, and the wrong one cannot be
-/// identified. Each of the `frames` is tested at its fraction of the significance level, because a moving target moves in
-/// all frames.
-pub fn fixed_targets_conflict(
-    input: &AdjustmentInput,
-    problem: &Problem,
-    fit: &Fit,
-    group: usize,
-    members: &[BlockMember],
-    frames: usize,
-) -> bool {
-    if !has_few_fixed_targets(input) {
-        return false;
+impl SolvedGroup<'_> {
+    /// Finds the largest w-statistic beyond the limit. If the global test rejects the model, w is studentised by the
+    /// variance factor of the other observations (external form of Pope's tau), so that standard deviations that are too
+    /// small do not turn good markers into outliers.
+    pub fn worst_suspect(&self) -> Option<Suspect> {
+        self.worst_suspect_among(|_| true)
     }
-    let limit = quality::critical_w(input.options.snooping_alpha / frames as f64);
-    let fixed = members.iter().enumerate().filter(|(_, m)| input.scene.is_fixed(m.marker));
-    let beyond = |(block, member): (usize, &BlockMember)| {
-        let all = quality::observation_reliability(problem, fit, group, block, input.options.snooping_alpha);
-        let seen = member.flight.and_then(|first| all.get(first..first + 2));
-        seen.is_some_and(|seen| seen.iter().filter_map(|r| r.w).any(|w| w.abs() > limit))
-    };
-    fixed.into_iter().any(beyond)
+
+    /// Finds the largest w-statistic beyond the limit among some blocks.
+    pub fn worst_suspect_among(&self, selects: impl Fn(&BlockMember) -> bool) -> Option<Suspect> {
+        let options = self.input.options;
+        let limit = quality::critical_w(options.snooping_alpha);
+        let blocks = self.members.iter().enumerate().filter(|(_, member)| selects(member));
+        let best = blocks.filter_map(|(block, member)| self.block_suspect(block, member)).reduce(larger)?;
+        // The factor is at least 1 and expensive to compute, so it is computed last.
+        (best.w.abs() > limit && best.w.abs() / root_variance_factor(self.fit, best.w, options) > limit).then_some(best)
+    }
+
+    /// Returns whether few fixed targets contradict each other in flight; they then move, and the wrong one cannot be
+    /// identified. Each of the `frames` is tested at its fraction of the significance level, because a moving target moves
+    /// in all frames.
+    pub fn fixed_targets_conflict(&self, frames: usize) -> bool {
+        if !self.has_few_fixed_targets() {
+            return false;
+        }
+        let limit = quality::critical_w(self.input.options.snooping_alpha / frames as f64);
+        let mut fixed = self.members.iter().enumerate().filter(|(_, m)| self.input.scene.is_fixed(m.marker));
+        fixed.any(|(block, member)| {
+            let all = self.reliability(block);
+            let seen = member.flight.and_then(|first| all.get(first..first + 2));
+            seen.is_some_and(|seen| seen.iter().filter_map(|r| r.w).any(|w| w.abs() > limit))
+        })
+    }
+
+    /// Returns the reliability of a block's observations.
+    pub fn reliability(&self, block: usize) -> Vec<Reliability> {
+        let alpha = self.input.options.snooping_alpha;
+        quality::observation_reliability(self.problem, self.fit, self.group, block, alpha)
+    }
+
+    fn has_few_fixed_targets(&self) -> bool {
+        self.input.setup.markers.iter().filter(|m| m.fixed).count() <= FEW_FIXED_TARGETS
+    }
+
+    fn block_suspect(&self, block: usize, member: &BlockMember) -> Option<Suspect> {
+        let moves = self.input.scene.is_fixed(member.marker) && self.has_few_fixed_targets();
+        let all = self.reliability(block);
+        let shift = quality::detectable_shift(self.input.options.snooping_alpha);
+        let largest = |first: usize, n: usize, target: SuspectTarget| {
+            let one = |r: &Reliability| {
+                let w = r.w?;
+                let size = w * r.minimal_detectable_bias? / shift;
+                Some(Suspect { marker: member.marker, target, w, size, has_ground_image: member.ground.is_some() })
+            };
+            all.get(first..first + n)?.iter().filter_map(one).reduce(larger)
+        };
+        let flight = member.flight.filter(|_| !moves).and_then(|k| largest(k, 2, SuspectTarget::Flight));
+        let ground = member.ground.and_then(|k| largest(k, 2, SuspectTarget::Ground));
+        let survey = largest(0, 3, SuspectTarget::Survey).map(|s| (s.w.abs() / SURVEY_LEAD, s));
+        match ([flight, ground].into_iter().flatten().reduce(larger), survey) {
+            (Some(image), Some((lead, _))) if image.w.abs() >= lead => Some(image),
+            (_, Some((_, survey))) => Some(survey),
+            (image, None) => image,
+        }
+    }
+}
+
+fn larger(a: Suspect, b: Suspect) -> Suspect {
+    if b.w.abs() > a.w.abs() { b } else { a }
 }
 
 /// Largest factor by which the motion of contradicting fixed targets is increased.
@@ -223,27 +267,6 @@ pub fn fixed_target_remark(factor: f64) -> Option<String> {
     })
 }
 
-fn has_few_fixed_targets(input: &AdjustmentInput) -> bool {
-    input.setup.markers.iter().filter(|m| m.fixed).count() <= FEW_FIXED_TARGETS
-}
-
-/// Finds the largest w-statistic beyond the limit among the given blocks.
-pub fn worst_suspect_among<'a>(
-    input: &AdjustmentInput,
-    problem: &Problem,
-    fit: &Fit,
-    group: usize,
-    blocks: impl Iterator<Item = (usize, &'a BlockMember)>,
-) -> Option<Suspect> {
-    let options = input.options;
-    let limit = quality::critical_w(options.snooping_alpha);
-    let best = blocks
-        .filter_map(|(block, member)| block_suspect(input, problem, fit, group, block, member))
-        .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
-    // The factor is at least 1 and expensive to compute, so it is computed last.
-    (best.w.abs() > limit && best.w.abs() / root_variance_factor(fit, best.w, options) > limit).then_some(best)
-}
-
 /// Square root of the variance factor without the suspect, at least 1.
 pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2 || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
@@ -251,35 +274,4 @@ pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 
         return 1.0;
     }
     ((fit.omega - w * w).max(0.0) / (fit.redundancy - 1) as f64).sqrt().max(1.0)
-}
-
-fn block_suspect(
-    input: &AdjustmentInput,
-    problem: &Problem,
-    fit: &Fit,
-    group: usize,
-    block: usize,
-    member: &BlockMember,
-) -> Option<Suspect> {
-    let options = input.options;
-    let moves = input.scene.is_fixed(member.marker) && has_few_fixed_targets(input);
-    let all = quality::observation_reliability(problem, fit, group, block, options.snooping_alpha);
-    let shift = quality::detectable_shift(options.snooping_alpha);
-    let largest = |first: usize, n: usize, target: SuspectTarget| {
-        let one = |r: &Reliability| {
-            let w = r.w?;
-            let size = w * r.minimal_detectable_bias? / shift;
-            Some(Suspect { marker: member.marker, target, w, size, has_ground_image: member.ground.is_some() })
-        };
-        all.get(first..first + n)?.iter().filter_map(one).reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })
-    };
-    let flight = member.flight.filter(|_| !moves).and_then(|k| largest(k, 2, SuspectTarget::Flight));
-    let ground = member.ground.and_then(|k| largest(k, 2, SuspectTarget::Ground));
-    let survey = largest(0, 3, SuspectTarget::Survey).map(|s| (s.w.abs() / SURVEY_LEAD, s));
-    let image = [flight, ground].into_iter().flatten().reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a });
-    match (image, survey) {
-        (Some(image), Some((lead, _))) if image.w.abs() >= lead => Some(image),
-        (_, Some((_, survey))) => Some(survey),
-        (image, None) => image,
-    }
 }

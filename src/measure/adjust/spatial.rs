@@ -2,11 +2,9 @@
 
 mod frame;
 
-use std::borrow::Cow;
-
 use nalgebra::DMatrix;
 
-use self::frame::{FrameProblem, FrameStart, FrameUsage, SingleFrame};
+use self::frame::{FrameProblem, FrameStart, SingleFrame};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{BlockMembers, with_variance_sources};
 use super::common_displacement::candidate_displacements;
@@ -15,20 +13,14 @@ use super::input::{AdjustmentInput, count_wing_markers, order_by_marker};
 use super::outcome::FrameOutcome;
 use super::prior_scales::PriorScales;
 use super::scene::WingScene;
-use super::shapes::shape_covariance;
-use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, Suspect, SuspectTarget};
+use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
+use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
 use super::{AdjustError, AdjustmentMethod, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
 /// Minimum number of wing markers in flight.
 const MIN_MARKERS: usize = 6;
-/// Number of observations per permitted removal in a frame.
-const OBSERVATIONS_PER_REMOVAL: usize = 3;
-/// Curvature below which the wing counts as unbent when the shape ratios are weighted, 1/m (0.1 m at 32 m).
-const MIN_CURVATURE_PER_M: f64 = 2e-4;
-/// Initial curvature, 1/m.
-const TYPICAL_CURVATURE_PER_M: f64 = 5e-3;
 /// Maximum number of passes for the amplitude with which the shape ratios are weighted.
 const AMPLITUDE_PASSES: usize = 3;
 /// Change of the logarithm of the amplitude below which it has settled.
@@ -38,6 +30,10 @@ const AMPLITUDE_SETTLED: f64 = 0.05;
 const CANDIDATE_ORDERS: [usize; 2] = [8, 10];
 /// Number of curvature terms during data snooping.
 const DEFAULT_ORDER: usize = 8;
+
+/// Remark for a frame in which pitch and bending are poorly separable.
+const SEPARATION_REMARK: &str = "the mounting's pitch and bending are poorly separable in this frame; to separate them, use an \
+    orientation written by `wingd orient` (with the observations of the ground frame) or several frames with --flight";
 
 /// A frame with its solution.
 struct SolvedFrame<'a> {
@@ -54,7 +50,7 @@ impl<'a> SolvedFrame<'a> {
         for _ in 0..AMPLITUDE_PASSES {
             let last = solved.as_ref().or(before);
             let (frame, fit) = solve_rough(single, amplitude, last)?;
-            let found = fit.global[0].abs().max(MIN_CURVATURE_PER_M);
+            let found = bounded_amplitude(fit.global[0]);
             let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
             solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
             if settled {
@@ -63,6 +59,11 @@ impl<'a> SolvedFrame<'a> {
             amplitude = found;
         }
         solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
+    }
+
+    fn group<'s>(&'s self, input: &'s AdjustmentInput) -> SolvedGroup<'s> {
+        let FrameProblem { problem, members, .. } = &self.frame;
+        SolvedGroup { input, problem, fit: &self.fit, group: 0, members }
     }
 
     /// Iterates a rough solution to convergence.
@@ -107,27 +108,16 @@ fn solve_rough<'a>(
     Ok((frame, fit))
 }
 
-impl<'a> SingleFrame<'a> {
-    fn fixed_targets_conflict(&self, SolvedFrame { frame, fit, .. }: &SolvedFrame<'a>) -> bool {
-        snooping::fixed_targets_conflict(&self.input, &frame.problem, fit, 0, &frame.members, 1)
-    }
-}
-
 impl<'a> SnoopingModel for SingleFrame<'a> {
     type SolvedModel = SolvedFrame<'a>;
 
-    fn find_worst(&self, solved: &SolvedFrame<'a>) -> Option<Suspect> {
-        let SolvedFrame { frame, fit, .. } = solved;
-        snooping::worst_suspect(&self.input, &frame.problem, fit, 0, &frame.members)
-    }
-
-    fn residual_sum(solved: &SolvedFrame<'a>) -> ResidualSum {
-        ResidualSum::from_fit(&solved.fit)
+    fn solved_group<'s>(&'s self, solved: &'s SolvedFrame<'a>) -> SolvedGroup<'s> {
+        solved.group(&self.input)
     }
 
     fn set_used(&mut self, suspect: &Suspect, used: bool) {
         if suspect.target != SuspectTarget::Ground {
-            self.usage.flight[suspect.marker] = used;
+            self.usage.frames[0][suspect.marker] = used;
         }
         if suspect.target != SuspectTarget::Flight {
             self.usage.ground[suspect.marker] = used;
@@ -135,7 +125,7 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
     }
 
     fn is_sufficient(&self, _: &SolvedFrame<'a>) -> bool {
-        let left = self.usage.flight.iter().zip(&self.observations).map(|(used, seen)| seen.filter(|_| *used));
+        let left = self.usage.frames[0].iter().zip(&self.observations).map(|(used, seen)| seen.filter(|_| *used));
         count_wing_markers(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
     }
 
@@ -145,20 +135,21 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
 }
 
 /// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
-fn remove_outliers(mut single: SingleFrame, allowed: usize) -> Result<SnoopingResult<SingleFrame>, AdjustError> {
-    let mut all = single.solve_from(None)?;
-    while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && single.fixed_targets_conflict(&all) {
+fn remove_outliers(mut single: SingleFrame) -> Result<SnoopingResult<SingleFrame>, AdjustError> {
+    let (mut all, input) = (single.solve_from(None)?, single.input);
+    let conflict = |all: &SolvedFrame| all.group(&input).fixed_targets_conflict(1);
+    while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && conflict(&all) {
         single.prior_scales.fixed_targets *= 2.0;
         all = single.solve_from(Some(&all))?;
     }
-    snooping::snoop_one_by_one(single, all, allowed)
+    let observations = single.observations.iter().flatten().count();
+    snooping::snoop_one_by_one(single, all, observations)
 }
 
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
-fn explain_by_displacement<'a>(single: &SingleFrame<'a>, allowed: usize) -> Option<SnoopingResult<SingleFrame<'a>>> {
-    let with = |displacement| {
-        remove_outliers(SingleFrame { common_displacement: Some(displacement), ..single.clone() }, allowed).ok()
-    };
+fn explain_by_displacement<'a>(single: &SingleFrame<'a>) -> Option<SnoopingResult<SingleFrame<'a>>> {
+    let with =
+        |displacement| remove_outliers(SingleFrame { common_displacement: Some(displacement), ..single.clone() }).ok();
     let tried = candidate_displacements(&single.input, &single.observations).into_iter().filter_map(with);
     let cost = |s: &SnoopingResult<SingleFrame<'a>>| {
         let limit = quality::critical_w(single.input.options.snooping_alpha);
@@ -204,9 +195,8 @@ pub fn solve_spatial(
     if options.flight_prior.is_some() && !options.variance_components {
         return flight::solve_frame_with_prior(&input, observations);
     }
-    let allowed = frame_observations.iter().flatten().count() / OBSERVATIONS_PER_REMOVAL;
     let terms = options.curvature_terms.map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
-    let usage = FrameUsage::all_used(setup.markers.len());
+    let usage = flight::FlightUsage::all_used(1, setup.markers.len());
     let single = SingleFrame {
         input,
         observations: frame_observations,
@@ -215,9 +205,9 @@ pub fn solve_spatial(
         prior_scales: PriorScales::default(),
         common_displacement: None,
     };
-    let mut clean = remove_outliers(single.clone(), allowed)?;
+    let mut clean = remove_outliers(single.clone())?;
     if clean.tested_sum.is_some() {
-        clean = explain_by_displacement(&single, allowed).unwrap_or(clean);
+        clean = explain_by_displacement(&single).unwrap_or(clean);
     }
     let SnoopingResult { model: single, mut solved, removed, tested_sum } = clean;
     if options.curvature_terms.is_none() {
@@ -227,8 +217,7 @@ pub fn solve_spatial(
     let (components, mut remarks) =
         if options.variance_components { solved.estimate_variance_components()? } else { Default::default() };
     let SolvedFrame { frame, fit, .. } = &solved;
-    let outcome = FrameOutcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members)
-        .judged_before_removal(tested_sum);
+    let outcome = FrameOutcome::new(solved.group(&input), &frame.layout).judged_before_removal(tested_sum);
     let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
     let solution = with_variance_sources(blocks, &frame.problem, fit, None, |sources| {
         outcome.solution(AdjustmentMethod::Spatial, removed.iter(), sources)
@@ -244,17 +233,9 @@ pub fn solve_spatial(
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }
-    remarks.extend(separation_remark(&scene, solution.pitch_bending_correlation).map(Cow::into_owned));
+    let is_weak = solution.pitch_bending_correlation.is_some_and(|c| c.abs() > 0.9);
+    remarks.extend((is_weak && !scene.has_ground_observations()).then(|| SEPARATION_REMARK.into()));
     Ok(Solution { variance_components: components, remarks, ..solution })
-}
-
-/// Remark for a frame in which pitch and bending are poorly separable.
-pub(super) fn separation_remark(scene: &WingScene, correlation: Option<f64>) -> Option<Cow<'static, str>> {
-    let weak = correlation.is_some_and(|c| c.abs() > 0.9);
-    (weak && !scene.has_ground_observations()).then_some(Cow::Borrowed(
-        "the mounting's pitch and bending are poorly separable in this frame; to separate them, use an orientation written \
-         by `wingd orient` (with the observations of the ground frame) or several frames with --flight",
-    ))
 }
 
 #[cfg(test)]

@@ -78,6 +78,8 @@ pub(super) struct AdjustmentStart {
     pub stretch_sigma: f64,
     pub poses: Vec<BoardPose>,
     pub fixed: [bool; GLOBAL],
+    /// Factor on the prior standard deviations of camera constant and distortion.
+    pub stiffness: f64,
 }
 
 impl AdjustmentStart {
@@ -89,6 +91,7 @@ impl AdjustmentStart {
             stretch_sigma: adjusted.stretch_sigma,
             poses: adjusted.poses.clone(),
             fixed: adjusted.fixed,
+            stiffness: 1.0,
         }
     }
 }
@@ -108,10 +111,12 @@ pub(super) fn initial_adjustment(
     let adjust_from = |f_px: Option<f64>| {
         let (lens, poses) = start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
         // A stiff lens without distortion first: with all parameters free at once, few images diverge.
-        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed };
-        let mut rough = adjust_with_stiffness(used, &start, FIRST_SIGMA_PX, PRIOR_STIFFNESS[0])?;
-        for stiff in &PRIOR_STIFFNESS[1..] {
-            rough = adjust_with_stiffness(used, &AdjustmentStart::from_adjustment(&rough), FIRST_SIGMA_PX, *stiff)?;
+        let stiffness = PRIOR_STIFFNESS[0];
+        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed, stiffness };
+        let mut rough = adjust_bundle(used, &start, FIRST_SIGMA_PX)?;
+        for stiffness in PRIOR_STIFFNESS.into_iter().skip(1) {
+            let start = AdjustmentStart { stiffness, ..AdjustmentStart::from_adjustment(&rough) };
+            rough = adjust_bundle(used, &start, FIRST_SIGMA_PX)?;
         }
         Ok(rough)
     };
@@ -133,17 +138,7 @@ pub(super) fn adjust_bundle(
     start: &AdjustmentStart,
     model_sigma_px: f64,
 ) -> Result<CameraAdjustment, CalibrateError> {
-    adjust_with_stiffness(used, start, model_sigma_px, 1.0)
-}
-
-/// Adjusts with the priors of camera constant and distortion scaled by `stiff`.
-pub(super) fn adjust_with_stiffness(
-    used: &[(usize, BoardView)],
-    start: &AdjustmentStart,
-    model_sigma_px: f64,
-    stiff: f64,
-) -> Result<CameraAdjustment, CalibrateError> {
-    let found = adjust_with_view_sigmas(used, start, &vec![model_sigma_px; used.len()], stiff)?;
+    let found = adjust_with_view_sigmas(used, start, &vec![model_sigma_px; used.len()])?;
     Ok(CameraAdjustment { model_sigma_px, ..found })
 }
 
@@ -152,12 +147,11 @@ pub(super) fn adjust_with_view_sigmas(
     used: &[(usize, BoardView)],
     start: &AdjustmentStart,
     common_px: &[f64],
-    stiff: f64,
 ) -> Result<CameraAdjustment, CalibrateError> {
     let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
     let size = ImageSize::from_lens(&start.lens);
     let shape = BoardShape::from_views(&views);
-    let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR, start.stretch_sigma)].concat();
+    let priors = [lens_priors(&start.lens, start.stiffness), shape.priors(INTERIOR, start.stretch_sigma)].concat();
     let bundle = BoardBundle { views: &views, size, shape, common_px };
     let global = pack_parameters(&start.lens, &start.form);
     let solution =

@@ -86,7 +86,7 @@ fn adjust_robustly(
     let mut residuals = adjusted.residuals(used);
     for round in 1.. {
         let own: Vec<f64> = residuals.iter().map(|r| coordinate_sigma_px(r)).collect();
-        let mut found = adjust_with_view_sigmas(used, &start, &own, 1.0)?;
+        let mut found = adjust_with_view_sigmas(used, &start, &own)?;
         if round == ROBUST_ROUNDS {
             found.model_sigma_px = found.common_sigma_px(used);
             return Ok(found);

@@ -188,10 +188,3 @@ pub fn is_complete(found: &Detections, predictions: &[MarkerPrediction]) -> bool
     let there = scope::match_predictions(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
     predictions.iter().any(|p| p.seen) && predictions.iter().zip(there).all(|(p, there)| there || !p.seen)
 }
-
-/// Finds the predicted markers or, if one that the earlier frame showed is missing, all markers of the full frame. A marker
-/// that is not predicted is otherwise found only by [`detect`].
-pub fn detect_guided_or_full(image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
-    let found = detect_guided(image, predictions);
-    if is_complete(&found, predictions) { found } else { detect(image) }
-}

@@ -69,7 +69,6 @@ struct MarkerSearch<'a> {
 }
 
 impl MarkerSearch<'_> {
-    /// Returns the hypotheses of a stage.
     fn hypotheses(&mut self, stage: SearchStage) -> Vec<Hypothesis> {
         let Self { scope, seen, blobs, pairs, measurer, taken, found, .. } = self;
         match stage {

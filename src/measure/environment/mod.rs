@@ -8,7 +8,7 @@ mod refraction;
 mod thermal;
 
 pub use conditions::FlightConditions;
-pub use pane::Plate;
+pub use pane::{Plate, apparent_point};
 pub use refraction::{
     PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract_ray, refraction_shift_px,
     refractive_index,

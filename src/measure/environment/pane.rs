@@ -114,6 +114,18 @@ impl Plate {
     }
 }
 
+/// Returns the point at which the camera sees a point (from the projection centre, survey frame, m), through the panes if
+/// any are configured; camera frame, m. `turn`: rotation from the survey to the camera frame.
+pub fn apparent_point(
+    window: Option<&Window>,
+    turn: &Rotation3<f64>,
+    point_m: &Vector3<f64>,
+    in_flight: bool,
+) -> Vector3<f64> {
+    let p = turn * point_m;
+    Plate::from_window(window, turn, in_flight).map_or(p, |pane| pane.apparent_point(&p))
+}
+
 /// Returns the shift of the projection centre along the normal, m, for a ray with this cosine to it.
 fn shift_m(thickness_m: f64, index: f64, cosine: f64) -> f64 {
     thickness_m * (1.0 - cosine / (index * index - 1.0 + cosine * cosine).sqrt())

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 use super::error::EstimationError;
 use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
-use super::solve::solve_groups;
+use super::solve::{SolveOptions, solve_groups};
 use crate::observation::Estimate;
 
 /// Variance component of one group.
@@ -76,7 +76,7 @@ pub fn variance_components(
     let (mut share, mut before) = (1.0_f64, vec![0.0; groups.len()]);
     for iteration in 0..MAX_ITERATIONS {
         *problem = scale_covariances(&given, groups, &logs);
-        let Ok(fit) = solve_groups(problem, &linearise) else { break };
+        let Ok(fit) = solve_groups(problem, &SolveOptions::default(), &linearise) else { break };
         let shares = ScoringEquations::new(problem, &fit, groups);
         let (steps, gain) = shares.scoring_steps(&free);
         let settled = gain < MIN_GAIN;
@@ -110,7 +110,7 @@ pub fn variance_components(
         }
     }
     *problem = given;
-    let fit = solve_groups(problem, &linearise)?;
+    let fit = solve_groups(problem, &SolveOptions::default(), &linearise)?;
     let shares = ScoringEquations::new(problem, &fit, groups);
     let components = shares.build_components(groups, &vec![false; groups.len()], &logs);
     let sentence = "the variance components did not converge; all standard deviations stay as given";

@@ -49,7 +49,7 @@ pub use error::EstimationError;
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, PropagatedCovariance};
 pub use problem::{Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, Problem};
 pub use quality::{GlobalTest, SigmaKind};
-pub use solve::{SolveOptions, solve, solve_groups, solve_with_options};
+pub use solve::{SolveOptions, solve, solve_groups};
 pub use variance_budget::{
     AttributedInformation, NamedObservations, SourceNames, VarianceContribution, VarianceSources,
 };

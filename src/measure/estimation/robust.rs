@@ -105,7 +105,6 @@ pub fn fit_robustly<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: im
 mod tests {
     use super::*;
 
-    /// Returns the weighted mean of `values`.
     fn mean(values: &[f64], weights: &[f64]) -> f64 {
         let sum: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
         sum / weights.iter().sum::<f64>()

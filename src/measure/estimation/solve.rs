@@ -47,7 +47,7 @@ pub fn solve(
     problem: &Problem,
     linearise: impl Fn(&BlockPoint) -> Result<Linearised, EstimationError>,
 ) -> Result<Fit, EstimationError> {
-    solve_groups(problem, |at, blocks| {
+    solve_groups(problem, &SolveOptions::default(), |at, blocks| {
         let point =
             |(block, observed)| BlockPoint { group: at.group, block, global: at.global, local: at.local, observed };
         blocks.clear();
@@ -56,18 +56,6 @@ pub fn solve(
         }
         Ok(())
     })
-}
-
-/// Minimises a problem whose blocks share work: `linearise` returns all blocks of a group. The list that it gets may
-/// contain the blocks of another point, with equal columns and sizes, to be overwritten.
-///
-/// # Errors
-/// Returns an error if [`solve`] would.
-pub fn solve_groups(
-    problem: &Problem,
-    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-) -> Result<Fit, EstimationError> {
-    solve_with_options(problem, &SolveOptions::default(), linearise)
 }
 
 /// Options of the iteration: required precision and start.
@@ -79,11 +67,12 @@ pub struct SolveOptions<'a> {
     pub residuals: Option<&'a Fit>,
 }
 
-/// Minimises a problem as [`solve_groups`] does, with options.
+/// Minimises a problem whose blocks share work: `linearise` returns all blocks of a group. The list that it gets may
+/// contain the blocks of another point, with equal columns and sizes, to be overwritten.
 ///
 /// # Errors
 /// Returns an error if [`solve`] would.
-pub fn solve_with_options(
+pub fn solve_groups(
     problem: &Problem,
     options: &SolveOptions,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,

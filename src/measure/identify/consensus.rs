@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::IdentifyError;
 use super::attitude::{rotation_from_many, rotation_from_two};
-use super::fit::{MatchedPair, SEEN_ODDS, clutter_per_px2};
+use super::fit::{MatchedPair, SEEN_ODDS, clutter_per_px2, select_one_to_one};
 use super::scene::{is_usable, looks_like};
 use crate::detect::Detection;
 use crate::setup::Setup;
@@ -196,14 +196,9 @@ impl<'a> Directions<'a> {
             }
         }
         all.sort_by(|x, y| x.0.total_cmp(&y.0));
-        let mut pairs: Vec<MatchedPair> = Vec::with_capacity(all.len());
-        let mut score = 0.0;
-        for (off2, (i, j)) in all {
-            if pairs.iter().all(|p| p.0 != i && p.1 != j) {
-                pairs.push((i, j));
-                score += self.log_odds_gain((i, j)) - 0.5 * off2;
-            }
-        }
+        let selected = select_one_to_one(all);
+        let score = selected.iter().fold(0.0, |score, (off2, pair)| score + (self.log_odds_gain(*pair) - 0.5 * off2));
+        let pairs = selected.into_iter().map(|(_, pair)| pair).collect();
         Consensus { camera_from_survey: *rotation, pairs, score }
     }
 

@@ -5,10 +5,8 @@ use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 use super::Identities;
 use super::beam::WingState;
 use super::consensus::find_consensus;
-use super::flight::identify_frame;
 use super::scan::FAMILY;
 use super::scene::{WingView, is_usable};
-use super::wing_state::fit_state;
 use crate::detect::Detection;
 use crate::geometry::Lens;
 use crate::setup::{Orientation, Setup};
@@ -68,30 +66,49 @@ fn is_clutter(setup: &Setup, detections: &[Detection]) -> bool {
     detections.len() > CLUTTER_RATIO * setup.markers.len()
 }
 
-/// Diagnoses a frame in flight that fits nothing with `orientation`.
-pub(super) fn diagnose_flight_frame(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-) -> Option<MismatchCause> {
-    if is_clutter(setup, detections) {
-        return None;
+impl WingView<'_> {
+    /// Diagnoses a frame in flight that [`WingView::identify_markers`] rejected. Returns `None` if no cause is found.
+    pub fn diagnose_frame(&self, detections: &[Detection]) -> Option<MismatchCause> {
+        let lens = &self.setup.lens;
+        if is_clutter(self.setup, detections) {
+            return None;
+        }
+        diagnose_turn(self.setup, self.orientation, detections)
+            .or_else(|| {
+                let turned = rotate_half_turn(lens, detections);
+                self.identify_most(&turned).map(|_| MismatchCause::UpsideDown)
+            })
+            .or_else(|| {
+                let across = mirror_detections(lens, detections);
+                let along = rotate_half_turn(lens, &across);
+                let fit = self.identify_most(&across).or_else(|| self.identify_most(&along));
+                fit.map(|_| MismatchCause::Mirrored)
+            })
     }
-    diagnose_turn(setup, orientation, detections)
-        .or_else(|| {
-            let turned = rotate_half_turn(&setup.lens, detections);
-            identify_most(setup, orientation, &turned).map(|_| MismatchCause::UpsideDown)
-        })
-        .or_else(|| {
-            let across = mirror_detections(&setup.lens, detections);
-            let along = rotate_half_turn(&setup.lens, &across);
-            let fit = identify_most(setup, orientation, &across).or_else(|| identify_most(setup, orientation, &along));
-            fit.map(|_| MismatchCause::Mirrored)
-        })
+
+    /// Diagnoses a ground frame that does not fit the orientation of the other frames.
+    pub(super) fn diagnose_misfit(&self, detections: &[Detection]) -> Option<MismatchCause> {
+        let is_bent = |i: &Identities| i.tip_deflection_m.abs() > MIN_BEND * span_m(self.setup);
+        let bent = self.identify_most(detections).filter(is_bent);
+        bent.map(|i| MismatchCause::Bent { deflection_m: i.tip_deflection_m })
+            .or_else(|| self.diagnose_frame(detections))
+    }
+
+    /// Identifies the frame; `None` if less than most of it is identified.
+    fn identify_most(&self, detections: &[Detection]) -> Option<Identities> {
+        let found = self.identify_markers(detections).ok()?;
+        is_convincing(self.setup, detections, found.marker_of.iter().flatten().copied().collect()).then_some(found)
+    }
+}
+
+/// Diagnoses ground frames that [`super::estimate_orientation`] rejected. Returns the index of a frame and its cause, or
+/// `None` if no cause is found.
+pub fn diagnose_ground_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, MismatchCause)> {
+    frames.iter().enumerate().find_map(|(k, frame)| Some((k, diagnose_ground_frame(setup, frame)?)))
 }
 
 /// Diagnoses a ground frame that fits nothing, with unknown attitude of the camera.
-pub(super) fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<MismatchCause> {
+fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<MismatchCause> {
     if is_clutter(setup, detections) {
         return None;
     }
@@ -99,24 +116,6 @@ pub(super) fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> 
     let is_mirrored = find_consensus(setup, &mirrored)
         .is_ok_and(|c| is_convincing(setup, detections, c.pairs.iter().map(|p| p.1).collect()));
     if is_mirrored { Some(MismatchCause::Mirrored) } else { diagnose_bend(setup, detections) }
-}
-
-/// Diagnoses a ground frame that does not fit the orientation of the other frames.
-pub(super) fn diagnose_misfit(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-) -> Option<MismatchCause> {
-    let bent =
-        identify_most(setup, orientation, detections).filter(|i| i.tip_deflection_m.abs() > MIN_BEND * span_m(setup));
-    bent.map(|i| MismatchCause::Bent { deflection_m: i.tip_deflection_m })
-        .or_else(|| diagnose_flight_frame(setup, orientation, detections))
-}
-
-/// Identifies the frame; `None` if less than most of it is identified.
-fn identify_most(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Identities> {
-    let found = identify_frame(&WingView::new(setup, orientation, true), detections).ok()?;
-    is_convincing(setup, detections, found.marker_of.iter().flatten().copied().collect()).then_some(found)
 }
 
 /// Returns true if the identified markers are at least two thirds of the markers or of the detections.
@@ -134,8 +133,8 @@ fn diagnose_turn(setup: &Setup, orientation: &Orientation, detections: &[Detecti
     starts.map(Rotation3::new).find_map(|start| {
         let camera_from_survey = start * orientation.camera_from_survey;
         let near = Orientation { camera_from_survey, ..orientation.clone() };
-        let identities = identify_most(&wide, &near, detections)?;
-        let state = fit_state(&WingView::new(&wide, &near, true), detections, &identities)?;
+        let view = WingView::in_flight(&wide, &near);
+        let state = view.fit_state(detections, &view.identify_most(detections)?)?;
         let turn = Rotation3::new(Vector3::new(state[5], state[6], state[7])) * start;
         let axis_rad = turn.scaled_axis();
         Some(MismatchCause::Turned {
@@ -149,7 +148,7 @@ fn diagnose_turn(setup: &Setup, orientation: &Orientation, detections: &[Detecti
 /// Searches for a bent wing with any attitude: a rigid consensus on wings bent in steps, then the identification in flight.
 fn diagnose_bend(setup: &Setup, detections: &[Detection]) -> Option<MismatchCause> {
     let level = Orientation { camera_from_survey: Rotation3::identity(), covariance_rad2: None, ground: vec![] };
-    let beam = &WingView::new(setup, &level, false).beam;
+    let beam = &WingView::on_ground(setup, &level).beam;
     let span_m = span_m(setup);
     let steps = ((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) / DEFLECTION_STEP).round() as usize;
     let deflections = (0..=steps).map(|k| span_m * (DEFLECTION_RANGE.0 + DEFLECTION_STEP * k as f64));
@@ -169,7 +168,7 @@ fn diagnose_bend(setup: &Setup, detections: &[Detection]) -> Option<MismatchCaus
             let rough = find_consensus(&as_bent, detections).ok()?;
             let near = Orientation { camera_from_survey: rough.camera_from_survey, ..level.clone() };
             let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
-            let deflection_m = identify_most(&wide, &near, detections)?.tip_deflection_m;
+            let deflection_m = WingView::in_flight(&wide, &near).identify_most(detections)?.tip_deflection_m;
             (deflection_m.abs() > MIN_BEND * span_m).then_some(MismatchCause::Bent { deflection_m })
         })
     })

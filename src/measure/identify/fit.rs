@@ -10,6 +10,17 @@ use crate::geometry::Lens;
 /// Indices of a detection and its marker.
 pub(super) type MatchedPair = (usize, usize);
 
+/// Selects pairs in their order, each detection and each marker once.
+pub(super) fn select_one_to_one(ordered: impl IntoIterator<Item = (f64, MatchedPair)>) -> Vec<(f64, MatchedPair)> {
+    let mut selected: Vec<(f64, MatchedPair)> = Vec::new();
+    for (distance, (i, j)) in ordered {
+        if selected.iter().all(|(_, p)| p.0 != i && p.1 != j) {
+            selected.push((distance, (i, j)));
+        }
+    }
+    selected
+}
+
 /// Prior of the wing state.
 #[derive(Clone, Debug)]
 pub(super) struct StatePrior {

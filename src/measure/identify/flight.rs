@@ -14,31 +14,33 @@ pub(super) const MIN_IDENTIFIED: usize = 4;
 /// Minimum log odds against false candidates alone, for some hundred guesses.
 const MIN_LOG_ODDS_CHANCE: f64 = 16.0;
 
-/// Identifies the markers of one frame.
-///
-/// # Errors
-/// Returns an error if too few markers are found, or none or more than one solution fits.
-pub(super) fn identify_frame(scene: &WingView<'_>, detections: &[Detection]) -> Result<Identities, IdentifyError> {
-    let found = detections.iter().filter(|d| is_usable(d)).count();
-    if found < MIN_IDENTIFIED {
-        return Err(IdentifyError::TooFew { found, needed: MIN_IDENTIFIED });
+impl WingView<'_> {
+    /// Identifies the markers of a frame.
+    ///
+    /// # Errors
+    /// Returns an error if too few markers are found, or none or more than one solution fits.
+    pub fn identify_markers(&self, detections: &[Detection]) -> Result<Identities, IdentifyError> {
+        let found = detections.iter().filter(|d| is_usable(d)).count();
+        if found < MIN_IDENTIFIED {
+            return Err(IdentifyError::TooFew { found, needed: MIN_IDENTIFIED });
+        }
+        let problem = MatchingProblem::new(self, detections);
+        let solutions = find_solutions(&problem);
+        let Some(best) = solutions.first() else {
+            return Err(IdentifyError::NoConsensus { matched: 0, found });
+        };
+        if best.evidence < MIN_LOG_ODDS_CHANCE {
+            return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
+        }
+        let mut decision = decide_pairs(&problem, best.clone());
+        let rivals = mark_ambiguous(&mut decision, &solutions);
+        let identities = build_identities(&problem, &decision);
+        let certain = identities.marker_of.iter().flatten().count();
+        if certain < MIN_IDENTIFIED {
+            return Err(IdentifyError::Ambiguous { solutions: rivals + 2 });
+        }
+        Ok(identities)
     }
-    let problem = MatchingProblem::new(scene, detections);
-    let solutions = find_solutions(&problem);
-    let Some(best) = solutions.first() else {
-        return Err(IdentifyError::NoConsensus { matched: 0, found });
-    };
-    if best.evidence < MIN_LOG_ODDS_CHANCE {
-        return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
-    }
-    let mut decision = decide_pairs(&problem, best.clone());
-    let rivals = mark_ambiguous(&mut decision, &solutions);
-    let identities = build_identities(&problem, &decision);
-    let certain = identities.marker_of.iter().flatten().count();
-    if certain < MIN_IDENTIFIED {
-        return Err(IdentifyError::Ambiguous { solutions: rivals + 2 });
-    }
-    Ok(identities)
 }
 
 /// Returns refined guesses, strongest evidence first.

@@ -4,7 +4,6 @@ use super::beam::WingState;
 use super::bias::correct_centres;
 use super::consensus::{Consensus, find_consensus, pairs_from_rotation};
 use super::decide::decide_pairs;
-use super::diagnose::diagnose_misfit;
 use super::fit::StatePrior;
 use super::flight::{MIN_IDENTIFIED, build_identities};
 use super::matching::MatchingProblem;
@@ -12,7 +11,7 @@ use super::refine::{self, AdjustedOrientation, GroundImage, adjust_orientation};
 use super::scene::{WingView, is_usable, looks_like};
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::detect::Detection;
-use crate::observation::Estimate;
+use crate::observation::{Estimate, Observation};
 use crate::setup::{Orientation, Setup};
 
 /// Standard deviation of the consensus rotation, rad.
@@ -20,8 +19,12 @@ const CONSENSUS_SIGMA: f64 = 2e-3;
 const REJECTED_REASON: &str =
     "its image disagrees with the survey and the other markers; check the survey of this marker";
 
-/// Estimates the orientation; see [`super::estimate_orientation`].
-pub(super) fn orient_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+/// Estimates the orientation from ground frames without an initial guess (docs/model.md). All frames show the wing as
+/// surveyed, from one mounting of the camera.
+///
+/// # Errors
+/// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
+pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
     let first = first_consensus(setup, frames)?;
     let mut orientation =
         Orientation { camera_from_survey: first.camera_from_survey, covariance_rad2: None, ground: Vec::new() };
@@ -29,7 +32,7 @@ pub(super) fn orient_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
     let mut fitted = None;
     // The bias of the outlines depends on the attitude, so there are two passes.
     for _ in 0..2 {
-        let scene = WingView::new(setup, &orientation, false);
+        let scene = WingView::on_ground(setup, &orientation);
         let corrected: Vec<_> =
             frames.iter().zip(&identities).map(|(f, i)| correct_centres(&scene, &WingState::zeros(), f, i)).collect();
         let images = ground_images(&corrected, &identities);
@@ -46,10 +49,11 @@ pub(super) fn orient_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
     };
     let used_frames: Vec<usize> = fitted.used.iter().map(|(s, _)| s.frame).collect();
     if let Some(misfit) = find_misfit(setup, frames, &used_frames) {
-        let cause = frames.get(misfit.frame).and_then(|f| diagnose_misfit(setup, &orientation, f));
+        let in_flight = WingView::in_flight(setup, &orientation);
+        let cause = frames.get(misfit.frame).and_then(|f| in_flight.diagnose_misfit(f));
         return Err(IdentifyError::Misfit(Misfit { cause, ..misfit }));
     }
-    let scene = WingView::new(setup, &orientation, false);
+    let scene = WingView::on_ground(setup, &orientation);
     let bend = estimate_bend(&scene, &fitted);
     for (detections, of_frame) in frames.iter().zip(&mut identities) {
         explain_missing(&scene, detections, of_frame);
@@ -59,7 +63,7 @@ pub(super) fn orient_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
             if let Some(slot) = of_frame.marker_of.get_mut(image.detection) {
                 *slot = None;
             }
-            of_frame.missing.push((image.marker, REJECTED_REASON.to_string()));
+            of_frame.missing.push((image.seen.marker, REJECTED_REASON.to_string()));
         }
     }
     Ok(OrientationFit {
@@ -67,7 +71,7 @@ pub(super) fn orient_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
         variance_factor: fitted.variance_factor,
         redundancy: fitted.redundancy,
         bend,
-        residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.marker, *v)).collect(),
+        residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.seen.marker, *v)).collect(),
         identities,
     })
 }
@@ -121,7 +125,7 @@ fn more_promising(a: IdentifyError, b: IdentifyError) -> IdentifyError {
 
 /// Identifies the markers of a ground frame by the matching in flight with a wing that cannot bend.
 fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Identities {
-    let scene = WingView::new(setup, orientation, false);
+    let scene = WingView::on_ground(setup, orientation);
     let problem = MatchingProblem::new(&scene, detections);
     let fixed = 1e-9;
     let turn = CONSENSUS_SIGMA;
@@ -186,8 +190,8 @@ fn ground_images(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<Gr
     for (frame, (detections, of_frame)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of_frame.marker_of).enumerate() {
             if let Some(marker) = *marker {
-                let (pixel, covariance_px2) = (d.centre_px, *d.covariance_px2);
-                images.push(GroundImage { frame, detection, marker, pixel, covariance_px2 });
+                let seen = Observation { marker, pixel: d.centre_px, covariance_px2: *d.covariance_px2 };
+                images.push(GroundImage { frame, detection, seen });
             }
         }
     }

@@ -3,13 +3,13 @@
 
 use nalgebra::Vector2;
 
+use super::Identities;
 use super::beam::WingState;
 use super::fit::StatePrior;
 use super::flight::{MIN_IDENTIFIED, find_solutions};
 use super::matching::{MatchingProblem, RefinedMatch};
 use super::scan::DEFLECTION_RANGE;
 use super::scene::{Matrix8, WingView};
-use super::wing_state::visible_prediction;
 use crate::detect::{Detection, MarkerPrediction};
 
 /// Search radii in standard deviations: of a uniform prior, and of a fitted state.
@@ -31,104 +31,97 @@ const SHAPE_FRACTION: f64 = 0.5;
 /// Standard deviation of the tip's twist, rad, as in [`super::scan`].
 const TWIST_RAD: f64 = 0.06;
 
-/// Returns the prior before any detection: the wing may be bent as far as the identification scans.
-fn search_prior(scene: &WingView<'_>) -> StatePrior {
-    let span = scene.beam.length_m;
-    let (low, high) = DEFLECTION_RANGE;
-    // A curvature c that decreases to 0 at the tip deflects the tip by c / 3 times the span squared.
-    let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
-    let bend = half / SEARCH_SIGMAS.0;
-    let [x, y, z] = scene.turn_sigmas();
-    let shape = SHAPE_FRACTION * bend;
-    let mean = WingState::from([middle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    let sigma = WingState::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, x, y, z]);
-    StatePrior { mean, sigma }
-}
+impl WingView<'_> {
+    /// Returns the prior before any detection: the wing may be bent as far as the identification scans.
+    fn search_prior(&self) -> StatePrior {
+        let span = self.beam.length_m;
+        let (low, high) = DEFLECTION_RANGE;
+        // A curvature c that decreases to 0 at the tip deflects the tip by c / 3 times the span squared.
+        let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
+        let bend = half / SEARCH_SIGMAS.0;
+        let [x, y, z] = self.turn_sigmas();
+        let shape = SHAPE_FRACTION * bend;
+        let mean = WingState::from([middle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let sigma = WingState::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, x, y, z]);
+        StatePrior { mean, sigma }
+    }
 
-/// Predicts the image of each marker for a state with a covariance.
-fn predict_by_marker(
-    scene: &WingView<'_>,
-    state: &WingState,
-    covariance: &Matrix8,
-    sigmas: f64,
-) -> Vec<Option<MarkerPrediction>> {
-    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(state)).zip(scene.linearise(state));
-    markers
-        .map(|((marker, outline), predicted)| {
-            let predicted = predicted?;
-            let spread = predicted.jacobian * covariance * predicted.jacobian.transpose() + predicted.covariance;
-            let off = Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|v| sigmas * v.max(0.0).sqrt());
-            visible_prediction(scene, marker.shape, &outline?, off.add_scalar(MIN_DIAMETER_PX), true)
-        })
-        .collect()
-}
+    /// Predicts the image of each marker for a state with a covariance.
+    fn predict_by_marker(&self, state: &WingState, covariance: &Matrix8, sigmas: f64) -> Vec<Option<MarkerPrediction>> {
+        let markers = self.setup.markers.iter().zip(self.marker_outlines(state)).zip(self.linearise(state));
+        markers
+            .map(|((marker, outline), predicted)| {
+                let predicted = predicted?;
+                let spread = predicted.jacobian * covariance * predicted.jacobian.transpose() + predicted.covariance;
+                let off = Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|v| sigmas * v.max(0.0).sqrt());
+                self.visible_prediction(marker.shape, &outline?, off.add_scalar(MIN_DIAMETER_PX), true)
+            })
+            .collect()
+    }
 
-/// Predicts the nearest markers; see [`super::predict_nearest`].
-pub(super) fn predict_nearest(scene: &WingView<'_>) -> Vec<MarkerPrediction> {
-    let prior = search_prior(scene);
-    let predicted_by_marker = predict_by_marker(scene, &prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
-    let first = next_markers(&predicted_by_marker, &vec![false; predicted_by_marker.len()], MIN_FIRST_ROUND);
-    first.into_iter().filter_map(|j| predicted_by_marker[j].clone()).collect()
-}
+    /// Predicts the markers that [`WingView::locate_markers`] searches for first.
+    pub fn predict_nearest(&self) -> Vec<MarkerPrediction> {
+        let prior = self.search_prior();
+        let predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
+        let first = next_markers(&predicted_by_marker, &vec![false; predicted_by_marker.len()], MIN_FIRST_ROUND);
+        first.into_iter().filter_map(|j| predicted_by_marker[j].clone()).collect()
+    }
 
-/// Searches for the markers; see [`super::locate_markers`].
-pub(super) fn locate_markers(
-    scene: &WingView<'_>,
-    mut detect_at: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
-) -> Option<Vec<MarkerPrediction>> {
-    let prior = search_prior(scene);
-    let mut predicted_by_marker = predict_by_marker(scene, &prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
-    let mut searched = vec![false; predicted_by_marker.len()];
-    let mut found: Vec<Detection> = Vec::new();
-    let mut last: Option<RefinedMatch> = None;
-    loop {
-        let next = next_markers(
-            &predicted_by_marker,
-            &searched,
-            if searched.contains(&true) { MIN_LATER_ROUND } else { MIN_FIRST_ROUND },
-        );
-        if next.is_empty() {
-            return last.map(|_| predicted_by_marker.into_iter().flatten().collect());
-        }
-        let targets: Vec<MarkerPrediction> = next.iter().filter_map(|&j| predicted_by_marker[j].clone()).collect();
-        next.iter().for_each(|&j| searched[j] = true);
-        for new in detect_at(&targets) {
-            let is_new = |old: &Detection| (old.centre_px - new.centre_px).norm() > MIN_SEPARATION_PX;
-            if found.iter().all(is_new) {
-                found.push(new);
+    /// Searches for the markers of a frame, the nearest to the camera first; each round predicts the next markers.
+    /// `detect_at` detects markers in predicted areas, as [`crate::detect::detect_guided`] does. Returns predictions of all
+    /// markers, or `None` if the search fails.
+    pub fn locate_markers(
+        &self,
+        mut detect_at: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
+    ) -> Option<Vec<MarkerPrediction>> {
+        let prior = self.search_prior();
+        let mut predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
+        let mut searched = vec![false; predicted_by_marker.len()];
+        let mut found: Vec<Detection> = Vec::new();
+        let mut last: Option<RefinedMatch> = None;
+        loop {
+            let least = if searched.contains(&true) { MIN_LATER_ROUND } else { MIN_FIRST_ROUND };
+            let next = next_markers(&predicted_by_marker, &searched, least);
+            if next.is_empty() {
+                return last.map(|_| predicted_by_marker.into_iter().flatten().collect());
             }
+            let targets: Vec<MarkerPrediction> = next.iter().filter_map(|&j| predicted_by_marker[j].clone()).collect();
+            next.iter().for_each(|&j| searched[j] = true);
+            for new in detect_at(&targets) {
+                let is_new = |old: &Detection| (old.centre_px - new.centre_px).norm() > MIN_SEPARATION_PX;
+                if found.iter().all(is_new) {
+                    found.push(new);
+                }
+            }
+            if found.len() < MIN_IDENTIFIED {
+                continue;
+            }
+            let problem = MatchingProblem::new(self, &found);
+            // Detections are only appended, so earlier pairs stay valid.
+            let further = last.as_ref().and_then(|last| problem.refine(&last.prior, &last.pairs));
+            let Some(best) = further.or_else(|| find_solutions(&problem).into_iter().next()) else { continue };
+            predicted_by_marker = self.predict_by_marker(&best.state, &best.covariance, SEARCH_SIGMAS.1);
+            let settled = |p: &MarkerPrediction| p.search_px.amax() < SETTLED_PX;
+            if predicted_by_marker.iter().flatten().all(settled) {
+                return Some(predicted_by_marker.into_iter().flatten().collect());
+            }
+            last = Some(best);
         }
-        if found.len() < MIN_IDENTIFIED {
-            continue;
-        }
-        let problem = MatchingProblem::new(scene, &found);
-        // Detections are only appended, so earlier pairs stay valid.
-        let further = last.as_ref().and_then(|last| problem.refine(&last.prior, &last.pairs));
-        let Some(best) = further.or_else(|| find_solutions(&problem).into_iter().next()) else { continue };
-        predicted_by_marker = predict_by_marker(scene, &best.state, &best.covariance, SEARCH_SIGMAS.1);
-        let settled = |p: &MarkerPrediction| p.search_px.amax() < SETTLED_PX;
-        if predicted_by_marker.iter().flatten().all(settled) {
-            return Some(predicted_by_marker.into_iter().flatten().collect());
-        }
-        last = Some(best);
     }
-}
 
-/// Predicts all markers from some of them; see [`super::predict_from_found`].
-pub(super) fn predict_from_found(
-    scene: &WingView<'_>,
-    found: &[Detection],
-    seen: &[Option<usize>],
-) -> Option<Vec<MarkerPrediction>> {
-    if found.len() < MIN_IDENTIFIED {
-        return None;
+    /// Predicts all markers of a frame from `found` detections near the camera, where the wing hardly moves. Markers of
+    /// `identities`, from an earlier frame, are predicted as visible. Returns `None` if the detections do not fit the wing.
+    pub fn predict_from_found(&self, found: &[Detection], identities: &Identities) -> Option<Vec<MarkerPrediction>> {
+        if found.len() < MIN_IDENTIFIED {
+            return None;
+        }
+        let best = find_solutions(&MatchingProblem::new(self, found)).into_iter().next()?;
+        let predicted_by_marker = self.predict_by_marker(&best.state, &best.covariance, SEARCH_SIGMAS.1);
+        let known = |(j, p): (usize, Option<MarkerPrediction>)| {
+            Some(MarkerPrediction { seen: identities.marker_of.contains(&Some(j)), ..p? })
+        };
+        Some(predicted_by_marker.into_iter().enumerate().filter_map(known).collect())
     }
-    let best = find_solutions(&MatchingProblem::new(scene, found)).into_iter().next()?;
-    let predicted_by_marker =
-        predict_by_marker(scene, &best.state, &best.covariance, SEARCH_SIGMAS.1).into_iter().enumerate();
-    let known =
-        |(j, p): (usize, Option<MarkerPrediction>)| Some(MarkerPrediction { seen: seen.contains(&Some(j)), ..p? });
-    Some(predicted_by_marker.filter_map(known).collect())
 }
 
 /// Returns the next markers to search for, at least `least`, those with the smallest search radius first.

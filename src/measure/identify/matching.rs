@@ -1,7 +1,7 @@
 //! Pairs from a first guess: gated one-to-one matching and fitting in turns.
 
 use super::beam::WingState;
-use super::fit::{Clutter, MatchedPair, StatePrior, StateStep, solve_step, squared_distance};
+use super::fit::{Clutter, MatchedPair, StatePrior, StateStep, select_one_to_one, solve_step, squared_distance};
 use super::outline::DiscOutline;
 use super::scene::{Matrix8, PredictedImage, WingView, is_usable, looks_like, outline_fits};
 use crate::detect::Detection;
@@ -197,12 +197,7 @@ impl<'a> MatchingProblem<'a> {
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut pairs: Vec<MatchedPair> = Vec::new();
-        for (_, (i, j)) in all {
-            if pairs.iter().all(|p| p.0 != i && p.1 != j) {
-                pairs.push((i, j));
-            }
-        }
+        let mut pairs: Vec<MatchedPair> = select_one_to_one(all).into_iter().map(|(_, pair)| pair).collect();
         pairs.sort_by_key(|p| p.1);
         pairs
     }

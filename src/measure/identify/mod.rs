@@ -12,7 +12,8 @@
 //! | prediction | identities or observations of a frame | predicted images | `wing_state.rs` |
 //! | guided search | detections in parts of a frame | predicted images | `locate.rs` |
 //!
-//! All stages share the wing model of `skin.rs`, `beam.rs` and `scene.rs`.
+//! All stages share the wing model of `skin.rs`, `beam.rs` and `scene.rs`; those of frames in flight are functions of the
+//! [`WingView`].
 
 mod attitude;
 mod beam;
@@ -34,13 +35,15 @@ mod wing_state;
 
 use nalgebra::Vector2;
 
-use super::detect::{Detection, ExpectedMarker, MarkerPrediction};
+use super::detect::{Detection, MarkerPrediction};
 use super::estimation::quality::critical_w;
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
-pub use diagnose::MismatchCause;
+pub use diagnose::{MismatchCause, diagnose_ground_frames};
+pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
+pub use scene::WingView;
 
 /// Identities of a frame's detections.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -51,6 +54,20 @@ pub struct Identities {
     pub missing: Vec<(usize, String)>,
     /// Estimated tip deflection, m.
     pub tip_deflection_m: f64,
+}
+
+impl Identities {
+    /// Returns the identified detections as observations, in the order of the survey.
+    pub fn observations(&self, detections: &[Detection]) -> Vec<Observation> {
+        let named = detections.iter().zip(&self.marker_of);
+        let mut list: Vec<Observation> = named
+            .filter_map(|(d, marker)| {
+                Some(Observation { marker: (*marker)?, pixel: d.centre_px, covariance_px2: *d.covariance_px2 })
+            })
+            .collect();
+        list.sort_by_key(|o| o.marker);
+        list
+    }
 }
 
 /// An error of identification or orientation.
@@ -127,6 +144,16 @@ impl OrientationFit {
         self.bend.as_ref().and_then(w).is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
     }
 
+    /// Returns the mean observations of the identified markers, weighted over the ground frames.
+    pub fn ground_observations(&self, setup: &Setup, frames: &[Vec<Detection>]) -> Vec<Observation> {
+        let view = WingView::in_flight(setup, &self.orientation);
+        let observed = frames
+            .iter()
+            .zip(&self.identities)
+            .flat_map(|(found, identities)| identities.observations(&view.remove_perspective_bias(found, identities)));
+        Observation::mean_observations(setup.markers.len(), observed)
+    }
+
     /// Lists the markers of the survey of which no image was used, with the reasons.
     pub fn unused_markers(&self, setup: &Setup) -> Vec<(usize, String)> {
         let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);
@@ -138,65 +165,6 @@ impl OrientationFit {
     }
 }
 
-/// Estimates the orientation from ground frames without an initial guess (docs/model.md). All frames show the wing as
-/// surveyed, from one mounting of the camera.
-///
-/// # Errors
-/// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
-pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
-    ground::orient_frames(setup, frames)
-}
-
-/// Identifies the markers of a frame in flight, given the orientation.
-///
-/// # Errors
-/// Returns an error if too few markers are found, or none or more than one solution fits.
-pub fn identify_markers(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-) -> Result<Identities, IdentifyError> {
-    flight::identify_frame(&scene::WingView::new(setup, orientation, true), detections)
-}
-
-/// Diagnoses a frame that [`identify_markers`] rejected. Returns `None` if no cause is found.
-pub fn diagnose_flight_frame(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-) -> Option<MismatchCause> {
-    diagnose::diagnose_flight_frame(setup, orientation, detections)
-}
-
-/// Diagnoses ground frames that [`estimate_orientation`] rejected. Returns the index of a frame and its cause, or `None` if
-/// no cause is found.
-pub fn diagnose_ground_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, MismatchCause)> {
-    frames.iter().enumerate().find_map(|(k, frame)| Some((k, diagnose::diagnose_ground_frame(setup, frame)?)))
-}
-
-/// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
-/// removed with the surveyed diameter and the local normal (docs/model.md). The result has order and length of
-/// `detections`; unidentified ones are unchanged.
-pub fn remove_perspective_bias(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<Detection> {
-    wing_state::remove_bias(&scene::WingView::new(setup, orientation, true), detections, identities)
-}
-
-/// Predicts the markers of a frame for [`crate::detect::second_pass`], with the detections that were identified. Empty if
-/// too few are.
-pub fn predict_second_pass(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<ExpectedMarker> {
-    wing_state::predict_second_pass(&scene::WingView::new(setup, orientation, true), detections, identities)
-}
-
 /// Predicted image of a marker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PredictedMarker {
@@ -206,99 +174,6 @@ pub struct PredictedMarker {
     pub prediction: MarkerPrediction,
     /// Image of the marker's centre, px; the outline has its own centre.
     pub point_px: Vector2<f64>,
-}
-
-/// Predicts the markers of a frame in flight from observations of known identity, for example manual marks. One observation
-/// is enough, because none is needed to check the identities; without observations, the wing is predicted as on the ground.
-/// Markers outside the frame are omitted.
-pub fn predict_markers(setup: &Setup, orientation: &Orientation, observations: &[Observation]) -> Vec<PredictedMarker> {
-    wing_state::predict_markers(&scene::WingView::new(setup, orientation, true), observations)
-}
-
-/// Predicts the markers of a ground frame, as [`predict_markers`] does for a frame in flight.
-pub fn predict_ground_markers(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-) -> Vec<PredictedMarker> {
-    wing_state::predict_markers(&scene::WingView::new(setup, orientation, false), observations)
-}
-
-/// Moves a marker's measured outline to the image of the marker's centre. The state of the wing is fitted to the
-/// observations and this outline.
-pub fn correct_marker_centre(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    marker: usize,
-    found: &Detection,
-) -> Detection {
-    wing_state::correct_marker_centre(&scene::WingView::new(setup, orientation, true), observations, marker, found)
-}
-
-/// Predicts the markers of a ground frame for a second pass, which searches for the markers that [`estimate_orientation`]
-/// did not find before the survey is blamed.
-pub fn predict_ground_second_pass(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<ExpectedMarker> {
-    wing_state::predict_second_pass(&scene::WingView::new(setup, orientation, false), detections, identities)
-}
-
-/// Predicts the markers of the next frame, found or not, from the identities of a frame. Empty if too few detections are
-/// identified.
-pub fn predict_next_frame(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<MarkerPrediction> {
-    predict_next_frame_within(setup, orientation, detections, identities, MAX_DEFLECTION_CHANGE_M)
-}
-
-/// Predicts the markers of the next frame if the deflection of the tip may change by `deflection_m`, m.
-pub fn predict_next_frame_within(
-    setup: &Setup,
-    orientation: &Orientation,
-    detections: &[Detection],
-    identities: &Identities,
-    deflection_m: f64,
-) -> Vec<MarkerPrediction> {
-    wing_state::predict_next_frame(
-        &scene::WingView::new(setup, orientation, true),
-        detections,
-        identities,
-        deflection_m,
-    )
-}
-
-/// Searches for the markers of a frame, the nearest to the camera first; each round predicts the next markers. `detect_at`
-/// detects markers in predicted areas, as [`crate::detect::detect_guided`] does. Returns predictions of all markers, or
-/// `None` if the search fails.
-pub fn locate_markers(
-    setup: &Setup,
-    orientation: &Orientation,
-    detect_at: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
-) -> Option<Vec<MarkerPrediction>> {
-    locate::locate_markers(&scene::WingView::new(setup, orientation, true), detect_at)
-}
-
-/// Predicts all markers of a frame from `found` detections near the camera, where the wing hardly moves. Markers of
-/// `identities`, from an earlier frame, are predicted as visible. Returns `None` if the detections do not fit the wing.
-pub fn predict_from_found(
-    setup: &Setup,
-    orientation: &Orientation,
-    found: &[Detection],
-    identities: &Identities,
-) -> Option<Vec<MarkerPrediction>> {
-    locate::predict_from_found(&scene::WingView::new(setup, orientation, true), found, &identities.marker_of)
-}
-
-/// Predicts the markers that [`locate_markers`] searches for first.
-pub fn predict_nearest(setup: &Setup, orientation: &Orientation) -> Vec<MarkerPrediction> {
-    locate::predict_nearest(&scene::WingView::new(setup, orientation, true))
 }
 
 /// Largest change of the tip's deflection from one frame to the next, m.

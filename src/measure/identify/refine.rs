@@ -1,14 +1,14 @@
 //! Least squares of the ground frames for the rotation; survey and projection centre have their configured standard
 //! deviations. Their errors are common to all frames, so more frames do not reduce them.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
 
 use super::scene::mahalanobis_squared;
-use crate::environment::Plate;
+use crate::environment::apparent_point;
 use crate::estimation::{Block, BlockPoint, EstimationError, Fit, Group, Linearised, Prior, Problem, solve};
 use crate::geometry::{cross_matrix, left_jacobian};
-use crate::observation::Estimate;
-use crate::setup::{GroundObservation, Orientation, Setup};
+use crate::observation::{Estimate, Observation};
+use crate::setup::{Orientation, Setup};
 
 /// Gate of a residual: chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;
@@ -20,18 +20,9 @@ const MIN_SIGMA_M: f64 = 1e-5;
 pub(super) struct GroundImage {
     pub(super) frame: usize,
     pub(super) detection: usize,
-    pub(super) marker: usize,
-    pub(super) pixel: Vector2<f64>,
-    pub(super) covariance_px2: Matrix2<f64>,
+    pub(super) seen: Observation,
 }
 
-impl GroundImage {
-    fn to_observation(&self) -> GroundObservation {
-        GroundObservation { marker: self.marker, pixel: self.pixel, covariance_px2: self.covariance_px2 }
-    }
-}
-
-/// An adjusted orientation.
 pub(super) struct AdjustedOrientation {
     pub(super) orientation: Orientation,
     pub(super) variance_factor: f64,
@@ -105,8 +96,8 @@ impl OrientationAdjustment<'_> {
         let Self { setup, list, .. } = self;
         let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
         let block = |image: &GroundImage| Block {
-            observed: DVector::from_column_slice(image.pixel.as_slice()),
-            covariance: DMatrix::from_column_slice(2, 2, image.covariance_px2.as_slice()),
+            observed: DVector::from_column_slice(image.seen.pixel.as_slice()),
+            covariance: DMatrix::from_column_slice(2, 2, image.seen.covariance_px2.as_slice()),
         };
         let known = |name, first: usize, sigma_m: f64| {
             let variance = sigma_m.max(MIN_SIGMA_M).powi(2);
@@ -134,7 +125,7 @@ impl OrientationAdjustment<'_> {
     fn linearise(&self, at: &BlockPoint) -> Result<Linearised, EstimationError> {
         let Self { setup, list, .. } = self;
         let behind = || EstimationError::Input("a marker is behind the camera".into());
-        let marker = list[at.block].marker;
+        let marker = list[at.block].seen.marker;
         let first = MARKERS + 3 * marker;
         let turn = at.global.fixed_rows::<3>(0).into_owned();
         let rotation = Rotation3::new(turn) * self.start;
@@ -142,7 +133,7 @@ impl OrientationAdjustment<'_> {
         let by_bend = self.bend.get(marker);
         let bent_m = by_bend.map_or_else(Vector3::zeros, |by| by * at.global[self.bend_column()]);
         let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first) + bent_m;
-        let p = apparent_point(setup, &rotation, &marker_m, &centre_m);
+        let p = apparent_point(setup.window.as_ref(), &rotation, &(marker_m - centre_m), false);
         let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
         let by_shift = by_point * rotation.matrix();
         let bend = by_bend.map(|_| self.bend_column());
@@ -164,15 +155,15 @@ impl OrientationAdjustment<'_> {
     fn residual_test(&self, fit: &Fit, k: usize) -> f64 {
         let residual = &fit.groups[0].blocks[k].residuals;
         let adjusted = fit.adjusted_covariance(0, k).fixed_view::<2, 2>(0, 0).into_owned();
-        mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
+        mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].seen.covariance_px2 - adjusted))
     }
 
     fn into_adjusted(self, fit: &Fit, rejected: Vec<GroundImage>) -> AdjustedOrientation {
         let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
-        let residual = |s: &GroundImage| {
-            let ground = setup.markers[s.marker].position_m;
-            let p = apparent_point(setup, &rotation, &ground, &setup.projection_centre_m);
-            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| s.pixel - pixel)
+        let residual = |GroundImage { seen, .. }: &GroundImage| {
+            let ground = setup.markers[seen.marker].position_m;
+            let p = apparent_point(setup.window.as_ref(), &rotation, &(ground - setup.projection_centre_m), false);
+            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| seen.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
         let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -180,10 +171,7 @@ impl OrientationAdjustment<'_> {
             orientation: Orientation {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
-                ground: GroundObservation::mean_observations(
-                    setup.markers.len(),
-                    self.list.iter().map(GroundImage::to_observation),
-                ),
+                ground: Observation::mean_observations(setup.markers.len(), self.list.iter().map(|image| image.seen)),
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
             redundancy: fit.redundancy,
@@ -191,16 +179,4 @@ impl OrientationAdjustment<'_> {
             rejected,
         }
     }
-}
-
-/// Returns the point at which the camera sees a surveyed point on the ground, through the window if it is configured;
-/// camera frame, m.
-fn apparent_point(
-    setup: &Setup,
-    rotation: &Rotation3<f64>,
-    survey_m: &Vector3<f64>,
-    centre_m: &Vector3<f64>,
-) -> Vector3<f64> {
-    let p = rotation * (survey_m - centre_m);
-    Plate::from_window(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent_point(&p))
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::beam::WingState;
-use super::fit::{MatchedPair, StatePrior};
+use super::fit::{MatchedPair, StatePrior, select_one_to_one};
 use super::matching::MatchingProblem;
 
 /// Cell size of the vote over the image shift, px; a vote counts in a block of 3 x 3 cells.
@@ -140,12 +140,7 @@ fn agreeing_pairs(
         }
     }
     pairs.sort_by(|a: &(f64, MatchedPair), b| a.0.total_cmp(&b.0));
-    let mut once: Vec<MatchedPair> = Vec::new();
-    for (_, pair) in pairs {
-        if once.iter().all(|p| p.0 != pair.0) {
-            once.push(pair);
-        }
-    }
+    let mut once: Vec<MatchedPair> = select_one_to_one(pairs).into_iter().map(|(_, pair)| pair).collect();
     once.sort_by_key(|p| p.1);
     once
 }

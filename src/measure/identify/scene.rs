@@ -23,9 +23,12 @@ const MIN_ROLL_RAD: f64 = 5e-3;
 /// Steps of the differences for the wing's part of the Jacobian: 1/m, rad.
 const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
-/// A wing seen by a camera of known attitude.
-pub(super) struct WingView<'a> {
-    pub(super) setup: &'a Setup,
+/// A wing seen by a camera of known attitude: identifies its markers, and predicts their images.
+pub struct WingView<'a> {
+    /// Survey, camera and priors.
+    pub setup: &'a Setup,
+    /// Attitude of the camera, with the observations of the ground frames.
+    pub orientation: &'a Orientation,
     pub(super) beam: CoarseBeam,
     camera_from_wing: Rotation3<f64>,
     /// Window pane, camera frame.
@@ -44,13 +47,22 @@ pub(super) struct PredictedImage {
 }
 
 impl<'a> WingView<'a> {
-    /// Creates the view in flight, or on the ground (no thermal expansion).
-    pub(super) fn new(setup: &'a Setup, orientation: &Orientation, in_flight: bool) -> Self {
+    /// Creates the view of a wing in flight.
+    pub fn in_flight(setup: &'a Setup, orientation: &'a Orientation) -> Self {
+        Self::new(setup, orientation, true)
+    }
+
+    /// Creates the view of a wing as surveyed: without thermal expansion, and through the panes of a ground frame.
+    pub fn on_ground(setup: &'a Setup, orientation: &'a Orientation) -> Self {
+        Self::new(setup, orientation, false)
+    }
+
+    fn new(setup: &'a Setup, orientation: &'a Orientation, in_flight: bool) -> Self {
         let beam = CoarseBeam::new(setup, &orientation.shaping_markers(setup.markers.len()));
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
-        Self { setup, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
+        Self { setup, orientation, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
     }
 
     /// Returns standard deviations of the camera's rotation since the ground frames, about its own axes, rad.
@@ -140,7 +152,6 @@ impl<'a> WingView<'a> {
         self.setup.markers.get(marker).is_some_and(|m| m.fixed)
     }
 
-    /// Returns the outlines of all markers.
     pub(super) fn marker_outlines(&self, state: &WingState) -> Vec<Option<DiscOutline>> {
         let rotation = self.camera_from_wing(state);
         let placed = self.beam.marker_positions(state, self.scale);

@@ -23,101 +23,139 @@ const SETTLED: f64 = 1e-7;
 /// Largest shift of the image until the next frame, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
 
-/// Fits the state to identified detections; `None` if they are too few or do not fit.
-pub(super) fn fit_state(scene: &WingView<'_>, detections: &[Detection], identities: &Identities) -> Option<WingState> {
-    fit_state_from(scene, detections, identities, super::flight::MIN_IDENTIFIED)
-}
-
-/// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
-/// marks, need no redundancy.
-fn fit_state_from(
-    scene: &WingView<'_>,
-    detections: &[Detection],
-    identities: &Identities,
-    least: usize,
-) -> Option<WingState> {
-    let pairs: Vec<MatchedPair> = identities
-        .marker_of
-        .iter()
-        .enumerate()
-        .filter_map(|(i, j)| Some((i, (*j)?)))
-        .filter(|(i, _)| detections.get(*i).is_some_and(is_usable))
-        .collect();
-    if pairs.len() < least {
-        return None;
+impl WingView<'_> {
+    /// Fits the state to identified detections; `None` if they are too few or do not fit.
+    pub(super) fn fit_state(&self, detections: &[Detection], identities: &Identities) -> Option<WingState> {
+        self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)
     }
-    let [a, b, c, d, e] = WING_SIGMAS;
-    let [x, y, z] = scene.turn_sigmas();
-    let sigma = WingState::from([a, b, c, d, e, x, y, z]);
-    let prior = StatePrior { mean: WingState::zeros(), sigma };
-    let mut state = prior.mean;
-    for _ in 0..MAX_STEPS {
-        let predicted = scene.linearise(&state);
-        let step = solve_step(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &scene.setup.lens))?;
-        state += step.delta;
-        if step.delta.amax() < SETTLED {
-            break;
+
+    /// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
+    /// marks, need no redundancy.
+    fn fit_state_from(&self, detections: &[Detection], identities: &Identities, least: usize) -> Option<WingState> {
+        let pairs: Vec<MatchedPair> = identities
+            .marker_of
+            .iter()
+            .enumerate()
+            .filter_map(|(i, j)| Some((i, (*j)?)))
+            .filter(|(i, _)| detections.get(*i).is_some_and(is_usable))
+            .collect();
+        if pairs.len() < least {
+            return None;
+        }
+        let [a, b, c, d, e] = WING_SIGMAS;
+        let [x, y, z] = self.turn_sigmas();
+        let sigma = WingState::from([a, b, c, d, e, x, y, z]);
+        let prior = StatePrior { mean: WingState::zeros(), sigma };
+        let mut state = prior.mean;
+        for _ in 0..MAX_STEPS {
+            let predicted = self.linearise(&state);
+            let step = solve_step(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &self.setup.lens))?;
+            state += step.delta;
+            if step.delta.amax() < SETTLED {
+                break;
+            }
+        }
+        state.iter().all(|v| v.is_finite()).then_some(state)
+    }
+
+    /// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
+    /// removed with the surveyed diameter and the local normal (docs/model.md). The result has order and length of
+    /// `detections`; unidentified ones are unchanged.
+    pub fn remove_perspective_bias(&self, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
+        let Some(first) = self.fit_state(detections, identities) else { return detections.to_vec() };
+        let once = correct_centres(self, &first, detections, identities);
+        match self.fit_state(&once, identities) {
+            Some(second) => correct_centres(self, &second, detections, identities),
+            None => once,
         }
     }
-    state.iter().all(|v| v.is_finite()).then_some(state)
-}
 
-/// Removes the perspective bias; see [`super::remove_perspective_bias`].
-pub(super) fn remove_bias(scene: &WingView<'_>, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
-    let Some(first) = fit_state(scene, detections, identities) else { return detections.to_vec() };
-    let once = correct_centres(scene, &first, detections, identities);
-    match fit_state(scene, &once, identities) {
-        Some(second) => correct_centres(scene, &second, detections, identities),
-        None => once,
+    /// Predicts the markers of a frame for [`crate::detect::second_pass`], with the detections that were identified. Empty
+    /// if too few are.
+    pub fn predict_second_pass(&self, detections: &[Detection], identities: &Identities) -> Vec<ExpectedMarker> {
+        let Some(state) = self.fit_state(detections, identities) else { return Vec::new() };
+        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).enumerate();
+        let expected = markers.filter_map(|(i, (marker, outline))| {
+            let found = identities.marker_of.iter().position(|m| *m == Some(i));
+            Some(ExpectedMarker {
+                prediction: self.visible_prediction(marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
+                found,
+                marker: i,
+            })
+        });
+        expected.collect()
     }
-}
 
-/// Predicts the markers for a second pass; see [`super::predict_second_pass`].
-pub(super) fn predict_second_pass(
-    scene: &WingView<'_>,
-    detections: &[Detection],
-    identities: &Identities,
-) -> Vec<ExpectedMarker> {
-    let Some(state) = fit_state(scene, detections, identities) else { return Vec::new() };
-    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).enumerate();
-    let expected = markers.filter_map(|(i, (marker, outline))| {
-        let found = identities.marker_of.iter().position(|m| *m == Some(i));
-        Some(ExpectedMarker {
-            prediction: visible_prediction(scene, marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
-            found,
-            marker: i,
+    /// Predicts the markers of a frame from observations of known identity, for example manual marks. One observation is
+    /// enough, because none is needed to check the identities; without observations, the wing is predicted as on the
+    /// ground. Markers outside the frame are omitted.
+    pub fn predict_markers(&self, observations: &[Observation]) -> Vec<PredictedMarker> {
+        let (seen, identities) = identified_detections(observations);
+        let state = self.fit_state_from(&seen, &identities, 1).unwrap_or_else(WingState::zeros);
+        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).enumerate();
+        let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
+            let outline = outline?;
+            let seen = observations.iter().any(|o| o.marker == marker);
+            let prediction = self.visible_prediction(surveyed.shape, &outline, Vector2::zeros(), seen)?;
+            Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
+        });
+        predicted.collect()
+    }
+
+    /// Moves a marker's measured outline to the image of the marker's centre. The state of the wing is fitted to the
+    /// observations and this outline.
+    pub fn correct_marker_centre(&self, observations: &[Observation], marker: usize, found: &Detection) -> Detection {
+        let others: Vec<Observation> = observations.iter().filter(|o| o.marker != marker).cloned().collect();
+        let (mut seen, mut identities) = identified_detections(&others);
+        seen.push(found.clone());
+        identities.marker_of.push(Some(marker));
+        let Some(state) = self.fit_state_from(&seen, &identities, 1) else { return found.clone() };
+        correct_centres(self, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+    }
+
+    /// Predicts the markers of the next frame, found or not, from the identities of a frame, if the deflection of the tip
+    /// may change by `deflection_m`, m. Empty if too few detections are identified.
+    pub fn predict_next_frame(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+        deflection_m: f64,
+    ) -> Vec<MarkerPrediction> {
+        let Some(state) = self.fit_state(detections, identities) else { return Vec::new() };
+        let mut deflected = state;
+        // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
+        deflected[0] += 3.0 * deflection_m / self.beam.length_m.powi(2);
+        let moved = self.project_markers(&deflected);
+        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).zip(moved);
+        markers
+            .enumerate()
+            .filter_map(|(i, ((marker, outline), moved))| {
+                let outline = outline?;
+                let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
+                let seen = identities.marker_of.contains(&Some(i));
+                self.visible_prediction(marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
+            })
+            .collect()
+    }
+
+    /// Returns the prediction of a marker if its image is in the frame.
+    pub(super) fn visible_prediction(
+        &self,
+        shape: Shape,
+        outline: &DiscOutline,
+        search_px: Vector2<f64>,
+        seen: bool,
+    ) -> Option<MarkerPrediction> {
+        self.setup.lens.contains(&outline.ellipse_px).then_some(MarkerPrediction {
+            shape,
+            centre_px: outline.ellipse_px,
+            semi_major_px: outline.semi_major_px,
+            semi_minor_px: outline.semi_minor_px,
+            angle_rad: outline.angle_rad,
+            search_px,
+            seen,
         })
-    });
-    expected.collect()
-}
-
-/// Predicts the markers from observations; see [`super::predict_markers`].
-pub(super) fn predict_markers(scene: &WingView<'_>, observations: &[Observation]) -> Vec<PredictedMarker> {
-    let (seen, identities) = identified_detections(observations);
-    let state = fit_state_from(scene, &seen, &identities, 1).unwrap_or_else(WingState::zeros);
-    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).enumerate();
-    let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
-        let outline = outline?;
-        let seen = observations.iter().any(|o| o.marker == marker);
-        let prediction = visible_prediction(scene, surveyed.shape, &outline, Vector2::zeros(), seen)?;
-        Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
-    });
-    predicted.collect()
-}
-
-/// Corrects a marker's centre; see [`super::correct_marker_centre`].
-pub(super) fn correct_marker_centre(
-    scene: &WingView<'_>,
-    observations: &[Observation],
-    marker: usize,
-    found: &Detection,
-) -> Detection {
-    let others: Vec<Observation> = observations.iter().filter(|o| o.marker != marker).cloned().collect();
-    let (mut seen, mut identities) = identified_detections(&others);
-    seen.push(found.clone());
-    identities.marker_of.push(Some(marker));
-    let Some(state) = fit_state_from(scene, &seen, &identities, 1) else { return found.clone() };
-    correct_centres(scene, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+    }
 }
 
 /// Converts observations to detections with identities. They have the shape of quadrant targets, for which no perspective
@@ -135,47 +173,4 @@ fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Ident
     };
     let marker_of = observations.iter().map(|o| Some(o.marker)).collect();
     (observations.iter().map(detection).collect(), Identities { marker_of, ..Identities::default() })
-}
-
-/// Returns the prediction of a marker if its image is in the frame.
-pub(super) fn visible_prediction(
-    scene: &WingView<'_>,
-    shape: Shape,
-    outline: &DiscOutline,
-    search_px: Vector2<f64>,
-    seen: bool,
-) -> Option<MarkerPrediction> {
-    scene.setup.lens.contains(&outline.ellipse_px).then_some(MarkerPrediction {
-        shape,
-        centre_px: outline.ellipse_px,
-        semi_major_px: outline.semi_major_px,
-        semi_minor_px: outline.semi_minor_px,
-        angle_rad: outline.angle_rad,
-        search_px,
-        seen,
-    })
-}
-
-/// Predicts the markers of the next frame; see [`super::predict_next_frame_within`].
-pub(super) fn predict_next_frame(
-    scene: &WingView<'_>,
-    detections: &[Detection],
-    identities: &Identities,
-    deflection_m: f64,
-) -> Vec<MarkerPrediction> {
-    let Some(state) = fit_state(scene, detections, identities) else { return Vec::new() };
-    let mut deflected = state;
-    // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
-    deflected[0] += 3.0 * deflection_m / scene.beam.length_m.powi(2);
-    let moved = scene.project_markers(&deflected);
-    let markers = scene.setup.markers.iter().zip(scene.marker_outlines(&state)).zip(moved);
-    markers
-        .enumerate()
-        .filter_map(|(i, ((marker, outline), moved))| {
-            let outline = outline?;
-            let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
-            let seen = identities.marker_of.contains(&Some(i));
-            visible_prediction(scene, marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
-        })
-        .collect()
 }

@@ -133,7 +133,6 @@ impl ComponentPlane {
     }
 }
 
-/// Component in a scan.
 struct ScanComponent<'a> {
     plane: &'a mut ComponentPlane,
     dc: Option<&'a HuffmanTable>,

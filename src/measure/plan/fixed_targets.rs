@@ -3,7 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::estimation::robust::median;
-use crate::setup::{GroundObservation, Orientation, Setup, Shape, SurveyMarker, fixed_target};
+use crate::observation::Observation;
+use crate::setup::{Orientation, Setup, Shape, SurveyMarker, fixed_target};
 
 /// Numbers of additional targets that are predicted.
 pub(super) const COUNTS: [usize; 3] = [1, 2, 4];
@@ -24,7 +25,7 @@ pub(super) fn add_fixed_targets(
         let position_m =
             setup.projection_centre_m + orientation.camera_from_survey.inverse() * ray * fixed_target::DISTANCE_M;
         let covariance_px2 = Matrix2::identity() * (pixel_sigma * pixel_sigma);
-        orientation.ground.push(GroundObservation { marker: setup.markers.len(), pixel, covariance_px2 });
+        orientation.ground.push(Observation { marker: setup.markers.len(), pixel, covariance_px2 });
         setup.markers.push(SurveyMarker {
             id: format!("F{:02}", k + 1),
             shape: Shape::Quadrant,

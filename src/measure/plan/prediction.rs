@@ -5,12 +5,13 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector3};
 use serde::Serialize;
 
-use super::view::{apparent_point, bend_markers, camera_attitude};
+use super::view::{bend_markers, camera_attitude};
 use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
-use crate::setup::{GroundObservation, Orientation, Setup, SurveyMarker};
+use crate::environment::apparent_point;
+use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -174,7 +175,8 @@ impl<'a> SimulatedFlight<'a> {
         let turn = &self.orientation.camera_from_survey;
         let see = |p: &Vector3<f64>, in_flight| {
             let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
-            let pixel = self.setup.lens.project(&apparent_point(self.setup, turn, &survey, in_flight))?;
+            let pixel =
+                self.setup.lens.project(&apparent_point(self.setup.window.as_ref(), turn, &survey, in_flight))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
         let flight = self.flight.iter().enumerate();
@@ -189,7 +191,7 @@ impl<'a> SimulatedFlight<'a> {
             None => taken.is_empty().then_some(covariance_px2),
         };
         let observe = |(marker, p): (usize, &Vector3<f64>)| {
-            Some(GroundObservation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
+            Some(Observation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
         };
         let ground = self.ground.iter().enumerate().filter_map(observe).collect();
         (self.observations, self.orientation.ground) = (observations, ground);
@@ -312,11 +314,11 @@ impl<'a> SimulatedFlight<'a> {
         let mut orientation = self.orientation.clone();
         let frame = setup.wing_frame();
         let from_camera = position_m - frame.origin_m;
-        let seen = apparent_point(&setup, &orientation.camera_from_survey, &from_camera, false);
+        let seen = apparent_point(setup.window.as_ref(), &orientation.camera_from_survey, &from_camera, false);
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
-        orientation.ground.push(GroundObservation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
+        orientation.ground.push(Observation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
         Some(LayoutChange {
             without: None,
             span_m: frame.wing_point(&position_m).x,

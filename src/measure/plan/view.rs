@@ -4,22 +4,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::adjust::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
 use crate::adjust::ground::{GroundShape, Station};
-use crate::environment::Plate;
 use crate::setup::Setup;
 
 /// Number of steps to the curvature of a tip deflection; each reduces the error to 1 %.
 const MAX_PROPORTION_STEPS: usize = 4;
-
-/// Returns the point at which the camera sees a point (from the projection centre, survey frame, m); camera frame, m.
-pub(super) fn apparent_point(
-    setup: &Setup,
-    turn: &Rotation3<f64>,
-    point_m: &Vector3<f64>,
-    in_flight: bool,
-) -> Vector3<f64> {
-    let p = turn * point_m;
-    Plate::from_window(setup.window.as_ref(), turn, in_flight).map_or(p, |pane| pane.apparent_point(&p))
-}
 
 /// Returns the markers in flight, wing frame, m, for one coefficient of curvature, found by proportion.
 pub(super) fn bend_markers(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) -> Vec<Vector3<f64>> {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Rotation3, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options};
 use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Scene, SceneOptions as RenderOptions, SceneSide};
-use wingd::measure::setup::{GroundObservation, Orientation, Setup, SetupUncertainty};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty};
 
 use super::{ErrorSource, KINDS, PRIORS, fit_to_ground_frame, misconfigure};
 use crate::common::beam_truth::{normal2, normal3, remounted, rms, rng};
@@ -27,7 +27,7 @@ impl Rendered {
         let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);
         let seen = truth.markers.iter().enumerate().filter(|(_, m)| m.visible);
         let ground = seen
-            .map(|(marker, m)| GroundObservation {
+            .map(|(marker, m)| Observation {
                 marker,
                 pixel: m.pixel.unwrap() + normal2(rng) * NOISE_PX,
                 covariance_px2,

@@ -18,9 +18,7 @@ use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
-use crate::estimation::{
-    EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_with_options,
-};
+use crate::estimation::{EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
 use crate::setup::Thermal;
 
 const MISSING_GROUND: &str = "a marker's position on the ground cannot be determined";
@@ -303,6 +301,6 @@ impl FlightProblem {
     /// # Errors
     /// Returns an error if the conditions cannot be evaluated or the normal equations are singular.
     pub fn solve(&self, scene: &WingScene, solve_options: &SolveOptions) -> Result<Fit, EstimationError> {
-        solve_with_options(&self.problem, solve_options, |at, blocks| self.linearise(scene, at, blocks))
+        solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(scene, at, blocks))
     }
 }

@@ -15,37 +15,25 @@ use crate::estimation::{AttributedInformation, VarianceSources};
 const REMARKED_DRIFT_RATIO: f64 = 3.0;
 
 /// Builds the result of one frame of a flight: its part of the solution and the observations removed from it or from all
-/// frames. `remarks` come first.
+/// frames. `remarks` come first. A result of the flight method has the parameters that only several frames determine.
 pub fn frame_solution(
     flight: &Flight,
     solved: &SolvedFlight,
-    removed: &[RemovedObservation],
-    frame: usize,
-    remarks: Vec<String>,
-    sources: &VarianceSources,
-) -> Solution {
-    let mut solution =
-        single_frame_solution(flight, solved, removed, (frame, AdjustmentMethod::Flight), remarks, sources);
-    let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
-    solution.parameters.push(unmeasured("shape_departure", flight.hyperparameters.departure));
-    solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
-    solution
-}
-
-/// Builds the result of one frame without the parameters that only several frames determine.
-pub fn single_frame_solution(
-    flight: &Flight,
-    SolvedFlight { flight_problem, fit, tested_sum }: &SolvedFlight,
     removed: &[RemovedObservation],
     (frame, method): (usize, AdjustmentMethod),
     mut remarks: Vec<String>,
     sources: &VarianceSources,
 ) -> Solution {
-    let (layout, members) = (&flight_problem.layouts[frame], &flight_problem.members[frame]);
-    let outcome = FrameOutcome::new(&flight.input, layout, &flight_problem.problem, fit, frame, members)
+    let SolvedFlight { flight_problem, fit, tested_sum } = solved;
+    let outcome = FrameOutcome::new(solved.group(&flight.input, frame), &flight_problem.layouts[frame])
         .judged_before_removal(*tested_sum);
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
-    let solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
+    let mut solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
+    if method == AdjustmentMethod::Flight {
+        let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
+        solution.parameters.push(unmeasured("shape_departure", flight.hyperparameters.departure));
+        solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
+    }
     remarks.extend(solution.remarks);
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
     let displacement = flight.common_displacement.as_ref().zip(flight_problem.displacement_column);

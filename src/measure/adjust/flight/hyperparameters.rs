@@ -5,6 +5,7 @@ use nalgebra::{DVector, Matrix3, Vector3};
 use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::layout::ParameterLayout;
+use crate::adjust::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude};
 use crate::adjust::term::ParameterScope;
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::values::UnknownValues;
@@ -12,10 +13,6 @@ use crate::estimation::Fit;
 
 /// Initial departure of a frame's shape from the shared shape, as a fraction of the prior spread of shapes.
 pub const INITIAL_DEPARTURE: f64 = 0.03;
-/// Initial curvature, and the reference for vibration, 1/m.
-pub const TYPICAL_CURVATURE_PER_M: f64 = 0.005;
-/// Curvature below which the wing counts as unbent, 1/m.
-const MIN_CURVATURE_PER_M: f64 = 2e-4;
 
 /// Ratio of pitch drift to the drift about the other axes, which determine it. With f degrees of freedom the expected
 /// variance is f / (f - 2) times the estimate; a random walk of ten frames has about five in yaw and roll together.
@@ -140,10 +137,6 @@ fn value_on_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f
     let (square, both) =
         points.fold((0.0, 0.0), |(xx, xy), (px, py)| (xx + (px - x).powi(2), xy + (px - x) * (py - y)));
     y + if square > 0.0 { both / square * (at - x) } else { 0.0 }
-}
-
-fn bounded_amplitude(curvature_per_m: f64) -> f64 {
-    curvature_per_m.abs().max(MIN_CURVATURE_PER_M)
 }
 
 /// First local column of a frame's rotation about its mounting's.

@@ -1,8 +1,6 @@
 //! Joint adjustment of all frames of a flight, from start to end.
 
-use super::frame_solution::{
-    flight_remarks, frame_solution, prior_remarks, single_frame_solution, with_flight_sources,
-};
+use super::frame_solution::{flight_remarks, frame_solution, prior_remarks, with_flight_sources};
 use super::frames::Flight;
 use super::hyperparameters::FlightHyperparameters;
 use super::mountings::FrameMountings;
@@ -58,7 +56,7 @@ impl<'a> JointSolution<'a> {
         with_flight_sources(solved, None, |sources| {
             let one = |frame: usize| {
                 let remarks = [prior_remarks(flight, solved), flight_remarks(flight, frame)].concat();
-                frame_solution(flight, solved, removed, frame, remarks, sources)
+                frame_solution(flight, solved, removed, (frame, AdjustmentMethod::Flight), remarks, sources)
             };
             (0..flight.frames.len()).map(one).collect()
         })
@@ -67,11 +65,8 @@ impl<'a> JointSolution<'a> {
     /// Result of the first frame, for a flight of one frame.
     pub fn single_solution(&self, method: AdjustmentMethod) -> Solution {
         let Self { flight, solved, removed } = self;
-        with_flight_sources(solved, None, |sources| match method {
-            AdjustmentMethod::Flight => {
-                frame_solution(flight, solved, removed, 0, prior_remarks(flight, solved), sources)
-            }
-            _ => single_frame_solution(flight, solved, removed, (0, method), prior_remarks(flight, solved), sources),
+        with_flight_sources(solved, None, |sources| {
+            frame_solution(flight, solved, removed, (0, method), prior_remarks(flight, solved), sources)
         })
     }
 }

@@ -25,7 +25,7 @@ use super::hyperparameters::FlightHyperparameters;
 use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::scene::WingScene;
-use crate::adjust::{AdjustError, Observation, Options, Solution};
+use crate::adjust::{AdjustError, AdjustmentMethod, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Minimum time between frames, s; process noise must not be 0.
@@ -124,7 +124,7 @@ impl LiveAdjustment {
                     *mount_disturbed,
                 );
                 let solution = with_flight_sources(solved, Some(&state.attributed), |sources| {
-                    frame_solution(&flight, solved, removed, 0, remarks, sources)
+                    frame_solution(&flight, solved, removed, (0, AdjustmentMethod::Flight), remarks, sources)
                 });
                 return Ok((next, solution));
             }

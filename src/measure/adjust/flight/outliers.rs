@@ -4,7 +4,8 @@ use super::frames::{Flight, MIN_MARKERS};
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustError;
-use crate::adjust::snooping::{self, MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
+use crate::adjust::layout::BlockMember;
+use crate::adjust::snooping::{MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
 
 /// Number of data-snooping rounds; each removes at most one observation per frame.
 const SNOOPING_ROUNDS: usize = 4;
@@ -66,11 +67,9 @@ impl Flight<'_> {
         Ok((solved, removed))
     }
 
-    fn fixed_targets_conflict(&self, SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> bool {
-        flight_problem.members.iter().enumerate().any(|(frame, members)| {
-            let frames = flight_problem.members.len();
-            snooping::fixed_targets_conflict(&self.input, &flight_problem.problem, fit, frame, members, frames)
-        })
+    fn fixed_targets_conflict(&self, solved: &SolvedFlight) -> bool {
+        let frames = self.frames.len();
+        (0..frames).any(|frame| solved.group(&self.input, frame).fixed_targets_conflict(frames))
     }
 
     /// Removes at most one observation per frame and round; returns the removed observations.
@@ -101,15 +100,11 @@ impl Flight<'_> {
     }
 
     /// Finds the worst suspect of each frame, and of survey and ground frame.
-    fn find_suspects(&self, SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> Vec<RemovedObservation> {
+    fn find_suspects(&self, solved: &SolvedFlight) -> Vec<RemovedObservation> {
         let ground = self.frames.len();
-        let frames = flight_problem.members.iter().enumerate().filter(|(_, members)| members.len() > MIN_MARKERS + 1);
-        let groups = frames.chain([(ground, &flight_problem.ground_members)]);
-        let worst = |(group, members): (usize, &Vec<_>)| {
-            let suspect = snooping::worst_suspect(&self.input, &flight_problem.problem, fit, group, members)?;
-            Some(RemovedObservation { group, suspect })
-        };
-        groups.filter_map(worst).collect()
+        let groups = (0..=ground).map(|group| solved.group(&self.input, group));
+        let tested = groups.filter(|g| g.group == ground || g.members.len() > MIN_MARKERS + 1);
+        tested.filter_map(|g| Some(RemovedObservation { group: g.group, suspect: g.worst_suspect()? })).collect()
     }
 
     /// Tests each marker that was removed from all frames again, the least suspect first: it is added with all others
@@ -129,10 +124,8 @@ impl Flight<'_> {
             let others: Vec<_> = removed.iter().filter(|r| **r != candidate).copied().collect();
             self.usage.reset_except(&others);
             let with = self.solve_rough(Some(&last.fit))?;
-            let SolvedFlight { flight_problem, fit, .. } = &with;
-            let members = flight_problem.ground_members.iter().enumerate();
-            let blocks = members.filter(|(_, m)| m.marker == candidate.suspect.marker);
-            if snooping::worst_suspect_among(&self.input, &flight_problem.problem, fit, ground, blocks).is_some() {
+            let is_own = |m: &BlockMember| m.marker == candidate.suspect.marker;
+            if with.group(&self.input, ground).worst_suspect_among(is_own).is_some() {
                 self.usage.reset_except(removed);
             } else {
                 *removed = others;

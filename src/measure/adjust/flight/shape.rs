@@ -7,12 +7,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::hyperparameters::{FlightHyperparameters, TYPICAL_CURVATURE_PER_M};
+use super::hyperparameters::FlightHyperparameters;
 use crate::adjust::ground::BendingAxis;
 use crate::adjust::layout::ParameterLayout;
 use crate::adjust::shapes::{
-    CURVATURE_RATIOS, CurvatureTermValues, MAX_CURVATURE_TERMS, beyond_fleet_covariance, burning_covariance,
-    constant_bend_covariance, first_mode_amplitudes, shape_covariance, shortening_effect,
+    CURVATURE_RATIOS, CurvatureTermValues, MAX_CURVATURE_TERMS, TYPICAL_CURVATURE_PER_M, beyond_fleet_covariance,
+    burning_covariance, constant_bend_covariance, first_mode_amplitudes, shape_covariance, shortening_effect,
 };
 use crate::adjust::term::ColumnAllocator;
 use crate::estimation::{Block, GroupPoint, Linearised, Prior};

@@ -3,7 +3,8 @@
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
 use crate::adjust::AdjustError;
-use crate::adjust::snooping::ResidualSum;
+use crate::adjust::input::AdjustmentInput;
+use crate::adjust::snooping::{ResidualSum, SolvedGroup};
 use crate::estimation::{Fit, SolveOptions};
 
 /// Flight problem with its solution.
@@ -13,6 +14,14 @@ pub struct SolvedFlight {
     pub fit: Fit,
     /// Sum of squares for the global test in place of that of `fit`, if many observations were removed.
     pub tested_sum: Option<ResidualSum>,
+}
+
+impl SolvedFlight {
+    /// Returns the group of a frame or, after the last one, of survey and ground frame.
+    pub fn group<'a>(&'a self, input: &'a AdjustmentInput, group: usize) -> SolvedGroup<'a> {
+        let Self { flight_problem: FlightProblem { problem, members, ground_members, .. }, fit, .. } = self;
+        SolvedGroup { input, problem, fit, group, members: members.get(group).unwrap_or(ground_members) }
+    }
 }
 
 impl Flight<'_> {

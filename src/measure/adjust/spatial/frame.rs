@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
 use crate::adjust::common_displacement::CommonDisplacement;
+use crate::adjust::flight::FlightUsage;
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
 use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
@@ -14,32 +15,16 @@ use crate::adjust::scene::WingScene;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_with_options,
+    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
 };
 use crate::setup::Thermal;
-
-/// Observations in use.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct FrameUsage {
-    /// Flight images, per marker of the survey.
-    pub flight: Vec<bool>,
-    /// Ground-frame images, per marker of the survey.
-    pub ground: Vec<bool>,
-}
-
-impl FrameUsage {
-    /// Uses all observations.
-    pub fn all_used(markers: usize) -> Self {
-        Self { flight: vec![true; markers], ground: vec![true; markers] }
-    }
-}
 
 /// Observations of one frame, those in use, and the number of curvature terms.
 #[derive(Clone)]
 pub(super) struct SingleFrame<'a> {
     pub input: AdjustmentInput<'a>,
     pub observations: FrameObservations<'a>,
-    pub usage: FrameUsage,
+    pub usage: FlightUsage,
     pub terms: usize,
     /// Factors of the prior standard deviations of in-flight motion.
     pub prior_scales: PriorScales,
@@ -93,7 +78,7 @@ impl<'a> FrameProblem<'a> {
 
     /// Solves the frame's problem.
     pub fn solve(&self, solve_options: &SolveOptions) -> Result<Fit, EstimationError> {
-        solve_with_options(&self.problem, solve_options, |at, blocks| self.linearise(at, blocks))
+        solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(at, blocks))
     }
 }
 
@@ -143,7 +128,7 @@ fn frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &mut Column
 /// Builds a marker's block of survey, flight image and ground-frame image.
 fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     let (input, usage) = (&single.input, &single.usage);
-    let flight = single.observations[member.marker].filter(|_| usage.flight[member.marker]);
+    let flight = single.observations[member.marker].filter(|_| usage.frames[0][member.marker]);
     let ground = input.scene.ground_observations[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });

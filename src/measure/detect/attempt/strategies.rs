@@ -239,7 +239,6 @@ impl<'a> StrategyRun<'a> {
         self.answer.as_ref().is_some_and(MeasuredMarker::is_sure)
     }
 
-    /// Measures a proposed hypothesis.
     fn measure(&self, proposed: &Hypothesis) -> MeasurementResult {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.measurer.measure_whole(index, proposed),

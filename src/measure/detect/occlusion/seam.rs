@@ -143,7 +143,6 @@ impl<'a> SeamRing<'a> {
         seam_contrast([sum, count], [other, others, squares], SEAM.hint).is_some()
     }
 
-    /// Returns the pixels that are near a line.
     fn pixels_near(&self, line: &SeamLine) -> Vec<RingPixel> {
         let mut out = Vec::new();
         self.for_rows_near(line, |y, x, pixels| {

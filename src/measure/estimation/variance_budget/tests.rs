@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::estimation::{EstimationError, GroupPoint, Linearised, solve_groups};
+use crate::estimation::{EstimationError, GroupPoint, Linearised, SolveOptions, solve_groups};
 
 /// Creates a problem of three global parameters, a local one per group, and two observations per block, the second from a
 /// survey.
@@ -54,7 +54,7 @@ fn gradient() -> Gradient {
 }
 
 fn value(problem: &Problem) -> f64 {
-    let fit = solve_groups(problem, linearise).unwrap();
+    let fit = solve_groups(problem, &SolveOptions::default(), linearise).unwrap();
     let seen = &problem.groups[1].blocks[2].observed + &fit.groups[1].blocks[2].residuals;
     0.4 * fit.global[2] + fit.global[0] + 0.6 * fit.groups[1].local[0] + 0.3 * seen[0] - 0.8 * seen[1]
 }
@@ -63,7 +63,7 @@ fn value(problem: &Problem) -> f64 {
 #[test]
 fn each_contribution_matches_the_effect_of_its_errors() {
     let problem = problem();
-    let fit = solve_groups(&problem, linearise).unwrap();
+    let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
     let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let nominal = value(&problem);
@@ -93,21 +93,22 @@ fn each_contribution_matches_the_effect_of_its_errors() {
 #[test]
 fn variance_if_known_equals_that_of_a_narrow_prior() {
     let mut problem = problem();
-    let fit = solve_groups(&problem, linearise).unwrap();
+    let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
     let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let of = |source| parts.iter().find(|part| part.source == source).unwrap().if_known;
     let known = of("root").unwrap();
     assert_eq!(of("image"), None);
     problem.priors[0].covariance[(0, 0)] = 1e-14;
-    let narrow = solve_groups(&problem, linearise).unwrap().function_variances(1, &gradient())[0];
+    let narrow =
+        solve_groups(&problem, &SolveOptions::default(), linearise).unwrap().function_variances(1, &gradient())[0];
     assert!((known / narrow - 1.0).abs() < 1e-6, "{known} {narrow}");
 }
 
 #[test]
 fn information_priors_keep_the_names_of_their_sources() {
     let problem = problem();
-    let fit = solve_groups(&problem, linearise).unwrap();
+    let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
     let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
     let attributed = AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);
     let next = Problem {
@@ -117,7 +118,7 @@ fn information_priors_keep_the_names_of_their_sources() {
         ..problem.clone()
     };
     let at = |at: &GroupPoint, blocks: &mut Vec<Linearised>| linearise(&GroupPoint { group: 1, ..*at }, blocks);
-    let solved = solve_groups(&next, at).unwrap();
+    let solved = solve_groups(&next, &SolveOptions::default(), at).unwrap();
     let parts = VarianceSources::new(&next, &solved, naming, Some(&attributed)).contributions(0, &gradient());
     let sum: f64 = parts.iter().map(|part| part.variance).sum();
     let all = solved.function_variances(0, &gradient())[0];

@@ -8,7 +8,7 @@ use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::flight::usage::RemovedObservation;
 use crate::adjust::layout::ParameterLayout;
-use crate::adjust::snooping::{self, ResidualSum, SnoopingModel, Suspect};
+use crate::adjust::snooping::{SnoopingModel, SnoopingResult, SolvedGroup, Suspect, snoop_one_by_one};
 use crate::adjust::{AdjustError, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
 use crate::estimation::{InformationPrior, Problem, SolveOptions};
@@ -16,8 +16,6 @@ use crate::estimation::{InformationPrior, Problem, SolveOptions};
 /// Significance level of a mount disturbance and of a removed marker: each must reduce the sum of squares by the
 /// corresponding chi-square quantile.
 pub const DISTURBANCE_ALPHA: f64 = 1e-6;
-/// Number of markers per permitted removal in a frame.
-const MARKERS_PER_REMOVAL: usize = 3;
 
 /// Model shared by all frames, fixed at the first frame so that the unknowns keep their meaning.
 #[derive(Clone, Debug)]
@@ -62,9 +60,8 @@ impl FrameAttempt {
         let all = frame.solve_from(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
-        let allowed = all.flight_problem.members[0].len() / MARKERS_PER_REMOVAL;
-        let snooping::SnoopingResult { model: frame, solved, removed, tested_sum } =
-            snooping::snoop_one_by_one(frame, all, allowed)?;
+        let markers = all.flight_problem.members[0].len();
+        let SnoopingResult { model: frame, solved, removed, tested_sum } = snoop_one_by_one(frame, all, markers)?;
         let solved = SolvedFlight { tested_sum, ..frame.solve_with(Some(&solved), false)? };
         let removed = removed.into_iter().map(|suspect| RemovedObservation { group: 0, suspect });
         let removed = everywhere.into_iter().chain(removed).collect();
@@ -116,12 +113,8 @@ impl FrameHypothesis<'_, '_> {
 impl SnoopingModel for FrameHypothesis<'_, '_> {
     type SolvedModel = SolvedFlight;
 
-    fn find_worst(&self, SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> Option<Suspect> {
-        snooping::worst_suspect(&self.flight.input, &flight_problem.problem, fit, 0, &flight_problem.members[0])
-    }
-
-    fn residual_sum(solved: &SolvedFlight) -> ResidualSum {
-        ResidualSum::from_fit(&solved.fit)
+    fn solved_group<'s>(&'s self, solved: &'s SolvedFlight) -> SolvedGroup<'s> {
+        solved.group(&self.flight.input, 0)
     }
 
     fn set_used(&mut self, suspect: &Suspect, used: bool) {

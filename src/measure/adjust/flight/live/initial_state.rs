@@ -11,13 +11,10 @@ use crate::adjust::flight::joint::JointSolution;
 use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::with_prior_if_consistent;
+use crate::adjust::shapes::TYPICAL_CURVATURE_PER_M;
 use crate::adjust::snooping::SuspectTarget;
 use crate::adjust::{AdjustError, AdjustmentMethod, GlobalTest, Options, Solution};
 use crate::estimation::AttributedInformation;
-
-/// Change of bending by a gust, 1/m, equal to the typical bending in flight. It may change the shape as much as burning
-/// fuel does, because lift and inertia respond at different times and positions.
-const LOAD_CURVATURE_PER_M: f64 = 5e-3;
 
 /// State after one frame, with the frame's result.
 pub struct InitialState {
@@ -54,7 +51,9 @@ fn state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
         model: LiveModel {
             layout: flight_problem.layouts[0].clone(),
             missing: flight_problem.problem.missing,
-            shape: flight_problem.shape.with_amplitude_range(LOAD_CURVATURE_PER_M),
+            // A gust changes the bending by as much as is typical in flight. It may change the shape as much as burning fuel
+            // does, because lift and inertia respond at different times and positions.
+            shape: flight_problem.shape.with_amplitude_range(TYPICAL_CURVATURE_PER_M),
             wrong,
         },
         attributed: Arc::new(attributed),
