@@ -21,6 +21,7 @@ use tokio::sync::watch;
 
 use super::send::ChunkBody;
 use super::{Refusal, ServerContext, pages};
+use crate::report::html::FIGURE_SCRIPT;
 
 /// Maximum number of browsers that watch at the same time.
 pub(super) const MAX_WATCHERS: usize = 16;
@@ -35,7 +36,6 @@ const RETRY_MS: u32 = 5000;
 /// Timeout for the image of the newest frame.
 const PICTURE_TIMEOUT: Duration = Duration::from_secs(5);
 const SCRIPT: &str = include_str!("pages/live.js");
-const PLOTS: &str = include_str!("pages/live-plot.js");
 /// Content security policy of the page: its own script, and images that the script has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
      img-src 'self' data: blob:; frame-ancestors 'none'";
@@ -49,9 +49,9 @@ pub(super) async fn live_script() -> Response {
     ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
 }
 
-/// Sends the plotting functions of the page's script.
-pub(super) async fn plot_script() -> Response {
-    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], PLOTS).into_response()
+/// Sends the script of the figures, which the report has too.
+pub(super) async fn figure_script() -> Response {
+    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], FIGURE_SCRIPT).into_response()
 }
 
 /// Sends server-sent events: one JSON object per result, `state` every second, `down` with a reason while no recorder

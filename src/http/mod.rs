@@ -12,7 +12,7 @@
 //! | `/tar/{flight}.tar` | the flight as one archive, by range; unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, offset of the bytes |
 //! | `/report/{flight}` | the report |
-//! | `/live`, `/live.js`, `/live-plot.js` | the live page and its scripts |
+//! | `/live`, `/live.js`, `/figure.js` | the live page and its scripts |
 //! | `/live/events` | live results as server-sent events |
 //! | `/live/frame.jpg` | a small image of the newest frame |
 //! | `/status.json` | contents of the store, and the daemon's state if one runs |
@@ -174,7 +174,7 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/report/{flight}", get(report_page))
         .route("/live", get(live::live_page))
         .route("/live.js", get(live::live_script))
-        .route("/live-plot.js", get(live::plot_script))
+        .route("/figure.js", get(live::figure_script))
         .route("/live/events", get(live::live_events))
         .route("/live/frame.jpg", get(live::newest_frame))
         .route("/status.json", get(send_status))

@@ -36,6 +36,14 @@ pub fn format_rounded(value: Option<f64>, sigma: Option<f64>, fallback: usize) -
     }
 }
 
+/// Formats a value with its standard deviation, if it has one, as [`format_rounded`] does: `2.9346 ± 0.0061`.
+pub fn format_measured(value: Option<f64>, sigma: Option<f64>, fallback: usize) -> String {
+    match format_rounded(value, sigma, fallback) {
+        (value, sigma) if sigma == NONE => value,
+        (value, sigma) => format!("{value} ± {sigma}"),
+    }
+}
+
 /// Formats a number of any magnitude with 4 significant digits, in scientific notation if that is shorter.
 pub fn format_general(value: f64) -> String {
     let magnitude = value.abs();

@@ -50,7 +50,7 @@ const seen = () => {
     if (!own || ["SCRIPT", "STYLE", "OPTION", "TITLE"].includes(element.tagName.toUpperCase()) || element.closest("svg.photo, title")) continue;
     if (element.getClientRects().length === 0) continue;
     const style = getComputedStyle(element);
-    const inverted = [...document.querySelectorAll("figure > svg")].some((svg) => svg.contains(element) && getComputedStyle(svg).filter !== "none");
+    const inverted = [...document.querySelectorAll("figure > svg, svg.figure")].some((svg) => svg.contains(element) && getComputedStyle(svg).filter !== "none");
     const fore = rgb(element.closest("svg") ? style.fill : style.color).slice(0, 3);
     const back = inverted ? [235, 231, 225] : ground(element.closest("svg")?.parentElement ?? element);
     const [a, b] = [light(fore), light(back)].sort((x, y) => y - x);
@@ -62,11 +62,13 @@ const seen = () => {
 
 const outside = () => {
   const beyond = [];
-  for (const svg of document.querySelectorAll("div.chart > svg, figure > svg")) {
+  for (const svg of document.querySelectorAll("figure > svg, svg.figure")) {
     if (svg.getClientRects().length === 0) continue;
-    const box = svg.getBoundingClientRect();
+    // Ticks and labels lie in the margin of the plot.
+    const box = (svg.matches(".figure") ? svg.closest("figure") : svg).getBoundingClientRect();
     for (const text of svg.querySelectorAll("text")) {
       const t = text.getBoundingClientRect();
+      if (t.width === 0) continue;
       if (t.left < box.left - 1 || t.right > box.right + 1 || t.top < box.top - 1 || t.bottom > box.bottom + 1) beyond.push(`${svg.getAttribute("aria-label")}: ${text.textContent}`);
     }
   }
@@ -79,8 +81,8 @@ const download = async (page, click) => {
 };
 
 const chart = async (page, at) => {
-  const one = page.locator("div.chart:has(> svg[tabindex])").first();
-  const svg = one.locator("> svg");
+  const one = page.locator("figure:has(svg.figure)").first();
+  const svg = one.locator("svg.figure");
   await svg.scrollIntoViewIfNeeded();
   const box = await svg.boundingBox();
   const xLabels = () => svg.locator("text").allTextContents();
@@ -106,7 +108,7 @@ const chart = async (page, at) => {
   check(await one.locator(".tip").isVisible(), `${at}: arrow keys go from point to point`);
   const switches = one.locator(".legend button[aria-pressed]");
   if ((await switches.count()) > 1) {
-    const lines = () => svg.locator("[data-track]").count();
+    const lines = () => svg.locator("[data-track]:not([hidden])").count();
     const all = await lines();
     await switches.first().click();
     check((await lines()) === all - 1, `${at}: a track is switched off`);
@@ -124,14 +126,14 @@ const chart = async (page, at) => {
 const frames = async (page, at) => {
   const viewer = page.locator("#frames");
   const select = viewer.locator("select").first();
-  const first = await viewer.locator(".said").innerText();
+  const first = await viewer.locator("p[role=status]").first().innerText();
   const [count, chosen] = [await select.locator("option").count(), await select.inputValue()];
   await viewer.getByRole("button", { name: /next frame/ }).click();
   check(count < 2 || (await select.inputValue()) !== chosen, `${at}: another of ${count} frames is shown; first: ${first}`);
   for (let k = 0; k < Math.min(count, 12); k++) await viewer.getByRole("button", { name: /next frame/ }).click();
   await select.selectOption({ index: 0 });
-  check((await viewer.locator(".said").innerText()) === first, `${at}: the frame that ranks first again`);
-  const wing = viewer.locator("div.wing > svg");
+  check((await viewer.locator("p[role=status]").first().innerText()) === first, `${at}: the frame that ranks first again`);
+  const wing = viewer.locator(".wing svg.figure");
   await wing.scrollIntoViewIfNeeded();
   const state = () => wing.innerHTML();
   const before = await state();
@@ -141,9 +143,9 @@ const frames = async (page, at) => {
   await page.mouse.move(box.x + 160, box.y + 120, { steps: 3 });
   await page.mouse.up();
   check((await state()) !== before, `${at}: the wing turns`);
-  await viewer.locator("div.wing select").selectOption("5");
-  check(/enlarged 5 times/.test(await viewer.locator("div.wing .caption").innerText()), `${at}: its exaggeration is shown`);
-  const table = await download(page, () => viewer.locator(".taking").last().getByRole("button", { name: /^CSV/ }).click());
+  await viewer.locator(".wing select").selectOption("5");
+  check(/enlarged 5 times/.test(await viewer.locator(".wing .caption").innerText()), `${at}: its exaggeration is shown`);
+  const table = await download(page, () => viewer.locator(".tools").last().getByRole("button", { name: /^CSV/ }).click());
   check(table.bytes.length > 20, `${at}: ${table.name}, ${table.bytes.length} B`);
 };
 

@@ -126,8 +126,9 @@ const look = (page) => page.evaluate(() => {
     banner: document.getElementById("health").className,
     tiles: ["age", "deflection", "twist", "rate", "latency", "skipped", "test"].map(tile),
     curves: ["curve", "deflections", "twists"].map((id) => ({
-      id, style: document.getElementById(id).getAttribute("class") ?? "", lines: drawn(id, ".curve"), dots: drawn(id, ".dot"),
-      note: document.querySelector(`#${id} .note`)?.textContent ?? "", doubt: drawn(id, ".doubt .curve"),
+      id, style: document.getElementById(id).className.replace("graph", "").trim(),
+      lines: drawn(id, "g:not(.hole) > .curve[d*=M]"), doubt: drawn(id, ".doubt .curve[d*=M]"),
+      note: document.querySelector(`#${id} .note`)?.textContent ?? "",
     })),
     caption: document.getElementById("frame-caption").textContent,
     picture: document.getElementById("frame").parentElement.className,

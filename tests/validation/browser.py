@@ -41,6 +41,8 @@ CONTRAST = """(() => {
       if (found[3] > 0.5) { colour = found; break; }
       ground = ground.parentElement;
     }
+    // Dark pages invert their figures, which are drawn on white.
+    if (svg && getComputedStyle(svg).filter !== "none") colour = colour.map(v => 255 - v);
     const [a, b] = [luminance(parse(svg ? style.fill : style.color)), luminance(colour)].sort((x, y) => y - x);
     const ratio = (a + 0.05) / (b + 0.05);
     if (ratio < worst[0]) worst = [ratio, text.slice(0, 30)];

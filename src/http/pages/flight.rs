@@ -20,7 +20,7 @@ pub fn flight_page(overview: &FlightOverview, address: &str) -> Markup {
             a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
-        div.figure { (curve::deflection_curve(overview, 460.0, 190.0)) }
+        div.figure { (curve::deflection_curve(overview, 190.0)) }
         p.caption { "Deflection of the outermost marker " (overview.reference.description()) ": mean of each series, with 1 sigma of one frame." }
         @if let Some((line, deflection)) = overview.greatest() { p { (greatest_deflection(line, deflection, overview.reference)) } }
         h2 { "Missing frames and results" }

@@ -115,47 +115,71 @@
     mark(byId("health"), word);
   };
 
-  const band = (enlarged) => `Band: 1 sigma${enlarged > 1 ? `, magnified ${enlarged} times` : ""}.`;
   const style = (id, name) => mark(byId(id), name);
+  const figures = new Map(["curve", "deflections", "twists"].map((id) => [id, new Figure(byId(id).querySelector("svg"))]));
+  const ranges = new Map();
+  const GAP = [null, null, null];
+
+  // Range that does not jump with each gust: a new one if a value leaves it, or less than half of it is used.
+  const steady = (id, low, high) => {
+    const [from, to] = ranges.get(id) ?? [0, 0];
+    if (low < from || high > to || high - low < 0.5 * (to - from)) {
+      const room = Math.max(0.1 * (high - low), 5e-4);
+      ranges.set(id, [low - room, high + room]);
+    }
+    return ranges.get(id);
+  };
+
+  // Draws points [x, y, sigma, doubt]; GAP ends a line, as does a change of `doubt`. `lost` is the time from which results are
+  // missing. Returns a sentence about the band, which is magnified to at most an eighth of the height.
+  const plot = (id, points, xRange, { note = "", noteStyle = "", lost = null, low = Infinity }) => {
+    const seen = points.filter(isPoint);
+    const values = [...seen.flatMap((p) => [p[1] - (p[2] ?? 0), p[1] + (p[2] ?? 0)]), low].filter(isNumber);
+    const words = byId(id).querySelector(".note");
+    words.textContent = seen.length > 0 ? note : note || "No result yet";
+    mark(words, `note ${noteStyle}`);
+    const [bottom, top] = seen.length > 0 ? steady(id, Math.min(...values), Math.max(...values)) : [0, 1];
+    const widest = Math.max(0, ...seen.map((p) => p[2] ?? 0));
+    const enlarged = [50, 20, 10, 5, 2].find((factor) => widest * factor < 0.12 * (top - bottom)) ?? 1;
+    const ofKind = (doubt) => points.map((p) => (isPoint(p) && p[3] === doubt ? [p[0], p[1], isNumber(p[2]) ? enlarged * p[2] : null] : GAP));
+    const figure = figures.get(id);
+    figure.setPoints(0, ofKind(false));
+    figure.setPoints(1, ofKind(true));
+    figure.setPoints(2, lost === null ? [] : [lost, xRange[1]].map((x) => [x, (bottom + top) / 2, top - bottom]));
+    figure.setView([xRange, [bottom, top]]);
+    return seen.length === 0 ? "" : `Band: 1 sigma${enlarged > 1 ? `, magnified ${enlarged} times` : ""}.`;
+  };
 
   const curve = () => {
     const { result, came } = newest;
     const fresh = freshness(came);
-    style("curve", fresh);
-    const points = solved()
-      ? (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.deflection_m, sigma: p.sigma_deflection_m, doubt: rejected(result) })) : [];
+    style("curve", `graph ${fresh}`);
+    const points = solved() ? (result.curve ?? []).map((p) => [p.span_m, p.deflection_m, p.sigma_deflection_m, rejected(result)]) : [];
     const note = !solved() ? `No numbers in frame ${result.number}` : fresh ? `${seconds(since(came))} old`
-      : rejected(result) ? "Test rejected" : undefined;
-    const noteClass = fresh ? "" : "degraded";
-    const range = points.length > 0 ? [points[0].x, points[points.length - 1].x] : [0, 1];
-    const enlarged = plots.plot(byId("curve"), points, {
-      xRange: range, xLabel: "Deflection, m, over the span, m", yFrom0: true, note, noteClass,
-    });
-    text("curve-caption", points.length > 0 ? `Deflection of the bending axis, against the survey. ${band(enlarged)}` : "");
+      : rejected(result) ? "Test rejected" : "";
+    const range = points.length > 0 ? [points[0][0], points[points.length - 1][0]] : [0, 1];
+    const band = plot("curve", points, range, { note, noteStyle: fresh ? "" : "degraded", low: 0 });
+    text("curve-caption", band && `Deflection of the bending axis, against the survey. ${band}`);
   };
 
-  const overTime = (id, unit, valueOf) => {
+  const overTime = (id, words, valueOf) => {
     const now = newest.time + since(newest.came);
     const apart = Math.max(1, OLD * interval());
     const points = [];
     let last = null;
     for (const one of history) {
-      const value = valueOf(one);
-      const there = typeof value.y === "number";
+      const [value, sigma] = valueOf(one);
       // The line ends if results are missing or have no numbers.
-      if (last !== null && (one.time - last > apart || !there)) points.push(null);
-      if (there) points.push({ x: one.time - now, doubt: one.rejected, ...value });
+      if (last !== null && one.time - last > apart) points.push(GAP);
+      points.push(isNumber(value) ? [one.time - now, value, sigma, one.rejected] : GAP);
       last = one.time;
     }
     const fresh = freshness(newest.came);
-    style(id, fresh);
+    style(id, `graph ${fresh}`);
     const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil((now - history[0].time) / 20))), 0];
-    const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? undefined : "No numbers";
-    const enlarged = plots.plot(byId(id), points, {
-      xRange: range, xLabel: `${unit}, over time, s`, note, noteClass: fresh ? "" : "degraded",
-      hole: fresh ? [newest.time - now, 0] : undefined,
-    });
-    text(`${id}-caption`, band(enlarged));
+    const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? "" : "No numbers";
+    const band = plot(id, points, range, { note, noteStyle: fresh ? "" : "degraded", lost: fresh ? newest.time - now : null });
+    text(`${id}-caption`, `${words} ${band}`);
   };
 
   const draw = () => {
@@ -163,8 +187,8 @@
     // If the reference changes, only deflections with the newest reference are drawn in the curve.
     const deflected = history.filter((one) => typeof one.deflection === "number");
     const { words } = deflected[deflected.length - 1] ?? reportedDeflection(null);
-    overTime("deflections", `m, ${words}`, (one) => (one.words === words ? { y: one.deflection, sigma: one.deflectionSigma } : {}));
-    overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
+    overTime("deflections", `Deflection ${words}.`, (one) => (one.words === words ? [one.deflection, one.deflectionSigma] : []));
+    overTime("twists", "", (one) => [one.twist, one.twistSigma]);
     const { result } = newest;
     const when = result.exposure_time.replace("T", " ").slice(0, 21);
     text("state", `Frame ${result.number}, ${when} UTC, mounting ${result.mounting}${result.mount_disturbed ? ", disturbed" : ""}`);
@@ -221,7 +245,7 @@
     const known = frames.get(frame);
     const seen = known?.outlines ?? [];
     for (const one of seen) {
-      plots.element(svg, "ellipse", {
+      addSvgElement(svg, "ellipse", {
         class: one.id === null ? "unnamed" : "named", cx: one.u_px, cy: one.v_px,
         rx: Math.max(one.semi_major_px, width / 250), ry: Math.max(one.semi_minor_px, width / 250),
         transform: `rotate(${one.angle_deg} ${one.u_px} ${one.v_px})`,

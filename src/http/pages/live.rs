@@ -3,6 +3,8 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::read_only_page;
+use crate::report::html::Axis;
+use crate::report::html::figure::{Figure, FigureTrack};
 
 const STYLE: &str = include_str!("live.css");
 
@@ -27,14 +29,14 @@ pub fn live_page(listens: bool) -> Markup {
             }
             p #state .soft {}
             div.live {
-                (live_figure("curve", "Deflection along the span"))
-                (live_figure("deflections", "Tip deflection over time"))
+                (live_figure("curve", "Deflection along the span", "span / m", "deflection / m"))
+                (live_figure("deflections", "Tip deflection over time", "time / s", "deflection / m"))
                 section { h2 { "Frame" }
                     div.seen { img #frame alt="The newest frame"; svg #outlines aria-hidden="true" {} }
                     p.caption #frame-caption {} }
-                (live_figure("twists", "Twist over time"))
+                (live_figure("twists", "Twist over time", "time / s", "twist / deg"))
             }
-            script src="/live-plot.js" defer {}
+            script src="/figure.js" defer {}
             script src="/live.js" defer {}
         }
     };
@@ -45,11 +47,26 @@ fn value_tile(id: &str, name: &str) -> Markup {
     html! { li { span id={ (id) "-name" } { (name) } b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
 }
 
-/// Returns a section with an SVG that the page's script fills.
-fn live_figure(id: &str, name: &str) -> Markup {
+/// Returns a section with a figure, whose points, range and note the page's script sets.
+fn live_figure(id: &str, name: &str, x_label: &str, y_label: &str) -> Markup {
+    let track = |(name, colour, class): (&str, &str, &'static str)| FigureTrack {
+        name: name.to_owned(),
+        colour: colour.to_owned(),
+        class,
+        ..FigureTrack::default()
+    };
+    let tracks = [("results", "#17456f", ""), ("test rejected", "#8f3c0b", "doubt"), ("no results", "#667080", "hole")];
+    let range = || [0.0, 10.0].into_iter();
+    let figure = Figure {
+        name: name.to_owned(),
+        height: 260.0,
+        x: Axis::from_values(range(), x_label),
+        y: Axis::from_values(range(), y_label),
+        tracks: tracks.map(track).to_vec(),
+    };
     html! {
         section { h2 { (name) }
-            svg id=(id) viewBox="0 0 560 300" role="img" aria-label=(name) {}
+            div.graph id=(id) { p.note {} (figure.draw()) }
             p.caption id={ (id) "-caption" } {} }
     }
 }

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use super::{Refusal, Site};
 use crate::daemon::{DaemonStatus, Health, StatusBoard};
 use crate::record::Reference;
+use crate::report::html::FIGURE_STYLE;
 use crate::report::number::{count_text, format_fixed, format_rounded};
 use crate::report::overview::{self, FlightOverview};
 use crate::report::summary::FrameDeflection;
@@ -45,7 +46,7 @@ fn html_page(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup 
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (title) ", wingd" }
                 link rel="icon" href="data:,";
-                style { (PreEscaped(STYLE)) }
+                style { (PreEscaped(FIGURE_STYLE)) (PreEscaped(STYLE)) }
             }
             body {
                 a.skip href="#content" { "Skip to content" }
@@ -113,7 +114,7 @@ fn flight_card(one: &FlightOverview) -> Markup {
                 @if let Some(begun) = first { (format_minute(begun.utc)) ", " }
                 (one.series.len()) " series, " (count_text(one.sum(|l| l.frames), "frame")) ", " (one.sum(|l| l.solved)) " solved"
             }
-            (curve::deflection_curve(one, 330.0, 110.0))
+            (curve::deflection_curve(one, 120.0))
             @if let Some((line, deflection)) = one.greatest() { p { (greatest_deflection(line, deflection, one.reference)) } }
             @if missing > 0 { p.warn { "Frames or results are missing in " (missing) " series." } }
             @if one.warning.is_some() { p.warn { "Results from several inputs." } }

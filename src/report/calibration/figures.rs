@@ -3,7 +3,8 @@
 use maud::{Markup, html};
 use nalgebra::Vector2;
 
-use super::super::html::plot::{Axis, Plot, px, svg_drawing as figure};
+use super::super::html::figure::{Figure, FigureTrack, all_abscissas, all_values};
+use super::super::html::plot::{Axis, Plot, px, svg_drawing};
 use super::super::number::{decimals_for, format_fixed};
 use crate::measure::calibrate::{Calibration, ProjectionUncertainty};
 
@@ -52,7 +53,7 @@ impl ImageFigure {
 
     fn draw(&self, label: &str, content: &Markup) -> Markup {
         let content = html! { (self.plot.frame()) (content) };
-        figure(LEFT + WIDTH + RIGHT, TOP + self.height + BOTTOM, label, &content)
+        svg_drawing(LEFT + WIDTH + RIGHT, TOP + self.height + BOTTOM, label, &content)
     }
 }
 
@@ -208,28 +209,21 @@ fn draw_colour_scale(sheet: &ImageFigure, most: f64) -> Markup {
 
 /// Draws the two sections through the middle of the board.
 pub(super) fn draw_board_profiles(c: &Calibration) -> Markup {
-    /// Height of the plot, px of the page.
-    const HEIGHT: f64 = 130.0;
     let most = c.bow.iter().map(|b| b.value_m.abs()).fold(0.0, f64::max);
     // A board is measured to 0.01 mm.
     let (unit, label) = if most < 1e-5 { (1e6, "height / µm") } else { (1e3, "height / mm") };
-    let section = |k: usize| {
-        (-20..=20).map(move |i| {
-            let u = f64::from(i) / 20.0;
-            (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u))
-        })
+    let section = |(k, name): (usize, &str)| FigureTrack {
+        name: name.to_owned(),
+        colour: INK.to_owned(),
+        dashed: k == 1,
+        points: (-20..=20)
+            .map(|i| f64::from(i) / 20.0)
+            .map(|u| (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u), None))
+            .collect(),
+        ..FigureTrack::default()
     };
-    let sections = [section(0).collect::<Vec<_>>(), section(1).collect()];
-    let over = |of: fn(&(f64, f64)) -> f64, label: &str| Axis::from_values(sections.iter().flatten().map(of), label);
-    let plot = Plot {
-        area: [LEFT, TOP, WIDTH, HEIGHT],
-        x: over(|p| p.0, "distance from the middle of the board / m"),
-        y: over(|p| p.1, label),
-    };
-    let content = html! {
-        (plot.frame())
-        (plot.line(&sections[0], INK, false))
-        (plot.line(&sections[1], INK, true))
-    };
-    figure(LEFT + WIDTH + RIGHT, TOP + HEIGHT + BOTTOM, "sections through the board", &content)
+    let tracks = [(0, "along the rows"), (1, "across them")].map(section).to_vec();
+    let x = Axis::from_values(all_abscissas(&tracks), "distance from the middle of the board / m");
+    let y = Axis::from_values(all_values(&tracks), label);
+    Figure { name: "Sections through the board".to_owned(), height: 130.0, x, y, tracks }.draw()
 }

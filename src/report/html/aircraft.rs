@@ -3,13 +3,12 @@
 use maud::{Markup, html};
 
 use super::super::grid::Grid;
-use super::super::number::{NONE, format_rounded};
+use super::super::number::{NONE, format_measured};
 use super::super::{ReportData, SeriesData, summary};
-use super::chart::{Chart, HorizontalAxis, Trace, VerticalAxis, chart_point};
-use super::plot::{Axis, Plot, svg_drawing};
+use super::figure::{Figure, FigurePoint, FigureTrack, TrackStyle, all_abscissas, all_values};
+use super::plot::Axis;
 use crate::aircraft::Quantity;
 
-const WIDTH: f64 = 1040.0;
 const COLOUR: &str = "#17456f";
 /// Quantities that affect the deflection: a higher weight increases it, fuel in the wing reduces it.
 const RELATED_QUANTITIES: [(Quantity, &str, f64); 3] = [
@@ -24,10 +23,10 @@ pub fn aircraft_section(data: &ReportData) -> Markup {
     html! {
         h2 id="aircraft" { "Aircraft data" }
         @for (quantity, label, scale) in RELATED_QUANTITIES {
-            @let points = deflection_points(data, quantity);
+            @let points = deflection_points(data, quantity, scale);
             @if points.len() > 1 {
                 figure {
-                    (draw_deflection_against(&points, label, scale))
+                    (draw_deflection_against(points, label))
                     p.caption { "Deflection of the tip marker " (summary::common_reference(&data.series).description()) " of each frame with its 1-sigma bar, as a function of " (label.split(" /").next().unwrap_or(label)) "." }
                 }
             }
@@ -40,47 +39,32 @@ pub fn aircraft_section(data: &ReportData) -> Markup {
     }
 }
 
-/// Returns quantity, deflection and its standard deviation of each frame that has both.
-fn deflection_points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
+/// Returns the scaled quantity, the deflection and its standard deviation of each frame that has both.
+fn deflection_points(data: &ReportData, quantity: Quantity, scale: f64) -> Vec<FigurePoint> {
     let reference = summary::common_reference(&data.series);
     let series_points = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
             let (deflection_m, sigma_m) = record.tip.as_ref()?.deflection(reference)?;
             let shot = series.shot_for_record(record)?;
-            Some((shot.aircraft.get(&quantity)?.value, deflection_m, sigma_m))
+            Some((scale * shot.aircraft.get(&quantity)?.value, deflection_m, sigma_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
     };
     data.series.iter().flat_map(series_points).collect()
 }
 
-fn draw_deflection_against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Markup {
-    let ends = |p: &(f64, f64, Option<f64>)| [p.1 - p.2.unwrap_or(0.0), p.1 + p.2.unwrap_or(0.0)];
-    let plot = Plot {
-        area: [64.0, 12.0, WIDTH - 100.0, 240.0],
-        x: Axis::from_values(points.iter().map(|p| scale * p.0), label),
-        y: Axis::from_values(points.iter().flat_map(ends), "deflection of the tip marker / m"),
-    };
-    let content = html! {
-        (plot.frame())
-        @for (x, y, sigma) in points {
-            (plot.value(scale * x, *y, *sigma, COLOUR, ""))
-        }
-    };
-    let name = format!("Deflection against {label}");
-    let chart = Chart {
-        name: name.clone(),
-        height: 300.0,
-        x: HorizontalAxis::from_label(label),
-        y: VerticalAxis { label: "deflection of the tip marker / m".to_owned(), zero: false },
-        tracks: vec![Trace {
-            name: "single frames".to_owned(),
-            colour: COLOUR.to_owned(),
-            points: points.iter().map(|(x, y, sigma)| chart_point(scale * x, *y, *sigma)).collect(),
-            ..Trace::default()
-        }],
-    };
-    html! { (svg_drawing(WIDTH, 300.0, &name, &content)) (chart.to_script(None)) }
+fn draw_deflection_against(points: Vec<FigurePoint>, label: &str) -> Markup {
+    let name = "single frames".to_owned();
+    let tracks = vec![FigureTrack {
+        name,
+        colour: COLOUR.to_owned(),
+        style: TrackStyle::Dots,
+        points,
+        ..FigureTrack::default()
+    }];
+    let x = Axis::from_values(all_abscissas(&tracks), label);
+    let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
+    Figure { name: format!("Deflection against {label}"), height: 240.0, x, y, tracks }.draw()
 }
 
 fn aircraft_table(data: &ReportData) -> Grid {
@@ -95,10 +79,7 @@ fn aircraft_table(data: &ReportData) -> Grid {
         let first = series.shots.iter().find(|shot| !shot.aircraft.is_empty());
         let cell = |q: &Quantity| {
             let value = first.and_then(|shot| shot.aircraft.get(q));
-            value.map_or(NONE.to_owned(), |j| {
-                let (value, sigma) = format_rounded(Some(j.value), Some(j.sigma), 2);
-                format!("{value} ± {sigma}")
-            })
+            value.map_or(NONE.to_owned(), |j| format_measured(Some(j.value), Some(j.sigma), 2))
         };
         grid.push(std::iter::once(series.name.clone()).chain(joined.iter().map(cell)).collect());
     }

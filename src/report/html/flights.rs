@@ -6,12 +6,10 @@ use super::super::grid::Grid;
 use super::super::number::{count_text, format_rounded};
 use super::super::overview::{FlightOverview, SeriesOverview};
 use super::super::summary::{Mean, hours_between};
-use super::chart::{Chart, HorizontalAxis, Trace, VerticalAxis, chart_point};
-use super::plot::{Axis, Plot, px, series_colour, svg_drawing};
+use super::figure::{Figure, FigureTrack, all_abscissas, all_values};
+use super::plot::{Axis, series_colour};
 use super::standalone_page;
 use crate::clock::Stamp;
-
-const WIDTH: f64 = 1040.0;
 
 /// Returns the mean of each series with its hours since the first series of the flight.
 fn flight_track(flight: &FlightOverview) -> Vec<(f64, Mean)> {
@@ -55,48 +53,18 @@ fn time_unit(longest_h: f64) -> (&'static str, f64) {
 }
 
 fn deflection_figure(flights: &[FlightOverview]) -> Markup {
-    let mut tracks: Vec<(usize, Vec<(f64, Mean)>)> =
-        flights.iter().map(flight_track).enumerate().filter(|(_, track)| !track.is_empty()).collect();
-    let (unit, an_hour) = time_unit(tracks.iter().flat_map(|(_, track)| track).map(|p| p.0).fold(0.0, f64::max));
-    tracks.iter_mut().flat_map(|(_, track)| track).for_each(|point| point.0 *= an_hour);
-    let label = format!("time since the flight's first series / {unit}");
-    let points = || tracks.iter().flat_map(|(_, track)| track);
-    let ends = |m: &Mean| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
-    let height = 320.0_f64.max(14.0 * tracks.len() as f64);
-    let plot = Plot {
-        area: [64.0, 12.0, WIDTH - 64.0 - 120.0, height],
-        x: Axis::from_values(points().map(|p| p.0), &label),
-        y: Axis::from_values(points().flat_map(|p| ends(&p.1)), "deflection of the tip marker / m"),
+    let all: Vec<Vec<(f64, Mean)>> = flights.iter().map(flight_track).collect();
+    let (unit, an_hour) = time_unit(all.iter().flatten().map(|p| p.0).fold(0.0, f64::max));
+    let track = |(index, means): (usize, &Vec<(f64, Mean)>)| FigureTrack {
+        name: flights.get(index).map_or(String::new(), |f| f.flight.clone()),
+        colour: series_colour(index, flights.len()),
+        points: means.iter().map(|(h, m)| (an_hour * h, m.value, m.sigma)).collect(),
+        ..FigureTrack::default()
     };
-    let content = html! {
-        (plot.frame())
-        @for (row, (index, track)) in tracks.iter().enumerate() {
-            @let colour = series_colour(*index, flights.len());
-            @let band: Vec<_> = track.iter().map(|(h, m)| (*h, m.value, m.sigma)).collect();
-            @let line: Vec<_> = track.iter().map(|(h, m)| (*h, m.value)).collect();
-            (plot.band(&band, &colour))
-            (plot.line(&line, &colour, false))
-            @let y = 24.0 + 14.0 * row as f64;
-            line.curve x1=(px(WIDTH - 112.0)) y1=(px(y)) x2=(px(WIDTH - 92.0)) y2=(px(y)) stroke=(colour) {}
-            text.name x=(px(WIDTH - 86.0)) y=(px(y + 4.0)) fill=(colour) { (flights.get(*index).map_or("", |f| f.flight.as_str())) }
-        }
-    };
-    let trace = |(index, track): &(usize, Vec<(f64, Mean)>)| Trace {
-        name: flights.get(*index).map_or(String::new(), |f| f.flight.clone()),
-        colour: series_colour(*index, flights.len()),
-        joined: true,
-        points: track.iter().map(|(h, m)| chart_point(*h, m.value, m.sigma)).collect(),
-        ..Trace::default()
-    };
-    let name = "Deflection over time of each flight";
-    let chart = Chart {
-        name: name.to_owned(),
-        height: 380.0,
-        x: HorizontalAxis::from_label(&label),
-        y: VerticalAxis { label: "deflection of the tip marker / m".to_owned(), zero: false },
-        tracks: tracks.iter().map(trace).collect(),
-    };
-    html! { (svg_drawing(WIDTH, height + 60.0, name, &content)) (chart.to_script(None)) }
+    let tracks: Vec<FigureTrack> = all.iter().enumerate().filter(|(_, means)| !means.is_empty()).map(track).collect();
+    let x = Axis::from_values(all_abscissas(&tracks), &format!("time since the flight's first series / {unit}"));
+    let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
+    Figure { name: "Deflection over time of each flight".to_owned(), height: 320.0, x, y, tracks }.draw()
 }
 
 fn flights_table(flights: &[FlightOverview]) -> Grid {

@@ -1,131 +1,284 @@
-//! Data of every frame for the script of the page, which shows the selected one.
+//! A frame with its markers, and the values of every frame for the script of the page, which shows the selected one.
+
+use std::collections::BTreeMap;
 
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::super::{FullRecord, ReportData, ReportSite, SeriesData, frame_ranking, summary};
-use super::chart::{chart_point, rounded_value, script_json};
-use super::views::{PlacedMarker, place_markers, wing_frame};
-use crate::record::{GlobalTestVerdict, ImageRecord, MarkerRecord, Reference};
+use super::super::number::{format_fixed, format_measured};
+use super::super::summary::{self, SeriesSummary};
+use super::super::{FramePicture, FullRecord, ReportData, frame_ranking, table};
+use super::figure::{
+    BREAK, Figure, FigurePoint, FigureTrack, TrackStyle, all_abscissas, all_values, rounded_point, script_json,
+};
+use super::figures::{SPAN_LABEL, curve_points};
+use super::picture;
+use super::plot::{Axis, round_step};
+use super::views::{FLIGHT_COLOUR, GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
+use crate::record::{CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Reference, variant_name};
+
+const UNUSED_COLOUR: &str = "#b3541e";
+/// Length of the longest residual in the figure, as a fraction of the width covered by the markers.
+const RESIDUAL_SHARE: f64 = 0.04;
 
 /// Frame as read by the script.
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct FrameValues<'a> {
     series: &'a str,
     image: &'a str,
-    solved: bool,
-    why: &'a str,
     doubt: Option<String>,
-    /// Tip deflection and its sigma, m.
-    deflection: [Option<f64>; 2],
-    factor: Option<f64>,
-    test: Option<GlobalTestVerdict>,
-    /// Span, deflection, sigma, m.
-    curve: Vec<[Option<f64>; 3]>,
-    markers: Vec<MarkerValues<'a>>,
+    /// Result in a sentence.
+    said: String,
+    /// The sentence is a warning.
+    warned: bool,
+    curve: Vec<FigurePoint>,
+    markers: Vec<MarkerValues>,
+    /// Rows of the table of the markers.
+    rows: Vec<Vec<String>>,
 }
 
 #[derive(Serialize)]
-struct MarkerValues<'a> {
-    id: &'a str,
+struct MarkerValues {
     used: bool,
-    why: &'a str,
-    /// Image position and residual, px.
-    at: Option<[Option<f64>; 4]>,
+    /// Name and deflection.
+    text: String,
+    /// Image position, and the end of its magnified residual, px; v upwards.
+    seen: Option<[FigurePoint; 2]>,
     /// Position on ground in the wing frame, m; the next field is the position in flight.
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
-    /// Deflection relative to the survey and its sigma, m, as in the curve.
-    deflection: [Option<f64>; 2],
+    /// Deflection relative to the survey over the span, as in the curve; `None` without an installation, because the spans
+    /// then have a guessed origin.
+    deflection: Option<FigurePoint>,
 }
 
-/// Returns the section, which only pages with a working script show.
-pub fn frames_section(data: &ReportData) -> Markup {
-    let frames = frame_values(data);
+/// Values of the frames as read by the script.
+#[derive(Serialize)]
+struct FrameList<'a> {
+    /// Mean curve of each series.
+    means: BTreeMap<&'a str, Vec<FigurePoint>>,
+    frames: Vec<FrameValues<'a>>,
+}
+
+/// Returns the section with the frame that ranks first. A working script shows any other frame.
+pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
+    let magnified = residual_magnification(data);
+    let means = summaries.iter().map(|s| (s.name.as_str(), deflection_points(&s.curve))).collect();
+    let list = FrameList { means, frames: frame_values(data, magnified) };
+    let shown = data.frames.first().map(|frame| table::marker_table(&frame.record));
     html! {
-        @if !frames.is_empty() {
-            section.live {
-                h2 id="every" { "Every frame" }
-                @if data.frames.len() < total {
-                    p { "The " (data.frames.len()) " frames ranked first, of " (total) " frames with a result." }
+        h2 id="frame" { "A frame and its markers" }
+        @if data.frames.len() < total {
+            p { "The " (data.frames.len()) " frames ranked first, of " (total) " frames with a result." }
+        }
+        @if data.pictures.is_empty() { p { "No image is available." } }
+        @if let Some(first) = list.frames.first() {
+            div #frames {
+                h3 { (first.series) " " (first.image) }
+                p role="status" .warning[first.warned] { (first.said) }
+                @for p in &data.pictures { (draw_frame_picture(data, p)) }
+                figure.positions {
+                    (draw_positions(&list.frames))
+                    p.caption { "Image positions of the markers. Lines: residuals, magnified " (format_fixed(Some(magnified), 0)) " times." }
                 }
-                div id="frames" {}
-                script id="frames-data" type="application/json" { (script_json(&FrameList { counted: summary::common_reference(&data.series).description(), surveyed: data.site.is_some(), frames })) }
+                figure.curve { (draw_frame_curve(&list)) }
+                section.live {
+                    h3 { "3D view of the wing" }
+                    figure.wing { (draw_wing(&list.frames)) p.caption {} }
+                }
+                h3 { "Markers of " (first.series) " " (first.image) }
+                div.scroll { (shown.unwrap_or_default().html()) }
             }
+            script id="frames-data" type="application/json" { (script_json(&list)) }
         }
     }
 }
 
-#[derive(Serialize)]
-struct FrameList<'a> {
-    /// Reference of the tip deflections.
-    counted: &'static str,
-    /// Marker positions are in the wing frame, as the curves are.
-    surveyed: bool,
-    frames: Vec<FrameValues<'a>>,
+fn draw_frame_picture(data: &ReportData, picture: &FramePicture) -> Markup {
+    let of_picture = |frame: &&FullRecord| frame.series == picture.series && frame.record.image == picture.image;
+    let record = data.frames.iter().find(of_picture).map(|frame| &frame.record);
+    html! {
+        figure.picture data-frame={ (picture.series) "/" (picture.image) } { (picture::draw_picture(picture, record)) }
+    }
 }
 
-fn frame_values(data: &ReportData) -> Vec<FrameValues<'_>> {
+/// Draws the first frame, with axes that cover all frames.
+fn draw_first_frame(
+    name: &str,
+    frames: &[FrameValues],
+    tracks: impl Fn(&FrameValues) -> Vec<FigureTrack>,
+    axes: impl Fn(&[FigureTrack]) -> [Axis; 2],
+) -> Markup {
+    let all: Vec<FigureTrack> = frames.iter().flat_map(&tracks).collect();
+    let [x, y] = axes(&all);
+    Figure { name: name.to_owned(), height: 320.0, x, y, tracks: frames.first().map(tracks).unwrap_or_default() }.draw()
+}
+
+/// Builds a track of the markers for which `point` returns one.
+fn marker_track(
+    (name, colour, style): (&str, &str, TrackStyle),
+    frame: &FrameValues,
+    point: impl Fn(&MarkerValues) -> Option<FigurePoint>,
+) -> FigureTrack {
+    let (points, texts) = frame.markers.iter().filter_map(|m| Some((point(m)?, m.text.clone()))).unzip();
+    FigureTrack { name: name.to_owned(), colour: colour.to_owned(), style, points, texts, ..FigureTrack::default() }
+}
+
+/// Builds a track of one line per marker.
+fn line_track(
+    name: &str,
+    colour: &str,
+    frame: &FrameValues,
+    ends: impl Fn(&MarkerValues) -> Option<[FigurePoint; 2]>,
+) -> FigureTrack {
+    let points = frame.markers.iter().filter_map(ends).flat_map(|[from, to]| [from, to, BREAK]).collect();
+    FigureTrack { name: name.to_owned(), colour: colour.to_owned(), points, ..FigureTrack::default() }
+}
+
+fn draw_positions(frames: &[FrameValues]) -> Markup {
+    let of_kind = |used: bool| move |m: &MarkerValues| m.seen.map(|seen| seen[0]).filter(|_| m.used == used);
+    let tracks = |frame: &FrameValues| {
+        vec![
+            marker_track(("used", FLIGHT_COLOUR, TrackStyle::Dots), frame, of_kind(true)),
+            marker_track(("not used", UNUSED_COLOUR, TrackStyle::Dots), frame, of_kind(false)),
+            line_track("residuals", "#b3177f", frame, |m| m.seen.filter(|_| m.used)),
+        ]
+    };
+    let axes = |all: &[FigureTrack]| {
+        let v = Axis::from_values(all_values(all).map(|v| -v), "v / px").reversed();
+        [Axis::from_values(all_abscissas(all), "u / px"), v]
+    };
+    draw_first_frame("Image positions", frames, tracks, axes)
+}
+
+fn draw_frame_curve(list: &FrameList) -> Markup {
+    let curve = |name: &str, colour: &str, points: Vec<FigurePoint>| FigureTrack {
+        name: name.to_owned(),
+        colour: colour.to_owned(),
+        points,
+        ..FigureTrack::default()
+    };
+    let tracks = |frame: &FrameValues| {
+        let mean = list.means.get(frame.series).cloned().unwrap_or_default();
+        vec![
+            curve("this frame", FLIGHT_COLOUR, frame.curve.clone()),
+            FigureTrack { dashed: true, ..curve("mean of its series", "#8a4b00", mean) },
+            marker_track(("markers", "#1d6b4f", TrackStyle::Dots), frame, |m| m.deflection),
+        ]
+    };
+    let axes = |all: &[FigureTrack]| {
+        let y = Axis::from_values(all_values(all).chain([0.0]), "deflection against the survey / m");
+        [Axis::from_values(all_abscissas(all), SPAN_LABEL), y]
+    };
+    draw_first_frame("Deflection of a frame", &list.frames, tracks, axes)
+}
+
+/// Draws the wing along the chord; the script of the page turns it.
+fn draw_wing(frames: &[FrameValues]) -> Markup {
+    let flat = |[x, y, _]: [f64; 3]| (x, y, None);
+    let tracks = |frame: &FrameValues| {
+        vec![
+            marker_track(("on ground", GROUND_COLOUR, TrackStyle::Dots), frame, |m| m.ground.map(flat)),
+            marker_track(("in flight", FLIGHT_COLOUR, TrackStyle::Dots), frame, |m| m.flight.map(flat)),
+            line_track("deflection", FLIGHT_COLOUR, frame, |m| Some([flat(m.ground?), flat(m.flight?)])),
+        ]
+    };
+    let axes = |all: &[FigureTrack]| {
+        [Axis::from_values(all_abscissas(all), "across / m"), Axis::from_values(all_values(all), "up / m")]
+    };
+    draw_first_frame("Wing", frames, tracks, axes)
+}
+
+fn deflection_points(curve: &[CurveRecord]) -> Vec<FigurePoint> {
+    curve_points(curve, &|p| (p.deflection_m, p.sigma_deflection_m)).into_iter().map(rounded_point).collect()
+}
+
+/// Returns the factor by which residuals are magnified, the same for all frames.
+fn residual_magnification(data: &ReportData) -> f64 {
+    let markers = || data.frames.iter().flat_map(|frame| &frame.record.markers);
+    let (left, right) = Axis::from_values(markers().filter_map(|m| m.u_px), "").range();
+    let lengths = markers().filter(|m| m.used).filter_map(|m| Some(m.residual_u_px?.hypot(m.residual_v_px?)));
+    let longest = lengths.filter(|length| length.is_finite()).fold(0.0, f64::max);
+    if longest > 0.0 { round_step(RESIDUAL_SHARE * (right - left) / longest).max(1.0) } else { 1.0 }
+}
+
+fn frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_>> {
     let unfinished = data.series.iter().flat_map(|s| {
         let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
         let open = move |image: &&str| !s.records.iter().any(|r| r.image == *image);
-        images.filter(open).map(|image| unsolved_frame(s, image))
+        let said = "No result: not solved yet.";
+        images.filter(open).map(|image| FrameValues {
+            series: &s.name,
+            image,
+            said: said.to_owned(),
+            warned: true,
+            ..FrameValues::default()
+        })
     });
     let reference = summary::common_reference(&data.series);
-    data.frames.iter().map(|frame| solved_frame(frame, data.site.as_ref(), reference)).chain(unfinished).collect()
+    data.frames.iter().map(|frame| frame_with_record(frame, data, reference, magnified)).chain(unfinished).collect()
 }
 
-fn unsolved_frame<'a>(series: &'a SeriesData, image: &'a str) -> FrameValues<'a> {
-    FrameValues {
-        series: &series.name,
-        image,
-        solved: false,
-        why: "not solved yet.",
-        doubt: None,
-        deflection: [None; 2],
-        factor: None,
-        test: None,
-        curve: Vec::new(),
-        markers: Vec::new(),
-    }
-}
-
-fn solved_frame<'a>(frame: &'a FullRecord, site: Option<&ReportSite>, reference: Reference) -> FrameValues<'a> {
+fn frame_with_record<'a>(
+    frame: &'a FullRecord,
+    data: &ReportData,
+    reference: Reference,
+    magnified: f64,
+) -> FrameValues<'a> {
     let record = &frame.record;
-    let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
+    let site = data.site.as_ref();
+    let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
+    let place = |id: &str| places.iter().find(|p| p.id == id);
+    let values = |m: &MarkerRecord| marker_values(m, place(&m.id), site.is_some(), magnified);
     FrameValues {
         series: &frame.series,
         image: &record.image,
-        solved: record.is_solved(),
-        why: record.reason.as_deref().unwrap_or_default(),
         doubt: frame_ranking::frame_warning(record),
-        deflection: [deflection.and_then(rounded_value), sigma.flatten().and_then(rounded_value)],
-        factor: record.variance_factor.and_then(rounded_value),
-        test: record.global_test,
-        curve: record.curve.iter().map(|p| chart_point(p.span_m, p.deflection_m, p.sigma_deflection_m)).collect(),
-        markers: all_marker_values(record, site),
+        said: result_sentence(record, reference),
+        warned: !record.is_solved() || record.global_test == Some(GlobalTestVerdict::Rejected),
+        curve: deflection_points(&record.curve),
+        markers: record.markers.iter().map(values).collect(),
+        rows: table::marker_table(record).rows,
     }
 }
 
-fn all_marker_values<'a>(record: &'a ImageRecord, site: Option<&ReportSite>) -> Vec<MarkerValues<'a>> {
-    let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
-    let place = |id: &str| places.iter().find(|p| p.id == id);
-    record.markers.iter().map(|m| marker_values(m, place(&m.id))).collect()
+/// Describes the result of a frame: its tip deflection, variance factor and global test, or the reason why it has none.
+fn result_sentence(record: &ImageRecord, reference: Reference) -> String {
+    if !record.is_solved() {
+        return format!("No result: {}", record.reason.as_deref().unwrap_or_default());
+    }
+    let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
+    let measured = format_measured(deflection, sigma.flatten(), 3);
+    let mut text = format!("Tip deflection {measured} m {}", reference.description());
+    if record.variance_factor.is_some() {
+        text.push_str(&format!(", variance factor {}", format_fixed(record.variance_factor, 2)));
+    }
+    if let Some(verdict) = record.global_test {
+        text.push_str(&format!(", global test {}", variant_name(verdict)));
+    }
+    match frame_ranking::frame_warning(record) {
+        Some(doubt) if record.global_test != Some(GlobalTestVerdict::Rejected) => {
+            format!("{text}. Check this frame: {doubt}.")
+        }
+        _ => format!("{text}."),
+    }
 }
 
-fn marker_values<'a>(m: &'a MarkerRecord, place: Option<&PlacedMarker>) -> MarkerValues<'a> {
+fn marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, surveyed: bool, magnified: f64) -> MarkerValues {
     let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() / 1e4);
-    let seen = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());
+    let ground = place.and_then(|p| p.ground);
+    let at = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());
+    let (ru, rv) = (m.residual_u_px.unwrap_or(0.0), m.residual_v_px.unwrap_or(0.0));
+    let span_deflection = || Some((ground?.x, m.deflection_m?, m.sigma_deflection_m));
+    let remark = m.reason.as_deref().map_or(String::new(), |reason| format!(": {reason}"));
+    let deflection = format_measured(m.deflection_m, m.sigma_deflection_m, 3);
     MarkerValues {
-        id: &m.id,
         used: m.used,
-        why: m.reason.as_deref().unwrap_or_default(),
-        at: seen.map(|(u, v)| {
-            [Some(u), Some(v), m.residual_u_px, m.residual_v_px].map(|v| v.map(|v| (v * 1e3).round() / 1e3))
-        }),
-        ground: place.and_then(|p| p.ground).map(metres),
+        text: format!("{}, deflection {deflection} m{remark}", m.id),
+        seen: at.map(|(u, v)| [(u, -v, None), (u + magnified * ru, -v - magnified * rv, None)].map(rounded_point)),
+        ground: ground.map(metres),
         flight: place.and_then(|p| p.flight).map(metres),
-        deflection: [m.deflection_m.and_then(rounded_value), m.sigma_deflection_m.and_then(rounded_value)],
+        deflection: span_deflection().filter(|_| surveyed).map(rounded_point),
     }
 }

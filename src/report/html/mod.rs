@@ -3,7 +3,7 @@
 mod aircraft;
 mod axis;
 mod budget;
-mod chart;
+pub mod figure;
 mod figures;
 mod flights;
 mod frames;
@@ -14,22 +14,25 @@ mod views;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::number::{NONE, count_text, decimals_for, format_fixed, format_rounded};
+use super::number::{count_text, decimals_for, format_fixed, format_measured};
 use super::source::PICTURES_FLIGHT;
 use super::summary::{Mean, SeriesSummary, summarise_series};
 use super::{ReportData, SeriesData, distinct_values, table};
 use crate::record::ImageRecord;
 
 pub use flights::flights_page;
-pub use plot::round_step;
+pub use plot::{Axis, round_step};
 
 /// Style sheet of the report.
-const STYLE: &str = include_str!("style.css");
+const STYLE: &str = concat!(include_str!("figure.css"), include_str!("style.css"));
+/// Style sheet of figures, for pages with other styles.
+pub const FIGURE_STYLE: &str = include_str!("figure.css");
+/// Script that changes ranges and points of figures.
+pub const FIGURE_SCRIPT: &str = include_str!("script/figure.js");
 /// Script for interactive figures. It makes no requests, and the page is complete without it.
 pub const SCRIPT: &str = concat!(
-    include_str!("script/base.js"),
+    include_str!("script/figure.js"),
     include_str!("script/chart.js"),
-    include_str!("script/wing.js"),
     include_str!("script/frames.js"),
     include_str!("script/start.js")
 );
@@ -71,9 +74,8 @@ pub fn report_page(data: &ReportData) -> String {
         (aircraft::aircraft_section(data))
         (tables::series_section(&summaries))
         (budget::budget_section(data))
-        (frames::frames_section(data))
         (views_section(data, named.clone()))
-        (frame_section(data, named.clone()))
+        (frames::frames_section(data, &summaries))
         (tables::solution_section(named))
         (tables::quality_section(data))
         (tables::results_section(data))
@@ -140,10 +142,9 @@ fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
     let Some((s, one)) = with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m)) else {
         return html! {};
     };
-    let (deflection, sigma) = format_rounded(Some(one.deflection_m), one.sigma_m, 3);
     html! {
         div.tile {
-            b { (deflection) @if sigma != NONE { " ± " (sigma) } " m" }
+            b { (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m" }
             span { "largest tip deflection of a single frame ± 1 sigma, " (s.reference.description()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", started " (s.begun_text()) " UTC" } }
         }
     }
@@ -160,11 +161,10 @@ fn change_tile(summaries: &[SeriesSummary]) -> Markup {
         [(first, a), .., (last, b)] => {
             // Errors common to both series (survey, mounting) cancel, so this is an upper limit.
             let both = a.sigma.zip(b.sigma).map(|(a, b)| a.hypot(b));
-            let (change, sigma) = format_rounded(Some(b.value - a.value), both, 3);
             let scattered = a.scatter.or(b.scatter).is_some();
             html! {
                 div.tile {
-                    b { (change) @if sigma != NONE { " ± " (sigma) } " m" }
+                    b { (format_measured(Some(b.value - a.value), both, 3)) " m" }
                     span {
                         "change of the mean tip deflection from series " (first.name) " to " (last.name) " ± 1 sigma at most"
                         @if scattered { "; scatter of single frames " (scatter(*a)) " and " (scatter(*b)) " m" }
@@ -201,7 +201,6 @@ fn contents_links() -> Markup {
         ("time", "Deflection and torsion over time"),
         ("series", "Series"),
         ("budget", "Uncertainty budget"),
-        ("every", "Every frame"),
         ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
@@ -254,7 +253,7 @@ fn scatter_note(summaries: &[SeriesSummary]) -> Option<String> {
     let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
         "Single frames of {} scatter about their mean by more than its band, at the tip by up to {} m (series {}). See the \
-         curve of each frame under \"Every frame\".",
+         curve of each frame under \"A frame and its markers\".",
         count_text(wide.len(), "series"),
         format_fixed(Some(largest.1), decimals_for(largest.1)),
         largest.0.name
@@ -313,21 +312,6 @@ fn views_section(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Ma
                 }
             }
         } @else { p { "No frame has positions." } }
-    }
-}
-
-fn frame_section(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
-    html! {
-        h2 id="frame" { "A frame and its markers" }
-        @if data.pictures.is_empty() { p { "No image is available." } }
-        @for p in &data.pictures {
-            @let record = data.frames.iter().find(|f| f.series == p.series && f.record.image == p.image).map(|f| &f.record);
-            div.picture data-frame={ (p.series) "/" (p.image) } { (picture::draw_picture(p, record)) }
-        }
-        @if let Some((name, record)) = shown {
-            h3 { "Markers of " (name) }
-            div.scroll { (table::marker_table(record).html()) }
-        }
     }
 }
 

@@ -5,10 +5,9 @@ use maud::{Markup, html};
 use nalgebra::{Vector2, vector};
 
 use super::super::FramePicture;
-use super::super::labels::{LabelArea, LabelLayout, leader_line};
 use super::super::number::{count_text, format_fixed};
 use super::super::overlay::{ellipse_enlargement, ellipse_extent};
-use super::plot::px;
+use super::plot::{NamedSpot, draw_names, px};
 use crate::camera::Format;
 use crate::measure::detect::{Detection, Detections, detect};
 use crate::pipeline::decode::decode_image;
@@ -49,13 +48,19 @@ fn draw_decoded(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup 
     let markers = record.map_or(&[][..], |r| &r.markers[..]);
     let enlarged = ellipse_enlargement(&found.markers, raster.width().max(raster.height()) as f64 / 150.0);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
+    let name_spot = |d: &Detection| {
+        let (name, colour) = match_detection(d, markers);
+        let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
+        NamedSpot { at: d.centre_px, half, name, colour }
+    };
+    let named: Vec<NamedSpot> = found.markers.iter().map(name_spot).collect();
     let data = format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg));
     html! {
         svg.photo viewBox=(format!("0 0 {w} {h}")) role="img" aria-label="Frame with detected markers"
-            style=(format!("font-size:{}px;stroke-width:{}px", px(w / 75.0), px(w / 900.0))) {
+            style=(format!("stroke-width:{}px", px(w / 900.0))) {
             image href=(data) x="-0.5" y="-0.5" width=(w) height=(h) {}
             (draw_outlines(&found, markers, enlarged))
-            (draw_detection_names(&found, markers, w, h))
+            (draw_names(&named, [0.0, 0.0, w, h], w / 75.0, PLATE_OPACITY))
         }
         p.caption {
             (picture.series) "/" (picture.image) ": " (count_text(found.markers.len(), "marker")) " detected ("
@@ -83,11 +88,16 @@ pub fn svg_thumbnail(
     let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
     let markers: Vec<(&MarkerRecord, (f64, f64))> =
         record.iter().flat_map(|r| &r.markers).filter_map(|m| Some((m, seen(m)?))).collect();
-    let named = if largest >= MIN_NAMED_PX {
-        draw_marker_names(&markers, radius, w, h)
-    } else {
-        html! {}
-    };
+    let named: Vec<NamedSpot> = markers
+        .iter()
+        .filter(|_| largest >= MIN_NAMED_PX)
+        .map(|(m, (u, v))| NamedSpot {
+            at: vector![*u, *v],
+            half: vector![radius, radius],
+            name: m.id.clone(),
+            colour: if m.used { USED_COLOUR } else { UNUSED_COLOUR },
+        })
+        .collect();
     let markup = html! {
         svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
             image href=(format!("data:image/jpeg;base64,{jpeg}")) x="-0.5" y="-0.5" width=(w) height=(h) {}
@@ -95,34 +105,14 @@ pub fn svg_thumbnail(
                 @let colour = if m.used { USED_COLOUR } else { UNUSED_COLOUR };
                 circle cx=(px(*u)) cy=(px(*v)) r=(px(radius)) fill="none" stroke=(colour) stroke-width=(px(radius / 4.0)) {}
             }
-            (named)
+            (draw_names(&named, [0.0, 0.0, w, h], 1.1 * radius, PLATE_OPACITY))
         }
     };
     Some(markup.into_string())
 }
 
-/// Draws the marker names without overlap, if there is room.
-fn draw_marker_names(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, height: f64) -> Markup {
-    let letter = 1.1 * radius;
-    let half = vector![radius, radius];
-    let mut labels = LabelLayout::new(LabelArea([0.0, 0.0, width, height]));
-    for (_, (u, v)) in markers {
-        labels.occupy(LabelArea([u - radius, v - radius, u + radius, v + radius]));
-    }
-    html! {
-        @for (m, (u, v)) in markers {
-            @let colour = if m.used { USED_COLOUR } else { UNUSED_COLOUR };
-            @let size = vector![m.id.chars().count() as f64 * letter * 0.66, letter];
-            @if let Some(place) = labels.place(vector![*u, *v], half, size, letter * 0.3) {
-                @let [from, to] = leader_line(vector![*u, *v], half, place, size);
-                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) stroke-width=(px(radius / 8.0)) {}
-                text x=(px(place.x)) y=(px(place.y + 0.85 * letter)) fill=(colour) font-size=(px(letter))
-                    font-family="sans-serif" stroke="#10141c" stroke-width=(px(radius / 3.0)) paint-order="stroke" { (m.id) }
-            }
-        }
-    }
-}
-
+/// Opacity of the ground of the names.
+const PLATE_OPACITY: f64 = 0.75;
 /// Minimum size of an image with marker names, px.
 const MIN_NAMED_PX: usize = 1000;
 
@@ -164,29 +154,6 @@ fn match_detection(d: &Detection, markers: &[MarkerRecord]) -> (String, &'static
         Some((_, m)) if m.used => (m.id.clone(), USED_COLOUR),
         Some((_, m)) => (m.id.clone(), UNUSED_COLOUR),
         None => (d.shape.name().to_owned(), UNIDENTIFIED_COLOUR),
-    }
-}
-
-fn draw_detection_names(found: &Detections, markers: &[MarkerRecord], width: f64, height: f64) -> Markup {
-    let letter = width / 75.0;
-    let mut labels = LabelLayout::new(LabelArea([0.0, 0.0, width, height]));
-    for d in &found.markers {
-        let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
-        let (low, high) = (d.centre_px - half, d.centre_px + half);
-        labels.occupy(LabelArea([low.x, low.y, high.x, high.y]));
-    }
-    html! {
-        @for d in &found.markers {
-            @let (text, colour) = match_detection(d, markers);
-            @let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
-            @let size = vector![text.chars().count() as f64 * letter * 0.66 + letter * 0.3, letter * 1.15];
-            @if let Some(place) = labels.place(d.centre_px, half, size, letter * 0.4) {
-                @let [from, to] = leader_line(d.centre_px, half, place, size);
-                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) {}
-                rect x=(px(place.x)) y=(px(place.y)) width=(px(size.x)) height=(px(size.y)) fill="#10141c" fill-opacity="0.75" {}
-                text x=(px(place.x + letter * 0.15)) y=(px(place.y + letter * 0.93)) fill=(colour) stroke="none" { (text) }
-            }
-        }
     }
 }
 

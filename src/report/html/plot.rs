@@ -1,7 +1,9 @@
-//! Axes, curves, bands and labels as SVG.
+//! Axes and curves as SVG, at fixed places of a drawing.
 
 use maud::{Markup, PreEscaped, html};
+use nalgebra::{Vector2, vector};
 
+use super::super::labels::{LabelArea, LabelLayout, leader_line};
 use super::super::number::format_fixed;
 pub use super::axis::{Axis, round_step};
 
@@ -20,85 +22,88 @@ impl Plot {
     /// Maps a data point to the drawing; y increases upwards in the data, downwards in the drawing.
     pub fn point_at(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
-        let share = |axis: &Axis, v: f64| axis.fraction(v);
-        (left + share(&self.x, x) * width, top + height - share(&self.y, y) * height)
+        (left + self.x.fraction(x) * width, top + height - self.y.fraction(y) * height)
     }
 
     /// Draws grid, ticks and labels.
     pub fn frame(&self) -> Markup {
         let [left, top, width, height] = self.area;
-        let (right, bottom) = (left + width, top + height);
+        let (across, down) = (|share: f64| px(left + share * width), |share: f64| px(top + share * height));
         html! {
-            @for (v, text) in self.x.ticks() {
-                @let x = self.point_at(v, self.y.low()).0;
-                line.grid x1=(px(x)) y1=(px(top)) x2=(px(x)) y2=(px(bottom)) {}
-                text.tick x=(px(x)) y=(px(bottom + 16.0)) text-anchor="middle" { (text) }
-            }
-            @for (v, text) in self.y.ticks() {
-                @let y = self.point_at(self.x.low(), v).1;
-                line.grid x1=(px(left)) y1=(px(y)) x2=(px(right)) y2=(px(y)) {}
-                text.tick x=(px(left - 7.0)) y=(px(y + 3.5)) text-anchor="end" { (text) }
-            }
+            (draw_ticks(&self.x, &self.y, across, down))
             rect.frame x=(px(left)) y=(px(top)) width=(px(width)) height=(px(height)) {}
-            text.label x=(px(left + width / 2.0)) y=(px(bottom + 34.0)) text-anchor="middle" { (self.x.label()) }
-            @let (lx, ly) = (left - 46.0, top + height / 2.0);
-            text.label x=(px(lx)) y=(px(ly)) text-anchor="middle"
-                transform=(format!("rotate(-90 {} {})", px(lx), px(ly))) { (self.y.label()) }
+            text.label x=(across(0.5)) y=(down(1.0)) dy="34" text-anchor="middle" { (self.x.label()) }
+            @let (lx, ly) = (px(left - 46.0), down(0.5));
+            text.label x=(lx) y=(ly) text-anchor="middle" transform=(format!("rotate(-90 {lx} {ly})")) { (self.y.label()) }
         }
     }
 
     /// Draws a line through (x, y); points that are not finite are skipped.
     pub fn line(&self, points: &[(f64, f64)], colour: &str, dashed: bool) -> Markup {
-        let points = self.point_list(points);
-        let dash = dashed.then_some("5 4");
-        html! { polyline.curve points=(points) stroke=(colour) stroke-dasharray=[dash] {} }
-    }
-
-    /// Draws the area between y - sigma and y + sigma; points without a sigma are skipped.
-    pub fn band(&self, points: &[(f64, f64, Option<f64>)], colour: &str) -> Markup {
-        let known: Vec<_> = points.iter().filter_map(|(x, y, s)| Some((*x, *y, (*s)?))).collect();
-        let upper = known.iter().map(|(x, y, s)| (*x, y + s));
-        let lower = known.iter().rev().map(|(x, y, s)| (*x, y - s));
-        let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
-        html! { polygon.band points=(self.point_list(&outline)) fill=(colour) {} }
-    }
-
-    /// Draws a value with its 1-sigma bar.
-    pub fn value(&self, x: f64, y: f64, sigma: Option<f64>, colour: &str, title: &str) -> Markup {
-        if !(x.is_finite() && y.is_finite()) {
-            return html! {};
-        }
-        let (cx, cy) = self.point_at(x, y);
-        let ends = sigma.filter(|s| s.is_finite()).map(|s| (self.point_at(x, y - s).1, self.point_at(x, y + s).1));
-        html! {
-            @if let Some((low, high)) = ends {
-                line.bar x1=(px(cx)) y1=(px(low)) x2=(px(cx)) y2=(px(high)) stroke=(colour) {}
-                @for y in [low, high] {
-                    line.bar x1=(px(cx - 4.0)) y1=(px(y)) x2=(px(cx + 4.0)) y2=(px(y)) stroke=(colour) {}
-                }
-            }
-            circle cx=(px(cx)) cy=(px(cy)) r="3.4" fill=(colour) { title { (title) } }
-        }
-    }
-
-    /// Draws a single shot, small and pale.
-    pub fn shot(&self, x: f64, y: f64, colour: &str, title: &str) -> Markup {
-        if !(x.is_finite() && y.is_finite()) {
-            return html! {};
-        }
-        let (cx, cy) = self.point_at(x, y);
-        html! {
-            circle.shot cx=(px(cx)) cy=(px(cy)) r="2" stroke=(colour) { title { (title) } }
-        }
-    }
-
-    fn point_list(&self, points: &[(f64, f64)]) -> String {
         let finite = points.iter().filter(|(x, y)| x.is_finite() && y.is_finite());
         let text = finite.map(|(x, y)| {
             let (x, y) = self.point_at(*x, *y);
             format!("{},{}", px(x), px(y))
         });
-        text.collect::<Vec<_>>().join(" ")
+        let points = text.collect::<Vec<_>>().join(" ");
+        html! { polyline.curve points=(points) stroke=(colour) stroke-dasharray=[dashed.then_some("5 4")] {} }
+    }
+}
+
+/// Draws grid lines and tick texts. `across` and `down` return the coordinates of a fraction of width and height, from the
+/// top left.
+pub fn draw_ticks(x: &Axis, y: &Axis, across: impl Fn(f64) -> String, down: impl Fn(f64) -> String) -> Markup {
+    html! {
+        g {
+            @for (k, (v, text)) in x.ticks().into_iter().enumerate() {
+                @let at = across(x.fraction(v));
+                g.odd[k % 2 == 1] {
+                    line.grid x1=(at) y1=(down(0.0)) x2=(at) y2=(down(1.0)) {}
+                    text.tick x=(at) y=(down(1.0)) dy="16" text-anchor="middle" { (text) }
+                }
+            }
+        }
+        g {
+            @for (v, text) in y.ticks() {
+                @let at = down(1.0 - y.fraction(v));
+                line.grid x1=(across(0.0)) y1=(at) x2=(across(1.0)) y2=(at) {}
+                text.tick x=(across(0.0)) y=(at) dx="-7" dy="3.5" text-anchor="end" { (text) }
+            }
+        }
+    }
+}
+
+/// Object of a drawing with its name.
+pub struct NamedSpot {
+    /// Centre.
+    pub at: Vector2<f64>,
+    /// Half width and half height.
+    pub half: Vector2<f64>,
+    /// Name.
+    pub name: String,
+    /// Colour of the name and of the line to it.
+    pub colour: &'static str,
+}
+
+/// Draws the names of objects next to them, without overlap and within `bounds` (left, top, right, bottom); a name without
+/// room is omitted. `plate`: opacity of the dark ground of the names.
+pub fn draw_names(spots: &[NamedSpot], bounds: [f64; 4], letter: f64, plate: f64) -> Markup {
+    let mut labels = LabelLayout::new(LabelArea(bounds));
+    for NamedSpot { at, half, .. } in spots {
+        labels.occupy(LabelArea([at.x - half.x, at.y - half.y, at.x + half.x, at.y + half.y]));
+    }
+    let size = |name: &str| vector![name.chars().count() as f64 * letter * 0.66 + letter * 0.3, letter * 1.15];
+    html! {
+        @for NamedSpot { at, half, name, colour } in spots {
+            @let size = size(name);
+            @if let Some(place) = labels.place(*at, *half, size, letter * 0.3) {
+                @let [from, to] = leader_line(*at, *half, place, size);
+                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) stroke-width=(px(letter / 12.0)) {}
+                rect x=(px(place.x)) y=(px(place.y)) width=(px(size.x)) height=(px(size.y)) fill="#10141c" fill-opacity=(plate) {}
+                text x=(px(place.x + letter * 0.15)) y=(px(place.y + letter * 0.93)) fill=(colour) stroke="none"
+                    font-size=(px(letter)) font-family="sans-serif" { (name) }
+            }
+        }
     }
 }
 
@@ -130,25 +135,6 @@ pub fn series_colour(index: usize, count: usize) -> String {
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// Moves labels apart: returns heights near the `desired` ones, in their order, at least `gap` from each other, and within
-/// `low` to `high` if they fit.
-pub fn spread_labels(desired: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..desired.len()).collect();
-    order.sort_by(|a, b| desired[*a].total_cmp(&desired[*b]));
-    let mut placed = desired.to_vec();
-    let mut least = low;
-    for &i in &order {
-        placed[i] = desired[i].max(least);
-        least = placed[i] + gap;
-    }
-    let mut most = high;
-    for &i in order.iter().rev() {
-        placed[i] = placed[i].min(most);
-        most = placed[i] - gap;
-    }
-    placed
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -174,14 +160,6 @@ mod tests {
             let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
             assert!(1.05 / (luminance + 0.05) >= 4.5, "{colour}");
         }
-    }
-
-    #[test]
-    fn labels_keep_their_distance_and_order() {
-        let placed = spread_labels(&[10.0, 11.0, 50.0, 9.0], 12.0, 0.0, 60.0);
-        assert!(placed[3] + 12.0 <= placed[0] + 1e-9 && placed[0] + 12.0 <= placed[1] + 1e-9);
-        assert_eq!(placed[2], 50.0);
-        assert!(spread_labels(&[58.0, 59.0], 12.0, 0.0, 60.0).iter().all(|p| *p <= 60.0));
     }
 
     #[test]

@@ -1,19 +1,20 @@
 //! Three orthographic views of ground shape, flight shape and lines of sight (figure 9 of the publication).
 
 use maud::{Markup, html};
-use nalgebra::{Vector2, Vector3, vector};
+use nalgebra::{Vector3, vector};
 
-use super::super::labels::{LabelArea, LabelLayout, leader_line};
 use super::super::{GroundMarker, ReportSite};
-use super::plot::{Axis, Plot, px, round_step, svg_drawing};
+use super::plot::{Axis, NamedSpot, Plot, draw_names, px, round_step, svg_drawing};
 use crate::measure::geometry::WingFrame;
 use crate::record::ImageRecord;
 
 const WIDTH: f64 = 1040.0;
 const LEFT: f64 = 64.0;
 const GAP: f64 = 84.0;
-const GROUND_COLOUR: &str = "#6d737d";
-const FLIGHT_COLOUR: &str = "#17456f";
+/// Space for the title of a view; that of a narrow one begins to the left of it.
+const TITLE_WIDTH: f64 = 156.0;
+pub(super) const GROUND_COLOUR: &str = "#6d737d";
+pub(super) const FLIGHT_COLOUR: &str = "#17456f";
 const SIGHT_COLOUR: &str = "#a8730f";
 
 /// Marker positions in the wing frame, m.
@@ -135,7 +136,7 @@ fn draw_view(
     };
     html! {
         (plot.frame())
-        text.title x=(px(plot.area[0])) y=(px(plot.area[1] - 9.0)) { (name) }
+        text.title x=(px(plot.area[0].min(WIDTH - TITLE_WIDTH))) y=(px(plot.area[1] - 9.0)) { (name) }
         @for (camera, flight) in camera.iter().flat_map(|c| placed.iter().filter_map(move |p| Some((c, p.flight?)))) {
             (line(at(camera), at(&flight), "sight", SIGHT_COLOUR))
         }
@@ -163,30 +164,14 @@ fn draw_camera(x: f64, y: f64) -> Markup {
 /// Draws the marker ids in the view from above.
 fn draw_ids(plot: &Plot, placed: &[PlacedMarker]) -> Markup {
     let [left, top, width, height] = plot.area;
-    let mut labels = LabelLayout::new(LabelArea([left, top, left + width, top + height]));
-    let spots: Vec<(&str, Vector2<f64>)> = placed
-        .iter()
-        .filter_map(|p| {
-            let at = p.flight.or(p.ground)?;
-            let (x, y) = plot.point_at(at.x, -at.z);
-            Some((p.id.as_str(), vector![x, y]))
-        })
-        .collect();
-    for (_, at) in &spots {
-        labels.occupy(LabelArea([at.x - 3.0, at.y - 3.0, at.x + 3.0, at.y + 3.0]));
-    }
-    html! {
-        @for (id, at) in &spots {
-            @let id: String = id.chars().take(12).collect();
-            @let size = vector![id.chars().count() as f64 * 6.2, 10.0];
-            @let half = vector![3.0, 3.0];
-            @if let Some(place) = labels.place(*at, half, size, 1.5) {
-                @let [from, to] = leader_line(*at, half, place, size);
-                line.leader x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) {}
-                text.id x=(px(place.x)) y=(px(place.y + 9.0)) { (id) }
-            }
-        }
-    }
+    let spot = |p: &PlacedMarker| {
+        let at = p.flight.or(p.ground)?;
+        let (x, y) = plot.point_at(at.x, -at.z);
+        let name = p.id.chars().take(12).collect();
+        Some(NamedSpot { at: vector![x, y], half: vector![3.0, 3.0], name, colour: "#4d5663" })
+    };
+    let spots: Vec<NamedSpot> = placed.iter().filter_map(spot).collect();
+    draw_names(&spots, [left, top, left + width, top + height], 10.0, 0.0)
 }
 
 fn draw_key(x: f64, y: f64, camera: bool) -> Markup {

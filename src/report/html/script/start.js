@@ -1,15 +1,4 @@
-// Starts the interactive parts for which the page has data; without this script the page shows its drawings as printed.
-const addCsvButton = (table, name) => {
-  const host = table.closest(".scroll") ?? table;
-  // A rebuilt table already has its button.
-  const before = host.previousElementSibling;
-  const bar = before?.classList.contains("taking") ? before : document.createElement("div");
-  bar.className = "tools taking";
-  bar.replaceChildren();
-  addButton(bar, "CSV", "save the table as CSV", () => saveCsv(tableRows(table), name()));
-  host.before(bar);
-};
-
+// Starts the interactive parts; without this script the page shows its figures as printed.
 const tableTitle = (element) => {
   const summary = element.closest("details")?.querySelector("summary");
   if (summary) return summary.textContent.trim();
@@ -22,24 +11,26 @@ const tableTitle = (element) => {
   return "table";
 };
 
+const tableRows = (table) =>
+  [...table.rows].map((row) => [...row.cells].map((cell) => cell.textContent.trim().replace(/^[–-]$/, "")));
+
 const startPage = () => {
   document.documentElement.classList.add("script");
-  const read = (element) => JSON.parse(element.textContent);
-  for (const place of document.querySelectorAll("script.chart")) new Chart(place.parentElement, read(place), place);
-  for (const table of document.querySelectorAll("table")) addCsvButton(table, () => tableTitle(table));
-  for (const svg of document.querySelectorAll("figure > svg:only-of-type")) {
-    if (svg.parentElement.querySelector("script.chart")) continue;
-    const bar = document.createElement("div");
-    bar.className = "tools";
-    const whole = makeZoomable(svg);
-    addButton(bar, "All", "show the full figure", whole);
-    addSaveButtons(bar, () => svg, () => svg.getAttribute("aria-label") ?? "figure");
-    svg.before(bar);
+  const figures = new Map();
+  for (const svg of document.querySelectorAll("svg.figure")) {
+    const figure = svg.closest("figure");
+    figures.set(figure, new InteractiveFigure(svg, !figure.matches(".wing")));
   }
-  const frames = document.getElementById("frames-data");
-  if (frames) {
-    const deflection = document.querySelector("script.chart[data-of=deflection]");
-    new FrameViewer(document.getElementById("frames"), read(frames), deflection && read(deflection));
+  for (const table of document.querySelectorAll("table")) {
+    const bar = addTools(table.closest(".scroll") ?? table);
+    addButton(bar, "CSV", "save the table as CSV", () => saveCsv(tableRows(table), tableTitle(table)));
   }
+  for (const svg of document.querySelectorAll("figure > svg")) {
+    const bar = addTools(svg);
+    addButton(bar, "All", "show the full figure", makeZoomable(svg));
+    addSaveButtons(bar, () => copyPicture(svg), () => svg.closest("figure").dataset.frame ?? svg.getAttribute("aria-label") ?? "figure");
+  }
+  const frames = document.getElementById("frames");
+  if (frames) new FrameViewer(frames, JSON.parse(document.getElementById("frames-data").textContent), figures);
 };
 startPage();
