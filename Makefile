@@ -19,7 +19,7 @@ ALONE := $(FLEET)/venv/bin/python -m demo.alone
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -35,6 +35,7 @@ help:
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, and marking by clicking, in Chromium (PLAYWRIGHT=folder with playwright-core)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
+	@echo 'make test-soak     30 minutes of flood, slow readers, hanging camera and full disk at once (MINUTES)'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
 	@echo 'make fleet-growth  questions to 20, 200 and 2,000 synthetic flights, timed'
@@ -101,6 +102,11 @@ package-aarch64: machine-dependencies
 
 test-machine: machine-dependencies build
 	bash tests/machine/run.sh $(MACHINE_OPTIONS)
+
+# See tests/soak/README.md.
+MINUTES ?= 30
+test-soak: build
+	python3 tests/soak/soak.py --minutes $(MINUTES)
 
 # CUTS, FS (ext4, vfat, exfat): see tests/powercut/README.md.
 CUTS ?= 300

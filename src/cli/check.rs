@@ -10,10 +10,11 @@ use super::{Completion, Failure, default_paths, image_batch, print_line};
 use crate::camera::section::CameraSection;
 use crate::clock::SystemClock;
 use crate::config::{self, Config};
-use crate::daemon::machine;
+use crate::daemon::{self, machine, memory};
+use crate::http::access;
 use crate::installation::{self, Fault};
 use crate::measure::setup::Setup;
-use crate::store::{RealDisk, is_vacant, unwritable_reason, verify};
+use crate::store::{self, RealDisk, is_vacant, unwritable_reason, verify};
 
 /// Check configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
@@ -148,6 +149,9 @@ impl Findings {
             None => self.reported.push(("installation", "none configured: frames are recorded but not solved".into())),
         }
         self.check_store(config, file);
+        self.check_page(config, file);
+        self.check_memory(config, file);
+        self.check_sockets(config, file);
         if !args.no_camera {
             self.check_camera(config, file);
         }
@@ -208,6 +212,47 @@ impl Findings {
             self.reported.push(("store", format!("{}: sound", path.display())));
         }
         self.faults.extend(found);
+    }
+
+    /// Checks the address and the secrets of the page; the recorder itself runs without it.
+    fn check_page(&mut self, config: &Config, file: &Path) {
+        let Some(serve) = &config.serve else { return };
+        let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
+        self.faults.extend(serve.resolve(place).err().unwrap_or_default());
+        let owner = store::service_owner(&config.store.path);
+        for (what, path) in [("token", &serve.token_file), ("key", &serve.key), ("certificate", &serve.certificate)] {
+            let Some(path) = path else { continue };
+            if owner.is_some_and(|owner| !owner.can_read(path)) {
+                let problem = "cannot be read by the owner of the store, who runs the recorder";
+                let remedy = "give it to that user: install -o wingd -m 600";
+                self.faults.push(Fault::new(path, "permissions", problem, remedy));
+            }
+            let exposed = access::exposure_warning(path).filter(|_| what != "certificate");
+            self.reported.extend(exposed.map(|warning| (what, warning)));
+        }
+    }
+
+    /// Checks that the frames in memory fit into the memory of the service.
+    fn check_memory(&mut self, config: &Config, file: &Path) {
+        let (ring_mb, limit_mb) = (config.live.keep.ring_mb, memory::service_limit_mb(Path::new("/")));
+        let Some(limit_mb) = limit_mb.filter(|_| config.live.is_enabled()) else { return };
+        let largest_mb = memory::largest_ring_mb(limit_mb);
+        if ring_mb > largest_mb {
+            let problem = format!("is {ring_mb}, but the service may use {limit_mb} MB in all");
+            let remedy = format!("lower it to {largest_mb}, or raise MemoryMax (systemctl edit wingd)");
+            self.faults.push(Fault::new(file, "live.keep.ring_mb", problem, remedy));
+        }
+    }
+
+    fn check_sockets(&mut self, config: &Config, file: &Path) {
+        let sockets = [("status.socket", Some(&config.status.socket)), ("live.socket", config.live.socket.as_ref())];
+        for (key, path) in sockets {
+            let Some(path) = path else { continue };
+            if let Some(problem) = daemon::occupied_socket_reason(path) {
+                let problem = format!("{} {problem}", path.display());
+                self.faults.push(Fault::new(file, key, problem, "the recorder removes sockets only"));
+            }
+        }
     }
 
     fn check_camera(&mut self, config: &Config, file: &Path) {

@@ -100,7 +100,7 @@ pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -
         return Ok(Completion::from_success(report.is_sound()));
     }
     for fault in &report.faults {
-        eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
+        eprintln!("wingd: {fault}");
     }
     let verdict = if report.is_sound() { "complete and sound" } else { "NOT SOUND" };
     print_line(&format!(

@@ -154,7 +154,7 @@ fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Fail
     std::fs::write(&page, html::report_page(&data)).map_err(write_failure(&page, "free space"))?;
     print_line(table::series_text(&summary::summarise_series(&data.series), false).trim_end())?;
     for fault in &checked.faults {
-        eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
+        eprintln!("wingd: {fault}");
     }
     let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
     print_line(&format!(

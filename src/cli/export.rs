@@ -107,12 +107,14 @@ fn read_common_facts(args: &ExportArgs) -> Result<ExportContext, Failure> {
     let mut names: Vec<String> = Vec::new();
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         for series in catalogue::list_series(&RealDisk, &flight)? {
-            let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
-            for head in result_summary::parse_summaries(&bytes, &["torsion"]) {
-                let torsion = head.record.into_values().next().map(serde_json::from_value);
+            // Damaged files are reported when their rows are read.
+            let _ = catalogue::for_each_line(&RealDisk, &series.folder.join(layout::RESULTS_FILE), |_, line| {
+                let head = result_summary::parse_summary(line, &["torsion"]);
+                let torsion = head.and_then(|head| head.record.into_values().next()).map(serde_json::from_value);
                 let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
-                names = distinct_values(names.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
-            }
+                let known = std::mem::take(&mut names);
+                names = distinct_values(known.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
+            });
         }
     }
     Ok(ExportContext { store_id: catalogue::store_id(&RealDisk, &args.store), pairs: names })

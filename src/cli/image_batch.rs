@@ -171,7 +171,7 @@ pub fn for_each_stored_frame<T: Send>(
 
 fn process_file<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) -> T + Sync)) -> T {
     let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", printable_path(file));
-    let bytes = std::fs::read(file).map_err(|e| Reason::new(text(&e), e));
+    let bytes = crate::store::read_regular_file(file).map_err(|e| Reason::new(text(&e), e));
     let readable = bytes.as_deref().map_err(Clone::clone);
     catch_panic(|| work(name, readable)).unwrap_or_else(|| work(name, Err(PANIC_REASON.into())))
 }

@@ -223,7 +223,7 @@ fn read_image(file: &Path) -> Result<DatedImage, String> {
     if format_from_path(file).is_none() {
         return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
     }
-    let bytes = std::fs::read(file).map_err(|e| format!("cannot be read ({e}); check the card"))?;
+    let bytes = crate::store::read_regular_file(file).map_err(|e| format!("cannot be read ({e}); check the card"))?;
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());
     }

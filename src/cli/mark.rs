@@ -11,7 +11,7 @@ use crate::http::mark::{ImageSource, MarkStorage, MarkableImage, Workplace, serv
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Installation};
 use crate::pipeline::marking::MANUAL_SIGMA_PX;
-use crate::store::{FlightRef, RealDisk, layout, manual_marks};
+use crate::store::{self, FlightRef, RealDisk, layout, manual_marks};
 
 /// Mark undetected markers manually in a browser on this machine; who, when and why are stored with each mark.
 #[derive(clap::Args)]
@@ -62,22 +62,33 @@ pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
         key: None,
     };
     let (address, access) = config.resolve(option)?;
+    // Without a token every user of this machine could mark.
+    let token = if args.token_file.is_some() { None } else { Some(store::random_id()?) };
+    let access = match &token {
+        Some(token) => access.with_address_token(token),
+        None => access,
+    };
     let workplace = match args.what.as_slice() {
         [store] if store.join(layout::STORE_FILE).exists() => workplace_for_store(args, store)?,
         _ => workplace_for_images(args)?,
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
-    runtime.block_on(serve_page(workplace, access, address))
+    runtime.block_on(serve_page(workplace, (access, token), address))
 }
 
-async fn serve_page(workplace: Workplace, access: Access, address: SocketAddr) -> Result<Completion, Failure> {
+async fn serve_page(
+    workplace: Workplace,
+    (access, token): (Access, Option<String>),
+    address: SocketAddr,
+) -> Result<Completion, Failure> {
     let listener = tokio::net::TcpListener::bind(address)
         .await
         .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;
     let bound = listener.local_addr().unwrap_or(address);
     let kept = workplace.storage.description();
-    eprintln!("wingd: marks are saved with {kept}; open http://{bound}/ (stop with Ctrl-C)");
+    let query = token.map_or(String::new(), |token| format!("?token={token}"));
+    eprintln!("wingd: marks are saved with {kept}; open http://{bound}/{query} (stop with Ctrl-C)");
     serve_marking(workplace, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
     Ok(Completion::All)
 }

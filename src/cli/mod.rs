@@ -1,5 +1,13 @@
 //! Command line: one file per command. Results go to standard output, logs and progress to standard error.
 
+/// Prints a line to standard error. It replaces the macro of the standard library in all commands: no name from a file or a
+/// server may control the terminal.
+macro_rules! eprintln {
+    ($($text:tt)*) => {
+        std::eprintln!("{}", $crate::installation::printable_text(&format!($($text)*)))
+    };
+}
+
 mod aircraft_data;
 #[cfg(feature = "boards")]
 mod calibrate;
@@ -298,7 +306,7 @@ fn report_failure(failure: &Failure) -> ExitCode {
 fn print_line(text: &str) -> Result<(), Failure> {
     use std::io::{ErrorKind, Write};
     let mut output = std::io::stdout().lock();
-    match writeln!(output, "{text}").and_then(|()| output.flush()) {
+    match writeln!(output, "{}", installation::printable_text(text)).and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
             "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
         ))),

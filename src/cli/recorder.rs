@@ -1,13 +1,16 @@
 //! Construction of the daemon's parts from a configuration, for `wingd run` and `wingd demo`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::{Failure, stop_signal};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, Solver, StatusBoard};
+use crate::daemon::{
+    self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver, StatusBoard,
+};
+use crate::http::access::{Access, exposure_warning};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault, Installation};
 use crate::measure::adjust::AdjustmentMethod;
@@ -94,7 +97,11 @@ pub fn run_recorder(
 ) -> Result<DaemonStatus, Failure> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
-    let page = config.serve.as_ref().and_then(|serve| RecorderPage::open(serve, config, &board));
+    if config.installation.is_some() && solver.is_none() {
+        let what = "frames are recorded but not solved, because the installation has errors; run `wingd check`";
+        board.set_fault(SOLVER_PART, Some(what.to_owned()));
+    }
+    let page = config.serve.as_ref().and_then(|serve| RecorderPage::start(serve, config, &board));
     let parts = DaemonParts {
         series: config.series.clone(),
         power: config.power.clone(),
@@ -112,7 +119,8 @@ pub fn run_recorder(
     ended
 }
 
-/// Web page of a running recorder, served on its own thread.
+/// Web page of a running recorder, served on its own thread. Recording goes on without it: a page that cannot be served is
+/// a fault in the status, and tried again.
 struct RecorderPage {
     stop: Option<tokio::sync::oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -131,49 +139,88 @@ enum PageError {
 
 /// Time allowed for open downloads when the page ends.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
+/// Pause before a page that cannot be served is tried again: address, token or certificate may appear later.
+const PAGE_RETRY_PAUSE: Duration = Duration::from_secs(10);
 
-impl RecorderPage {
-    /// Starts the page. An error does not prevent recording: it is logged and reported in the status.
-    fn open(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
-        Self::start(serve, config, board)
-            .map_err(|why| {
-                tracing::error!(%why, "the web page could not be started");
-                board.note_fault(&format!("no web page: {why}"));
-            })
-            .ok()
-    }
+/// Everything from which the page is opened.
+#[derive(Clone)]
+struct PageSource {
+    serve: ServeConfig,
+    installation: Option<PathBuf>,
+    site: http::Site,
+}
 
-    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Result<Self, PageError> {
+impl PageSource {
+    /// Opens the page: reads its secrets and the installation, and binds its address.
+    fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), PageError> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let (address, access) = serve.resolve(place).map_err(PageError::Faults)?;
+        let (address, access) = self.serve.resolve(place).map_err(PageError::Faults)?;
+        for warning in
+            [&self.serve.token_file, &self.serve.key].into_iter().flatten().filter_map(|f| exposure_warning(f))
+        {
+            tracing::warn!(warning, "web page");
+        }
         let listener = std::net::TcpListener::bind(address).map_err(|e| PageError::Bound(address, e))?;
         listener.set_nonblocking(true)?;
-        let setup = config.installation.as_deref().map(installation::load_without_orientation);
-        let site = http::Site {
-            root: config.store.path.clone(),
-            setup: setup.and_then(Result::ok).map(|installation| installation.setup),
-            board: Some(board.clone()),
-            live: config.live.socket.clone(),
-        };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime?;
-        let (stop, stopped) = tokio::sync::oneshot::channel();
-        let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
-            let served = runtime.block_on(async {
-                let listener = tokio::net::TcpListener::from_std(listener)?;
-                // The page ends with the recorder, or at the signal that stops it.
-                let end = async {
-                    tokio::select! { _ = stopped => {}, () = stop_signal() => {} }
-                };
-                http::serve(site, access, listener, end).await
-            });
-            if let Err(error) = served {
-                tracing::error!(%error, "the web page failed");
+        let setup = self.installation.as_deref().map(installation::load_without_orientation);
+        self.site.setup = setup.and_then(Result::ok).map(|installation| installation.setup);
+        Ok((self.site, access, listener))
+    }
+
+    /// Serves the page until `end`, retrying while it cannot be opened.
+    async fn serve_until(self, end: impl Future<Output = ()>) -> Result<(), PageError> {
+        let board = self.site.board.clone();
+        let report = |fault: Option<String>| board.iter().for_each(|board| board.set_fault(PAGE_PART, fault.clone()));
+        tokio::pin!(end);
+        loop {
+            let source = self.clone();
+            let opening = tokio::task::spawn_blocking(move || source.open());
+            let opened = tokio::select! { opened = opening => opened, () = &mut end => return Ok(()) };
+            match opened.map_err(std::io::Error::from)? {
+                Ok((site, access, listener)) => {
+                    report(None);
+                    tracing::info!(address = self.serve.listen, "web page");
+                    return Ok(http::serve(site, access, tokio::net::TcpListener::from_std(listener)?, end).await?);
+                }
+                Err(why) => report(Some(why.to_string())),
             }
-            runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+            tokio::select! { () = tokio::time::sleep(PAGE_RETRY_PAUSE) => {}, () = &mut end => return Ok(()) }
+        }
+    }
+}
+
+impl RecorderPage {
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
+        let source = PageSource {
+            serve: serve.clone(),
+            installation: config.installation.clone(),
+            site: http::Site {
+                root: config.store.path.clone(),
+                setup: None,
+                board: Some(board.clone()),
+                live: config.live.socket.clone(),
+            },
+        };
+        let (stop, stopped) = tokio::sync::oneshot::channel();
+        // The page ends with the recorder, or at the signal that stops it.
+        let end = async {
+            tokio::select! { _ = stopped => {}, () = stop_signal() => {} }
+        };
+        let report = {
+            let board = board.clone();
+            move |error: &dyn std::fmt::Display| board.set_fault(PAGE_PART, Some(format!("{error}; restart wingd")))
+        };
+        let failed = report.clone();
+        let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
+            let served = http::page_runtime().map_err(PageError::from).and_then(|runtime| {
+                let served = runtime.block_on(source.serve_until(end));
+                runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+                served
+            });
+            served.unwrap_or_else(|error| failed(&error));
         });
-        tracing::info!(address = serve.listen, "web page");
-        Ok(Self { stop: Some(stop), thread: Some(thread?) })
+        let thread = thread.map_err(|error| report(&error)).ok()?;
+        Some(Self { stop: Some(stop), thread: Some(thread) })
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tracing::level_filters::LevelFilter;
 
 use super::{Completion, Failure, stop_signal};
-use crate::http::access::Access;
+use crate::http::access::{Access, exposure_warning};
 use crate::http::section::{self, ServeConfig};
 use crate::store::{RealDisk, catalogue};
 use crate::{http, installation};
@@ -44,11 +44,14 @@ pub struct ServeArgs {
 pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
     super::logging::start_logging_at(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
+    for warning in [&args.token_file, &args.key].into_iter().flatten().filter_map(|file| exposure_warning(file)) {
+        eprintln!("wingd: warning: {warning}");
+    }
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
     let site = http::Site { root: args.store.clone(), setup, board: None, live: Some(args.live_socket.clone()) };
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    let runtime = http::page_runtime();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve_store(site, access, address));
     runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);

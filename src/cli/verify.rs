@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::{Completion, Failure, image_batch, print_line};
-use crate::installation;
+use crate::installation::{self, printable_path};
 use crate::report::number::count_text;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{VerifyReport, verify_path, verify_with_key};
@@ -50,7 +50,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<Completion, Failure> {
         print_line(&serde_json::to_string(&report).unwrap_or_default())?;
     } else {
         for note in &report.notes {
-            eprintln!("note: {note}");
+            eprintln!("note: {}", printable_path(note));
         }
         print_line(&report_text(&report))?;
     }
@@ -65,10 +65,7 @@ fn upgrade_store(args: &VerifyArgs) -> Result<(), Failure> {
 }
 
 fn report_text(report: &VerifyReport) -> String {
-    let fault = |fault: &crate::store::verify::InvariantFault| {
-        format!("invariant {}: {}: {}\n", fault.invariant, fault.path.display(), fault.what)
-    };
-    let faults: String = report.faults.iter().map(fault).collect();
+    let faults: String = report.faults.iter().map(|fault| format!("{fault}\n")).collect();
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
         n => {

@@ -2,6 +2,8 @@
 //! solving before the solving of series, and that before everything that is only displayed.
 
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
 
 use super::event::Observer;
 use super::shutdown::Halt;
@@ -31,6 +33,40 @@ impl Core {
         work: impl FnOnce() -> T + Send + 'static,
     ) -> std::io::Result<std::thread::JoinHandle<T>> {
         std::thread::Builder::new().name(name.to_owned()).spawn(work)
+    }
+}
+
+/// Threads that end when the daemon ends, and store their last data before.
+pub(crate) struct DrainedThreads {
+    timeout: Duration,
+    running: Option<Sender<()>>,
+    ended: Receiver<()>,
+}
+
+impl DrainedThreads {
+    /// Creates an empty set of threads, whose end is waited for at most for `timeout`.
+    pub fn new(timeout: Duration) -> Self {
+        let (running, ended) = channel();
+        Self { timeout, running: Some(running), ended }
+    }
+
+    /// Spawns a thread of the set.
+    pub fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+        let running = self.running.clone();
+        Core::spawn_thread(name, move || {
+            work();
+            drop(running);
+        })
+        .map(drop)
+    }
+}
+
+impl Drop for DrainedThreads {
+    /// Waits for a bounded time until all threads have ended. The daemon has been asked to end before.
+    fn drop(&mut self) {
+        self.running = None;
+        // An error means that all threads have ended.
+        let _ = self.ended.recv_timeout(self.timeout);
     }
 }
 

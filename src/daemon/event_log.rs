@@ -45,7 +45,10 @@ impl Core {
                 self.board.note_fault(&error.to_string());
             }
         }
+        let stranded = self.store.stranded_series();
         self.board.update(|status| {
+            status.store.unclosed = closed.as_ref().err().map(StoreError::to_string);
+            status.store.stranded = stranded;
             let counts = &mut status.counts;
             *(if complete { &mut counts.series_complete } else { &mut counts.series_interrupted }) += 1;
             status.store.free_mb = self.store.free_mb().ok();
@@ -94,11 +97,12 @@ impl Core {
         if new {
             self.board.add_series_result(ok, record.global_test == Some(GlobalTestVerdict::Rejected));
         }
-        self.board.update(|status| {
+        let waiting = self.board.update(|status| {
             let count = if ok { &mut status.counts.solved } else { &mut status.counts.unsolvable };
             *count += u64::from(new);
-            status.to_solve = status.to_solve.saturating_sub(1);
+            status.to_solve.saturating_sub(1)
         });
+        self.board.note_unsolved(waiting, true);
         (self.observer)(&Event::Solved { series: series.to_owned(), file: file.to_owned(), ok });
     }
 }

@@ -16,9 +16,9 @@
 //!
 //! | files | subject |
 //! |---|---|
-//! | `schedule`, `config`, `shutdown`, `command`, `watchdog`, `machine`, `endpoint`, `tcp_keepalive`, `event`, `solver` | basic types: times, durations, commands, events |
+//! | `schedule`, `config`, `shutdown`, `command`, `watchdog`, `machine`, `memory`, `endpoint`, `tcp_keepalive`, `event`, `solver` | basic types: times, durations, commands, events |
 //! | `status` | the state in words and numbers, and the only definition of health |
-//! | `core`, `worker` | objects shared by all threads; calls on a thread with a deadline, abandoned and counted |
+//! | `core`, `worker`, `budget` | objects shared by all threads; calls on a thread with a deadline, abandoned and counted; limits of data with a lower priority than series |
 //! | `capture` | the camera, with the checks of each frame and its time of exposure |
 //! | `frame_storage`, `event_log` | storing frames and reporting their events |
 //! | `aircraft`, `live`, `processing` | tasks that run in parallel to the series |
@@ -26,6 +26,7 @@
 //! | `run` | starts and ends the threads |
 
 mod aircraft;
+mod budget;
 mod capture;
 mod command;
 mod config;
@@ -36,6 +37,7 @@ mod event_log;
 mod frame_storage;
 pub mod live;
 pub mod machine;
+pub mod memory;
 pub mod power;
 mod processing;
 mod recorder;
@@ -51,6 +53,7 @@ mod worker;
 
 pub use aircraft::AircraftConfig;
 pub use config::SeriesConfig;
+pub use endpoint::occupied_socket_reason;
 pub use event::{Event, Observer};
 pub use live::LiveConfig;
 pub use power::PowerConfig;
@@ -62,4 +65,5 @@ pub use status::{
     Activity, AircraftStatus, CameraStatus, Counts, DaemonStatus, FaultNote, Health, LiveStatus, RecentShares,
     StatusBoard, StoreStatus, format_span,
 };
+pub(crate) use status::{PAGE_PART, SOLVER_PART};
 pub use tcp_keepalive::keep_alive;

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::core::{Core, SERIES_NICE, lower_priority};
 use super::solver::Solver;
-use super::status::Activity;
+use super::status::{Activity, RESULTS_PART};
 use super::worker::{CallError, Worker};
 use crate::camera::Format;
 use crate::record::{ImageRecord, Method, Reason};
@@ -40,10 +40,8 @@ impl Processing {
         loop {
             let solved = self.solve_all();
             self.core.store.seal();
-            if let Err(error) = solved {
-                tracing::error!(%error, "results cannot be stored; trying again after the next series");
-                self.core.board.note_fault(&error.to_string());
-            }
+            let fault = solved.err().map(|why| format!("{why}; trying again after the next series"));
+            self.core.board.set_fault(RESULTS_PART, fault);
             self.core.board.beat_processing(false);
             if self.core.halt.is_ending() || wake.recv().is_err() {
                 break;
@@ -56,11 +54,12 @@ impl Processing {
         }
     }
 
-    fn solve_all(&mut self) -> Result<(), StoreError> {
+    /// Solves all unsolved frames, or returns the reason why they wait.
+    fn solve_all(&mut self) -> Result<(), String> {
         loop {
             self.core.board.beat_processing(true);
-            let frames = self.core.store.unsolved_frames(&self.solver.inputs)?;
-            self.core.board.update(|status| status.to_solve = frames.len());
+            let frames = self.core.store.unsolved_frames(&self.solver.inputs).map_err(|error| error.to_string())?;
+            self.core.board.note_unsolved(frames.len(), false);
             if frames.is_empty() {
                 return Ok(());
             }
@@ -70,12 +69,11 @@ impl Processing {
                     return Ok(());
                 }
                 if self.worker.hanging() >= MAX_HANGING {
-                    let what = "solvers hang; frames are only recorded until you restart wingd, then solved";
-                    tracing::error!(hanging = self.worker.hanging(), what);
-                    self.core.board.note_fault(what);
-                    return Ok(());
+                    return Err(
+                        "solvers hang; frames are only recorded until you restart wingd, then solved".to_owned()
+                    );
                 }
-                self.solve_frame(&frame)?;
+                self.solve_frame(&frame).map_err(|error| format!("results cannot be stored: {error}"))?;
             }
         }
     }

@@ -13,6 +13,7 @@ use super::live::Feeder;
 use super::schedule::{self, Moment, Progress, ScheduleAction};
 use super::status::Activity;
 use super::{frame_storage, machine};
+use crate::camera::CameraFrame;
 use crate::clock::Stamp;
 use crate::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
 use crate::store::{OpenSeries, SeriesPlan, StoreError};
@@ -282,7 +283,11 @@ impl Recorder {
                 Err(failed) => failed,
             };
             let mut failure = failed.failure;
-            if let Some(delivered) = failed.delivered {
+            // An old frame that is stored already is not kept again with each attempt.
+            let stored = |frame: &CameraFrame| {
+                series.contains_frame(&frame.bytes) || self.core.store.contains_frame(&frame.bytes)
+            };
+            if let Some(delivered) = failed.delivered.filter(|frame| !stored(frame)) {
                 failure.kept_as = Some(series.set_aside(number, failures.len() + 1, &delivered.bytes)?);
             }
             self.core.log_attempt_failed(series.id(), number, &failure);

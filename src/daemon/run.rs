@@ -1,5 +1,6 @@
 //! Starts the daemon's threads and ends them within the configured time.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
@@ -17,12 +18,15 @@ use super::recorder::Recorder;
 use super::shutdown::Halt;
 use super::socket::{self, StatusConfig};
 use super::solver::Solver;
-use super::status::{DaemonStatus, StatusBoard};
+use super::status::{DaemonStatus, RESULTS_PART, StatusBoard};
 use super::watchdog::ProgressCheck;
-use super::{aircraft, endpoint, frame_storage};
+use super::{aircraft, frame_storage};
 use crate::camera::CameraFactory;
 use crate::clock::Clock;
 use crate::store::{Recovery, Store};
+
+/// Maximum number of threads for work that blocks the event loop: host names and previews.
+const MAX_BLOCKING: usize = 4;
 
 /// Parts from which the daemon is assembled.
 pub struct DaemonParts {
@@ -75,7 +79,8 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
         status.flight = parts.store.current_flight();
         status.shots_per_series = parts.series.shots;
     });
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().max_blocking_threads(MAX_BLOCKING).enable_all().build()?;
     let core = Core {
         store: parts.store,
         clock: parts.clock,
@@ -123,12 +128,29 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
 
 /// Runs the recorder and the processing until both have ended.
 fn run_threads(recorder: Recorder, processing: Option<Processing>, woken: Receiver<()>) -> Result<(), DaemonError> {
-    let solving = processing.map(|processing| Core::spawn_thread("processing", move || processing.run(&woken)));
-    let solving = solving.transpose()?;
+    let board = recorder.core.board.clone();
+    let report = {
+        let board = board.clone();
+        move |what: String| {
+            board.set_fault(RESULTS_PART, Some(format!("frames are recorded but not solved: {what}; restart wingd")));
+            board.beat_processing(false);
+        }
+    };
+    // Frames can be solved later: only the end of the recorder ends the daemon.
+    let solving = processing.map(|processing| {
+        Core::spawn_thread("processing", {
+            let report = report.clone();
+            move || {
+                if catch_unwind(AssertUnwindSafe(|| processing.run(&woken))).is_err() {
+                    report("the processing crashed".to_owned());
+                }
+            }
+        })
+    });
+    let solving = solving.transpose().map_err(|error| report(error.to_string())).ok().flatten();
     let capturing = Core::spawn_thread("recorder", move || recorder.run())?;
     let captured = join_thread(capturing, "recorder");
-    let solved = solving.map_or(Ok(()), |thread| join_thread(thread, "processing"));
-    captured.and(solved)
+    solving.map_or(Ok(()), |thread| join_thread(thread, "processing")).and(captured)
 }
 
 fn join_thread<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> {
@@ -145,18 +167,7 @@ async fn serve_until_done(
     mut finished: tokio::sync::oneshot::Receiver<()>,
 ) -> bool {
     let mut in_time = true;
-    if let Some(config) = &socket {
-        match endpoint::bind_socket(&config.socket) {
-            Ok(listener) => {
-                tokio::spawn(socket::serve_status(listener, core.board.clone(), commands.clone()));
-            }
-            Err(error) => {
-                // Recording matters more than reporting.
-                tracing::error!(socket = %config.socket.display(), %error, "cannot open the status socket");
-                core.board.note_fault(&format!("{}: {error}", config.socket.display()));
-            }
-        }
-    }
+    let status = socket.map(|config| tokio::spawn(socket::serve_status(config, core.board.clone(), commands.clone())));
     if let Some(publisher) = publisher {
         tokio::spawn(publisher.serve());
     }
@@ -171,8 +182,10 @@ async fn serve_until_done(
             in_time = tokio::time::timeout(within, finished).await.is_ok();
         }
     }
-    if let Some(config) = &socket {
-        let _ = std::fs::remove_file(&config.socket);
+    if let Some(status) = status {
+        // Its socket is removed now, not after the last data are stored.
+        status.abort();
+        let _ = status.await;
     }
     in_time
 }

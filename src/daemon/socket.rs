@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader as AsyncBufReader};
-use tokio::net::{UnixListener, UnixStream};
+use tokio::net::UnixStream;
 
 use super::command::Command;
 use super::endpoint;
-use super::status::{StatusBoard, prometheus_text};
+use super::status::{STATUS_PART, StatusBoard, prometheus_text};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,15 +38,21 @@ const MAX_LINE: u64 = 256;
 /// Time after which a client that sends or reads nothing is disconnected.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Answers clients forever, each in its own task.
-pub(crate) async fn serve_status(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
-    let client = |stream| {
+/// Maximum number of clients at a time: far below the number of files that a process may open.
+const MAX_CLIENTS: usize = 64;
+
+/// Answers clients forever, each in its own task. Recording matters more than reporting: a socket that cannot be bound is
+/// a fault in the status.
+pub(crate) async fn serve_status(config: StatusConfig, board: StatusBoard, recorder: Sender<Command>) {
+    let report = |fault| board.set_fault(STATUS_PART, fault);
+    let client = |stream, permit| {
         let (board, recorder) = (board.clone(), recorder.clone());
         tokio::spawn(async move {
+            let _permit = permit;
             let _ = tokio::time::timeout(CLIENT_TIMEOUT, answer_client(stream, &board, &recorder)).await;
         });
     };
-    endpoint::accept_clients(listener, client).await;
+    endpoint::serve_socket(&config.socket, MAX_CLIENTS, report, client).await;
 }
 
 async fn answer_client(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {

@@ -6,6 +6,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -21,6 +22,11 @@ use super::tls::TlsAcceptor;
 /// Minimum number of characters of a token: shorter ones can be guessed over a network.
 const MIN_TOKEN_LENGTH: usize = 16;
 
+/// Delay of a refusal: slows down guesses.
+const REFUSAL_DELAY: Duration = Duration::from_millis(200);
+/// Minimum number of different characters of a token: `aaaaaaaaaaaaaaaa` can be guessed too.
+const MIN_TOKEN_CHARACTERS: usize = 5;
+
 /// Address that a request comes from.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub SocketAddr);
@@ -35,6 +41,8 @@ pub struct Access {
     counts: RefusalCounts,
     /// If set, connections must use TLS.
     tls: Option<TlsAcceptor>,
+    /// Whether the token may also be in the address, after `?token=`.
+    in_address: bool,
 }
 
 #[derive(Debug, Default)]
@@ -49,12 +57,17 @@ impl Access {
     pub fn new(token: Option<&str>, hosts: Vec<String>) -> Self {
         let token = token.map(|token| Sha256::digest(token).into());
         let hosts = hosts.iter().map(|host| host.to_ascii_lowercase()).collect();
-        Self { token, hosts, counts: RefusalCounts::default(), tls: None }
+        Self { token, hosts, counts: RefusalCounts::default(), tls: None, in_address: false }
     }
 
     /// Requires TLS if `tls` is given.
     pub fn with_tls(self, tls: Option<TlsAcceptor>) -> Self {
         Self { tls, ..self }
+    }
+
+    /// Requires `token`, which may also be in the address, after `?token=`: for a page that one person opens.
+    pub fn with_address_token(self, token: &str) -> Self {
+        Self { token: Some(Sha256::digest(token).into()), in_address: true, ..self }
     }
 
     /// Returns the TLS settings, or `None` for plain HTTP.
@@ -82,10 +95,12 @@ impl Access {
         address || name == "localhost" || self.hosts.contains(&name)
     }
 
-    fn accepts_token(&self, headers: &HeaderMap) -> bool {
+    fn accepts_token(&self, headers: &HeaderMap, query: Option<&str>) -> bool {
         let Some(expected) = &self.token else { return true };
         let given =
             headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(authorization_token);
+        let in_address = || query.filter(|_| self.in_address)?.strip_prefix("token=").map(str::to_owned);
+        let given = given.or_else(in_address);
         let digest: [u8; 32] = Sha256::digest(given.unwrap_or_default()).into();
         digest.ct_eq(expected).into()
     }
@@ -120,10 +135,21 @@ pub fn read_token(file: &Path) -> Result<String, (String, String)> {
     if length < MIN_TOKEN_LENGTH {
         return Err((format!("contains a token of only {length} characters"), remedy));
     }
+    let different = token.chars().collect::<std::collections::BTreeSet<_>>().len();
+    if different < MIN_TOKEN_CHARACTERS {
+        return Err((format!("contains a token of only {different} different characters"), remedy));
+    }
     if !token.bytes().all(|byte| byte.is_ascii_graphic()) {
         return Err(("contains a token with spaces or characters that are not allowed in a header".to_owned(), remedy));
     }
     Ok(token.to_owned())
+}
+
+/// Returns a sentence if every user of this machine can read a secret.
+pub fn exposure_warning(secret: &Path) -> Option<String> {
+    use std::os::unix::fs::PermissionsExt;
+    let mode = std::fs::metadata(secret).ok()?.permissions().mode();
+    (mode & 0o004 != 0).then(|| format!("{}: every user of this machine can read it; chmod 600", secret.display()))
 }
 
 /// Passes a request on or refuses it. The log entry contains no header of the request.
@@ -131,14 +157,18 @@ pub(super) async fn check_access(State(access): State<Arc<Access>>, request: Req
     let headers = request.headers();
     let (count, reason, status) = if !access.accepts_host(headers) {
         (&access.counts.host, "the Host header does not name this machine", StatusCode::MISDIRECTED_REQUEST)
-    } else if !access.accepts_token(headers) {
+    } else if !access.accepts_token(headers, request.uri().query()) {
         (&access.counts.token, "token missing or wrong", StatusCode::UNAUTHORIZED)
     } else {
         return next.run(request).await;
     };
     let count = count.fetch_add(1, Ordering::Relaxed) + 1;
-    let peer = request.extensions().get::<Peer>().map(|peer| peer.0.ip().to_string());
-    tracing::warn!(peer = peer.unwrap_or_default(), reason, count, "request refused");
+    // One line each time the count doubles: an attack must not fill the log.
+    if count.is_power_of_two() {
+        let peer = request.extensions().get::<Peer>().map(|peer| peer.0.ip().to_string());
+        tracing::warn!(peer = peer.unwrap_or_default(), reason, count, "request refused");
+    }
+    tokio::time::sleep(REFUSAL_DELAY).await;
     let mut response = (status, format!("{reason}\n")).into_response();
     if status == StatusCode::UNAUTHORIZED {
         for scheme in ["Bearer realm=\"wingd\"", "Basic realm=\"wingd: any name, the token as password\""] {
@@ -176,7 +206,7 @@ mod tests {
         let access = Access::new(Some("0123456789abcdef"), vec![]);
         let asks = |value: &str| {
             let value = HeaderValue::from_str(value).unwrap();
-            access.accepts_token(&HeaderMap::from_iter([(header::AUTHORIZATION, value)]))
+            access.accepts_token(&HeaderMap::from_iter([(header::AUTHORIZATION, value)]), None)
         };
         let basic = base64::engine::general_purpose::STANDARD.encode("me:0123456789abcdef");
         assert!(asks("Bearer 0123456789abcdef") && asks(&format!("Basic {basic}")));
@@ -185,6 +215,9 @@ mod tests {
         {
             assert!(!asks(bad), "{bad}");
         }
-        assert!(!access.accepts_token(&HeaderMap::new()));
+        let query = Some("token=0123456789abcdef");
+        assert!(!access.accepts_token(&HeaderMap::new(), None) && !access.accepts_token(&HeaderMap::new(), query));
+        let access = access.with_address_token("0123456789abcdef");
+        assert!(access.accepts_token(&HeaderMap::new(), query) && !access.accepts_token(&HeaderMap::new(), Some("")));
     }
 }

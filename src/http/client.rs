@@ -2,7 +2,7 @@
 
 use std::io;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use axum::http::{HeaderMap, Request, StatusCode, Uri, header};
@@ -18,8 +18,10 @@ use super::tls::{self, TlsConnector};
 
 /// Timeout for connecting and for the head of a response; the server lists a flight's files before it responds.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(30);
-/// Timeout for the next bytes of a response; after it the connection counts as lost.
+/// Time in which a response must bring [`MIN_BYTES`]; otherwise the connection counts as lost.
 const STALL_TIMEOUT: Duration = Duration::from_secs(20);
+/// Minimum number of bytes in [`STALL_TIMEOUT`], 0.5 kB/s: a server that sends single bytes is not waited for.
+const MIN_BYTES: usize = 10_000;
 
 /// Error for a server URL that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +44,28 @@ pub struct ClientResponse<'a> {
     pub status: StatusCode,
     pub headers: HeaderMap,
     body: Incoming,
+    rate: RateCheck,
+}
+
+/// Checks that a response brings enough bytes in each period.
+struct RateCheck {
+    begun: Instant,
+    bytes: usize,
+}
+
+impl RateCheck {
+    /// Counts received bytes; returns an error if they were too few since the period began.
+    fn add(&mut self, bytes: usize, now: Instant) -> io::Result<()> {
+        self.bytes += bytes;
+        if now.duration_since(self.begun) < STALL_TIMEOUT {
+            return Ok(());
+        }
+        if self.bytes < MIN_BYTES {
+            return Err(io::Error::new(io::ErrorKind::TimedOut, "the server sends less than 0.5 kB/s"));
+        }
+        *self = Self { begun: now, bytes: 0 };
+        Ok(())
+    }
 }
 
 impl Client {
@@ -102,7 +126,13 @@ impl Client {
         let (connection, response) = outcome.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
         self.connection = Some(connection);
         let (head, body) = response.into_parts();
-        Ok(ClientResponse { runtime: &self.runtime, status: head.status, headers: head.headers, body })
+        Ok(ClientResponse {
+            runtime: &self.runtime,
+            status: head.status,
+            headers: head.headers,
+            body,
+            rate: RateCheck { begun: Instant::now(), bytes: 0 },
+        })
     }
 
     /// Closes the connection and discards the rest of a response.
@@ -121,7 +151,10 @@ impl ClientResponse<'_> {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(io::Error::other(error)),
                 Some(Ok(frame)) => match frame.into_data() {
-                    Ok(bytes) => return Ok(Some(bytes)),
+                    Ok(bytes) => {
+                        self.rate.add(bytes.len(), Instant::now())?;
+                        return Ok(Some(bytes));
+                    }
                     Err(_) => continue,
                 },
             }
@@ -133,7 +166,7 @@ impl ClientResponse<'_> {
         let mut all = Vec::new();
         while let Some(chunk) = self.next_chunk()? {
             if all.len() + chunk.len() > max_bytes {
-                return Err(io::Error::other("the response is longer than allowed"));
+                return Err(io::Error::new(io::ErrorKind::FileTooLarge, "the response is longer than allowed"));
             }
             all.extend_from_slice(&chunk);
         }
@@ -171,4 +204,18 @@ where
         let _ = connection.await;
     });
     Ok(sender)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_that_drips_is_not_waited_for() {
+        let begun = Instant::now();
+        let at = |second| begun + Duration::from_secs(second);
+        let mut rate = RateCheck { begun, bytes: 0 };
+        assert!(rate.add(9000, at(19)).is_ok() && rate.add(1000, at(20)).is_ok());
+        assert!((21..40).all(|second| rate.add(1, at(second)).is_ok()) && rate.add(1, at(40)).is_err());
+    }
 }

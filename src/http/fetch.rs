@@ -9,8 +9,8 @@ use axum::http::{StatusCode, header};
 use serde_json::Value;
 
 use super::client::{Client, ClientResponse};
-use crate::store::StoreError;
 use crate::store::receive::{ListedFile, Listing, Receiver};
+use crate::store::{StoreError, layout};
 
 /// Consecutive attempts without progress after which the download fails.
 const MAX_TRIES: u32 = 8;
@@ -19,7 +19,9 @@ const FIRST_PAUSE: Duration = Duration::from_millis(250);
 /// Files already present are downloaded again if the gap they would leave in a request is at most this long, bytes.
 const MAX_GAP_BYTES: u64 = 1 << 20;
 /// Maximum size of a listing or a status, bytes: 200 bytes a file, far above any flight.
-const MAX_LISTING_BYTES: usize = 256 << 20;
+const MAX_LISTING_BYTES: usize = 64 << 20;
+/// Size of the pieces in which a file is received, bytes: each is made durable.
+const PIECE_BYTES: usize = 8 << 20;
 
 /// Error of a download.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +67,10 @@ pub fn fetch_flight_names(client: &mut Client) -> Result<Vec<String>, FetchError
 fn fetch_json<T: serde::de::DeserializeOwned>(client: &mut Client, path: &str) -> Result<T, FetchError> {
     let answer = client.get(path, &[]).map_err(FetchError::Broken)?;
     let answer = check_status(answer, path, StatusCode::OK)?;
-    let bytes = answer.read_all(MAX_LISTING_BYTES).map_err(FetchError::Broken)?;
+    let bytes = answer.read_all(MAX_LISTING_BYTES).map_err(|error| match error.kind() {
+        io::ErrorKind::FileTooLarge => FetchError::Unexpected { path: path.to_owned(), problem: error.to_string() },
+        _ => FetchError::Broken(error),
+    })?;
     let invalid = |e: serde_json::Error| FetchError::Unexpected { path: path.to_owned(), problem: e.to_string() };
     serde_json::from_slice(&bytes).map_err(invalid)
 }
@@ -113,12 +118,16 @@ pub fn fetch_flight(
     thorough: bool,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<(), FetchError> {
+    if layout::flight_number(flight).is_none() {
+        let problem = format!("{flight:?} is not the name of a flight");
+        return Err(FetchError::Unexpected { path: "/status.json".to_owned(), problem });
+    }
     let path = format!("/bundle/{flight}.json");
     let mut tries = 0;
     loop {
         let listing: Listing = with_retries(|| fetch_json(client, &path))?;
-        let other = (listing.flight != flight).then(|| format!("lists flight {}", listing.flight));
-        if let Some(problem) = other.or_else(|| listing.foreign_file()) {
+        let other = (listing.flight != flight).then(|| format!("lists flight {:?}", listing.flight));
+        if let Some(problem) = other.or_else(|| listing.problem()) {
             return Err(FetchError::Unexpected { path, problem });
         }
         receiver.prepare_flight(&listing)?;
@@ -127,6 +136,7 @@ pub fn fetch_flight(
             return Ok(receiver.commit_flight(&listing)?);
         }
         let mut left: u64 = missing.iter().map(|item| item.length).sum();
+        receiver.require_space(left)?;
         let total = listing.total_bytes();
         progress(total - left, total);
         let before = left;
@@ -140,9 +150,14 @@ pub fn fetch_flight(
         client.disconnect();
         match outcome {
             Err(error) if !error.is_transient() || tries >= MAX_TRIES => return Err(error),
-            Err(_) => sleep(FIRST_PAUSE * 2_u32.pow(tries)),
+            // From an outdated state each time, or from a server that does not send parts of a file.
+            Ok(()) if tries >= MAX_TRIES => {
+                let problem = format!("no part of the listed files was sent, {MAX_TRIES} times");
+                return Err(FetchError::Unexpected { path: format!("/tar/{flight}.tar"), problem });
+            }
+            _ if tries > 0 => sleep(FIRST_PAUSE * 2_u32.pow(tries - 1)),
             // Complete, or from an outdated state: the next listing shows which.
-            Ok(()) => {}
+            _ => {}
         }
     }
 }
@@ -174,8 +189,12 @@ fn fetch_run(
     let mut at = first.offset;
     for item in run {
         bytes.skip(item.offset - at).map_err(FetchError::Broken)?;
-        let content = bytes.read_bytes(item.length).map_err(FetchError::Broken)?;
-        receiver.accept_file(item, &content)?;
+        let mut file = receiver.begin_file(item)?;
+        while file.missing_bytes() > 0 {
+            let length = file.missing_bytes().min(PIECE_BYTES as u64);
+            file.add(&bytes.read_bytes(length).map_err(FetchError::Broken)?)?;
+        }
+        file.finish()?;
         on_received(item.length);
         at = item.offset + item.length;
     }

@@ -1,12 +1,14 @@
 //! Files of the store for the names in a request, and their bytes.
 
 use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::Refusal;
 use super::Site;
 use super::send::{Content, ContentSource};
-use crate::store::{self, FlightRef, RealDisk, SeriesRef, catalogue, layout};
+use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, layout};
 
 /// Returns the flight if the store has it.
 pub fn check_flight(site: &Site, flight: &str) -> Result<FlightRef, Refusal> {
@@ -48,7 +50,13 @@ pub fn flight_file_content(site: &Site, flight: &str, file: &str) -> Result<Cont
     };
     let path = store_path(&site.root, &format!("{}/{flight}/{file}", layout::FLIGHTS))?;
     let stays = ![layout::CHAIN_FILE, layout::SUMS_FILE].contains(&file);
-    small_file_content(&path, kind, stays)
+    // The checksums are replaced when the flight grows: one state is read at once.
+    if file == layout::SUMS_FILE {
+        let bytes = RealDisk.read(&path).map_err(StoreError::io(&path, "read"))?;
+        let digest = store::sha256_hex(&bytes);
+        return Ok(Content::from_source(bytes.len() as u64, ContentSource::Bytes(bytes.into()), digest, kind, false));
+    }
+    file_content(&path, kind, stays)
 }
 
 /// Returns a file of a series: a frame, `series.json` or `results.jsonl`. `results.jsonl` grows and is sent without ranges.
@@ -58,8 +66,8 @@ pub fn series_file_content(site: &Site, flight: &str, series: &str, file: &str) 
     let series = SeriesRef { flight: flight.to_owned(), id: series.to_owned(), folder };
     let path = || store_path(&site.root, &format!("{}/{flight}/{}/{file}", layout::FLIGHTS, series.id));
     match file {
-        layout::SERIES_FILE => small_file_content(&path()?, "application/json", true),
-        layout::RESULTS_FILE => small_file_content(&path()?, "text/plain; charset=utf-8", false),
+        layout::SERIES_FILE => file_content(&path()?, "application/json", true),
+        layout::RESULTS_FILE => file_content(&path()?, "text/plain; charset=utf-8", false),
         name if layout::is_frame_name(name) => frame_content(&path()?, &series, name),
         _ => Err(Refusal::NotFound),
     }
@@ -78,11 +86,13 @@ fn frame_content(path: &Path, series: &SeriesRef, file: &str) -> Result<Content,
     Ok(Content::from_source(entry.bytes, ContentSource::File(path.to_owned()), entry.sha256, kind, true))
 }
 
-/// Reads a small file and computes its digest.
-fn small_file_content(path: &Path, kind: &'static str, by_range: bool) -> Result<Content, Refusal> {
-    let bytes = fs::read(path).map_err(|e| Refusal::Failed(format!("{}: could not read: {e}", path.display())))?;
-    let digest = store::sha256_hex(&bytes);
-    Ok(Content::from_source(bytes.len() as u64, ContentSource::Bytes(bytes.into()), digest, kind, by_range))
+/// Returns the present content of a file. The digest identifies the file and its state, so that it need not be read.
+fn file_content(path: &Path, kind: &'static str, by_range: bool) -> Result<Content, Refusal> {
+    let failed = |e: io::Error| Refusal::Failed(format!("{}: could not read: {e}", path.display()));
+    let meta = fs::metadata(path).map_err(failed)?;
+    let state = (path, meta.dev(), meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec());
+    let digest = store::sha256_hex(format!("{state:?}").as_bytes());
+    Ok(Content::from_source(meta.len(), ContentSource::File(path.to_owned()), digest, kind, by_range))
 }
 
 /// Returns the path of a regular file inside the store; a symbolic link that leads elsewhere is not followed.

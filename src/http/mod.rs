@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `/` | flights |
 //! | `/flights/{flight}` | the flight's series |
-//! | `/flights/{flight}/{series}` | frames and results of the series |
+//! | `/flights/{flight}/{series}` | frames and results of the series, 50 frames a page (`?page=2`) |
 //! | `/frames/{flight}/{series}/{file}` | one frame with its markers |
 //! | `/thumb/…svg`, `/overlay/…svg` | a frame with its markers drawn, small and large |
 //! | `/results/{flight}.jsonl` | the results of all series |
@@ -26,6 +26,7 @@ pub mod client;
 pub mod fetch;
 mod files;
 mod frames;
+mod limits;
 mod live;
 pub mod mark;
 mod pages;
@@ -58,8 +59,9 @@ use crate::report::overview;
 use crate::report::source::{self, ResultChoice};
 use crate::store::bundle::{self, FlightBundle};
 use crate::store::receive::Listing;
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue};
+use crate::store::{FlightRef, RealDisk, SeriesRef, StoreError, catalogue, layout};
 use access::Access;
+use limits::AnswerLimits;
 use send::Content;
 
 /// Data that the pages show.
@@ -75,6 +77,17 @@ pub struct Site {
     pub live: Option<PathBuf>,
 }
 
+/// Maximum number of threads that read files and the store for pages: the recorder's service may have 128 tasks.
+const MAX_THREADS: usize = 8;
+
+/// Creates the event loop of the pages, for one thread.
+///
+/// # Errors
+/// Returns an error if the machine has no resources for it.
+pub fn page_runtime() -> io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_current_thread().max_blocking_threads(MAX_THREADS).enable_all().build()
+}
+
 /// Maximum number of archives sent at the same time; a small computer records meanwhile.
 const MAX_ARCHIVES: usize = 2;
 
@@ -87,8 +100,12 @@ const MAX_REPORTS: usize = 1;
 /// Maximum number of frames decoded for display at the same time.
 const MAX_PICTURES: usize = 1;
 
+/// Maximum size of the results of a series in a report, bytes: its records are in memory at the same time.
+const MAX_REPORT_RESULTS: u64 = 64_000_000;
+
 struct ServerState {
     site: Site,
+    series: frames::SeriesCache,
     access: Arc<Access>,
     archives: Arc<Semaphore>,
     reports: Semaphore,
@@ -109,6 +126,8 @@ type RequestHead = (Method, HeaderMap);
 enum Refusal {
     NotFound,
     Busy,
+    /// The page would need too much memory.
+    TooLarge(String),
     Failed(String),
 }
 
@@ -123,6 +142,7 @@ impl IntoResponse for Refusal {
         let (status, text) = match self {
             Self::NotFound => (StatusCode::NOT_FOUND, "This page or file does not exist.".to_owned()),
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "Other downloads are running; try again later.".to_owned()),
+            Self::TooLarge(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
         };
         (status, Html(pages::message_page(&text).into_string())).into_response()
@@ -145,6 +165,7 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
     let archives = Arc::new(Semaphore::new(MAX_ARCHIVES));
     let shared = Arc::new(ServerState {
         site,
+        series: frames::SeriesCache::default(),
         access: access.clone(),
         archives,
         reports: Semaphore::new(MAX_REPORTS),
@@ -172,12 +193,13 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/tar/{name}", get(send_tar))
         .route("/bundle/{name}", get(send_listing))
         .route("/report/{flight}", get(report_page))
+        .route("/status.json", get(send_status))
+        .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::default(), limits::limit_answers))
         .route("/live", get(live::live_page))
         .route("/live.js", get(live::live_script))
         .route("/figure.js", get(live::figure_script))
         .route("/live/events", get(live::live_events))
         .route("/live/frame.jpg", get(live::newest_frame))
-        .route("/status.json", get(send_status))
         .fallback(async || Refusal::NotFound);
     add_common_layers(router, access).with_state(shared)
 }
@@ -299,12 +321,27 @@ async fn send_listing(State(shared): ServerContext, Path(name): Path<String>) ->
 async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -> Result<Response, Refusal> {
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
     run_blocking(shared.clone(), move |site| {
-        files::check_flight(site, &flight)?;
+        let found = files::check_flight(site, &flight)?;
+        refuse_large_report(&found)?;
         let data = source::read_flight(&site.root, ResultChoice::for_flight(&flight), site.setup.as_ref())?;
         let policy = [(header::CONTENT_SECURITY_POLICY, policy::report_policy())];
         Ok((policy, Html(html::report_page(&data))).into_response())
     })
     .await
+}
+
+/// Refuses the report of a flight with a series whose results do not fit into the page's memory.
+fn refuse_large_report(flight: &FlightRef) -> Result<(), Refusal> {
+    let too_large = |series: &SeriesRef| {
+        std::fs::metadata(series.folder.join(layout::RESULTS_FILE)).is_ok_and(|meta| meta.len() > MAX_REPORT_RESULTS)
+    };
+    match catalogue::list_series(&RealDisk, flight)?.into_iter().find(too_large) {
+        None => Ok(()),
+        Some(series) => Err(Refusal::TooLarge(format!(
+            "Series {} has too many results for a report here; run `wingd report` on a copy of the store.",
+            series.id
+        ))),
+    }
 }
 
 async fn send_status(State(shared): ServerContext) -> Result<Json<Value>, Refusal> {

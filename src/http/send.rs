@@ -1,7 +1,6 @@
 //! Responses with file contents: known length, strong ETag, byte ranges.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io;
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -14,9 +13,10 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
 use super::{Refusal, RequestHead};
-use crate::store::bundle;
+use crate::store::{Disk, RealDisk, bundle};
 
-const CHUNK_BYTES: usize = 256 * 1024;
+/// Size of the pieces that are sent; of each response three are in memory.
+const CHUNK_BYTES: usize = 64 * 1024;
 
 /// Source of one part of a response.
 #[derive(Clone, Debug)]
@@ -96,16 +96,16 @@ impl Content {
         if method == Method::HEAD {
             return Ok(response);
         }
-        let (sender, receiver) = channel(2);
+        let (sender, receiver) = channel(1);
         let Self { parts, permit, .. } = self;
-        tokio::task::spawn_blocking(move || {
+        tokio::spawn(async move {
             let _permit = permit;
-            if let Err(error) = write_range(&parts, from, to, &sender) {
+            if let Err(error) = send_range(parts, (from, to), &sender).await {
                 // A client that disconnects is no error; a file that cannot be read is one.
                 if error.kind() != io::ErrorKind::BrokenPipe {
                     tracing::warn!(%error, "a response was aborted");
                 }
-                let _ = sender.blocking_send(Err(error));
+                let _ = sender.send(Err(error)).await;
             }
         });
         *response.body_mut() = Body::new(ChunkBody(receiver));
@@ -197,55 +197,47 @@ fn parse_single_range(range: &str, length: u64) -> Option<RequestedRange> {
     Some(if from < end { RequestedRange::Part(from, end) } else { RequestedRange::Beyond })
 }
 
-/// Sends the bytes from `from` to `to`; waits while the client is slow.
-fn write_range(
-    parts: &[(u64, ContentSource)],
-    from: u64,
-    to: u64,
+/// Sends the bytes from `from` to `to`. A slow client takes no thread: one is used only while a piece is read.
+async fn send_range(
+    parts: Vec<(u64, ContentSource)>,
+    (from, to): (u64, u64),
     sender: &Sender<io::Result<Bytes>>,
 ) -> io::Result<()> {
-    let mut out = BufWriter::with_capacity(CHUNK_BYTES, ChunkWriter(sender));
+    let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client disconnected");
+    let mut chunk = Vec::new();
     let mut begin = 0;
     for (length, source) in parts {
         let end = begin + length;
-        let (first, last) = (from.max(begin), to.min(end));
-        if first < last {
-            write_part(source, first - begin, last - begin, &mut out)?;
+        let (mut at, last) = (from.max(begin), to.min(end));
+        while at < last {
+            let until = last.min(at + (CHUNK_BYTES - chunk.len()) as u64);
+            chunk.extend_from_slice(&read_piece(&source, at - begin, until - begin).await?);
+            at = until;
+            if chunk.len() == CHUNK_BYTES {
+                sender.send(Ok(std::mem::take(&mut chunk).into())).await.map_err(gone)?;
+            }
         }
         begin = end;
     }
-    out.flush()
+    if chunk.is_empty() { Ok(()) } else { sender.send(Ok(chunk.into())).await.map_err(gone) }
 }
 
-/// Writes exactly the bytes `from` to `to` of a part; fewer available bytes are an error.
-fn write_part(source: &ContentSource, from: u64, to: u64, out: &mut impl Write) -> io::Result<()> {
+/// Reads exactly the bytes `from` to `to` of a part; fewer available bytes are an error.
+async fn read_piece(source: &ContentSource, from: u64, to: u64) -> io::Result<Bytes> {
+    let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
     match source {
-        ContentSource::Bytes(bytes) => {
-            let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
-            out.write_all(bytes.get(place(from)..place(to)).ok_or(io::ErrorKind::UnexpectedEof)?)
-        }
+        ContentSource::Bytes(bytes) if place(to) <= bytes.len() => Ok(bytes.slice(place(from)..place(to))),
+        ContentSource::Bytes(_) => Err(io::ErrorKind::UnexpectedEof.into()),
         ContentSource::File(path) => {
-            let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
-            let mut file = File::open(path).map_err(named)?;
-            file.seek(SeekFrom::Start(from)).map_err(named)?;
-            let copied = io::copy(&mut file.take(to - from), out).map_err(named)?;
-            if copied < to - from { Err(named(io::ErrorKind::UnexpectedEof.into())) } else { Ok(()) }
+            let path = path.clone();
+            let read = tokio::task::spawn_blocking(move || {
+                let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
+                let bytes = RealDisk.read_range(&path, from, place(to - from)).map_err(named)?;
+                let whole = bytes.len() as u64 == to - from;
+                whole.then(|| bytes.into()).ok_or_else(|| named(io::ErrorKind::UnexpectedEof.into()))
+            });
+            read.await?
         }
-    }
-}
-
-/// Writer that passes chunks to the client and waits while the client is slow.
-struct ChunkWriter<'a>(&'a Sender<io::Result<Bytes>>);
-
-impl Write for ChunkWriter<'_> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client disconnected");
-        self.0.blocking_send(Ok(Bytes::copy_from_slice(bytes))).map_err(gone)?;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }
 

@@ -29,6 +29,8 @@ const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Timeout for responses in progress when the server stops; the whole shutdown stays below 5 s.
 const STOP_TIMEOUT: Duration = Duration::from_secs(3);
+/// Buffer of the kernel for each connection, bytes: it counts as memory of the service.
+const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// Pause after a failed accept, for example when file descriptors run out.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// Maximum size of a request's head, bytes.
@@ -66,8 +68,9 @@ pub(super) async fn accept_connections(
             }
             continue;
         };
-        // A connection without TCP keepalive still works.
+        // A connection without TCP keepalive or with another buffer still works.
         let _ = keep_alive(&stream);
+        let _ = socket2::SockRef::from(&stream).set_send_buffer_size(SEND_BUFFER_BYTES);
         let (app, access, watcher) = (app.clone(), access.clone(), graceful.watcher());
         connections.spawn(async move {
             let _permit = permit;

@@ -65,7 +65,7 @@ pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, parse_rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
-pub use text::{decode_text, printable_path};
+pub use text::{cell_text, decode_text, printable_path, printable_text, text_cell};
 pub use warnings::find_warnings;
 pub use write_setup::write_installation;
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Fault, Reader, rows};
+use super::{Fault, Reader, rows, text_cell};
 use crate::measure::setup::Setup;
 
 const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
@@ -56,17 +56,18 @@ pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> s
         let number =
             |value: &dyn Fn(&ManualPosition) -> f64| o.place.as_ref().map_or(String::new(), |p| value(p).to_string());
         let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
-        let [who, when, why] = &o.note;
+        let [id, image, who, when, why] =
+            [id, o.image.as_deref().unwrap_or_default(), &o.note[0], &o.note[1], &o.note[2]].map(text_cell);
         csv.write_record([
-            id,
+            &*id,
             &number(&|p| p.pixel.x),
             &number(&|p| p.pixel.y),
             &number(&|p| p.covariance_px2[(0, 0)].sqrt()),
-            o.image.as_deref().unwrap_or_default(),
+            &image,
             &number(&|p| p.covariance_px2[(1, 1)].sqrt()),
-            who,
-            when,
-            why,
+            &who,
+            &when,
+            &why,
         ])?;
     }
     csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))

@@ -97,7 +97,7 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
             QuoteState::Open => return Err(RowsError::OpenQuote { line }),
             QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
         }
-        let cells = record.iter().map(|cell| cell.trim().to_owned()).collect();
+        let cells = record.iter().map(|cell| super::cell_text(cell.trim()).to_owned()).collect();
         let row = Row { line, text: own.to_owned(), cells };
         if !row.is_blank() {
             found.push(row);

@@ -1,5 +1,6 @@
 //! Text files and their names, as all readers decode them and all messages show them.
 
+use std::borrow::Cow;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
 
@@ -43,9 +44,46 @@ pub fn printable_path(path: impl AsRef<OsStr>) -> String {
     text
 }
 
+/// Formats a text for a terminal: control characters other than line ends and tabs, with which a name from elsewhere could
+/// rewrite the output, are shown as escapes.
+pub fn printable_text(text: &str) -> Cow<'_, str> {
+    let control = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !text.contains(control) {
+        return text.into();
+    }
+    let mut printable = String::with_capacity(text.len());
+    for sign in text.chars() {
+        if control(sign) { printable.extend(sign.escape_default()) } else { printable.push(sign) }
+    }
+    printable.into()
+}
+
+/// First characters with which a spreadsheet takes a cell for a formula.
+const FORMULA_STARTS: [char; 4] = ['=', '+', '-', '@'];
+
+/// Formats free text as a cell of a table: a spreadsheet must not take it for a formula.
+pub fn text_cell(text: &str) -> Cow<'_, str> {
+    if text.starts_with(FORMULA_STARTS) { format!("'{text}").into() } else { text.into() }
+}
+
+/// Returns the text of a cell that [`text_cell`] may have formatted.
+pub fn cell_text(cell: &str) -> &str {
+    cell.strip_prefix('\'').filter(|text| text.starts_with(FORMULA_STARTS)).unwrap_or(cell)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_terminal_gets_no_control_characters_and_a_spreadsheet_no_formula() {
+        assert_eq!(printable_text("a\u{1b}[2Jb\n\tc"), "a\\u{1b}[2Jb\n\tc");
+        for text in ["=1+2", "+1", "-M5", "@x", "'=1"] {
+            assert_eq!(cell_text(&text_cell(text)), text.strip_prefix("'=").map_or(text, |_| "=1"), "{text}");
+            assert!(!text_cell(text).starts_with(FORMULA_STARTS));
+        }
+        assert_eq!((text_cell("M05"), cell_text("'quoted'")), ("M05".into(), "'quoted'"));
+    }
 
     #[test]
     fn text_of_any_system_reads_equal_and_other_bytes_are_named() {

@@ -78,7 +78,6 @@ fn read_records(
     series: &SeriesRef,
     set: &ResultSet,
 ) -> Result<Vec<(FrameKey, ImageRecord)>, StoreError> {
-    let lines = result_sets::results_in_set(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
         quality: Quality::default(),
@@ -89,7 +88,7 @@ fn read_records(
     let one = |line: crate::store::manifest::ResultLine| {
         Some(((series.id.clone(), line.frame, line.frame_sha256), lean(record(line.record)?)))
     };
-    Ok(lines.filter_map(one).collect())
+    result_sets::results_in_set(disk, series, Some(set), one)
 }
 
 fn frame_change(key: FrameKey, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> FrameChange {

@@ -9,7 +9,7 @@ use crate::clock::Stamp;
 use crate::record::{RecordStatus, Reference, Tip};
 use crate::store::manifest::{SeriesManifest, SeriesState};
 use crate::store::result_sets::{ResultGrouper, ResultSets};
-use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, layout, result_summary};
+use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 
 /// Series of a flight in one line.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -155,22 +155,14 @@ fn read_results(
     grouper: &mut ResultGrouper,
     notes: &mut Vec<String>,
 ) -> Vec<FrameResult> {
-    let path = series.folder.join(layout::RESULTS_FILE);
-    let bytes = match disk.read(&path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Vec::new(),
-        Err(error) => {
-            notes.push(format!("{}: cannot be read: {error}", path.display()));
-            return Vec::new();
-        }
-    };
-    let heads = result_summary::parse_summaries(&bytes, &["status", "tip"]);
-    let sets = grouper.add_series(&series.id, &heads);
-    let one = |(head, set): (result_summary::ResultSummary, usize)| {
+    let results = grouper.add_series(disk, series, &["status", "tip"], |head| {
         let brief: ResultBrief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
-        FrameResult { set, frame: head.frame, ok: brief.status == RecordStatus::Ok, tip: brief.tip }
-    };
-    heads.into_iter().zip(sets).map(one).collect()
+        FrameResult { set: head.set, frame: head.frame, ok: brief.status == RecordStatus::Ok, tip: brief.tip }
+    });
+    results.unwrap_or_else(|error| {
+        notes.push(error.to_string());
+        Vec::new()
+    })
 }
 
 fn add_results(

@@ -1,6 +1,8 @@
 //! Reading of a report's data from a store. Damaged files are reported in the notes and do not hide the rest.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use super::frame_ranking::FrameRanking;
 use super::{FramePicture, FullRecord, MarkerCount, ReportData, ReportSite, SeriesData, ShotData, aircraft, summary};
@@ -8,8 +10,8 @@ use crate::aircraft::{AircraftState, AircraftTrack};
 use crate::installation;
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
-use crate::store::manifest::{RefusedSeries, ResultLine, SeriesState, Shot};
-use crate::store::result_sets::{self, ResultSet};
+use crate::store::manifest::{RefusedSeries, ResultLine, SeriesManifest, SeriesState, Shot};
+use crate::store::result_sets::{self, ResultGrouper, ResultSet};
 use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout};
 
 /// Selection of a flight and of one of its result sets.
@@ -198,24 +200,73 @@ pub fn read_series(
     notes: &mut Vec<String>,
 ) -> Option<SeriesData> {
     let manifest = catalogue::read_series_manifest(disk, series).map_err(|e| notes.push(e.to_string())).ok()?;
-    let lines = result_sets::results_in_set(disk, series, set).unwrap_or_else(|e| {
+    let mut damaged = Vec::new();
+    let records = result_sets::results_in_set(disk, series, set, |line| parse_record(series, line, &mut damaged));
+    let records = records.unwrap_or_else(|e| {
         notes.push(e.to_string());
         Vec::new()
     });
-    let records = lines.into_iter().filter_map(|line| parse_record(series, line, notes)).collect();
-    Some(SeriesData {
+    notes.append(&mut damaged);
+    Some(SeriesData { records, inputs: set.map(|set| set.key.clone()), ..series_data(series, manifest) })
+}
+
+/// Returns a series without its results.
+fn series_data(series: &SeriesRef, manifest: SeriesManifest) -> SeriesData {
+    SeriesData {
         flight: series.flight.clone(),
         name: series.id.clone(),
         begun: manifest.start_time(),
         interrupted: manifest.state == SeriesState::Interrupted,
         planned: manifest.planned_shots as usize,
-        curve: Vec::new(),
-        counts: Vec::new(),
-        inputs: set.map(|set| set.key.clone()),
-        records,
         remarks: manifest.remarks,
         shots: manifest.shots.into_iter().map(shot_data).collect(),
-    })
+        ..SeriesData::default()
+    }
+}
+
+/// A series with the places of its results, which are read frame by frame: all results of a long event do not fit into the
+/// memory of a recorder.
+pub struct SeriesIndex {
+    /// The series without its results.
+    pub data: SeriesData,
+    /// Warning if there are results from other inputs than those shown.
+    pub warning: Option<String>,
+    results: PathBuf,
+    places: BTreeMap<String, Range<u64>>,
+}
+
+impl SeriesIndex {
+    /// Reads the manifest, and the beginnings of the results.
+    ///
+    /// # Errors
+    /// Returns an error if one of the files cannot be read.
+    pub fn read(disk: &dyn Disk, series: &SeriesRef) -> Result<Self, StoreError> {
+        let data = series_data(series, catalogue::read_series_manifest(disk, series)?);
+        let mut grouper = ResultGrouper::default();
+        let heads = grouper.add_series(disk, series, &[], |head| (head.set, head.frame, head.place))?;
+        let sets = grouper.finish();
+        let chosen = sets.choose_set(None);
+        let shown = heads.into_iter().filter(|(set, ..)| chosen.is_some_and(|chosen| chosen.index() == *set));
+        Ok(Self {
+            data: SeriesData { inputs: chosen.map(|set| set.key.clone()), ..data },
+            warning: sets.mixed_inputs_warning(&series.id, None),
+            results: series.folder.join(layout::RESULTS_FILE),
+            places: shown.map(|(_, frame, place)| (frame, place)).collect(),
+        })
+    }
+
+    /// Returns whether there are results.
+    pub fn has_results(&self) -> bool {
+        !self.places.is_empty()
+    }
+
+    /// Reads the result of a frame; `None` if it has none, or a damaged one.
+    pub fn record(&self, disk: &dyn Disk, image: &str) -> Option<ImageRecord> {
+        let place = self.places.get(image)?;
+        let line = disk.read_range(&self.results, place.start, usize::try_from(place.end - place.start).ok()?).ok()?;
+        let line: ResultLine = serde_json::from_slice(&line).ok()?;
+        Some(ImageRecord { image: line.frame, ..serde_json::from_value(line.record).ok()? })
+    }
 }
 
 /// Parses a result, with the file name that its frame has in the store.

@@ -41,7 +41,8 @@ mod read;
 mod write;
 
 pub use config::{BootPolicy, StoreConfig};
-pub use disk::{Disk, RealDisk, StoreError};
+pub use disk::owner::{Owner, service_owner};
+pub use disk::{Disk, RealDisk, StoreError, read_regular_file};
 pub use format::columns::{LiveColumn, LiveRow, LiveTable, ValueKind};
 pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256_hex};
 pub use maintenance::upgrade::upgrade_store;
@@ -49,6 +50,7 @@ pub use maintenance::{prune, receive, verify};
 pub use read::catalogue::{FlightRef, SeriesRef};
 pub use read::frames::{FrameRef, read_frame, series_frames};
 pub use read::{aircraft, bundle, catalogue, installations, live, manual_marks, result_sets};
+pub(crate) use write::opening::random_id;
 pub use write::opening::{is_vacant, unwritable_reason};
 pub use write::recover::Recovery;
 pub use write::series::{NewFrame, OpenSeries};

@@ -217,6 +217,7 @@ fn hangs_failures_and_truncated_or_repeated_frames_cost_only_their_shots() {
     assert_eq!(report.results, 9);
     let kept = manifests[0].shots[3].failures[0].kept_as.as_ref().unwrap();
     assert!(flight.root().join("partial").join(kept).is_file(), "the half frame is kept");
+    assert_eq!(manifests[1].shots[0].failures[0].kept_as, None, "an old frame is stored already");
 }
 
 #[test]

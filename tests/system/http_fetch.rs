@@ -162,3 +162,69 @@ fn fetching_over_tls_needs_the_right_certificate_and_token() {
     assert_eq!(done.status.code(), Some(0), "{}", text(&done));
     assert!(!text(&done).contains(TOKEN));
 }
+
+/// A server that answers each path with the next of its answers; returns its address and the number of requests.
+fn strange_server(answer: impl Fn(&str) -> Vec<u8> + Send + Sync + 'static) -> (SocketAddr, Arc<AtomicUsize>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (address, count) = (listener.local_addr().unwrap(), Arc::new(AtomicUsize::new(0)));
+    let (requests, answer) = (count.clone(), Arc::new(answer));
+    std::thread::spawn(move || {
+        for mut stream in listener.incoming().map_while(Result::ok) {
+            let (requests, answer) = (requests.clone(), answer.clone());
+            std::thread::spawn(move || {
+                let mut head = [0; 4096];
+                let length = stream.read(&mut head).unwrap_or(0);
+                requests.fetch_add(1, Ordering::Relaxed);
+                let head = String::from_utf8_lossy(&head[..length]).into_owned();
+                let _ = stream.write_all(&answer(head.split(' ').nth(1).unwrap_or_default()));
+            });
+        }
+    });
+    (address, count)
+}
+
+fn http_answer(body: &str) -> Vec<u8> {
+    format!("HTTP/1.1 200 OK\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}", body.len()).into_bytes()
+}
+
+fn listing(length: u64) -> String {
+    let file = |name: &str, offset: u64, length: u64| serde_json::json!({"name": name, "length": length, "sha256": "ab".repeat(32), "offset": offset});
+    let items = [file("store.toml", 512, 100), file("flights/f0001/flight.json", 1536, length)];
+    serde_json::json!({"flight": "f0001", "digest": "cd".repeat(32), "items": items}).to_string()
+}
+
+/// A proxy that ignores ranges answers each request with the whole archive, 200: a few tries with pauses, then an error.
+#[test]
+fn a_server_without_ranges_is_given_up() {
+    let (address, requests) = strange_server(|path| match path.ends_with(".json") {
+        true => http_answer(&listing(100)),
+        false => http_answer("the whole archive"),
+    });
+    let dir = tempfile::tempdir().unwrap();
+    let fetched = fetch(&format!("http://{address}"), &dir.path().join("copy"), &["--flight", "f0001"]);
+    assert_eq!(fetched.status.code(), Some(1));
+    assert!(text(&fetched).contains("no part of the listed files was sent"), "{}", text(&fetched));
+    assert!(requests.load(Ordering::Relaxed) < 40, "{requests:?}");
+}
+
+/// Lengths that a server states are not believed.
+#[test]
+fn impossible_lengths_and_names_are_refused_at_once() {
+    let answers = [
+        (listing(1 << 60), "MB are needed"),
+        (listing(u64::MAX - 100), "impossible"),
+        (listing(100).replace("flights/f0001/flight.json", "flights/f0001/\\u001b[2J"), "is not a file of flight"),
+    ];
+    for (body, words) in answers {
+        let (address, _) = strange_server(move |_| http_answer(&body));
+        let dir = tempfile::tempdir().unwrap();
+        let fetched = fetch(&format!("http://{address}"), &dir.path().join("copy"), &["--flight", "f0001"]);
+        assert_eq!(fetched.status.code(), Some(1));
+        let printed = text(&fetched);
+        assert!(printed.contains(words) && !printed.contains('\u{1b}'), "{words}: {printed}");
+    }
+    let (address, requests) = strange_server(|_| http_answer(&"x".repeat(100 << 20)));
+    let fetched = fetch(&format!("http://{address}"), &tempfile::tempdir().unwrap().path().join("copy"), &[]);
+    assert!(text(&fetched).contains("longer than allowed"), "{}", text(&fetched));
+    assert_eq!(requests.load(Ordering::Relaxed), 1, "not tried again");
+}

@@ -39,6 +39,7 @@ mod phone_pictures;
 mod plan_command;
 mod power_fails;
 mod program;
+mod recorder_survives;
 mod report_html;
 mod shipped_configuration;
 mod solve_again;

@@ -31,6 +31,7 @@ fn prepared(oriented: bool) -> tempfile::TempDir {
 struct Marking {
     child: Child,
     address: String,
+    token: String,
 }
 
 impl Marking {
@@ -41,14 +42,21 @@ impl Marking {
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let line = lines.find(|line| line.as_ref().unwrap().contains("http://")).unwrap().unwrap();
         std::thread::spawn(move || lines.for_each(drop));
-        let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
-        Self { child, address }
+        let (address, rest) = line.split_once("http://").unwrap().1.split_once('/').unwrap();
+        let token = rest.strip_prefix("?token=").unwrap().split(' ').next().unwrap();
+        Self { child, address: address.to_owned(), token: token.to_owned() }
     }
 
     fn request(&self, head: &str, body: &str) -> (u16, Value) {
         let mut stream = TcpStream::connect(&self.address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        write!(stream, "{head}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}", body.len()).unwrap();
+        let token = &self.token;
+        write!(
+            stream,
+            "{head}\r\nConnection: close\r\nAuthorization: Bearer {token}\r\nContent-Length: {}\r\n\r\n{body}",
+            body.len()
+        )
+        .unwrap();
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).unwrap();
         let text = String::from_utf8_lossy(&bytes);
@@ -233,4 +241,31 @@ fn manual_marks_of_image_files_are_observations_for_solve_and_orient() {
         "{}",
         all_output(&refused)
     );
+}
+
+/// Neither another user of this machine nor a request that never ends gets in.
+#[test]
+fn marking_needs_its_token_and_requests_end() {
+    let dir = prepared(true);
+    let marking = Marking::start(dir.path(), &["flight-1.jpg"]);
+    let answer = |head: String| {
+        let mut stream = TcpStream::connect(&marking.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        write!(stream, "{head}\r\n\r\n").unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        String::from_utf8_lossy(&bytes).into_owned()
+    };
+    let get = |path: &str| answer(format!("GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close", marking.address));
+    for path in ["/", "/mark.js", "/pictures.json", "/?token=00000000000000000000000000000000"] {
+        assert!(get(path).starts_with("HTTP/1.1 401"), "{path}");
+    }
+    let page = get(&format!("/?token={}", marking.token));
+    assert!(page.starts_with("HTTP/1.1 200") && page.contains(&format!("/mark.js?token={}", marking.token)), "{page}");
+    let begun = std::time::Instant::now();
+    let unsent = answer(format!(
+        "POST /picture/0?token={0} HTTP/1.1\r\nHost: {1}\r\nOrigin: http://{1}\r\nContent-Type: application/json\r\nContent-Length: 100",
+        marking.token, marking.address
+    ));
+    assert!(unsent.starts_with("HTTP/1.1 422") && begun.elapsed() < Duration::from_secs(15), "{unsent}");
 }

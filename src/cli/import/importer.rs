@@ -180,7 +180,7 @@ impl<'a> Importer<'a> {
         }
         for (k, picture) in new.iter().enumerate() {
             let shown = printable_path(&picture.file);
-            let bytes = std::fs::read(&picture.file)
+            let bytes = crate::store::read_regular_file(&picture.file)
                 .map_err(|e| Failure::Failed(format!("{shown} cannot be read ({e}); import again to resume")))?;
             if sha256_hex(&bytes) != picture.digest {
                 return Err(Failure::Failed(format!(

@@ -1,6 +1,6 @@
 //! `[live.aircraft_data]` of the configuration: source of the lines, and the meaning of their fields.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,9 @@ pub struct AircraftConfig {
     /// Local address and port that receive datagrams.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub udp: Option<SocketAddr>,
+    /// Addresses of the senders whose datagrams are recorded; empty: any sender.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub senders: Vec<IpAddr>,
     /// One or several servers that send lines, `host:port` each; of several, the first that answers is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tcp: Option<Servers>,
@@ -98,6 +101,9 @@ impl AircraftConfig {
         }
         if self.tcp.is_none() && !self.subscribe.is_empty() {
             fault("subscribe", "is only for tcp", "remove it, or give tcp instead of udp");
+        }
+        if self.udp.is_none() && !self.senders.is_empty() {
+            fault("senders", "is only for udp", "remove it, or give udp instead of tcp");
         }
         if self.idle.is_zero() {
             fault("idle", "must be longer than 0", "give for example \"20s\"");

@@ -5,45 +5,31 @@ mod config;
 mod feed;
 mod recording;
 
-use std::sync::mpsc::{Receiver, channel, sync_channel};
+use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-use super::core::Core;
+use super::core::{Core, DrainedThreads};
 pub use config::AircraftConfig;
-use feed::{FeedContext, receive_lines};
-use recording::record_lines;
+use feed::{FeedContext, LineIntake};
+use recording::LineRecorder;
 
 /// Maximum time that the end of the recorder waits for the last lines.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// The feed of a running recorder.
-pub(crate) struct Feed {
-    ended: Receiver<()>,
-}
-
-impl Drop for Feed {
-    /// Waits for a bounded time until the last lines are durable. The daemon has been asked to end before.
-    fn drop(&mut self) {
-        let _ = self.ended.recv_timeout(DRAIN_TIMEOUT);
-    }
-}
-
 /// Starts the threads that receive and record lines until the daemon ends. If a thread cannot be started, the status
 /// reports it.
-pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> Feed {
+pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> DrainedThreads {
     let shared = FeedContext { core: core.clone(), config: config.clone() };
     let (lines, inbox) = sync_channel(recording::MAX_WAITING);
-    let (done, ended) = channel();
-    let (feed_context, recording) = (shared.clone(), shared.clone());
-    let receiver = Core::spawn_thread("aircraft-feed", move || receive_lines(&feed_context, &lines));
-    let recorder = Core::spawn_thread("aircraft-store", move || {
-        record_lines(&recording, &inbox);
-        let _ = done.send(());
-    });
-    if let Some(error) = receiver.err().or(recorder.err()) {
+    let intake = LineIntake::new(shared.clone(), lines);
+    let recorder = LineRecorder::new(shared.clone());
+    let mut threads = DrainedThreads::new(DRAIN_TIMEOUT);
+    let receiving = Core::spawn_thread("aircraft-feed", move || intake.run());
+    let recording = threads.spawn("aircraft-store", move || recorder.run(&inbox));
+    if let Err(error) = receiving.map(drop).and(recording) {
         shared.set_fault(Some(format!("no thread can be started to receive lines: {error}; restart wingd")));
     }
-    Feed { ended }
+    threads
 }
 
 #[cfg(test)]
@@ -83,12 +69,12 @@ mod tests {
     }
 
     impl Bench {
-        fn listen(&self, config: &str) -> Feed {
+        fn listen(&self, config: &str) -> DrainedThreads {
             let config: AircraftConfig = toml::from_str(config).unwrap();
             start_feed(&self.core, &config)
         }
 
-        fn end(&self, feed: Feed) {
+        fn end(&self, feed: DrainedThreads) {
             self.core.halt.end(DRAIN_TIMEOUT);
             drop(feed);
         }
@@ -202,6 +188,41 @@ mod tests {
         writeln!(second, "{},0.78", now_utc()).unwrap();
         let status = bench.until(|status| status.read == 1);
         assert_eq!((status.read, status.fault), (1, None));
+        bench.end(feed);
+    }
+
+    #[test]
+    fn a_server_that_sends_no_line_is_called_again_and_the_fault_is_that() {
+        let bench = bench(0);
+        let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = server.local_addr().unwrap().port();
+        let feed = bench.listen(&format!("tcp = '127.0.0.1:{port}'\nidle = '500ms'"));
+        let (mut first, _) = server.accept().unwrap();
+        let chatter = std::thread::spawn(move || {
+            while first.write_all(b"\r\n").is_ok() {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+        });
+        let fault = bench.until(|status| status.fault.is_some()).fault.unwrap();
+        assert!(fault.contains("no line for 0.5 s"), "{fault}");
+        drop(server.accept().unwrap());
+        chatter.join().unwrap();
+        bench.end(feed);
+    }
+
+    #[test]
+    fn datagrams_of_other_senders_are_not_recorded() {
+        let bench = bench(0);
+        let port = free_port();
+        let feed = bench.listen(&format!("udp = '127.0.0.1:{port}'\nsenders = ['127.0.0.2']"));
+        let named = UdpSocket::bind("127.0.0.2:0").unwrap();
+        let status = bench.until(|status| {
+            send(port, 5);
+            let line = format!("IWG1,{},1,2\r\n", now_utc().to_string().trim_end_matches('Z'));
+            named.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
+            status.recorded > 0
+        });
+        assert_eq!((status.recorded, status.lost), (status.read, 0), "no noise: {status:?}");
         bench.end(feed);
     }
 

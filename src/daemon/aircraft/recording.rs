@@ -5,68 +5,97 @@ use std::time::{Duration, Instant};
 
 use super::feed::{FeedContext, POLL_INTERVAL};
 use crate::aircraft::{self, Layout};
+use crate::daemon::budget::DiskShare;
 use crate::daemon::status::format_span;
 use crate::store::aircraft::AircraftLine;
 
-/// Maximum number of lines that wait to be recorded: one minute of ten feeds at 10 Hz.
+/// Maximum number of lines that wait to be recorded: one minute of ten feeds at 10 Hz, at most 25 MB.
 pub(super) const MAX_WAITING: usize = 6000;
 /// Maximum time from the receipt of a line until it is durable.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
+/// Share of the disk for aircraft data.
+const DISK_SHARE: f64 = 0.1;
 
-/// Stores the received lines every two seconds, and the remaining ones at the end.
-pub(super) fn record_lines(shared: &FeedContext, inbox: &Receiver<AircraftLine>) {
-    let layout = shared.config.layout();
-    let (udp, tcp) = (&shared.config.udp, &shared.config.tcp);
-    let source = serde_json::json!({"udp": udp, "tcp": tcp, "layout": layout});
-    let mut waiting: Vec<AircraftLine> = Vec::new();
-    let mut flushed = Instant::now();
-    loop {
-        let received = inbox.recv_timeout(POLL_INTERVAL);
-        let gone = matches!(received, Err(RecvTimeoutError::Disconnected));
-        waiting.extend(received);
-        waiting.extend(inbox.try_iter().take(MAX_WAITING));
-        let ending = gone || shared.is_ending();
-        // The power may be about to fail.
-        if ending || shared.core.halt.is_requested() || flushed.elapsed() >= FLUSH_INTERVAL {
-            store_lines(shared, (&layout, &source), &mut waiting);
-            flushed = Instant::now();
-        }
-        if ending {
-            break;
-        }
-    }
-    if let Err(error) = shared.core.store.close_aircraft_file() {
-        shared.set_fault(Some(error.to_string()));
-    }
+/// Records the lines of a feed.
+pub(super) struct LineRecorder {
+    shared: FeedContext,
+    layout: Layout,
+    /// Description of the feed in each file.
+    source: serde_json::Value,
+    waiting: Vec<AircraftLine>,
+    share: DiskShare,
+    /// Lost lines that were reported.
+    reported_lost: u64,
 }
 
-fn store_lines(shared: &FeedContext, (layout, source): (&Layout, &serde_json::Value), waiting: &mut Vec<AircraftLine>) {
-    if waiting.is_empty() {
-        return;
+impl LineRecorder {
+    /// Creates the recorder of a feed.
+    pub fn new(shared: FeedContext) -> Self {
+        let layout = shared.config.layout();
+        let (udp, tcp) = (&shared.config.udp, &shared.config.tcp);
+        let source = serde_json::json!({"udp": udp, "tcp": tcp, "layout": layout});
+        Self { shared, layout, source, waiting: Vec::new(), share: DiskShare::new(DISK_SHARE), reported_lost: 0 }
     }
-    let statistics = LineStatistics::from_lines(layout, waiting);
-    let count = waiting.len() as u64;
-    match shared.core.store.add_aircraft_lines(source, waiting) {
-        Ok(true) => {
-            waiting.clear();
-            shared.update(|status| {
+
+    /// Stores the received lines every two seconds, and the remaining ones at the end.
+    pub fn run(mut self, inbox: &Receiver<AircraftLine>) {
+        let mut flushed = Instant::now();
+        loop {
+            let received = inbox.recv_timeout(POLL_INTERVAL);
+            let gone = matches!(received, Err(RecvTimeoutError::Disconnected));
+            self.waiting.extend(received);
+            self.waiting.extend(inbox.try_iter().take(MAX_WAITING));
+            self.drop_excess();
+            let ending = gone || self.shared.is_ending();
+            // The power may be about to fail.
+            if ending || self.shared.core.halt.is_requested() || flushed.elapsed() >= FLUSH_INTERVAL {
+                self.store_lines();
+                flushed = Instant::now();
+            }
+            if ending {
+                break;
+            }
+        }
+        if let Err(error) = self.shared.core.store.close_aircraft_file() {
+            self.shared.set_fault(Some(error.to_string()));
+        }
+    }
+
+    /// Drops the oldest lines beyond [`MAX_WAITING`].
+    fn drop_excess(&mut self) {
+        let over = self.waiting.len().saturating_sub(MAX_WAITING);
+        self.waiting.drain(..over);
+        if over > 0 {
+            self.shared.update(|status| status.lost += over as u64);
+        }
+    }
+
+    fn store_lines(&mut self) {
+        if self.waiting.is_empty() {
+            return;
+        }
+        let core = &self.shared.core;
+        let bytes: usize = self.waiting.iter().map(|line| line.line.len()).sum();
+        let stored = match self.share.take(&core.store, bytes as u64) {
+            Ok(()) => core.store.add_aircraft_lines(&self.source, &self.waiting).map_err(|error| error.to_string()),
+            Err(why) => Err(format!("not recorded: {why}")),
+        };
+        let count = self.waiting.len() as u64;
+        let statistics = LineStatistics::from_lines(&self.layout, &self.waiting);
+        match stored {
+            // There is no flight yet: the first series begins it.
+            Ok(false) => return,
+            Ok(true) => self.shared.update(|status| {
                 status.recorded += count;
                 status.read += statistics.read;
                 status.impossible += statistics.impossible;
-            });
-            shared.set_fault(statistics.fault());
+            }),
+            Err(_) => self.shared.update(|status| status.lost += count),
         }
-        // There is no flight yet: the first series begins it.
-        Ok(false) => {
-            let over = waiting.len().saturating_sub(MAX_WAITING);
-            waiting.drain(..over);
-            shared.update(|status| status.lost += over as u64);
-        }
-        Err(error) => {
-            waiting.clear();
-            shared.update(|status| status.lost += count);
-            shared.set_fault(Some(error.to_string()));
-        }
+        self.waiting.clear();
+        let lost = self.shared.update(|status| status.lost);
+        let lost = lost - std::mem::replace(&mut self.reported_lost, lost);
+        self.shared.set_fault(stored.err().or_else(|| statistics.fault(lost)));
     }
 }
 
@@ -93,9 +122,14 @@ impl LineStatistics {
         statistics
     }
 
-    fn fault(&self) -> Option<String> {
+    /// Returns the fault of a batch before which `lost` lines were lost.
+    fn fault(&self, lost: u64) -> Option<String> {
         if self.read == 0 {
             return Some("lines arrive but none can be parsed; check format".to_owned());
+        }
+        if lost > 0 {
+            let problem = format!("{lost} lines were lost in {}", format_span(FLUSH_INTERVAL.as_secs_f64()));
+            return Some(format!("{problem}: more arrive than are recorded; check the sender, or name it in senders"));
         }
         let direction = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
         (self.impossible > 0).then(|| {

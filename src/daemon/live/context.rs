@@ -1,26 +1,24 @@
 //! Configuration and status that the threads of live mode share.
 
-use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use super::config::LiveConfig;
 use crate::daemon::core::Core;
-use crate::daemon::status::LiveStatus;
+use crate::daemon::status::{LIVE_PARTS, LiveStatus};
 
-/// Configuration, status and faults that the threads of live mode share.
+/// Configuration and status that the threads of live mode share.
 #[derive(Clone)]
 pub(crate) struct LiveContext {
     pub core: Core,
     pub config: LiveConfig,
     skipped: Arc<AtomicU64>,
-    faults: Arc<Mutex<BTreeMap<&'static str, String>>>,
 }
 
 impl LiveContext {
     /// Creates the shared context of the live threads.
     pub fn new(core: &Core, config: &LiveConfig) -> Self {
-        Self { core: core.clone(), config: config.clone(), skipped: Arc::default(), faults: Arc::default() }
+        Self { core: core.clone(), config: config.clone(), skipped: Arc::default() }
     }
 
     /// Changes the live part of the status.
@@ -39,27 +37,13 @@ impl LiveContext {
         self.update(|live| live.skipped = skipped);
     }
 
-    /// Sets the fault of a part until it is cleared, and logs it once.
+    /// Sets the fault of a part until it is cleared.
     pub fn set_fault(&self, part: &'static str, what: &str) {
-        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
-        if faults.get(part).map(String::as_str) == Some(what) {
-            return;
-        }
-        faults.insert(part, what.to_owned());
-        drop(faults);
-        tracing::warn!(part, what, "live mode");
-        self.core.board.note_fault(what);
-        self.update(|live| live.fault = Some(what.to_owned()));
+        self.core.board.set_fault((LIVE_PARTS, part), Some(what.to_owned()));
     }
 
-    /// Removes the error of a part from the status.
+    /// Removes the fault of a part.
     pub fn clear_fault(&self, part: &'static str) {
-        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
-        if faults.remove(part).is_some() {
-            let other = faults.values().next().cloned();
-            drop(faults);
-            tracing::info!(part, "live mode: works again");
-            self.update(|live| live.fault = other);
-        }
+        self.core.board.set_fault((LIVE_PARTS, part), None);
     }
 }

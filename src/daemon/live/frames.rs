@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 use super::config::KeepConfig;
 use super::context::LiveContext;
 use super::result::LiveFrame;
+use crate::daemon::budget::DiskShare;
 use crate::daemon::frame_storage;
 use crate::store::manifest::{SeriesCause, SeriesState};
 use crate::store::{OpenSeries, SeriesPlan, StoreError};
@@ -19,6 +20,11 @@ use crate::store::{OpenSeries, SeriesPlan, StoreError};
 const MAX_NTH_WAITING: usize = 4;
 /// Number of every-n-th frames in a series; then the next series begins.
 const NTH_SERIES_FRAMES: usize = 500;
+/// Multiple of `after` by which further events prolong an event at most: a camera that is jolted all the time must not fill
+/// the disk.
+const MAX_PROLONGATION: u32 = 3;
+/// Share of the disk for raw frames of live mode.
+const DISK_SHARE: f64 = 0.5;
 /// Number of frames at which a prolonged event ends; file names have four digits.
 const MAX_EVENT_FRAMES: usize = 9000;
 
@@ -26,6 +32,8 @@ const MAX_EVENT_FRAMES: usize = 9000;
 struct EventWindow {
     from_s: f64,
     until_s: f64,
+    /// Time since boot at which it ends even if it is prolonged, s.
+    latest_s: f64,
     reasons: Vec<String>,
     frames: usize,
 }
@@ -102,7 +110,10 @@ impl RawFrameBuffer {
         if self.keep.ring_mb == 0 || state.event.is_none() && !requested && at_s < state.quiet_until_s {
             return;
         }
-        let until_s = at_s + self.keep.after.as_secs_f64();
+        let after_s = self.keep.after.as_secs_f64();
+        let latest_s =
+            state.event.as_ref().map_or(at_s + f64::from(MAX_PROLONGATION) * after_s, |event| event.latest_s);
+        let until_s = (at_s + after_s).min(latest_s);
         state.quiet_until_s = until_s + self.keep.pause.as_secs_f64();
         match &mut state.event {
             Some(event) => {
@@ -115,7 +126,7 @@ impl RawFrameBuffer {
                 tracing::info!(reason, "event");
                 shared.update(|live| live.events += 1);
                 let from_s = at_s - self.keep.before.as_secs_f64();
-                *none = Some(EventWindow { from_s, until_s, reasons: vec![reason], frames: 0 });
+                *none = Some(EventWindow { from_s, until_s, latest_s, reasons: vec![reason], frames: 0 });
             }
         }
         drop(state);
@@ -187,13 +198,19 @@ impl BufferState {
 
 /// Writes raw frames to the store, on its own thread.
 pub(super) struct RawFrameWriter {
-    pub shared: LiveContext,
-    pub raw: Arc<RawFrameBuffer>,
+    shared: LiveContext,
+    raw: Arc<RawFrameBuffer>,
+    share: DiskShare,
 }
 
 impl RawFrameWriter {
+    /// Creates the writer of a buffer's frames.
+    pub fn new(shared: LiveContext, raw: Arc<RawFrameBuffer>) -> Self {
+        Self { shared, raw, share: DiskShare::new(DISK_SHARE) }
+    }
+
     /// Writes frames until the buffer is closed and empty.
-    pub fn run(self) {
+    pub fn run(mut self) {
         let (mut nth, mut event) = (None, None);
         loop {
             let job = self.raw.state().next_job();
@@ -217,15 +234,18 @@ impl RawFrameWriter {
         format!("every {}th frame of live mode", self.raw.keep.every)
     }
 
-    fn keep_frame(&self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
-        match self.store_frame(series, cause, frame) {
+    fn keep_frame(&mut self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
+        let allowed = self.share.take(&self.shared.core.store, frame.taken.frame.bytes.len() as u64);
+        let stored = allowed.and_then(|()| {
+            // A series with a failed call is recovered before the next one begins.
+            self.store_frame(series, cause, frame).inspect_err(|_| *series = None).map_err(|error| error.to_string())
+        });
+        match stored {
             Ok(()) => {
                 self.shared.update(|live| live.kept_frames += 1);
                 self.shared.clear_fault("frames");
             }
             Err(error) => {
-                // A series with a failed call is recovered before the next one begins.
-                *series = None;
                 self.shared.update(|live| live.lost_frames += 1);
                 self.shared.set_fault("frames", &format!("raw frames cannot be kept: {error}"));
             }
@@ -261,5 +281,46 @@ impl RawFrameWriter {
             Err(error) => self.shared.set_fault("frames", &format!("raw frames cannot be kept: {error}")),
         }
         self.raw.unsolved.store(true, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::clock::{Clock, SimulatedClock};
+    use crate::daemon::core::Core;
+    use crate::daemon::live::LiveConfig;
+    use crate::daemon::shutdown::Halt;
+    use crate::daemon::status::StatusBoard;
+    use crate::store::{RealDisk, Store, StoreConfig};
+
+    #[test]
+    fn an_event_that_others_prolong_ends_and_a_pause_follows() {
+        let dir = tempfile::tempdir().unwrap();
+        let clock: Arc<dyn Clock> = Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+        let store = Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(dir.path()) });
+        let (store, board) = (Arc::new(store.unwrap().0), StatusBoard::new(clock.clone()));
+        let core = Core { store, clock, board, halt: Halt::default(), observer: Arc::new(|_| ()) };
+        let shared = LiveContext::new(&core, &LiveConfig::default());
+        let buffer = RawFrameBuffer::new(KeepConfig::default());
+        // A jolt in each frame at 10 Hz, for half an hour.
+        let mut kept = 0;
+        for tenth in 0..18_000 {
+            let at_s = 0.1 * f64::from(tenth);
+            buffer.add_event(&shared, "jolt".to_owned(), at_s, false);
+            let mut state = buffer.state();
+            if let Some(event) = &state.event {
+                assert!(event.until_s - event.from_s <= 20.0 + 1e-9, "before and three times after");
+                kept += 1;
+                if at_s >= event.until_s {
+                    state.event = None;
+                }
+            }
+        }
+        let share = f64::from(kept) / 18_000.0;
+        assert!((0.15..0.25).contains(&share), "15 s of 75 s: {share}");
+        buffer.add_event(&shared, "request".to_owned(), 1790.0, true);
+        assert!(buffer.state().event.is_some(), "wingd trigger begins one at any time");
     }
 }

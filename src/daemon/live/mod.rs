@@ -28,8 +28,9 @@ mod state;
 mod storing;
 mod table;
 
+use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
+use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
@@ -37,7 +38,8 @@ use serde_json::{Map, Value};
 pub use config::{KeepConfig, LiveConfig};
 pub use result::{DATAGRAM_POINTS, LiveResult};
 
-use super::core::Core;
+use super::core::{Core, DrainedThreads};
+use super::memory;
 use super::solver::FrameTrackerFactory;
 use super::worker::Worker;
 use context::LiveContext;
@@ -52,19 +54,6 @@ use storing::LiveResultWriter;
 /// Maximum time that the end of the recorder waits for the last results.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(4);
 
-/// Handle of the threads of live mode.
-pub(crate) struct LiveThreads {
-    ended: Receiver<()>,
-}
-
-impl Drop for LiveThreads {
-    /// Waits for a bounded time until the last results are durable. The recorder has ended before.
-    fn drop(&mut self) {
-        // An error means that all threads have ended.
-        let _ = self.ended.recv_timeout(DRAIN_TIMEOUT);
-    }
-}
-
 /// Starts the threads; returns `None` if live mode is off. If a thread cannot be started, the status reports it. `track`
 /// creates the tracker of frames; without it frames are only recorded. `source` is the provenance of all results.
 pub(crate) fn start_live(
@@ -72,9 +61,19 @@ pub(crate) fn start_live(
     config: &LiveConfig,
     track: Option<FrameTrackerFactory>,
     source: Map<String, Value>,
-) -> Option<(Feeder, LiveThreads, ResultPublisher)> {
+) -> Option<(Feeder, DrainedThreads, ResultPublisher)> {
     let rate_hz = config.rate_hz?;
-    let shared = LiveContext::new(core, config);
+    let mut config = config.clone();
+    let wanted_mb = config.keep.ring_mb;
+    let limit_mb = memory::process_limit_mb(Path::new("/")).unwrap_or(u64::MAX);
+    config.keep.ring_mb = wanted_mb.min(memory::largest_ring_mb(limit_mb));
+    let shared = LiveContext::new(core, &config);
+    if config.keep.ring_mb < wanted_mb {
+        let used_mb = config.keep.ring_mb;
+        let problem =
+            format!("[live.keep] ring_mb = {wanted_mb} does not fit into the service's limit of {limit_mb} MB");
+        shared.set_fault("memory", &format!("{problem}; {used_mb} MB are used"));
+    }
     shared.update(|live| (live.wanted_hz, live.allowed_hz) = (rate_hz, rate_hz));
     core.board.expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
     if track.is_none() {
@@ -87,7 +86,6 @@ pub(crate) fn start_live(
     let (messages, _) = tokio::sync::broadcast::channel(publisher::MAX_WAITING);
     let publisher = ResultPublisher { messages, preview, shared: shared.clone() };
     let (rows, inbox) = sync_channel(storing::MAX_WAITING);
-    let (done, ended) = channel();
     let solving = LiveSolver {
         shared: shared.clone(),
         mailbox: mailbox.clone(),
@@ -98,20 +96,14 @@ pub(crate) fn start_live(
         worker: Worker::new("live-solver", solving::MAX_HANGING, core.halt.clone()),
     };
     let storing = LiveResultWriter { shared: shared.clone(), source };
-    let keeper = RawFrameWriter { shared: shared.clone(), raw: raw.clone() };
-    spawn_thread(&shared, "live", &done, move || solving.run());
-    spawn_thread(&shared, "live-store", &done, move || storing.run(&inbox));
-    spawn_thread(&shared, "live-frames", &done, move || keeper.run());
-    Some((Feeder::new(shared, mailbox, raw), LiveThreads { ended }, publisher))
-}
-
-fn spawn_thread(shared: &LiveContext, name: &'static str, done: &Sender<()>, work: impl FnOnce() + Send + 'static) {
-    let done = done.clone();
-    let thread = Core::spawn_thread(name, move || {
-        work();
-        drop(done);
-    });
-    if let Err(error) = thread {
-        shared.set_fault("threads", &format!("the thread {name} cannot be started: {error}; restart wingd"));
+    let keeper = RawFrameWriter::new(shared.clone(), raw.clone());
+    let mut threads = DrainedThreads::new(DRAIN_TIMEOUT);
+    let started = threads
+        .spawn("live", move || solving.run())
+        .and(threads.spawn("live-store", move || storing.run(&inbox)))
+        .and(threads.spawn("live-frames", move || keeper.run()));
+    if let Err(error) = started {
+        shared.set_fault("threads", &format!("a thread of live mode cannot be started: {error}; restart wingd"));
     }
+    Some((Feeder::new(shared, mailbox, raw), threads, publisher))
 }

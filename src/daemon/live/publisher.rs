@@ -8,8 +8,7 @@ use std::time::Duration;
 use base64::Engine;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::net::{UdpSocket, UnixListener, UnixStream};
-use tokio::sync::Semaphore;
+use tokio::net::{UdpSocket, UnixStream};
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::broadcast::{Receiver, Sender};
 
@@ -49,17 +48,11 @@ impl ResultPublisher {
         }
         tokio::spawn(state::publish_state(self.shared.clone(), self.messages.clone()));
         let Some(path) = socket else { return };
-        match endpoint::bind_socket(&path) {
-            Ok(listener) => self.accept_listeners(listener).await,
-            Err(error) => self.shared.set_fault("socket", &format!("{}: {error}", path.display())),
-        }
-    }
-
-    async fn accept_listeners(self, listener: UnixListener) {
-        let permits = Arc::new(Semaphore::new(MAX_LISTENERS));
-        let client = |stream| {
-            // One listener too many is disconnected at once.
-            let Ok(permit) = permits.clone().try_acquire_owned() else { return };
+        let report = |fault: Option<String>| match fault {
+            Some(what) => self.shared.set_fault("socket", &what),
+            None => self.shared.clear_fault("socket"),
+        };
+        let client = |stream, permit| {
             let publisher = self.clone();
             let results = self.messages.subscribe();
             tokio::spawn(async move {
@@ -67,7 +60,7 @@ impl ResultPublisher {
                 drop(permit);
             });
         };
-        endpoint::accept_clients(listener, client).await;
+        endpoint::serve_socket(&path, MAX_LISTENERS, report, client).await;
     }
 
     /// Sends result lines until the listener disconnects, the preview on request, and the state from the first request on.

@@ -51,12 +51,23 @@ impl LiveResultWriter {
         let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else {
             return self.drop_excess(waiting);
         };
-        let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
-        match self.shared.core.store.append_live_rows(&table.table, &rows, &self.shared.core.clock.stamp()) {
+        let core = &self.shared.core;
+        core.board.note_live_storage(true);
+        let mut rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
+        // A value that its column cannot hold costs its own row only.
+        rows.retain(|row| table.table.accepts(row));
+        let refused = (waiting.len() - rows.len()) as u64;
+        if refused > 0 {
+            self.shared.set_fault("rows", &format!("{refused} live results have a value that the store cannot hold"));
+        }
+        match self.shared.core.store.append_live_rows(&table.table, &rows, &core.clock.stamp()) {
             Ok(()) => {
-                let core = &self.shared.core;
+                core.board.note_live_storage(false);
                 core.board.update(|status| status.flight = core.store.current_flight());
-                self.shared.update(|live| live.stored += rows.len() as u64);
+                self.shared.update(|live| {
+                    live.stored += rows.len() as u64;
+                    live.dropped += refused;
+                });
                 self.shared.clear_fault("results");
                 waiting.clear();
             }

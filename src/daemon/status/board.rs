@@ -3,7 +3,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::health::{self, FrameMonitor, LiveMonitor};
+use super::faults::{self, AIRCRAFT_PART, Faults, LIVE_PARTS, Part};
+use super::health::{self, FrameMonitor, LiveMonitor, StorageMonitor};
 use super::recent::RecentResults;
 use super::{DaemonStatus, FaultNote, Health, LiveStatus, RecentShares};
 use crate::clock::{Clock, Stamp};
@@ -21,6 +22,8 @@ struct BoardState {
     frames: FrameMonitor,
     live: Option<LiveMonitor>,
     series: RecentResults,
+    storage: StorageMonitor,
+    faults: Faults,
     /// Time of the next series since boot, s.
     next_series_at_s: Option<f64>,
     beats: Beats,
@@ -28,7 +31,8 @@ struct BoardState {
 
 impl BoardState {
     fn evaluate_health(&self, now_s: f64) -> (Health, Vec<String>) {
-        health::evaluate_health(&self.status, (&self.frames, &self.series, self.live.as_ref()), now_s)
+        let monitors = (&self.frames, &self.series, self.live.as_ref(), &self.storage);
+        health::evaluate_health(&self.status, monitors, &self.faults, now_s)
     }
 }
 
@@ -41,7 +45,8 @@ impl StatusBoard {
             ..DaemonStatus::default()
         };
         let (frames, series, beats) = (FrameMonitor::default(), RecentResults::for_series(), Beats::default());
-        let state = BoardState { status, frames, live: None, series, next_series_at_s: None, beats };
+        let (storage, faults) = (StorageMonitor::default(), Faults::default());
+        let state = BoardState { status, frames, live: None, series, storage, faults, next_series_at_s: None, beats };
         Self { clock, state: Arc::new(Mutex::new(state)) }
     }
 
@@ -56,7 +61,12 @@ impl StatusBoard {
             status.recent = RecentShares { skipped: None, ..state.series.shares() };
             if let (Some(live_status), Some(live)) = (&mut status.live, &state.live) {
                 (live_status.interval_s, live_status.recent) = (live.interval_s, live.results.shares());
+                live_status.fault = state.faults.first_of(LIVE_PARTS);
             }
+            if let Some(aircraft) = &mut status.aircraft {
+                aircraft.fault = state.faults.first_of(AIRCRAFT_PART.0);
+            }
+            status.faults = state.faults.current().map(|(part, what)| (faults::name(part), what.to_owned())).collect();
             status.last_frame_age_s = state.frames.age_s(now_s);
             status.next_series_s = state.next_series_at_s.map(|at| (at - now_s).max(0.0));
             status.now = Some(now.clone());
@@ -99,8 +109,34 @@ impl StatusBoard {
     }
 
     /// Updates the status with `f`.
-    pub(crate) fn update(&self, f: impl FnOnce(&mut DaemonStatus)) {
-        self.with_state(|state| f(&mut state.status));
+    pub(crate) fn update<T>(&self, f: impl FnOnce(&mut DaemonStatus) -> T) -> T {
+        self.with_state(|state| f(&mut state.status))
+    }
+
+    /// Sets or clears the fault of a part of the recorder. A lasting one is logged at growing intervals.
+    pub(crate) fn set_fault(&self, part: Part, fault: Option<String>) {
+        let now_s = self.now_s();
+        if self.with_state(|state| state.faults.set(part, fault.clone(), now_s)) {
+            self.note_fault(&fault.unwrap_or_default());
+        }
+    }
+
+    /// Notes that live results wait to be stored, or that all of them are.
+    pub(crate) fn note_live_storage(&self, waiting: bool) {
+        let now_s = self.now_s();
+        self.with_state(|state| state.storage.live.set_waiting(waiting, now_s));
+    }
+
+    /// Sets the number of frames of series that wait to be solved; `stored`: one of them has its result now.
+    pub(crate) fn note_unsolved(&self, count: usize, stored: bool) {
+        let now_s = self.now_s();
+        self.with_state(|state| {
+            if stored {
+                state.storage.series.set_waiting(false, now_s);
+            }
+            state.storage.series.set_waiting(count > 0, now_s);
+            state.status.to_solve = count;
+        });
     }
 
     /// Updates the status of live mode with `f`.

@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::DaemonStatus;
+use super::faults::{self, Faults};
 use super::recent::{RecentResults, RecentShares};
 
 /// Reliability of the recorder's results, in one word.
@@ -33,6 +34,10 @@ const MAX_REJECTED: f64 = 0.1;
 const MAX_SKIPPED: f64 = 0.25;
 /// Minimum number of results for which shares are evaluated.
 const MIN_RESULTS: u64 = 3;
+/// Time within which live results must be stored, s: the disk's own time and some failed attempts.
+const LIVE_STORAGE_S: f64 = 30.0;
+/// Time within which one of the waiting frames of series must have a result, s: well above the solver's deadline.
+const SERIES_STORAGE_S: f64 = 300.0;
 /// Maximum time that is formatted with one decimal, s.
 const MAX_TENTHS_S: f64 = 9.95;
 
@@ -68,6 +73,55 @@ impl FrameMonitor {
             let every = format_span(self.interval_s);
             let remedy = "check the camera: power, cable, lens cap, card";
             reasons.add_failed(format!("no good frame {since}, one every {every} is expected; {remedy}"));
+        }
+    }
+}
+
+/// Time since which something waits, since boot, s.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct WaitMonitor(Option<f64>);
+
+impl WaitMonitor {
+    /// Notes whether something waits now.
+    pub fn set_waiting(&mut self, waiting: bool, now_s: f64) {
+        self.0 = waiting.then(|| self.0.unwrap_or(now_s));
+    }
+
+    /// Returns the time for which something has waited, if that is longer than `limit_s`.
+    fn exceeds(&self, limit_s: f64, now_s: f64) -> Option<f64> {
+        self.0.map(|since_s| now_s - since_s).filter(|waited_s| *waited_s > limit_s)
+    }
+}
+
+/// Results on their way to the disk.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StorageMonitor {
+    /// Live results.
+    pub live: WaitMonitor,
+    /// Results of series.
+    pub series: WaitMonitor,
+}
+
+impl StorageMonitor {
+    fn add_reasons(&self, status: &DaemonStatus, now_s: f64, reasons: &mut HealthReasons) {
+        let store = &status.store;
+        if let Some(why) = &store.unclosed {
+            reasons.add_failed(format!("the last series could not be stored completely: {why}"));
+        }
+        if store.stranded > 0 {
+            let remedy = "see the log and run `wingd verify`";
+            reasons.add_failed(format!(
+                "{} series in incoming/ cannot be moved to their flight; {remedy}",
+                store.stranded
+            ));
+        }
+        if let Some(waited_s) = self.live.exceeds(LIVE_STORAGE_S, now_s) {
+            reasons
+                .add_failed(format!("no live result was stored for {}; check the disk", format_span(waited_s.round())));
+        }
+        if let Some(waited_s) = self.series.exceeds(SERIES_STORAGE_S, now_s) {
+            let waited = format_span(waited_s.round());
+            reasons.add_degraded(format!("{} frames wait to be solved, none was for {waited}", status.to_solve));
         }
     }
 }
@@ -165,7 +219,8 @@ fn add_share_reasons(recent: &RecentShares, kind: &str, reasons: &mut HealthReas
 /// Returns the health and its reasons, the most severe first. `series`: results of series.
 pub(super) fn evaluate_health(
     status: &DaemonStatus,
-    (frames, series, live): (&FrameMonitor, &RecentResults, Option<&LiveMonitor>),
+    (frames, series, live, storage): (&FrameMonitor, &RecentResults, Option<&LiveMonitor>, &StorageMonitor),
+    faults: &Faults,
     now_s: f64,
 ) -> (Health, Vec<String>) {
     let mut reasons = HealthReasons::default();
@@ -173,15 +228,15 @@ pub(super) fn evaluate_health(
     if let Some(why) = &status.store.refuses {
         reasons.add_failed(format!("the store accepts no series: {why}"));
     }
+    storage.add_reasons(status, now_s, &mut reasons);
     if let Some(live) = live {
         live.add_reasons(now_s, &mut reasons);
     }
     add_share_reasons(&series.shares(), "results of series", &mut reasons);
-    if let Some(fault) = status.live.as_ref().and_then(|live| live.fault.as_ref()) {
-        reasons.add_degraded(fault.clone());
-    }
-    if let Some(fault) = status.aircraft.as_ref().and_then(|aircraft| aircraft.fault.as_ref()) {
-        reasons.add_degraded(format!("aircraft data: {fault}"));
+    for (part, what) in faults.current() {
+        // Results that are not stored are lost at the next power cut.
+        let health = if part == faults::RESULTS_PART { Health::Failed } else { Health::Degraded };
+        reasons.add(health, format!("{}: {what}", faults::name(part)));
     }
     let health = reasons.all.iter().map(|(health, _)| *health).max().unwrap_or_default();
     // The sort is stable: equal severities keep their order.
@@ -221,7 +276,8 @@ mod tests {
     fn evaluate(live: &LiveMonitor, now_s: f64) -> (Health, String) {
         let (health, reasons) = evaluate_health(
             &DaemonStatus::default(),
-            (&FrameMonitor::default(), &RecentResults::for_series(), Some(live)),
+            (&FrameMonitor::default(), &RecentResults::for_series(), Some(live), &StorageMonitor::default()),
+            &Faults::default(),
             now_s,
         );
         (health, reasons.join("; "))
@@ -255,11 +311,37 @@ mod tests {
     fn reasons_are_listed_with_the_worst_first() {
         let mut status = DaemonStatus::default();
         status.store.refuses = Some("it is full".to_owned());
-        status.aircraft.get_or_insert_default().fault = Some("no line for 20 s".to_owned());
-        let (health, reasons) =
-            evaluate_health(&status, (&FrameMonitor::default(), &RecentResults::for_series(), None), 1.0);
+        let mut faults = Faults::default();
+        faults.set(faults::AIRCRAFT_PART, Some("no line for 20 s".to_owned()), 0.0);
+        let monitors = (&FrameMonitor::default(), &RecentResults::for_series(), None, &StorageMonitor::default());
+        let (health, reasons) = evaluate_health(&status, monitors, &faults, 1.0);
         assert_eq!(health, Health::Failed);
         assert_eq!(reasons, ["the store accepts no series: it is full", "aircraft data: no line for 20 s"]);
+    }
+
+    #[test]
+    fn what_does_not_reach_the_disk_fails_health() {
+        let evaluate = |status: &DaemonStatus, storage: &StorageMonitor, now_s| {
+            let monitors = (&FrameMonitor::default(), &RecentResults::for_series(), None, storage);
+            evaluate_health(status, monitors, &Faults::default(), now_s)
+        };
+        let (mut status, mut storage) = (DaemonStatus::default(), StorageMonitor::default());
+        storage.live.set_waiting(true, 1.0);
+        storage.live.set_waiting(true, 20.0);
+        storage.series.set_waiting(true, 1.0);
+        assert_eq!(evaluate(&status, &storage, 30.0).0, Health::Ok);
+        let (health, reasons) = evaluate(&status, &storage, 32.0);
+        assert!(health == Health::Failed && reasons[0].contains("no live result was stored for 31 s"), "{reasons:?}");
+        storage.live.set_waiting(false, 33.0);
+        assert_eq!(
+            (evaluate(&status, &storage, 34.0).0, evaluate(&status, &storage, 302.0).0),
+            (Health::Ok, Health::Degraded)
+        );
+        status.store.stranded = 2;
+        assert_eq!(evaluate(&status, &storage, 34.0).0, Health::Failed);
+        status.store = super::super::StoreStatus { unclosed: Some("no permission".to_owned()), ..Default::default() };
+        let (health, reasons) = evaluate(&status, &storage, 34.0);
+        assert!(health == Health::Failed && reasons[0].contains("no permission"), "{reasons:?}");
     }
 
     #[test]

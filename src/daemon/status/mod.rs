@@ -2,15 +2,19 @@
 //! page get a copy, as JSON or as Prometheus metrics.
 
 mod board;
+mod faults;
 mod health;
 mod metrics;
 mod recent;
+
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Stamp;
 
 pub use board::StatusBoard;
+pub(crate) use faults::{AIRCRAFT_PART, LIVE_PARTS, PAGE_PART, RESULTS_PART, SOLVER_PART, STATUS_PART};
 pub use health::{Health, format_span};
 pub(crate) use metrics::prometheus_text;
 pub use recent::RecentShares;
@@ -81,6 +85,9 @@ pub struct DaemonStatus {
     /// Live mode; `null` if it is off.
     #[serde(default)]
     pub live: Option<LiveStatus>,
+    /// Current faults, by the part of the recorder that does not work.
+    #[serde(default)]
+    pub faults: BTreeMap<String, String>,
     pub last_fault: Option<FaultNote>,
 }
 
@@ -133,6 +140,12 @@ pub struct StoreStatus {
     /// Reason why the store refused the last series; `null` if it accepted it.
     #[serde(default)]
     pub refuses: Option<String>,
+    /// Reason why the last series could not be closed; `null` if it was.
+    #[serde(default)]
+    pub unclosed: Option<String>,
+    /// Number of series in `incoming/` that are not under way.
+    #[serde(default)]
+    pub stranded: usize,
 }
 
 /// A fault with its time.

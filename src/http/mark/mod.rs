@@ -18,10 +18,11 @@ use std::future::Future;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Path, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::get;
 use serde_json::{Value, json};
@@ -42,6 +43,8 @@ pub use storage::MarkStorage;
 
 /// Maximum size of a request, bytes.
 const MAX_REQUEST_BYTES: usize = 16 * 1024;
+/// Time within which a request must arrive.
+const BODY_TIMEOUT: Duration = Duration::from_secs(10);
 const SCRIPT: &str = include_str!("../pages/mark.js");
 /// Content security policy of the page: its own script, and images that the script has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
@@ -82,7 +85,7 @@ impl MarkableImage {
         match &self.source {
             ImageSource::File(path) => {
                 let text = |e: io::Error| Reason::new(format!("{} cannot be read ({e})", path.display()), e);
-                let bytes = std::fs::read(path).map_err(text)?;
+                let bytes = crate::store::read_regular_file(path).map_err(text)?;
                 let digest = sha256_hex(&bytes);
                 Ok((bytes, digest, None))
             }
@@ -134,7 +137,6 @@ pub async fn serve_marking(
         .route("/mark.js", get(mark_script))
         .route("/pictures.json", get(list_images))
         .route("/picture/{name}", get(send_image).post(post_mark))
-        .layer(DefaultBodyLimit::max(MAX_REQUEST_BYTES))
         .fallback(async || Refusal::NotFound);
     let router = add_common_layers(router, access.clone()).with_state(shared.clone());
     server::accept_connections(router, access, listener, shutdown).await?;
@@ -142,10 +144,10 @@ pub async fn serve_marking(
     marking.workplace.storage.close().map_err(io::Error::other)
 }
 
-async fn mark_page(State(shared): MarkContext) -> Response {
+async fn mark_page(State(shared): MarkContext, address: Uri) -> Response {
     let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
     let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
-    let page = pages::mark_page(&marking.workplace.storage.description(), &marking.workplace.who);
+    let page = pages::mark_page(&marking.workplace.storage.description(), &marking.workplace.who, address.query());
     (policy, Html(page.into_string())).into_response()
 }
 
@@ -216,8 +218,11 @@ async fn post_mark(
     State(shared): MarkContext,
     Path(number): Path<usize>,
     headers: HeaderMap,
-    body: axum::body::Bytes,
+    body: axum::body::Body,
 ) -> Result<Response, MarkRefusal> {
+    let body = tokio::time::timeout(BODY_TIMEOUT, axum::body::to_bytes(body, MAX_REQUEST_BYTES)).await;
+    let body = body.map_err(|_| MarkRefusal::Invalid("the request was not sent completely in time".into()))?;
+    let body = body.map_err(|error| MarkRefusal::Invalid(error.to_string()))?;
     if !is_same_origin(&headers) {
         return Err(MarkRefusal::Invalid("marks can be added from the page of wingd mark only".into()));
     }

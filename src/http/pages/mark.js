@@ -278,8 +278,11 @@ function table() {
 
 // ---- requests ----
 
+// The page's address has the token, if the server made one.
+const request = (path, options) => fetch(path + location.search, options);
+
 async function fetchJson(path, options) {
-  const answer = await fetch(path, options);
+  const answer = await request(path, options);
   const body = await answer.json();
   if (answer.status === 409) return { asks: body.reason };
   if (!answer.ok) throw new Error(body.reason ?? answer.statusText);
@@ -376,7 +379,7 @@ async function open(next) {
   try {
     const mine = number;
     const got = await fetchJson(`/picture/${mine}.json`);
-    const png = await fetch(`/picture/${mine}.png`);
+    const png = await request(`/picture/${mine}.png`);
     const bitmap = await createImageBitmap(await png.blob());
     if (mine !== number) return;
     [state, image] = [got, bitmap];

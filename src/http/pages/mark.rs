@@ -22,8 +22,10 @@ const KEYS: [(&str, &str); 12] = [
     ("Escape", "clear the selection"),
 ];
 
-/// Renders the marking page. `place`: description of the storage; `who`: default name of the person who marks.
-pub fn mark_page(place: &str, who: &str) -> Markup {
+/// Renders the marking page. `place`: description of the storage; `who`: default name of the person who marks; `query`: part
+/// of the page's address with the token, which its script needs too.
+pub fn mark_page(place: &str, who: &str, query: Option<&str>) -> Markup {
+    let script = query.map_or("/mark.js".to_owned(), |query| format!("/mark.js?{query}"));
     let content = html! {
         style { (PreEscaped(STYLE)) }
         noscript { p.warning { "This page needs its script, which comes from this server." } }
@@ -65,7 +67,7 @@ pub fn mark_page(place: &str, who: &str) -> Markup {
         p.caption { "Green: detected. Blue: marked manually. Orange, dashed: predicted outline of a lost marker. Red: rejected. Ellipses are standard \
             deviations and lines are residuals, magnified by the factor on the button. Marks are stored in " code { (place) } "; frames and detections \
             are never changed." }
-        script src="/mark.js" defer {}
+        script src=(script) defer {}
     };
     html_page("Mark", &html! {}, &content, "marks are stored with name, time and reason")
 }

@@ -5,30 +5,40 @@ use maud::{Markup, html};
 use super::read_only_page;
 use crate::record::{ImageRecord, RecordStatus};
 use crate::report::number::format_rounded;
+use crate::report::source::SeriesIndex;
 use crate::report::{SeriesData, ShotData, table};
 
-fn find_record<'a>(series: &'a SeriesData, shot: &ShotData) -> Option<&'a ImageRecord> {
-    series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+/// Renders a page of a series: shots with their results and their markers drawn, files. `page`: number and count.
+pub fn series_page(series: &SeriesIndex, shots: &[(&ShotData, Option<ImageRecord>)], page: (usize, usize)) -> Markup {
+    let data = &series.data;
+    let base = format!("/files/{}/{}", data.flight, data.name);
+    let content = html! {
+        @if let Some(warning) = &series.warning { p.warning { (warning) } }
+        @if data.interrupted { p.warning { "This series was interrupted." } }
+        @for remark in &data.remarks { p.warning { (remark) } }
+        p { a href={ (base) "/series.json" } { "series.json" } @if series.has_results() { ", " a href={ (base) "/results.jsonl" } { "results.jsonl" } } }
+        (page_links(page))
+        ul.cards { @for (shot, record) in shots { (shot_card(data, shot, record.as_ref())) } }
+        (page_links(page))
+    };
+    read_only_page(&format!("Series {}", data.name), &flight_trail(&data.flight), &content)
 }
 
-/// Renders a series' page: frames with their markers drawn, results, files.
-pub fn series_page(series: &SeriesData, warning: Option<&str>) -> Markup {
-    let base = format!("/files/{}/{}", series.flight, series.name);
-    let content = html! {
-        @if let Some(warning) = warning { p.warning { (warning) } }
-        @if series.interrupted { p.warning { "This series was interrupted." } }
-        @for remark in &series.remarks { p.warning { (remark) } }
-        p { a href={ (base) "/series.json" } { "series.json" } @if !series.records.is_empty() { ", " a href={ (base) "/results.jsonl" } { "results.jsonl" } } }
-        ul.cards { @for shot in &series.shots { (shot_card(series, shot)) } }
-    };
-    read_only_page(&format!("Series {}", series.name), &flight_trail(&series.flight), &content)
+/// Renders links to the other pages of a long series.
+fn page_links((page, pages): (usize, usize)) -> Markup {
+    html! { @if pages > 1 {
+        p { "Page " (page) " of " (pages)
+            @if page > 1 { ", " a href={ "?page=" (page - 1) } { "previous" } }
+            @if page < pages { ", " a href={ "?page=" (page + 1) } { "next" } }
+        }
+    } }
 }
 
 fn flight_trail(flight: &str) -> Markup {
     html! { a href={ "/flights/" (flight) } { "Flight " (flight) } }
 }
 
-fn shot_card(series: &SeriesData, shot: &ShotData) -> Markup {
+fn shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
     let place = format!("{}/{}", series.flight, series.name);
     let time = shot.stamp.as_ref().map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
     html! { li {
@@ -39,7 +49,7 @@ fn shot_card(series: &SeriesData, shot: &ShotData) -> Markup {
         }
         h3 { "Shot " (shot.number) }
         p.soft { (time.unwrap_or_default()) }
-        p.warn[shot.image.is_none()] { (shot_outcome(series, shot)) }
+        p.warn[shot.image.is_none()] { (shot_outcome(shot, record)) }
         @if let Some(image) = &shot.image {
             p { a href={ "/files/" (place) "/" (image) } download { (image) } }
         }
@@ -47,8 +57,8 @@ fn shot_card(series: &SeriesData, shot: &ShotData) -> Markup {
     } }
 }
 
-fn shot_outcome(series: &SeriesData, shot: &ShotData) -> String {
-    match (shot.image.as_ref(), find_record(series, shot)) {
+fn shot_outcome(shot: &ShotData, record: Option<&ImageRecord>) -> String {
+    match (shot.image.as_ref(), record) {
         (None, _) => "no frame".to_owned(),
         (_, None) => "not solved yet".to_owned(),
         (_, Some(r)) if r.status == RecordStatus::Failed => r.reason.clone().unwrap_or_default(),
@@ -61,20 +71,20 @@ fn shot_outcome(series: &SeriesData, shot: &ShotData) -> String {
     }
 }
 
-/// Renders one frame, large, with a table of its markers; `None` if the series has no such frame.
-pub fn frame_page(series: &SeriesData, image: &str) -> Option<Markup> {
-    let shot = series.shots.iter().find(|s| s.image.as_deref() == Some(image))?;
+/// Renders one frame, large, with a table of its markers.
+pub fn frame_page(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
+    let image = shot.image.as_deref().unwrap_or_default();
     let place = format!("{}/{}", series.flight, series.name);
     let trail = html! { (flight_trail(&series.flight)) a href={ "/flights/" (place) } { "Series " (series.name) } };
     let content = html! {
-        p { (shot_outcome(series, shot)) }
+        p { (shot_outcome(shot, record)) }
         img.frame src={ "/overlay/" (place) "/" (image) ".svg" } alt="The frame with its markers";
         p { a href={ "/files/" (place) "/" (image) } download { (image) ", as the camera delivered it" } }
         @if let Some(sha256) = &shot.sha256 { p.caption { "SHA-256 " code { (sha256) } } }
-        @if let Some(record) = find_record(series, shot).filter(|r| !r.markers.is_empty()) {
+        @if let Some(record) = record.filter(|r| !r.markers.is_empty()) {
             h2 { "Markers" }
             div.scroll tabindex="0" { (table::marker_table(record).html()) }
         }
     };
-    Some(read_only_page(&format!("{} of {}", image, series.name), &trail, &content))
+    read_only_page(&format!("{} of {}", image, series.name), &trail, &content)
 }

@@ -7,7 +7,14 @@ use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node,
 /// Outermost element.
 const ROOT: &str = "opencv_storage";
 
+/// Maximum number of attributes: the parser compares those of an element with each other.
+const MAX_ATTRIBUTES: usize = 10_000;
+
 pub(super) fn parse_xml(text: &str) -> Result<Node, LineFault> {
+    if text.matches('=').count() > MAX_ATTRIBUTES {
+        let remedy = "give the XML of OpenCV's FileStorage, which has few";
+        return Err(LineFault::new(0, "", format!("has more than {MAX_ATTRIBUTES} attributes"), remedy));
+    }
     let document = Document::parse(text).map_err(|error| {
         LineFault::new(error.pos().row as u64, "", format!("is not XML ({error})"), "export it again")
     })?;

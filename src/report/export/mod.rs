@@ -11,6 +11,8 @@ mod vtk_xml;
 
 use std::io::Write;
 
+use crate::installation::text_cell;
+
 pub use columns::{ColumnValues, ExportColumn, ExportContext, ExportTable, SCHEMA_VERSION, table_columns};
 pub use lines::write_json_lines;
 pub use live::{LiveColumns, write_json_rows};
@@ -36,7 +38,11 @@ impl<W: Write> CsvWriter<W> {
     /// Adds rows of the same columns.
     pub fn add(&mut self, columns: &[ExportColumn]) -> Result<(), csv::Error> {
         let rows = columns.first().map_or(0, |c| c.values.len());
-        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| c.values.value_text(row))))
+        let cell = |values: &ColumnValues, row| match (values, values.value_text(row)) {
+            (ColumnValues::Text(_), text) => text_cell(&text).into_owned(),
+            (_, text) => text,
+        };
+        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| cell(&c.values, row))))
     }
 
     /// Flushes the output.
@@ -71,7 +77,7 @@ mod tests {
     #[test]
     fn csv_reads_back_with_every_marker_of_every_image() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
-        series.records.push(sample::failed("x.jpg", "dark, \"quoted\"\nand broken"));
+        series.records.push(sample::failed("=x.jpg", "dark, \"quoted\"\nand broken"));
         let text = text(ExportTable::Markers, &[series]);
         let (heading, rows) = rows(&text);
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();

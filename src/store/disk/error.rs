@@ -3,11 +3,13 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::installation::printable_path;
+
 /// Error of a store operation; variants differ in the caller's reaction.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// A file system call failed.
-    #[error("{}: could not {doing}: {source}; {}", path.display(), io_remedy(source))]
+    #[error("{}: could not {doing}: {source}; {}", printable_path(path), io_remedy(source))]
     Io {
         path: PathBuf,
         /// Operation that failed: a verb that completes "could not …".
@@ -17,7 +19,7 @@ pub enum StoreError {
     /// The free space is below the reserve; no new series begins until a person has made room.
     #[error(
         "{}: {free_mb} MB free, less than the reserve of {reserve_mb} MB; export flights and move them away, or lower [store] reserve_mb",
-        path.display()
+        printable_path(path)
     )]
     BelowReserve {
         /// Root of the store.
@@ -28,7 +30,7 @@ pub enum StoreError {
     /// The store was written by another program version.
     #[error(
         "{}: store format {found}, this wingd reads and writes format {supported}; use the wingd that wrote it, or choose another directory",
-        path.display()
+        printable_path(path)
     )]
     Version {
         /// Path of store.toml.
@@ -39,20 +41,20 @@ pub enum StoreError {
         supported: u32,
     },
     /// The directory contains something else.
-    #[error("{}: is not a store ({why}); choose an empty directory or an existing store", path.display())]
+    #[error("{}: is not a store ({why}); choose an empty directory or an existing store", printable_path(path))]
     NotAStore {
         path: PathBuf,
         /// Evidence that it is not a store.
         why: String,
     },
     /// A daemon already writes to the store.
-    #[error("{}: another wingd is writing to this store; stop it first (systemctl stop wingd)", path.display())]
+    #[error("{}: another wingd is writing to this store; stop it first (systemctl stop wingd)", printable_path(path))]
     Locked {
         /// The lock file.
         path: PathBuf,
     },
     /// A file is damaged or not in the format of this program.
-    #[error("{}: {problem}; {remedy}", path.display())]
+    #[error("{}: {problem}; {remedy}", printable_path(path))]
     Damaged { path: PathBuf, problem: String, remedy: &'static str },
 }
 

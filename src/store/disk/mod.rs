@@ -1,10 +1,12 @@
 //! File system interface of the store. Every fsync of recorded data is in this module.
 
 mod error;
+pub(crate) mod owner;
 
 use std::any::Any;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
@@ -31,10 +33,21 @@ pub type Lock = Box<dyn Any + Send + Sync>;
 pub trait Disk: Send + Sync {
     /// Reads a complete file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
+    /// Reads up to `length` bytes from `offset`; fewer at the end of the file.
+    fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
+        let bytes = self.read(path)?;
+        let begin = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
+        let end = begin.saturating_add(length).min(bytes.len());
+        Ok(bytes.get(begin..end).unwrap_or_default().to_vec())
+    }
     /// Lists a directory, sorted by name.
     fn list(&self, directory: &Path) -> io::Result<Vec<DirectoryEntry>>;
     /// Returns whether the path exists.
     fn exists(&self, path: &Path) -> bool;
+    /// Returns whether this user's permissions allow writing to an existing path.
+    fn is_permitted(&self, _path: &Path) -> bool {
+        true
+    }
     /// Creates one directory, whose parent exists.
     fn create_dir(&self, path: &Path) -> io::Result<()>;
     /// Writes a file from its beginning; the content is durable.
@@ -57,13 +70,31 @@ pub trait Disk: Send + Sync {
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>>;
 }
 
+/// Flag with which opening a pipe does not wait for its other end; it has no effect on regular files.
+const NONBLOCK: i32 = rustix::fs::OFlags::NONBLOCK.bits() as i32;
+
 /// File system of the machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RealDisk;
 
 impl Disk for RealDisk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        fs::read(path)
+        read_regular_file(path)
+    }
+
+    fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
+        let file = open_regular_file(path)?;
+        let left = file.metadata()?.len().saturating_sub(offset);
+        let mut bytes = vec![0; length.min(usize::try_from(left).unwrap_or(length))];
+        let mut read = 0;
+        while let Some(rest) = bytes.get_mut(read..).filter(|rest| !rest.is_empty()) {
+            match file.read_at(rest, offset + read as u64)? {
+                0 => break,
+                count => read += count,
+            }
+        }
+        bytes.truncate(read);
+        Ok(bytes)
     }
 
     fn list(&self, directory: &Path) -> io::Result<Vec<DirectoryEntry>> {
@@ -83,16 +114,25 @@ impl Disk for RealDisk {
         path.exists()
     }
 
+    fn is_permitted(&self, path: &Path) -> bool {
+        rustix::fs::access(path, rustix::fs::Access::WRITE_OK) != Err(rustix::io::Errno::ACCESS)
+    }
+
     fn create_dir(&self, path: &Path) -> io::Result<()> {
-        fs::create_dir(path)
+        fs::create_dir(path)?;
+        owner::inherit_owner(path)
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        write_and_sync(File::create(path)?, bytes)
+        let file = File::create(path)?;
+        owner::inherit_owner(path)?;
+        write_and_sync(file, bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        write_and_sync(OpenOptions::new().create(true).append(true).open(path)?, bytes)
+        let file = OpenOptions::new().create(true).append(true).open(path)?;
+        owner::inherit_owner(path)?;
+        write_and_sync(file, bytes)
     }
 
     fn truncate(&self, path: &Path, length: u64) -> io::Result<()> {
@@ -127,6 +167,7 @@ impl Disk for RealDisk {
 
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>> {
         let file = OpenOptions::new().create(true).truncate(false).write(true).open(path)?;
+        owner::inherit_owner(path)?;
         match rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => Ok(Some(Box::new(LockedFile(file)))),
             Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
@@ -151,9 +192,27 @@ fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
+/// Opens a file for reading. A pipe is refused, because it would be waited for without end.
+fn open_regular_file(path: &Path) -> io::Result<File> {
+    let file = OpenOptions::new().read(true).custom_flags(NONBLOCK).open(path)?;
+    let is_file = file.metadata()?.is_file();
+    is_file.then_some(file).ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"))
+}
+
+/// Reads a complete regular file.
+///
+/// # Errors
+/// Returns an error for a folder, pipe or device, and if the file cannot be read.
+pub fn read_regular_file(path: &Path) -> io::Result<Vec<u8>> {
+    let mut file = open_regular_file(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    file.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// Fills a buffer with random bytes from the operating system.
 pub(crate) fn fill_random(bytes: &mut [u8]) -> io::Result<()> {
-    use std::io::Read;
     File::open("/dev/urandom")?.read_exact(bytes)
 }
 

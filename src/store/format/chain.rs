@@ -116,6 +116,11 @@ impl Chain {
         chain
     }
 
+    /// Returns the id of the store that the chain belongs to.
+    pub fn store_id(&self) -> Option<String> {
+        self.state_at(usize::MAX).flight.map(|(store, ..)| store).filter(|id| !id.is_empty())
+    }
+
     /// Returns the state after the lines that end at or before byte `end`.
     pub fn state_at(&self, end: usize) -> ChainState {
         let mut state = ChainState::default();

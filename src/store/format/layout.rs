@@ -56,6 +56,9 @@ pub const RESULTS_FILE: &str = "results.jsonl";
 /// Ending of a file that is being written.
 pub const PART_ENDING: &str = ".part";
 
+/// Largest number in a name, far above any that a recorder reaches; a larger one is no name of the store.
+pub const MAX_NUMBER: u64 = 999_999_999;
+
 /// Returns the name of a flight.
 pub fn flight_id(number: u64) -> String {
     format!("f{number:04}")
@@ -79,7 +82,7 @@ pub fn series_number(id: &str) -> Option<u64> {
 /// Parses the number between prefix and suffix; `None` if `write` does not reproduce the name.
 fn parse_number(name: &str, begin: &str, end: &str, write: fn(u64) -> String) -> Option<u64> {
     let number = name.strip_prefix(begin)?.strip_suffix(end)?.parse().ok();
-    number.filter(|number| write(*number) == name)
+    number.filter(|number| *number <= MAX_NUMBER && write(*number) == name)
 }
 
 /// Returns the file name of a shot's frame. Only characters that are safe in a file name are kept of the extension.
@@ -179,7 +182,7 @@ mod tests {
     fn ids_and_frame_names_round_trip_and_other_names_are_rejected() {
         assert_eq!(series_number(&series_id(12_345_678)), Some(12_345_678));
         assert_eq!(flight_number("f0001"), Some(1));
-        for bad in ["f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {
+        for bad in ["f18446744073709551615", "f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {
             assert_eq!(flight_number(bad).or(series_number(bad)), None, "{bad}");
         }
         assert_eq!(aircraft_number(&aircraft_name(12)), Some(12));

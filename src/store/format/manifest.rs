@@ -203,6 +203,11 @@ impl Counter {
     /// Counter of an empty store.
     pub const FIRST: Self = Self { next_flight: 1, next_series: 1 };
 
+    /// Returns whether ids can follow: a damaged counter must not end the recording.
+    pub fn is_plausible(&self) -> bool {
+        self.next_flight.max(self.next_series) <= layout::MAX_NUMBER
+    }
+
     /// Advances the next ids past a flight or series, given by its name.
     pub fn advance_past(&mut self, id: &str) {
         let above = |next: u64, number: Option<u64>| number.map_or(next, |n| next.max(n.saturating_add(1)));

@@ -18,18 +18,8 @@ pub struct ResultSummary {
     pub record: Map<String, Value>,
 }
 
-/// Parses the summaries of the complete lines, in the order written. Damaged lines are omitted; `verify` reports them.
-pub fn parse_summaries(bytes: &[u8], fields: &[&str]) -> Vec<ResultSummary> {
-    let mut begin = 0;
-    let lines = memchr::memchr_iter(b'\n', bytes).filter_map(|end| {
-        let line = bytes.get(begin..end);
-        begin = end + 1;
-        line
-    });
-    lines.filter_map(|line| parse_summary(line, fields)).collect()
-}
-
-fn parse_summary(line: &[u8], fields: &[&str]) -> Option<ResultSummary> {
+/// Parses the summary of a line without its newline; `None` if the line is damaged, which `verify` reports.
+pub fn parse_summary(line: &[u8], fields: &[&str]) -> Option<ResultSummary> {
     let mut found = PartialSummary { frame: None, provenance: None, record: Map::new(), fields };
     // An error means either that everything was found or that the line is damaged; the fields found show which.
     let _ = serde_json::Deserializer::from_slice(line)
@@ -101,12 +91,12 @@ mod tests {
     const LINE: &str = r#"{"frame":"0001.jpg","frame_sha256":"ab","inputs":"cd","provenance":{"program":"x"},"record":{"image":"a","status":"ok","tip":{"deflection_m":2.5},"markers":[1,2]}}"#;
 
     #[test]
-    fn fields_are_found_in_any_order_and_a_torn_tail_is_omitted() {
+    fn fields_are_found_in_any_order_and_damaged_lines_are_omitted() {
         let value: Value = serde_json::from_str(LINE).unwrap();
         let turned: Map<String, Value> = value.as_object().unwrap().clone().into_iter().rev().collect();
         let turned = serde_json::to_string(&turned).unwrap();
-        let text = format!("{LINE}\n{turned}\n\nx\n{LINE}");
-        let heads = parse_summaries(text.as_bytes(), &["status", "tip"]);
+        let text = format!("{LINE}\n{turned}\n\nx\n");
+        let heads: Vec<_> = text.lines().filter_map(|l| parse_summary(l.as_bytes(), &["status", "tip"])).collect();
         assert_eq!(heads.len(), 2);
         for head in heads {
             assert_eq!((head.frame.as_str(), &head.provenance["program"]), ("0001.jpg", &"x".into()));
@@ -118,7 +108,7 @@ mod tests {
     fn parsing_stops_when_all_fields_are_found() {
         // The rest of the line is not JSON.
         let cut = LINE.split("\"markers\"").next().unwrap();
-        assert_eq!(parse_summaries(format!("{cut}!\n").as_bytes(), &["tip"]).len(), 1);
-        assert_eq!(parse_summaries(b"{\"frame\":\"0001.jpg\",\"prov\n", &[]).len(), 0);
+        assert!(parse_summary(format!("{cut}!").as_bytes(), &["tip"]).is_some());
+        assert_eq!(parse_summary(b"{\"frame\":\"0001.jpg\",\"prov", &[]), None);
     }
 }

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::verify::{self, VerifyReport};
 use crate::store::disk::{Disk, Lock, StoreError};
@@ -59,11 +60,20 @@ impl Listing {
         self.items.iter().map(|item| item.length).sum()
     }
 
-    /// Returns an error sentence if a name leads out of the directory or cannot belong to the flight.
-    pub fn foreign_file(&self) -> Option<String> {
+    /// Returns an error sentence if a name leads out of the directory or cannot belong to the flight, or if lengths and
+    /// offsets are not those of an archive.
+    pub fn problem(&self) -> Option<String> {
         let here = |item: &&ListedFile| !is_bundle_name(&item.name, &self.flight);
-        let foreign = self.items.iter().find(here);
-        foreign.map(|item| format!("{:?} is not a file of flight {}", item.name, self.flight))
+        if let Some(item) = self.items.iter().find(here) {
+            return Some(format!("{:?} is not a file of flight {}", item.name, self.flight));
+        }
+        let mut at = 0;
+        for item in &self.items {
+            let end = item.offset.checked_add(item.length).filter(|_| item.offset >= at);
+            let Some(end) = end else { return Some(format!("the offset or length of {} is impossible", item.name)) };
+            at = end;
+        }
+        None
     }
 }
 
@@ -162,16 +172,31 @@ impl<'a> Receiver<'a> {
         self.root.join(layout::FETCHING).join(name)
     }
 
+    /// Returns an error if files of this length do not fit on the disk.
+    pub fn require_space(&self, bytes: u64) -> Result<(), StoreError> {
+        let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
+        if bytes <= free {
+            return Ok(());
+        }
+        let (path, problem) = (self.root.clone(), format!("has {} MB free, {} MB are needed", free >> 20, bytes >> 20));
+        Err(StoreError::Damaged { path, problem, remedy: "make room, or check that the server is a wingd" })
+    }
+
+    /// Begins to receive a file.
+    pub fn begin_file<'r>(&'r self, item: &'r ListedFile) -> Result<ReceivedFile<'r>, StoreError> {
+        let path = self.staged_path(&item.name);
+        self.make_dirs(&path)?;
+        let part =
+            path.with_file_name(format!("{}{}", item.name.rsplit('/').next().unwrap_or_default(), layout::PART_ENDING));
+        self.disk.save_file(&part, b"")?;
+        Ok(ReceivedFile { receiver: self, item, part, path, length: 0, hasher: Sha256::new() })
+    }
+
     /// Stores the bytes of a file; returns an error if they do not match the listing.
     pub fn accept_file(&self, item: &ListedFile, bytes: &[u8]) -> Result<(), StoreError> {
-        let path = self.staged_path(&item.name);
-        if bytes.len() as u64 != item.length || sha256_hex(bytes) != item.sha256 {
-            let problem = "was received with bytes that do not match its SHA-256".to_owned();
-            let remedy = "try again; if it happens again, run `wingd verify` on the sender's store";
-            return Err(StoreError::Damaged { path: self.root.join(&item.name), problem, remedy });
-        }
-        self.make_dirs(&path)?;
-        self.disk.replace_file(&path, bytes)
+        let mut file = self.begin_file(item)?;
+        file.add(bytes)?;
+        file.finish()
     }
 
     fn make_dirs(&self, path: &Path) -> Result<(), StoreError> {
@@ -238,9 +263,54 @@ impl<'a> Receiver<'a> {
     }
 }
 
+/// File that is being received, piece by piece.
+pub struct ReceivedFile<'r> {
+    receiver: &'r Receiver<'r>,
+    item: &'r ListedFile,
+    part: PathBuf,
+    path: PathBuf,
+    length: u64,
+    hasher: Sha256,
+}
+
+impl ReceivedFile<'_> {
+    /// Returns the number of bytes that have not arrived.
+    pub fn missing_bytes(&self) -> u64 {
+        self.item.length.saturating_sub(self.length)
+    }
+
+    /// Adds the next bytes.
+    pub fn add(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.hasher.update(bytes);
+        self.length += bytes.len() as u64;
+        self.receiver.disk.append(&self.part, bytes).map_err(StoreError::io(&self.part, "write"))
+    }
+
+    /// Gives the file its name; returns an error if the bytes do not match the listing.
+    pub fn finish(self) -> Result<(), StoreError> {
+        let Self { receiver, item, part, path, .. } = self;
+        if self.length != item.length || hex::encode(self.hasher.finalize()) != item.sha256 {
+            let problem = "was received with bytes that do not match its SHA-256".to_owned();
+            let remedy = "try again; if it happens again, run `wingd verify` on the sender's store";
+            return Err(StoreError::Damaged { path: receiver.root.join(&item.name), problem, remedy });
+        }
+        receiver.disk.move_durably(&part, &path)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn impossible_lengths_are_refused() {
+        let file = |name: &str, offset, length| ListedFile { name: name.into(), length, sha256: String::new(), offset };
+        let listing = |items| Listing { flight: "f0001".into(), digest: String::new(), items };
+        let problem = |second| listing(vec![file("store.toml", 512, 100), second]).problem();
+        assert_eq!(problem(file("counter.json", 1536, 10)), None);
+        assert!(problem(file("counter.json", u64::MAX - 5, 10)).is_some());
+        assert!(problem(file("counter.json", 500, 10)).is_some(), "overlaps");
+    }
 
     #[test]
     fn only_names_of_a_flights_bundle_are_taken() {

@@ -37,6 +37,7 @@ pub fn upgrade_store(
             remedy: "repair it, or move it out of the store; a damaged store is not upgraded",
         });
     }
+    refuse_foreign_chains(at)?;
     let installation = installation.map(|files| installations::keep_installation(at, files)).transpose()?;
     let id = opening::random_id()?;
     for flight in catalogue::list_flights(at.disk, root)? {
@@ -49,6 +50,23 @@ pub fn upgrade_store(
         evidence::update_sums(at.disk, &flight.folder)?;
     }
     opening::write_format_file(at, &id)
+}
+
+/// Refuses flights whose chain has more than an interrupted upgrade writes: it is evidence that a new one would destroy.
+fn refuse_foreign_chains(root: StoreRoot<'_>) -> Result<(), StoreError> {
+    for flight in catalogue::list_flights(root.disk, root.path)? {
+        let (bytes, chain) = catalogue::read_chain(root.disk, &flight.folder)?;
+        let Some(id) = chain.store_id() else { continue };
+        let installation = chain.state_at(usize::MAX).installations.pop_first();
+        if build_chain(root, &flight, &id, installation.as_deref())? != bytes {
+            return Err(StoreError::Damaged {
+                path: flight.folder.join(layout::CHAIN_FILE),
+                problem: "is the chain of a store of format 2, which an upgrade would replace".to_owned(),
+                remedy: "remove store.toml and start the recorder: it rebuilds it from the chains",
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Builds the chain of the existing files.

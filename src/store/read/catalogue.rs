@@ -57,7 +57,7 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
         None => Err(StoreError::Damaged {
             path,
             problem: "has no format number".to_owned(),
-            remedy: "write `format = 1` into it if the store was made by wingd 0.x",
+            remedy: "a recorder rebuilds it from the chains of the flights; if they have none, restore it from a copy",
         }),
     }
 }
@@ -139,6 +139,36 @@ pub fn is_called(disk: &dyn Disk, flight: &FlightRef, name: &str) -> bool {
 /// Reads the manifest of a series, `series.json`.
 pub fn read_series_manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
     read_json(disk, &series.folder.join(layout::SERIES_FILE))
+}
+
+/// Length of the pieces in which a file of lines is read, bytes.
+const PIECE_BYTES: usize = 256 * 1024;
+
+/// Calls `give` with the place of each complete line of a file, and the line without its newline. Reads in pieces: results
+/// of a long series do not fit into the memory of a recorder. A missing file has no lines.
+pub fn for_each_line(
+    disk: &dyn Disk,
+    path: &Path,
+    mut give: impl FnMut(std::ops::Range<u64>, &[u8]),
+) -> Result<(), StoreError> {
+    let (mut buffer, mut at) = (Vec::new(), 0);
+    loop {
+        let piece = match disk.read_range(path, at + buffer.len() as u64, PIECE_BYTES) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            read => read.map_err(StoreError::io(path, "read"))?,
+        };
+        buffer.extend_from_slice(&piece);
+        let mut begin = 0;
+        for end in memchr::memchr_iter(b'\n', &buffer) {
+            give(at + begin as u64..at + end as u64, buffer.get(begin..end).unwrap_or_default());
+            begin = end + 1;
+        }
+        buffer.drain(..begin);
+        at += begin as u64;
+        if piece.len() < PIECE_BYTES {
+            return Ok(());
+        }
+    }
 }
 
 /// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.

@@ -2,6 +2,7 @@
 //! chosen, and a warning names the others.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::path::Path;
 
 use serde_json::{Map, Value};
@@ -9,7 +10,7 @@ use serde_json::{Map, Value};
 use super::catalogue::{self, FlightRef, SeriesRef};
 use crate::store::disk::{Disk, StoreError};
 use crate::store::format::manifest::ResultLine;
-use crate::store::format::result_summary::{self, ResultSummary};
+use crate::store::format::result_summary;
 use crate::store::format::{Inputs, layout};
 
 /// Length of the abbreviated key that a person reads and types.
@@ -26,12 +27,12 @@ pub struct ResultSet {
     pub results: usize,
     /// Rank of the last result: number of sets that it follows in its series, number of the series.
     last: (usize, u64),
-    /// Number as returned by [`ResultGrouper::add_series`].
+    /// Number in [`ResultHead::set`].
     index: usize,
 }
 
 impl ResultSet {
-    /// Returns the number of the set as [`ResultGrouper::add_series`] returned it.
+    /// Returns the number of the set in [`ResultHead::set`].
     pub fn index(&self) -> usize {
         self.index
     }
@@ -90,10 +91,21 @@ impl ResultSets {
 pub fn flight_result_sets(disk: &dyn Disk, flight: &FlightRef) -> Result<ResultSets, StoreError> {
     let mut gather = ResultGrouper::default();
     for series in catalogue::list_series(disk, flight)? {
-        let bytes = disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?;
-        gather.add_series(&series.id, &result_summary::parse_summaries(&bytes.unwrap_or_default(), &[]));
+        gather.add_series(disk, &series, &[], |_| ())?;
     }
     Ok(gather.finish())
+}
+
+/// Beginning of a result in a series' `results.jsonl`.
+pub struct ResultHead {
+    /// File name of the frame.
+    pub frame: String,
+    /// Number of its set, [`ResultSet::index`].
+    pub set: usize,
+    /// Selected fields of the record.
+    pub record: Map<String, Value>,
+    /// Bytes of the line in the file.
+    pub place: Range<u64>,
 }
 
 /// Groups results into sets, series by series.
@@ -104,12 +116,32 @@ pub struct ResultGrouper {
 }
 
 impl ResultGrouper {
-    /// Adds the results of a series, in the order written; returns the number of the set of each.
-    pub fn add_series(&mut self, series: &str, heads: &[ResultSummary]) -> Vec<usize> {
+    /// Reads the beginning of each result of a series, with the given `fields` of its record, and adds it to its set;
+    /// returns what `make` makes of each, in the order written.
+    pub fn add_series<T>(
+        &mut self,
+        disk: &dyn Disk,
+        series: &SeriesRef,
+        fields: &[&str],
+        mut make: impl FnMut(ResultHead) -> T,
+    ) -> Result<Vec<T>, StoreError> {
+        let (mut made, mut sets, mut frames) = (Vec::new(), Vec::new(), BTreeSet::new());
+        catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |place, line| {
+            let Some(head) = result_summary::parse_summary(line, fields) else { return };
+            let set = self.set_index(&head.provenance);
+            sets.push(set);
+            frames.insert(head.frame.clone());
+            made.push(make(ResultHead { frame: head.frame, set, record: head.record, place }));
+        })?;
+        self.count_results(&series.id, &sets, frames.len());
+        Ok(made)
+    }
+
+    /// Counts the results of a series, by their sets in the order written.
+    fn count_results(&mut self, series: &str, sets: &[usize], frames: usize) {
         let number = layout::series_number(series).unwrap_or(0);
-        let sets: Vec<usize> = heads.iter().map(|head| self.set_index(&head.provenance)).collect();
         let mut order: Vec<usize> = Vec::new();
-        for index in &sets {
+        for index in sets {
             order.retain(|known| known != index);
             order.push(*index);
         }
@@ -119,8 +151,7 @@ impl ResultGrouper {
                 set.results += sets.iter().filter(|one| **one == index).count();
             }
         }
-        self.frames += heads.iter().map(|head| head.frame.as_str()).collect::<BTreeSet<_>>().len();
-        sets
+        self.frames += frames;
     }
 
     fn set_index(&mut self, provenance: &Map<String, Value>) -> usize {
@@ -141,18 +172,21 @@ impl ResultGrouper {
 }
 
 /// Reads the results of a series that belong to a set, in the order of frames; the latest of every frame if no set is
-/// given.
-pub fn results_in_set(
+/// given. Each is converted by `make` as it is read, so that only what is kept is in memory.
+pub fn results_in_set<T>(
     disk: &dyn Disk,
     series: &SeriesRef,
     set: Option<&ResultSet>,
-) -> Result<Vec<ResultLine>, StoreError> {
-    let belongs = |line: &ResultLine| set.is_none_or(|set| line.provenance == set.provenance);
+    mut make: impl FnMut(ResultLine) -> Option<T>,
+) -> Result<Vec<T>, StoreError> {
     let mut latest = BTreeMap::new();
-    for line in catalogue::read_results(disk, series)?.into_iter().filter(belongs) {
-        latest.insert(line.frame.clone(), line);
-    }
-    Ok(latest.into_values().collect())
+    catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |_, line| {
+        let line = serde_json::from_slice::<ResultLine>(line).ok();
+        if let Some(line) = line.filter(|line| set.is_none_or(|set| line.provenance == set.provenance)) {
+            latest.insert(line.frame.clone(), make(line));
+        }
+    })?;
+    Ok(latest.into_values().flatten().collect())
 }
 
 /// Returns a warning for every flight of a store with results of several inputs.
@@ -168,18 +202,13 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    fn line(frame: u32, program: &str) -> String {
-        format!("{{\"frame\":\"{frame:04}.jpg\",\"provenance\":{{\"program\":\"{program}\"}}}}\n")
-    }
-
     fn sets(series: &[&[(u32, &str)]]) -> ResultSets {
         let mut gather = ResultGrouper::default();
         for (number, lines) in series.iter().enumerate() {
-            let text: String = lines.iter().map(|(frame, program)| line(*frame, program)).collect();
-            gather.add_series(
-                &layout::series_id(number as u64 + 1),
-                &result_summary::parse_summaries(text.as_bytes(), &[]),
-            );
+            let provenance = |program: &str| Map::from_iter([("program".to_owned(), Value::from(program))]);
+            let sets: Vec<usize> = lines.iter().map(|(_, program)| gather.set_index(&provenance(program))).collect();
+            let frames: BTreeSet<u32> = lines.iter().map(|(frame, _)| *frame).collect();
+            gather.count_results(&layout::series_id(number as u64 + 1), &sets, frames.len());
         }
         gather.finish()
     }

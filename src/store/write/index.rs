@@ -20,20 +20,22 @@ pub(crate) struct StoreIndex {
     pub installations: HashSet<(String, String)>,
     /// Flights whose SHA256SUMS are behind their chains.
     pub unsealed: BTreeSet<String>,
+    /// Remarks of recoveries that were reported.
+    pub reported: BTreeSet<String>,
 }
 
 impl StoreIndex {
     /// Creates an index with the next ids and the last flight.
     pub fn new(counter: Counter, flight: Option<String>, last: Option<Stamp>) -> Self {
-        let (settled, installations, unsealed) = (HashSet::new(), HashSet::new(), BTreeSet::new());
         Self {
             counter,
             flight,
             last_moment: last,
             new_flight_requested: false,
-            solved_series: settled,
-            installations,
-            unsealed,
+            solved_series: HashSet::new(),
+            installations: HashSet::new(),
+            unsealed: BTreeSet::new(),
+            reported: BTreeSet::new(),
         }
     }
 

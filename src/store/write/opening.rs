@@ -6,6 +6,7 @@ use super::index::StoreIndex;
 use super::recover::Recovery;
 use super::root::StoreRoot;
 use crate::clock::Stamp;
+use crate::store::disk::owner::{Owner, service_owner};
 use crate::store::disk::{Disk, Lock, StoreError, fill_random};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout};
@@ -19,6 +20,33 @@ pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
     root.ensure_folders()?;
     save_counter(root, &Counter::FIRST)?;
     write_format_file(root, &random_id()?)
+}
+
+/// Rebuilds a damaged or missing format file from the flights' chains, which hold the store's id; returns a remark if it
+/// did. A store whose flights have no chains, or those of several stores, is left as it is.
+pub(super) fn mend_format_file(root: StoreRoot<'_>) -> Result<Option<String>, StoreError> {
+    let path = root.join(layout::STORE_FILE);
+    let damaged = match catalogue::check_format(root.disk, root.path) {
+        Err(StoreError::Damaged { .. }) => true,
+        Err(StoreError::NotAStore { .. }) => false,
+        _ => return Ok(None),
+    };
+    let flights = catalogue::list_flights(root.disk, root.path).unwrap_or_default();
+    // Without a flight, a new id is as good as the old one; an incomplete copy is not a store.
+    if flights.is_empty() && !damaged || root.disk.exists(&root.join(layout::FETCHING)) {
+        return Ok(None);
+    }
+    let chains = flights.iter().map(|flight| catalogue::read_chain(root.disk, &flight.folder).ok()?.1.store_id());
+    let mut ids = chains.collect::<Option<Vec<String>>>().unwrap_or_default();
+    ids.dedup();
+    let id = match (ids.as_slice(), flights.is_empty()) {
+        ([id], _) => id.clone(),
+        ([], true) => random_id()?,
+        _ => return Ok(None),
+    };
+    let _lock = lock_store(root)?;
+    root.disk.replace_file(&path, format_file_text(&id).as_bytes())?;
+    Ok(Some(format!("{} was damaged or missing; rebuilt from the flights' chains", layout::STORE_FILE)))
 }
 
 /// Takes the lock, which is released when the returned guard is dropped.
@@ -56,27 +84,32 @@ pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
     !disk.exists(root) || (!disk.exists(&root.join(layout::STORE_FILE)) && refuse_foreign(disk, root).is_ok())
 }
 
-/// Returns the reason for which this user could not record at a path: it, or the nearest existing folder above it, is not
+/// Returns the reason for which this user, or the store's owner if root asks, could not record at a path: it, or the nearest existing folder above it, is not
 /// writable.
 pub fn unwritable_reason(disk: &dyn Disk, root: &Path) -> Option<String> {
     let there = root.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
-    let refused = there.into_iter().find(|p| p.exists()).and_then(write_refusal);
-    refused.or_else(|| unwritable_inside(disk, root, MAX_DEPTH))
+    let owner = service_owner(root);
+    let refused = there.into_iter().find(|p| p.exists()).and_then(|path| write_refusal(path, owner));
+    refused.or_else(|| unwritable_inside(disk, root, owner, MAX_DEPTH))
 }
 
 /// Depth of folders whose files are rewritten: store, flights, flight; the frames of a series are not.
 const MAX_DEPTH: usize = 3;
 
-fn unwritable_inside(disk: &dyn Disk, folder: &Path, deep: usize) -> Option<String> {
+fn unwritable_inside(disk: &dyn Disk, folder: &Path, owner: Option<Owner>, deep: usize) -> Option<String> {
     let entries = disk.list(folder).unwrap_or_default();
     let ours = entries.iter().filter(|entry| entry.name != "lost+found" && !entry.is_link);
     ours.map(|entry| (folder.join(&entry.name), entry.is_dir)).find_map(|(path, is_dir)| {
-        let inside = || if is_dir && deep > 1 { unwritable_inside(disk, &path, deep - 1) } else { None };
-        write_refusal(&path).or_else(inside)
+        let inside = || if is_dir && deep > 1 { unwritable_inside(disk, &path, owner, deep - 1) } else { None };
+        write_refusal(&path, owner).or_else(inside)
     })
 }
 
-fn write_refusal(path: &Path) -> Option<String> {
+/// Returns the reason for which a path cannot be written to; `owner`: the user that runs the recorder, if it is not this one.
+fn write_refusal(path: &Path, owner: Option<Owner>) -> Option<String> {
+    if owner.is_some_and(|owner| !owner.can_write(path)) {
+        return Some(format!("{} cannot be written to by the store's owner", path.display()));
+    }
     let refused = rustix::fs::access(path, rustix::fs::Access::WRITE_OK).err()?;
     Some(format!("{} cannot be written to ({refused})", path.display()))
 }
@@ -134,7 +167,7 @@ pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result
     let incoming = disk.list(&root.join(layout::INCOMING)).unwrap_or_default();
     let series = incoming.iter().filter(|entry| layout::series_number(&entry.name).is_some());
     series.for_each(|entry| on_disk.advance_past(&entry.name));
-    let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE));
+    let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE)).filter(Counter::is_plausible);
     let counter = saved.map_or(on_disk, |saved| saved.merge(on_disk));
     if saved != Some(counter) {
         recovery.remarks.push("counter.json was damaged or behind; restored from the ids on disk".to_owned());

@@ -87,6 +87,12 @@ impl OpenSeries {
         &self.manifest.shots
     }
 
+    /// Returns whether the series has a frame with these bytes.
+    pub fn contains_frame(&self, bytes: &[u8]) -> bool {
+        let hash = sha256_hex(bytes);
+        self.manifest.frames().any(|frame| frame.sha256 == hash)
+    }
+
     /// Records the camera's description durably; only the first one is kept.
     pub fn note_camera(&mut self, camera: Map<String, Value>) -> Result<(), StoreError> {
         if !self.manifest.camera.is_empty() || camera.is_empty() {

@@ -12,6 +12,7 @@ use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 
 use super::chain;
 use super::root::StoreRoot;
+use crate::store::disk::owner::inherit_owner;
 use crate::store::disk::{StoreError, fill_random};
 use crate::store::format::chain::{Chain, ChainEvent, ChainLine};
 use crate::store::format::{jsonl, layout};
@@ -115,6 +116,7 @@ fn create_key(path: &Path) -> Result<String, StoreError> {
 fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     let part = with_ending(path, "part");
     let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(&part)?;
+    inherit_owner(&part)?;
     file.write_all(bytes)?;
     file.sync_all()?;
     fs::rename(&part, path)?;

@@ -48,6 +48,7 @@ impl Store {
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
         let path = config.path.clone();
         let root = StoreRoot { disk: disk.as_ref(), path: &path };
+        let mended = opening::mend_format_file(root)?;
         if !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::create_store(root)?;
         }
@@ -55,6 +56,7 @@ impl Store {
         let lock = opening::lock_store(root)?;
         root.ensure_folders()?;
         let mut recovery = recover::recover_incoming(root, &ActiveSeries::default())?;
+        recovery.remarks.extend(mended);
         segment::settle_append_files(root, &APPEND_FILE_KINDS, &mut recovery);
         let index = opening::scan_store(root, &mut recovery)?;
         // Recording continues without signatures if the key cannot be used.
@@ -134,6 +136,14 @@ impl Store {
         began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
     }
 
+    /// Returns the number of series in `incoming/` that are not under way: their last step failed, or they could not be
+    /// recovered.
+    pub fn stranded_series(&self) -> usize {
+        let entries = self.disk.list(&self.root.join(layout::INCOMING)).unwrap_or_default();
+        let series = entries.iter().filter(|entry| layout::series_number(&entry.name).is_some());
+        series.filter(|entry| !self.under_way.contains(&entry.name)).count()
+    }
+
     /// Returns the readable manifests of the newest flight, in order.
     pub(crate) fn newest_manifests(&self) -> Vec<SeriesManifest> {
         let Some(id) = self.current_flight() else { return Vec::new() };
@@ -165,7 +175,9 @@ impl Store {
         now: &Stamp,
     ) -> Result<(OpenSeries, Recovery), StoreError> {
         let mut index = self.lock_index();
-        let recovery = recover::recover_incoming(self.store_root(), &self.under_way)?;
+        let mut recovery = recover::recover_incoming(self.store_root(), &self.under_way)?;
+        // What remains in incoming/ is reported once, not with each series.
+        recovery.remarks.retain(|remark| index.reported.insert(remark.clone()));
         self.refuse_below_reserve().inspect_err(|error| self.note_refusal(error, now))?;
         let flight = match flight {
             Some(flight) => flight.to_owned(),
@@ -258,7 +270,9 @@ impl Store {
     fn current_or_new_flight(&self, index: &mut StoreIndex, now: &Stamp) -> Result<String, StoreError> {
         let by_command = index.new_flight_requested.then(|| "by command".to_owned());
         let rule = (self.config.new_flight_after, self.config.new_flight_at_boot);
-        let because = by_command.or_else(|| flight::new_flight_reason(index.last_moment.as_ref(), now, rule.0, rule.1));
+        let because = by_command
+            .or_else(|| flight::new_flight_reason(index.last_moment.as_ref(), now, rule.0, rule.1))
+            .or_else(|| self.unwritable_flight_reason(index.flight.as_deref()?));
         match (because, &index.flight) {
             (None, Some(flight)) => Ok(flight.clone()),
             (because, _) => {
@@ -266,6 +280,14 @@ impl Store {
                 self.new_flight(index, now, because)
             }
         }
+    }
+
+    /// Returns a reason for a new flight if the files of this one belong to another user, so that no series can be added.
+    fn unwritable_flight_reason(&self, flight: &str) -> Option<String> {
+        let folder = self.store_root().flight_folder(flight);
+        let permitted = |path: &Path| self.disk.is_permitted(path);
+        let refused = !permitted(&folder) || !permitted(&folder.join(layout::CHAIN_FILE));
+        refused.then(|| format!("this user cannot write to {flight}"))
     }
 
     /// Begins a flight for data recorded elsewhere, with the user's name for it if there is one.

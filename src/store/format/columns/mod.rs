@@ -139,6 +139,11 @@ impl LiveTable {
         Some((at, self.columns.iter().take(at).map(|column| column.width).sum()))
     }
 
+    /// Returns whether a row can be encoded.
+    pub fn accepts(&self, row: &LiveRow) -> bool {
+        self.row_error(std::slice::from_ref(row)).is_none()
+    }
+
     /// Returns a sentence if the rows cannot be encoded.
     fn row_error(&self, rows: &[LiveRow]) -> Option<String> {
         let width = self.row_width();

@@ -123,3 +123,12 @@ fn a_torn_changed_zeroed_or_misplaced_block_ends_the_intact_ones() {
         assert!(LiveFile::parse(line.as_bytes()).is_none(), "{line:?}");
     }
 }
+
+#[test]
+fn a_row_that_its_column_cannot_hold_is_recognised() {
+    let table = table();
+    let row = &rows(1)[0];
+    let beyond: LiveRow = std::iter::once(-1.0).chain(row.iter().skip(1).copied()).collect();
+    let later: LiveRow = std::iter::once(1e17).chain(row.iter().skip(1).copied()).collect();
+    assert!(table.accepts(row) && !table.accepts(&beyond) && !table.accepts(&later));
+}

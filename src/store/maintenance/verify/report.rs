@@ -1,8 +1,11 @@
 //! Report of a verification.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+
+use crate::installation::printable_path;
 
 /// Violated invariant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -31,6 +34,14 @@ pub struct VerifyReport {
     pub bytes: u64,
     /// Number of results.
     pub results: usize,
+}
+
+impl fmt::Display for InvariantFault {
+    /// Formats the error on one line: its path and names may hold any characters.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = printable_path(&self.what);
+        write!(f, "invariant {}: {}: {what}", self.invariant, printable_path(&self.path))
+    }
 }
 
 impl VerifyReport {
