@@ -43,7 +43,7 @@
 //! |---|---|---|
 //! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
 //! | 2 | [`installation`], [`clock`], [`record`] | installation directory; time; the written result |
-//! | 3 | [`aircraft`] | the aircraft's own data, assigned by time tag |
+//! | 3 | [`aircraft`], [`exchange`] | the aircraft's own data, assigned by time tag; camera and board files of other programs |
 //! | 4 | [`camera`], [`store`] | shots; durable storage |
 //! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
 //! | 6 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
@@ -59,6 +59,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod daemon;
+pub mod exchange;
 pub mod http;
 pub mod installation;
 pub mod pipeline;

@@ -25,12 +25,13 @@ mod texts;
 use named::{Named, Place, place};
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 14] = [
+const LAYERS: [(&str, usize); 15] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
     ("record", 2),
     ("aircraft", 3),
+    ("exchange", 3),
     ("camera", 4),
     ("store", 4),
     ("pipeline", 5),

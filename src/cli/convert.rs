@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::{Completion, Failure, print_line};
-use crate::installation::{self, CameraFormat, ReadCamera};
+use crate::exchange::{self, CameraFormat, ReadCamera};
+use crate::installation;
 
 /// Convert a camera from or to the files of OpenCV, ROS, Kalibr and mrcal, and print the parameters read
 #[derive(clap::Args)]
@@ -52,13 +53,13 @@ impl From<CameraFormatName> for CameraFormat {
 }
 
 pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
-    let to = args.to.map(CameraFormat::from).or_else(|| installation::output_format(&args.output));
+    let to = args.to.map(CameraFormat::from).or_else(|| exchange::output_format(&args.output));
     let to = to.ok_or_else(|| {
         Failure::Usage(format!("the name {} does not determine its format; give --to", args.output.display()))
     })?;
     let from = args.from.map(CameraFormat::from);
-    let read = installation::read_exchange(&args.input, from, args.camera.as_deref())?;
-    installation::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Failed(e.to_string()))?;
+    let read = exchange::read_exchange(&args.input, from, args.camera.as_deref())?;
+    exchange::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Failed(e.to_string()))?;
     print_line(&conversion_text(args, &read, to))?;
     Ok(Completion::All)
 }

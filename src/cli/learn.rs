@@ -12,6 +12,7 @@ use super::{
 use crate::installation::{self, FLIGHT_PRIOR_FILE, Installation, PriorFlight, StoredFlightPrior};
 use crate::measure::adjust::Estimate;
 use crate::measure::adjust::flight_prior::{FlightContribution, InvariantParameter};
+use crate::measure::widths::Unknown;
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::pipeline::{self, ProcessedFrame, SolveJob};
 use crate::record::Reason;
@@ -220,23 +221,23 @@ fn measure_frames(
     Ok(processed_frames)
 }
 
-/// Parameters whose change is printed: key, factor to its unit, term, index within the term.
-const REPORTED_PARAMETERS: [(&str, f64, &str, usize); 8] = [
-    ("root_offset_m", 1.0, "root offset", 0),
-    ("axis_chord_offset_m", 1.0, "chord offset of the bending axis", 0),
-    ("span_direction_deg", 180.0 / std::f64::consts::PI, "direction of the span", 0),
-    ("axis_height_root_m", 1.0, "height of the bending axis", 0),
-    ("ground_bend_m", 1.0, "bend between survey and ground frame", 0),
-    ("projection_centre_x_m", 1.0, "projection centre", 0),
-    ("projection_centre_y_m", 1.0, "projection centre", 1),
-    ("projection_centre_z_m", 1.0, "projection centre", 2),
+/// Parameters whose change is printed: key, factor to its unit, unknown, index within it.
+const REPORTED_PARAMETERS: [(&str, f64, Unknown, usize); 8] = [
+    ("root_offset_m", 1.0, Unknown::RootOffset, 0),
+    ("axis_chord_offset_m", 1.0, Unknown::ChordOffset, 0),
+    ("span_direction_deg", 180.0 / std::f64::consts::PI, Unknown::SpanDirection, 0),
+    ("axis_height_root_m", 1.0, Unknown::AxisHeight, 0),
+    ("ground_bend_m", 1.0, Unknown::GroundBend, 0),
+    ("projection_centre_x_m", 1.0, Unknown::ProjectionCentre, 0),
+    ("projection_centre_y_m", 1.0, Unknown::ProjectionCentre, 1),
+    ("projection_centre_z_m", 1.0, Unknown::ProjectionCentre, 2),
 ];
 
 /// Estimated minus specified value of the reported parameters.
 fn estimated_differences(contribution: &FlightContribution) -> Vec<(&'static str, Estimate)> {
     let all = || contribution.normals.unknowns.iter().zip(&contribution.posterior);
-    let of = |(name, factor, term, index): (&'static str, f64, &str, usize)| {
-        let is = |(l, _): &(&InvariantParameter, &Estimate)| l.term == term && l.index == index;
+    let of = |(name, factor, unknown, index): (&'static str, f64, Unknown, usize)| {
+        let is = |(l, _): &(&InvariantParameter, &Estimate)| l.unknown == unknown && l.index == index;
         let (_, found) = all().find(is)?;
         Some((name, Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) }))
     };

@@ -9,6 +9,7 @@ use crate::installation::{self, Installation};
 use crate::measure::identify;
 use crate::measure::mount::{self, CameraMovement, MarkerShift};
 use crate::measure::observation::Observation;
+use crate::measure::setup::Width;
 use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 
@@ -131,10 +132,10 @@ fn comparison_text(
     let setup = &installation.setup;
     let priors = &setup.uncertainty;
     let turned = setup.mount_repeatability_px / setup.lens.focal_px();
-    let kept = is_within(&m.rotation_rad, &m.rotation_sigma_rad, priors.mount_drift_rad)
+    let kept = is_within(&m.rotation_rad, &m.rotation_sigma_rad, priors[Width::MountDrift])
         && is_within(&m.shift_m, &m.shift_sigma_m, 0.0);
     let again = is_within(&m.rotation_rad, &m.rotation_sigma_rad, turned)
-        && is_within(&m.shift_m, &m.shift_sigma_m, priors.mount_shift_m);
+        && is_within(&m.shift_m, &m.shift_sigma_m, priors[Width::MountShift]);
     let verdict = match (kept, again) {
         (true, _) => "one mounting",
         (false, true) => "remounted",
@@ -148,9 +149,9 @@ fn comparison_text(
             "rotation_mrad": milli(&m.rotation_rad), "sigma_rotation_mrad": milli(&m.rotation_sigma_rad),
             "shift_mm": milli(&m.shift_m), "sigma_shift_mm": milli(&m.shift_sigma_m),
             "expected": {
-                "mount_drift_mrad": 1e3 * priors.mount_drift_rad,
+                "mount_drift_mrad": 1e3 * priors[Width::MountDrift],
                 "mount_repeatability_px": setup.mount_repeatability_px,
-                "mount_shift_mm": 1e3 * priors.mount_shift_m,
+                "mount_shift_mm": 1e3 * priors[Width::MountShift],
             },
         })
         .to_string();

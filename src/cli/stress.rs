@@ -10,7 +10,8 @@ use super::store_access::select_flights;
 use super::{Completion, Failure, print_line};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
-use crate::measure::stress::{BendingCurvature, DEFAULT_BENDING_HZ, DEFAULT_STEPS, StiffnessSection, bending_length_m};
+use crate::measure::setup::{DEFAULT_BENDING_HZ, StiffnessSection, Width};
+use crate::measure::stress::{BendingCurvature, DEFAULT_STEPS, bending_length_m};
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, count_text, format_fixed, format_general, format_rounded, json_fields};
 use crate::report::stress::{self, FlightLoad, StationLoad, StressFrame, StressQuery};
@@ -184,7 +185,7 @@ fn build_question(
         goodman: args.goodman,
         levels: args.levels,
     };
-    Ok((question, BendingLine { length_m, root_sigma_m: installation.setup.uncertainty.root_offset_m }))
+    Ok((question, BendingLine { length_m, root_sigma_m: installation.setup.uncertainty[Width::RootOffset] }))
 }
 
 /// Loads the installation of the command line, else the one that the results came from.
@@ -267,7 +268,7 @@ fn append_moments(table: &mut String, flight: &FlightRef, frames: &[StressFrame]
 
 fn write_moments(args: &StressArgs, table: &str) -> Result<(), Failure> {
     let Some(file) = args.moments.as_deref() else { return Ok(()) };
-    installation::write_page(file, table).map_err(|e| moments_write_failure(file, &e))
+    installation::write_atomically(file, table).map_err(|e| moments_write_failure(file, &e))
 }
 
 fn moments_write_failure(file: &Path, error: &std::io::Error) -> Failure {

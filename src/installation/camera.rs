@@ -6,8 +6,7 @@ use std::path::Path;
 use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::toml_file::parse_toml;
-use super::{Reader, printable_path, write_atomically};
+use super::{Fault, Reader, printable_path, write_atomically};
 use crate::measure::geometry::Lens;
 
 #[derive(Deserialize)]
@@ -47,7 +46,7 @@ struct CalibrationTable {
 }
 
 /// Contents of a camera file.
-pub(super) struct CameraFile {
+pub(crate) struct CameraFile {
     pub lens: Lens,
     /// Covariance of fx fy cx cy k1 k2 k3 p1 p2, if the file has one.
     pub covariance: Option<SMatrix<f64, 9, 9>>,
@@ -93,7 +92,7 @@ const MAX_SIDE: i64 = 100_000;
 const FOREIGN_EXTENSIONS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramodel"];
 
 /// Reads a camera file; `None` if there are errors.
-pub(super) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
+pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
     let remedy = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.read_text(&name, remedy)?;
     if file.extension().is_some_and(|ending| FOREIGN_EXTENSIONS.iter().any(|other| ending.eq_ignore_ascii_case(other)))
@@ -102,7 +101,7 @@ pub(super) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
         reader.fault(&file, "file", "is not a camera.toml", remedy);
         return None;
     }
-    let table: LensTable = parse_toml(reader, &file, &text)?;
+    let table: LensTable = reader.parse_toml(&file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
         if !(1..=MAX_SIDE).contains(&side) {
@@ -151,6 +150,14 @@ pub(super) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
     let given = table.covariance.or(of_calibration);
     let covariance = given.and_then(|rows| parse_covariance(reader, &file, &rows));
     Some(CameraFile { lens, covariance, accepted })
+}
+
+/// Reads a camera file alone (`camera.toml`).
+///
+/// # Errors
+/// Returns all errors of the file.
+pub fn load_camera(file: &Path) -> Result<Lens, Vec<Fault>> {
+    Reader::read_file(file, |reader, name| Some(read_camera(reader, name)?.lens))
 }
 
 /// Parses a covariance: 9 x 9, finite, with possible variances and correlations.

@@ -5,10 +5,11 @@ use std::path::Path;
 use nalgebra::{Vector2, Vector3};
 
 use super::structure::{self, Structure};
-use super::tables::{self, InstallationDocument, OpticsTable};
-use super::toml_file::{INSTALLATION_FILE, parse_toml};
-use super::{Reader, camera, flight_effects, plausible, survey, ties, window};
-use crate::measure::setup::{Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingSide};
+use super::tables::{self, InstallationDocument, OpticsTable, VibrationTable};
+use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
+use crate::measure::setup::{
+    Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide,
+};
 
 /// Default shift between two mountings, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
@@ -29,7 +30,7 @@ pub(super) struct InstallationParts {
 pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let remedy = "an installation is a directory with installation.toml; see docs/interface.md";
     let (file, text) = reader.read_text(INSTALLATION_FILE, remedy)?;
-    let document: InstallationDocument = parse_toml(reader, &file, &text)?;
+    let document: InstallationDocument = reader.parse_toml(&file, &text)?;
     let lens = camera::read_camera(reader, &document.camera.calibration);
     let markers = survey::read_survey(reader, &document.wing.survey);
     let tie_points = match &document.cad {
@@ -71,27 +72,41 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     if in_range {
         plausible::check_plausibility(reader, &setup, &document.wing.survey);
     }
-    let sources = [document.camera.calibration, document.wing.survey];
-    let accepted = camera.accepted;
-    Some(InstallationParts { setup, optics: document.camera.optics, structure, sources, accepted })
+    let (own, accepted) = (document.camera.table, camera.accepted);
+    let sources = [own.calibration, document.wing.table.survey];
+    Some(InstallationParts { setup, optics: own.optics, structure, sources, accepted })
 }
 
 /// Default standard deviation of the wing's temperature in flight, K: between the temperatures of still and stagnant air,
 /// and of parts warmed by fuel.
 pub(super) const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
 
-fn setup_uncertainty(document: &InstallationDocument) -> SetupUncertainty {
-    let (camera, wing, defaults) = (&document.camera, &document.wing, SetupUncertainty::default());
-    SetupUncertainty {
-        mount_shift_m: camera.mount_shift_m.unwrap_or(defaults.mount_shift_m),
-        mount_drift_rad: camera.mount_drift_mrad.map_or(defaults.mount_drift_rad, |v| 1e-3 * v),
-        skin_height_sigma_m: wing.skin_height_sigma_m.unwrap_or(defaults.skin_height_sigma_m),
-        root_offset_m: wing.root_offset_sigma_m.unwrap_or(defaults.root_offset_m),
-        axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(defaults.axis_chord_offset_m),
-        span_direction_rad: wing.span_direction_sigma_deg.map_or(defaults.span_direction_rad, f64::to_radians),
-        in_flight: flight_effects::flight_effect_priors(document),
-        lens: None,
+impl InstallationDocument {
+    /// Iterates over the widths of all sections, in the units of their keys.
+    fn widths(&self) -> impl Iterator<Item = (Width, f64)> {
+        let survey = self.survey.iter().flat_map(|section| &section.widths.0);
+        self.camera.widths.0.iter().chain(&self.wing.widths.0).chain(survey).copied()
     }
+
+    fn width(&self, width: Width) -> Option<f64> {
+        self.widths().find(|(other, _)| *other == width).map(|(_, value)| value)
+    }
+}
+
+fn setup_uncertainty(document: &InstallationDocument) -> SetupUncertainty {
+    let mut uncertainty = SetupUncertainty::DEFAULT;
+    document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.stored_value(value));
+    uncertainty.skin_scaled_by_frames = document.width(Width::SkinMotion).is_none();
+    uncertainty.vibration = document.wing.vibration.as_deref().map_or(uncertainty.vibration, combine_modes);
+    uncertainty
+}
+
+/// Combines several modes into one: the squares of their velocities are added.
+fn combine_modes(modes: &[VibrationTable]) -> Vibration {
+    let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
+    let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
+    let frequency_hz = if amplitude > 0.0 { velocity / amplitude } else { 0.0 };
+    Vibration { amplitude, frequency_hz, scaled_by_frames: false }
 }
 
 fn thermal_from_table(t: &tables::ThermalTable) -> Thermal {
@@ -104,15 +119,6 @@ fn thermal_from_table(t: &tables::ThermalTable) -> Thermal {
             t.sigma_k.or(t.flight_temperature_sigma_k).unwrap_or(DEFAULT_TEMPERATURE_SIGMA_K),
         ),
     }
-}
-
-/// Number of the document with its allowed range.
-struct RangeCheck {
-    place: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    unit: &'static str,
 }
 
 /// Reports keys that a template leaves blank, each with the value it needs; returns these keys.
@@ -145,53 +151,59 @@ const ROOT_KEY: &str = "wing.root_offset_m";
 fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocument) {
     let blanks = check_blanks(reader, file, document);
     let (camera, wing) = (&document.camera, &document.wing);
-    let check = |place, value, low, high, unit| RangeCheck { place, value, low, high, unit };
-    let mut checks = vec![check(ROOT_KEY, wing.root_offset_m, -50.0, 50.0, "m")];
-    checks.extend(camera.projection_centre_m.map(|v| check(CENTRE_KEY, v, -1e6, 1e6, "m")));
-    checks.extend(camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")));
-    let sigmas = [
-        ("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 1.0, "m"),
-        ("camera.mount_shift_m", camera.mount_shift_m, 0.5, "m"),
-        ("camera.mount_drift_mrad", camera.mount_drift_mrad, 100.0, "mrad"),
-        ("wing.skin_height_sigma_m", wing.skin_height_sigma_m, 5.0, "m"),
-        ("wing.root_offset_sigma_m", wing.root_offset_sigma_m, 5.0, "m"),
-        ("wing.axis_chord_offset_sigma_m", wing.axis_chord_offset_sigma_m, 5.0, "m"),
-        ("wing.span_direction_sigma_deg", wing.span_direction_sigma_deg, 20.0, "degrees"),
-        ("thermal.sigma_k", document.thermal.as_ref().and_then(|t| t.sigma_k), 100.0, "K"),
-    ];
-    for (place, value, high, unit) in sigmas.into_iter().chain(flight_effects::bounded_values(document)) {
-        checks.extend(value.map(|v| check(place, v, 0.0, high, unit)));
+    let mut check = |key: &str, value: f64, range, unit| {
+        if !blanks.contains(&key) {
+            reader.check_range(file, key, value, range, unit);
+        }
+    };
+    check(ROOT_KEY, wing.root_offset_m, -50.0..=50.0, "m");
+    camera.projection_centre_m.into_iter().for_each(|v| check(CENTRE_KEY, v, -1e6..=1e6, "m"));
+    for (width, value) in document.widths() {
+        let row = width.row();
+        check(&format!("{}.{}", row.section, row.key), value, 0.0..=row.max, row.unit.name());
     }
-    checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));
+    for mode in wing.vibration.iter().flatten() {
+        check("wing.vibration.frequency_hz", mode.frequency_hz, 0.0..=1000.0, "Hz");
+        check("wing.vibration.amplitude_m", mode.amplitude_m, 0.0..=5.0, "m");
+    }
     if let Some(skin) = &wing.skin_height_m {
-        checks.push(check("wing.skin_height_m.root", skin.root, -5.0, 5.0, "m"));
-        checks.push(check("wing.skin_height_m.tip", skin.tip, -5.0, 5.0, "m"));
-        checks.push(check("wing.skin_height_m.tip_span_m", skin.tip_span_m, 0.1, 200.0, "m"));
+        check("wing.skin_height_m.root", skin.root, -5.0..=5.0, "m");
+        check("wing.skin_height_m.tip", skin.tip, -5.0..=5.0, "m");
+        check("wing.skin_height_m.tip_span_m", skin.tip_span_m, 0.1..=200.0, "m");
     }
     if let Some(thermal) = &document.thermal {
-        checks.push(check("thermal.expansion_per_k", thermal.expansion_per_k, -1e-3, 1e-3, "1/K"));
-        checks.push(check("thermal.ground_temperature_c", thermal.ground_temperature_c, -100.0, 100.0, "C"));
-        checks.push(check("thermal.flight_temperature_c", thermal.flight_temperature_c, -100.0, 100.0, "C"));
-        let sigma = thermal.expansion_sigma_per_k.unwrap_or(0.0);
-        checks.push(check("thermal.expansion_sigma_per_k", sigma, 0.0, 1e-3, "1/K"));
-        let sigma = thermal.flight_temperature_sigma_k.unwrap_or(0.0);
-        checks.push(check("thermal.flight_temperature_sigma_k", sigma, 0.0, 100.0, "K"));
+        check("thermal.expansion_per_k", thermal.expansion_per_k, -1e-3..=1e-3, "1/K");
+        check("thermal.ground_temperature_c", thermal.ground_temperature_c, -100.0..=100.0, "C");
+        check("thermal.flight_temperature_c", thermal.flight_temperature_c, -100.0..=100.0, "C");
     }
     if let Some(optics) = &camera.optics {
-        checks.push(check("camera.optics.focal_length_mm", optics.focal_length_mm, 0.1, 5000.0, "mm"));
-        checks.push(check("camera.optics.f_number", optics.f_number, 0.5, 128.0, ""));
-        checks.push(check("camera.optics.pixel_pitch_um", optics.pixel_pitch_um, 0.1, 100.0, "um"));
-        let confusion = optics.circle_of_confusion_um.unwrap_or(1.0);
-        checks.push(check("camera.optics.circle_of_confusion_um", confusion, 0.1, 1000.0, "um"));
+        check("camera.optics.focal_length_mm", optics.focal_length_mm, 0.1..=5000.0, "mm");
+        check("camera.optics.f_number", optics.f_number, 0.5..=128.0, "");
+        check("camera.optics.pixel_pitch_um", optics.pixel_pitch_um, 0.1..=100.0, "um");
     }
-    for c in checks.into_iter().filter(|c| !blanks.contains(&c.place)) {
-        if !(c.low..=c.high).contains(&c.value) {
-            let problem = format!("is {:?} {}", c.value, c.unit);
-            let remedy = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
-            reader.fault(file, c.place, problem.trim_end(), remedy.trim_end());
-        }
+    let thermal = |key: fn(&tables::ThermalTable) -> Option<f64>| document.thermal.as_ref().and_then(key);
+    let optional = [
+        ("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 0.0..=1.0, "m"),
+        ("camera.mount_repeatability_px", camera.mount_repeatability_px, 0.0..=1000.0, "px"),
+        ("wing.axis_chord_offset_m", wing.axis_chord_offset_m, -20.0..=20.0, "m"),
+        ("thermal.sigma_k", thermal(|t| t.sigma_k), 0.0..=100.0, "K"),
+        ("thermal.expansion_sigma_per_k", thermal(|t| t.expansion_sigma_per_k), 0.0..=1e-3, "1/K"),
+        ("thermal.flight_temperature_sigma_k", thermal(|t| t.flight_temperature_sigma_k), 0.0..=100.0, "K"),
+        (
+            "camera.optics.circle_of_confusion_um",
+            camera.optics.and_then(|o| o.circle_of_confusion_um),
+            0.1..=1000.0,
+            "um",
+        ),
+    ];
+    for (key, value, range, unit) in optional {
+        value.into_iter().for_each(|value| check(key, value, range.clone(), unit));
     }
-    flight_effects::check_vibration(reader, file, document);
+    if wing.vibration.is_some() && document.width(Width::Readout) == Some(0.0) {
+        let remedy = "delete it, or give the time from an image's first row to its last as camera.readout_s";
+        let problem = "has no effect: with camera.readout_s = 0 all rows are exposed at once";
+        reader.fault(file, "wing.vibration", problem, remedy);
+    }
     let [dx, dy] = wing.span_direction;
     let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
     if !points && !blanks.contains(&SPAN_KEY) {

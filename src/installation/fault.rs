@@ -64,3 +64,35 @@ impl KeyFault {
         Fault::new(file, self.key, self.problem, self.remedy)
     }
 }
+
+/// Error at a line and key of a file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}, {key}: {problem}; {remedy}")]
+pub struct LineFault {
+    /// Line, from 1; 0 for the whole file.
+    pub line: u64,
+    /// Key; empty if there is none.
+    pub key: String,
+    /// Problem, with the value.
+    pub problem: String,
+    /// Remedy: the action to take.
+    pub remedy: String,
+}
+
+impl LineFault {
+    /// Creates an error at a line and key.
+    pub fn new(line: u64, key: &str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { line, key: key.into(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// Converts it into an error of `file`.
+    pub fn into_fault(self, file: &Path) -> Fault {
+        let place = match (self.line, self.key.is_empty()) {
+            (0, true) => "file".to_owned(),
+            (0, false) => self.key,
+            (line, true) => format!("line {line}"),
+            (line, false) => format!("line {line}, {}", self.key),
+        };
+        Fault::new(file, place, self.problem, self.remedy)
+    }
+}

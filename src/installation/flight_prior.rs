@@ -7,11 +7,11 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::toml_file::INSTALLATION_FILE;
-use super::{Installation, ORIENTATION_FILE, Reader, write_atomically};
+use super::{INSTALLATION_FILE, Installation, ORIENTATION_FILE, Reader, write_atomically};
 use crate::measure::adjust::AdjustError;
 use crate::measure::adjust::flight_prior::{FlightPrior, InvariantParameter, ReducedNormals};
 use crate::measure::setup::{Setup, SurveyMarker};
+use crate::measure::widths::Unknown;
 
 /// Name of the file that `wingd learn` writes.
 pub const FLIGHT_PRIOR_FILE: &str = "flight_prior.json";
@@ -30,7 +30,7 @@ struct FlightPriorDocument {
 
 #[derive(Serialize, Deserialize)]
 struct UnknownEntry {
-    term: String,
+    term: Unknown,
     index: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     marker: Option<String>,
@@ -191,10 +191,9 @@ fn parse_document(document: FlightPriorDocument, setup: &Setup) -> Result<Stored
         return Err(("unknowns", "have a sigma that is not a positive number".into()));
     }
     let unknown = |unknown: UnknownEntry| {
-        let UnknownEntry { term, index: term_index, marker, .. } = unknown;
-        let found = marker.as_deref().map(|id| index(id).ok_or(id));
+        let found = unknown.marker.as_deref().map(|id| index(id).ok_or(id));
         let marker = found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
-        Ok(InvariantParameter { term: term.into(), index: term_index, marker })
+        Ok(InvariantParameter { unknown: unknown.term, index: unknown.index, marker })
     };
     let unknowns: Vec<InvariantParameter> =
         document.unknowns.into_iter().map(unknown).collect::<Result<_, PlacedProblem>>()?;
@@ -241,7 +240,7 @@ fn parse_normals(
 pub fn write_flight_prior(installation: &Installation, prior: &StoredFlightPrior) -> std::io::Result<()> {
     let id = |marker: usize| installation.setup.markers.get(marker).map(|m: &SurveyMarker| m.id.clone());
     let unknown = |(parameter, sigma): (&InvariantParameter, &f64)| UnknownEntry {
-        term: parameter.term.to_string(),
+        term: parameter.unknown,
         index: parameter.index,
         marker: parameter.marker.and_then(id),
         sigma: *sigma,

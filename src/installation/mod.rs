@@ -23,49 +23,46 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod board;
 mod camera;
-mod corners;
 mod document;
-mod exchange;
 mod fault;
-mod flight_effects;
 mod flight_prior;
-mod keyed;
+mod fold;
 mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod reader;
 mod rows;
+mod section;
 mod structure;
 mod survey;
 mod tables;
 mod text;
 mod ties;
-mod toml_file;
+mod toml_fault;
 mod warnings;
 mod window;
 mod write_setup;
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-pub use board::{DescribedBoard, load_board};
-pub use camera::{CalibrationReport, write_camera};
-pub use corners::{ImageCorners, read_corners, write_corners};
-pub use exchange::{CameraFormat, ReadCamera, WriteError, output_format, read_exchange, write_exchange};
-pub use fault::{Fault, KeyFault};
+pub use camera::{CalibrationReport, load_camera, write_camera};
+pub(crate) use camera::{CameraFile, read_camera};
+pub use fault::{Fault, KeyFault, LineFault};
 pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
-pub use keyed::LineFault;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{ManualObservation, ManualPosition, observations_text, read_observations};
 pub use orientation::write_orientation;
+pub(crate) use reader::Reader;
 pub use rows::{Row, RowsError, parse_rows, separator_line};
+pub(crate) use rows::{TableLine, read_table};
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
 pub use text::{cell_text, decode_text, printable_path, printable_text, text_cell};
+pub use toml_fault::toml_fault;
 pub use warnings::find_warnings;
 pub use write_setup::write_installation;
 
@@ -99,6 +96,8 @@ pub struct Installation {
     pub accepted: Option<String>,
 }
 
+/// Main file, which names the others.
+const INSTALLATION_FILE: &str = "installation.toml";
 /// Name of the file that `wingd orient` writes.
 pub const ORIENTATION_FILE: &str = "orientation.toml";
 
@@ -125,56 +124,6 @@ impl Installation {
     }
 }
 
-/// Reader of an installation's files, which collects errors and hashes.
-struct Reader {
-    directory: PathBuf,
-    faults: Vec<Fault>,
-    digests: Vec<(String, String)>,
-}
-
-impl Reader {
-    /// Creates the reader for a file in any directory; returns it and the file's name.
-    fn for_file(file: &Path) -> (Self, PathBuf) {
-        let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-        let name = file.file_name().map(PathBuf::from).unwrap_or_default();
-        (Self { directory, faults: vec![], digests: vec![] }, name)
-    }
-
-    fn add_line_fault(&mut self, file: &Path, fault: LineFault) {
-        self.faults.push(fault.into_fault(file));
-    }
-
-    fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, remedy: impl Into<String>) {
-        self.faults.push(Fault::new(file, place, problem, remedy));
-    }
-
-    /// Reads the text of a file; reports an error if it cannot be read.
-    fn read_text(&mut self, name: impl AsRef<Path>, remedy: &str) -> Option<(PathBuf, String)> {
-        let file = self.directory.join(&name);
-        let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
-        let bytes = match std::fs::read(&file) {
-            Ok(bytes) => bytes,
-            Err(_) if escaped => {
-                let problem = "is not a valid path: within double quotes a backslash begins an escape, such as \\n";
-                self.fault(&file, "file", problem, "write the path with /, or in single quotes: 'C:\\data'");
-                return None;
-            }
-            Err(error) => {
-                self.fault(&file, "file", format!("cannot be read ({error})"), remedy);
-                return None;
-            }
-        };
-        self.digests.push((printable_path(name.as_ref()), hex::encode(Sha256::digest(&bytes))));
-        match decode_text(bytes) {
-            Ok(text) => Some((file, text)),
-            Err((problem, remedy)) => {
-                self.fault(&file, "file", problem, remedy);
-                None
-            }
-        }
-    }
-}
-
 /// Reads and checks an installation.
 pub fn load(directory: &Path) -> Result<Installation, Vec<Fault>> {
     read_installation(directory, true)
@@ -186,7 +135,7 @@ pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fa
 }
 
 fn read_installation(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
-    let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
+    let mut reader = Reader::new(directory);
     let parts = document::read_document(&mut reader);
     let markers = parts.as_ref().map_or(&[][..], |parts| &parts.setup.markers);
     // An orientation cannot be checked against camera and survey if these have errors.
@@ -217,103 +166,12 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
             flight_prior,
             accepted: parts.accepted,
         }),
-        _ => Err(fold_repeated(reader.faults)),
+        _ => Err(fold::fold_repeated(reader.faults)),
     }
-}
-
-/// Largest number of similar errors that are reported individually; of more, the first represents all.
-const MAX_SIMILAR_FAULTS: usize = 3;
-
-/// Combines the errors of each line without numbers: rows of units, repeated headers, totals. If many lines are affected,
-/// the cause is the columns.
-fn fold_lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
-    let line = |f: &Fault| f.place.split_once(", column ").map(|(line, _)| (f.file.clone(), line.to_owned()));
-    let mut counts: BTreeMap<_, usize> = BTreeMap::new();
-    let numbers = faults.iter().filter(|f| f.problem.contains(rows::NO_NUMBER));
-    numbers.filter_map(line).for_each(|line| *counts.entry(line).or_default() += 1);
-    counts.retain(|_, count| *count > MAX_SIMILAR_FAULTS);
-    if counts.len() > MAX_SIMILAR_FAULTS {
-        return faults;
-    }
-    let (of_these, mut kept): (Vec<_>, Vec<_>) =
-        faults.into_iter().partition(|f| line(f).is_some_and(|line| counts.contains_key(&line)));
-    let remedy = "delete the line if it is a row of units, a second header or a total";
-    let one = |(file, line)| Fault::new(file, line, "has no numbers in columns that need them", remedy);
-    kept.splice(0..0, of_these.iter().filter_map(line).collect::<BTreeSet<_>>().into_iter().map(one));
-    kept
-}
-
-/// Combines errors with the same cause on many lines, or in many cells of a line.
-fn fold_repeated(faults: Vec<Fault>) -> Vec<Fault> {
-    let faults = fold_lines_without_numbers(faults);
-    let kind = |f: &Fault| {
-        let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
-        let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
-        let whole = if f.place.starts_with("line ") { "line" } else { marker };
-        (f.file.clone(), place.map_or(whole, |(_, column)| column).to_owned(), f.remedy.clone())
-    };
-    let kinds: Vec<_> = faults.iter().map(kind).collect();
-    let mut kept: Vec<Fault> = vec![];
-    for (k, mut fault) in faults.into_iter().enumerate() {
-        let similar = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if similar > MAX_SIMILAR_FAULTS {
-            if kinds[..k].contains(&kinds[k]) {
-                continue;
-            }
-            fault.problem = format!("{}, and {} similar errors", fault.problem, similar - 1);
-        }
-        kept.push(fault);
-    }
-    kept
-}
-
-/// Reads a camera file alone (`camera.toml`).
-pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
-    let lens = camera::read_camera(&mut reader, &name);
-    lens.map(|camera| camera.lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
-}
-
-/// Converts an error of the TOML parser into a fault with its line.
-pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, remedy: &str) -> Fault {
-    let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
-    let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
-    let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
-    let (problem, remedy) = match common_toml_mistake(shown, at, error.message()) {
-        Some((problem, remedy)) => (problem.to_owned(), remedy),
-        None => (error.message().replace('\n', " "), remedy),
-    };
-    Fault::new(file, place, problem, remedy)
-}
-
-/// Returns problem and remedy of common mistakes in TOML: paths with backslashes, dates without quotes, decimal commas,
-/// typographic quotes.
-fn common_toml_mistake(line: &str, at: &str, message: &str) -> Option<(&'static str, &'static str)> {
-    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
-    if value.starts_with('"') && message.contains("escape") {
-        let remedy = "write the path with /, or in single quotes: 'C:\\data'";
-        return Some(("has a backslash, which begins an escape within double quotes", remedy));
-    }
-    let parts =
-        value.split_once(',').filter(|parts| [parts.0, parts.1].iter().all(|p| p.trim().parse::<i64>().is_ok()));
-    if parts.is_some() {
-        return Some(("has a decimal comma", "use a decimal point: 0.55"));
-    }
-    if value.starts_with(['\u{201c}', '\u{201d}', '\u{201e}', '\u{2018}', '\u{2019}']) {
-        return Some(("has typographic quotes", "use straight quotes: \"survey.csv\""));
-    }
-    let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
-    date.then_some(("is a date, but a text or a number is expected", "put a text in quotes: \"2026-06-01\""))
-}
-
-/// Writes a page atomically.
-pub fn write_page(file: &Path, text: &str) -> std::io::Result<()> {
-    write_atomically(file, text)
 }
 
 /// Writes a file atomically; it is durable before its name appears.
-fn write_atomically(file: &Path, text: &str) -> std::io::Result<()> {
+pub fn write_atomically(file: &Path, text: &str) -> std::io::Result<()> {
     use std::io::Write;
     use std::os::unix::fs::PermissionsExt;
     let directory = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{Fault, Reader, rows};
+use super::{Fault, Reader, read_table};
 use crate::measure::adjust::Mounting;
 
 const COLUMNS: [&str; 2] = ["image", "mounting"];
@@ -33,35 +33,31 @@ impl Mountings {
 
 /// Reads the mounting of each frame. `ground` is the mounting of the ground frames: the camera was not removed.
 pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
-    let found = parse_mountings(&mut reader, &name);
-    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::fold_repeated(reader.faults))
+    Reader::read_file(file, parse_mountings)
 }
 
 fn parse_mountings(reader: &mut Reader, name: &Path) -> Option<Mountings> {
-    let (file, text) = reader.read_text(name, "name a file with the columns image,mounting")?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let (_, lines) = read_table(reader, name, "name a file with the columns image,mounting", COLUMNS, &[])?;
     let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
     let mut mountings = Mountings::default();
-    for (line, [image, mounting]) in lines {
+    for line in lines {
+        let [image, mounting] = &line.cells;
         if image.is_empty() || mounting.is_empty() {
             let remedy = "give every frame the name of its mounting, ground if the camera was not removed since the ground frames";
-            reader.fault(&file, &format!("line {line}"), "has an empty cell", remedy);
+            line.fault(reader, "has an empty cell", remedy);
             continue;
         }
         if mounting != GROUND_MOUNTING && mounting.eq_ignore_ascii_case(GROUND_MOUNTING) {
-            let place = format!("line {line}, column mounting");
             let remedy = "write ground in lower case, or give this mounting another name";
-            reader.fault(&file, &place, format!("is \"{mounting}\""), remedy);
+            line.cell_fault(reader, 1, format!("is \"{mounting}\""), remedy);
         }
         let next = numbers.len();
         let assigned = match mounting.as_str() {
             GROUND_MOUNTING => Mounting::Ground,
-            _ => Mounting::Numbered(*numbers.entry(mounting).or_insert(next)),
+            _ => Mounting::Numbered(*numbers.entry(mounting.clone()).or_insert(next)),
         };
         if mountings.by_image.insert(image.clone(), assigned).is_some() {
-            let place = format!("line {line}, column image");
-            reader.fault(&file, &place, format!("\"{image}\" occurs twice"), "keep one line per frame");
+            line.cell_fault(reader, 0, format!("\"{image}\" occurs twice"), "keep one line per frame");
         }
     }
     Some(mountings)

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Fault, Reader, rows, text_cell};
+use super::{Fault, Reader, TableLine, read_table, text_cell};
 use crate::measure::setup::Setup;
 
 const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
@@ -40,9 +40,7 @@ pub struct ManualPosition {
 /// # Errors
 /// Returns all errors of the file, with line and remedy.
 pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<ManualObservation>, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
-    let found = parse_observations(&mut reader, &name, setup);
-    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::fold_repeated(reader.faults))
+    Reader::read_file(file, |reader, name| parse_observations(reader, name, setup))
 }
 
 /// Formats observations as a file that [`read_observations`] reads; of covariances only the diagonal is written.
@@ -74,64 +72,49 @@ pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> s
 }
 
 fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObservation>> {
-    let (file, text) = reader.read_text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, OPTIONAL_COLUMNS)?;
+    let remedy = "name a file with the columns id,u_px,v_px,sigma_px";
+    let (_, lines) = read_table(reader, name, remedy, COLUMNS, OPTIONAL_COLUMNS)?;
     let mut found: Vec<ManualObservation> = vec![];
-    for (line, cells) in lines {
-        let place = format!("line {line}, column id");
-        let marker = setup.markers.iter().position(|m| m.id == cells[0]);
-        let image = Some(cells[4].clone()).filter(|name| !name.is_empty());
+    for line in lines {
+        let id = &line.cells[0];
+        let marker = setup.markers.iter().position(|m| m.id == *id);
+        let image = Some(line.cells[4].clone()).filter(|name| !name.is_empty());
         match marker {
             None => {
-                let problem = format!("marker \"{}\" is not in the survey", cells[0]);
-                reader.fault(&file, &place, problem, "name a marker of the survey");
+                let problem = format!("marker \"{id}\" is not in the survey");
+                line.cell_fault(reader, 0, problem, "name a marker of the survey");
             }
             Some(m) if found.iter().any(|o| o.marker == m && o.image == image) => {
-                reader.fault(
-                    &file,
-                    &place,
-                    format!("\"{}\" occurs twice", cells[0]),
-                    "keep one line per marker and image",
-                );
+                line.cell_fault(reader, 0, format!("\"{id}\" occurs twice"), "keep one line per marker and image");
             }
             Some(_) => {}
         }
         // A line without a position rejects the marker.
-        let place = if cells[1..4].iter().all(String::is_empty) {
+        let place = if line.cells[1..4].iter().all(String::is_empty) {
             None
         } else {
-            let Some(place) = parse_position(reader, &file, line, &cells, setup) else { continue };
+            let Some(place) = parse_position(reader, &line, setup) else { continue };
             Some(place)
         };
-        let [.., who, when, why] = cells;
+        let [.., who, when, why] = line.cells;
         found.extend(marker.map(|marker| ManualObservation { image, marker, place, note: [who, when, why] }));
     }
     Some(found)
 }
 
-fn parse_position(
-    reader: &mut Reader,
-    file: &Path,
-    line: u64,
-    cells: &[String; 9],
-    setup: &Setup,
-) -> Option<ManualPosition> {
-    let v: Vec<Option<f64>> = (1..4).map(|k| rows::parse_number(reader, file, line, COLUMNS[k], &cells[k])).collect();
-    let [Some(u), Some(v), Some(sigma_u)] = v[..] else { return None };
-    let sigma_v =
-        if cells[5].is_empty() { sigma_u } else { rows::parse_number(reader, file, line, COLUMNS[5], &cells[5])? };
-    for (column, sigma) in [(COLUMNS[3], sigma_u), (COLUMNS[5], sigma_v)] {
-        if !SIGMAS_PX.contains(&sigma) {
-            let place = format!("line {line}, column {column}");
-            reader.fault(file, &place, format!("is {sigma:?} px"), "give a number from 0.0001 to 1000 px");
-            break;
-        }
+fn parse_position(reader: &mut Reader, line: &TableLine<9>, setup: &Setup) -> Option<ManualPosition> {
+    let [u, v, sigma_u] = line.parse_numbers(reader, 1)?;
+    let sigma_v = if line.cells[5].is_empty() { sigma_u } else { line.parse_number(reader, 5)? };
+    let sigmas = [(3, sigma_u), (5, sigma_v)];
+    // Both have one value if the second is not given.
+    if let Some((k, sigma)) = sigmas.into_iter().find(|(_, sigma)| !SIGMAS_PX.contains(sigma)) {
+        line.check_range(reader, k, sigma, SIGMAS_PX, "px");
     }
     let (lens, pixel) = (&setup.lens, Vector2::new(u, v));
     if !lens.contains(&pixel) {
-        let problem =
-            format!("\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px", cells[0], lens.width, lens.height);
-        reader.fault(file, &format!("line {line}"), problem, "measure it again, or delete the line");
+        let id = &line.cells[0];
+        let problem = format!("\"{id}\" is at ({u}, {v}) px, outside the image of {} x {} px", lens.width, lens.height);
+        line.fault(reader, problem, "measure it again, or delete the line");
     }
     let covariance_px2 = Matrix2::new(sigma_u * sigma_u, 0.0, 0.0, sigma_v * sigma_v);
     Some(ManualPosition { pixel, covariance_px2 })

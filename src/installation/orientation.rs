@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
 
-use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_atomically};
+use super::{Installation, ORIENTATION_FILE, Reader, write_atomically};
 use crate::measure::identify::OrientationFit;
 use crate::measure::observation::Observation;
 use crate::measure::setup::{Orientation, SurveyMarker};
@@ -53,7 +53,7 @@ pub(super) fn read_orientation(
         return None;
     }
     let (file, text) = reader.read_text(ORIENTATION_FILE, "write it with `wingd orient`")?;
-    let table: OrientationTable = toml_file::parse_toml(reader, &file, &text)?;
+    let table: OrientationTable = reader.parse_toml(&file, &text)?;
     check_sources(reader, &file, &table.made_with);
     let m = matrix_from_rows(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::{Reader, toml_file};
+use super::{INSTALLATION_FILE, Reader};
 use crate::measure::setup::{Setup, WingSide};
 
 /// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
@@ -17,7 +17,7 @@ const MAX_SKEW_DEG: f64 = 30.0;
 /// Reports errors that only a combination of numbers shows. Wrong units cause further errors, so only they are reported
 /// then.
 pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &str) {
-    let file = reader.directory.join(toml_file::INSTALLATION_FILE);
+    let file = reader.directory.join(INSTALLATION_FILE);
     let survey = reader.directory.join(survey);
     let before = reader.faults.len();
     check_units(reader, &file, &survey, setup);

@@ -1,9 +1,12 @@
 //! Reader of all CSV files (RFC 4180: quotes, separators within them). Lines are not trimmed, so a blank first cell is
 //! kept.
 
-use std::path::Path;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
-use super::Reader;
+use super::fold::{MAX_SIMILAR_FAULTS, NO_NUMBER};
+use super::reader::Reader;
 
 /// Record of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,49 +143,97 @@ pub fn separator_line(line: &str) -> Option<char> {
     signs.next().filter(|_| signs.next().is_none())
 }
 
-/// Reads a table with named columns, separated by commas.
-///
-/// Returns line number and the texts of `columns` per row; `optional` columns that are missing are empty. One cause is
+/// Line of a table with named columns.
+pub(crate) struct TableLine<const N: usize> {
+    file: Rc<Path>,
+    columns: [&'static str; N],
+    /// Line on which it begins, from 1.
+    pub number: u64,
+    /// Texts in the order of the columns; empty for a missing optional one.
+    pub cells: [String; N],
+}
+
+impl<const N: usize> TableLine<N> {
+    /// Reports an error of the line.
+    pub fn fault(&self, reader: &mut Reader, problem: impl Into<String>, remedy: impl Into<String>) {
+        reader.fault(&self.file, &format!("line {}", self.number), problem, remedy);
+    }
+
+    /// Reports an error of a cell.
+    pub fn cell_fault(&self, reader: &mut Reader, k: usize, problem: impl Into<String>, remedy: impl Into<String>) {
+        reader.fault(&self.file, &self.place(k), problem, remedy);
+    }
+
+    fn place(&self, k: usize) -> String {
+        format!("line {}, column {}", self.number, self.columns[k])
+    }
+
+    /// Parses a finite number; reports an error if the cell is not one.
+    pub fn parse_number(&self, reader: &mut Reader, k: usize) -> Option<f64> {
+        let value = self.cells[k].parse::<f64>().ok().filter(|v| v.is_finite());
+        if value.is_none() {
+            let problem = format!("\"{}\" {NO_NUMBER}", self.cells[k]);
+            self.cell_fault(reader, k, problem, "give a decimal number with a point");
+        }
+        value
+    }
+
+    /// Parses the numbers of consecutive columns; reports an error for each cell that is not one.
+    pub fn parse_numbers<const M: usize>(&self, reader: &mut Reader, first: usize) -> Option<[f64; M]> {
+        let numbers: [Option<f64>; M] = std::array::from_fn(|k| self.parse_number(reader, first + k));
+        let found: Vec<f64> = numbers.into_iter().flatten().collect();
+        found.try_into().ok()
+    }
+
+    /// Reports a number of a cell outside its range.
+    pub fn check_range(&self, reader: &mut Reader, k: usize, value: f64, range: RangeInclusive<f64>, unit: &str) {
+        reader.check_range(&self.file, &self.place(k), value, range, unit);
+    }
+}
+
+/// Reads the lines of a table with named columns, separated by commas; `optional` columns may be missing. One cause is
 /// reported once.
-pub(super) fn read_table<const N: usize>(
+pub(crate) fn read_table<const N: usize>(
     reader: &mut Reader,
-    file: &Path,
-    text: &str,
-    columns: [&str; N],
+    name: impl AsRef<Path>,
+    remedy: &str,
+    columns: [&'static str; N],
     optional: &[&str],
-) -> Option<Vec<(u64, [String; N])>> {
-    let needed: Vec<&str> = columns.into_iter().filter(|c| !optional.contains(c)).collect();
+) -> Option<(PathBuf, Vec<TableLine<N>>)> {
+    let (file, text) = reader.read_text(name, remedy)?;
+    let needed = columns.iter().filter(|c| !optional.contains(c)).count();
     if text.lines().next().and_then(separator_line).is_some() {
         let remedy = "delete the line: columns are separated by commas";
-        reader.fault(file, "line 1", "is a spreadsheet's separator line (sep=)", remedy);
+        reader.fault(&file, "line 1", "is a spreadsheet's separator line (sep=)", remedy);
         return None;
     }
-    let text = blank_comments(reader, file, text, needed.len());
+    let text = blank_comments(reader, &file, &text, needed);
     let found = match parse_rows(&text, ',') {
         Ok(found) => found,
         Err(error) => {
-            reader.fault(file, &format!("line {}", error.line()), error.to_string(), "correct the line");
+            reader.fault(&file, &format!("line {}", error.line()), error.to_string(), "correct the line");
             return None;
         }
     };
     let mut found = found.into_iter();
     let header = found.next().unwrap_or_else(|| Row { line: 1, text: String::new(), cells: vec![] });
-    let index = find_columns(reader, file, &header, columns, optional)?;
-    let width = header.cells.len();
-    let mut rows = vec![];
+    let index = find_columns(reader, &file, &header, columns, optional)?;
+    let (shared, width) = (Rc::from(file.as_path()), header.cells.len());
+    let mut lines = vec![];
     for row in found {
+        let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned().unwrap_or_default();
+        let line = TableLine { file: Rc::clone(&shared), columns, number: row.line, cells: index.map(cell) };
         // Optional columns at the end may be omitted with their commas.
         let short = header.cells.iter().skip(row.cells.len()).any(|name| !optional.contains(&name.as_str()));
         if short || row.exceeds(width) {
             let problem = format!("has {} cells under a header of {width}", row.cells.len());
             let remedy = "give one cell per column: decimal points in numbers, quotes around a text with a comma";
-            reader.fault(file, &format!("line {}", row.line), problem, remedy);
+            line.fault(reader, problem, remedy);
             continue;
         }
-        let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned().unwrap_or_default();
-        rows.push((row.line, index.map(cell)));
+        lines.push(line);
     }
-    Some(rows)
+    Some((file, lines))
 }
 
 /// Returns the index of each column in the header; reports missing and repeated ones.
@@ -218,7 +269,7 @@ fn find_columns<const N: usize>(
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
         let problem = format!("has the header {} in other case", cells.join(","));
         reader.fault(file, &place, problem, format!("write it in lower case: {}", needed.join(",")));
-    } else if missing.len() > super::MAX_SIMILAR_FAULTS {
+    } else if missing.len() > MAX_SIMILAR_FAULTS {
         reader.fault(file, &place, format!("is not a header with {}", missing.join(", ")), remedy);
     } else {
         for name in missing {
@@ -252,19 +303,6 @@ fn foreign_separator(header: &[String]) -> Option<&'static str> {
         .into_iter()
         .find(|(c, _)| only.contains(*c))
         .map(|(_, name)| name)
-}
-
-/// Problem of a cell that is not a number.
-pub(super) const NO_NUMBER: &str = "is not a finite number";
-
-/// Parses a finite number; reports an error if it is not one.
-pub(super) fn parse_number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
-    let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
-    if value.is_none() {
-        let place = format!("line {line}, column {column}");
-        reader.fault(file, &place, format!("\"{text}\" {NO_NUMBER}"), "give a decimal number with a point");
-    }
-    value
 }
 
 #[cfg(test)]

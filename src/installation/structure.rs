@@ -2,14 +2,12 @@
 
 use std::path::Path;
 
-use super::{Fault, Reader, rows, tables};
-use crate::measure::stress::{DEFAULT_BENDING_HZ, StiffnessSection};
+use super::{Fault, Reader, TableLine, read_table, tables};
+use crate::measure::setup::{DEFAULT_BENDING_HZ, StiffnessSection};
 
 const COLUMNS: [&str; 5] = ["s_m", "ei_n_m2", "sigma_ei_n_m2", "ground_n_m", "ultimate_n_m"];
 /// Columns that may be missing.
 const OPTIONAL_COLUMNS: [&str; 2] = ["ground_n_m", "ultimate_n_m"];
-/// Allowed range of the lowest bending frequency, Hz.
-const BENDING_HZ_RANGE: (f64, f64) = (0.05, 100.0);
 
 /// Beam model of the wing.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,11 +26,7 @@ pub(super) fn read_structure(
 ) -> Option<Structure> {
     let structure = structure?;
     let bending_hz = structure.bending_hz.unwrap_or(DEFAULT_BENDING_HZ);
-    if !(BENDING_HZ_RANGE.0..=BENDING_HZ_RANGE.1).contains(&bending_hz) {
-        let remedy =
-            format!("give the wing's lowest bending frequency, {} to {} Hz", BENDING_HZ_RANGE.0, BENDING_HZ_RANGE.1);
-        reader.fault(installation, "structure.bending_hz", format!("is {bending_hz}"), remedy);
-    }
+    reader.check_range(installation, "structure.bending_hz", bending_hz, 0.05..=100.0, "Hz");
     let remedy = "name the file in structure.stiffness of installation.toml";
     let sections = read_sections(reader, &structure.stiffness, remedy)?;
     Some(Structure { sections, bending_hz })
@@ -40,38 +34,34 @@ pub(super) fn read_structure(
 
 /// Reads a table of stiffness in any directory.
 pub fn read_stiffness(file: &Path) -> Result<Vec<StiffnessSection>, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
     let remedy = format!("name a file with the columns {},{},{}", COLUMNS[0], COLUMNS[1], COLUMNS[2]);
-    let found = read_sections(&mut reader, &name, &remedy);
-    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::fold_repeated(reader.faults))
+    Reader::read_file(file, |reader, name| read_sections(reader, name, &remedy))
 }
 
 fn read_sections(reader: &mut Reader, name: impl AsRef<Path>, remedy: &str) -> Option<Vec<StiffnessSection>> {
-    let (file, text) = reader.read_text(name, remedy)?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, &OPTIONAL_COLUMNS)?;
+    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &OPTIONAL_COLUMNS)?;
     if lines.is_empty() {
         reader.fault(&file, "file", "has no stations", "add one line per station along the span");
         return None;
     }
     let before = reader.faults.len();
     let mut sections: Vec<StiffnessSection> = vec![];
-    for (line, cells) in lines {
-        let Some(section) = parse_section(reader, &file, line, &cells) else { continue };
+    for line in lines {
+        let Some(section) = parse_section(reader, &line) else { continue };
         if sections.last().is_some_and(|last| section.s_m <= last.s_m) {
-            let place = format!("line {line}, column s_m");
             let remedy = "order the stations from the root to the tip, each once";
-            reader.fault(&file, &place, format!("{} m is not outboard of the previous line", section.s_m), remedy);
+            line.cell_fault(reader, 0, format!("{} m is not outboard of the previous line", section.s_m), remedy);
         }
         sections.push(section);
     }
     (reader.faults.len() == before).then_some(sections)
 }
 
-fn parse_section(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 5]) -> Option<StiffnessSection> {
-    let mut cell = |k: usize| rows::parse_number(reader, file, line, COLUMNS[k], &cells[k]);
+fn parse_section(reader: &mut Reader, line: &TableLine<5>) -> Option<StiffnessSection> {
+    let mut cell = |k: usize| line.parse_number(reader, k);
     let (s_m, ei, sigma) = (cell(0), cell(1), cell(2));
-    let ground_n_m = if cells[3].is_empty() { Some(0.0) } else { cell(3) };
-    let ultimate = if cells[4].is_empty() { Some(None) } else { cell(4).map(Some) };
+    let ground_n_m = if line.cells[3].is_empty() { Some(0.0) } else { cell(3) };
+    let ultimate = if line.cells[4].is_empty() { Some(None) } else { cell(4).map(Some) };
     let section = StiffnessSection {
         s_m: s_m?,
         ei_n_m2: ei?,
@@ -79,24 +69,23 @@ fn parse_section(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 5
         ground_n_m: ground_n_m?,
         ultimate_n_m: ultimate?,
     };
-    let ranges = [
-        ("s_m", (0.0..=100.0).contains(&section.s_m), "give the distance from the bending root, 0 to 100 m"),
-        ("ei_n_m2", section.ei_n_m2 > 0.0, "give the bending stiffness in N m^2, above 0"),
+    let sigma_range = 0.0..=section.ei_n_m2.max(0.0);
+    let checks = [
+        (0, (0.0..=100.0).contains(&section.s_m), "give the distance from the bending root, 0 to 100 m"),
+        (1, section.ei_n_m2 > 0.0, "give the bending stiffness in N m^2, above 0"),
         (
-            "sigma_ei_n_m2",
-            (0.0..=section.ei_n_m2.max(0.0)).contains(&section.sigma_ei_n_m2),
+            2,
+            sigma_range.contains(&section.sigma_ei_n_m2),
             "give the standard deviation in N m^2, from 0 to the stiffness",
         ),
         (
-            "ultimate_n_m",
+            4,
             section.ultimate_n_m.is_none_or(|m| m > 0.0),
             "give the moment at failure in N m, above 0, or leave the cell empty",
         ),
     ];
-    for (column, _, remedy) in ranges.iter().filter(|(_, holds, _)| !holds) {
-        let value = COLUMNS.iter().position(|c| c == column).and_then(|k| cells.get(k));
-        let problem = format!("is {}", value.map_or("", String::as_str));
-        reader.fault(file, &format!("line {line}, column {column}"), problem, *remedy);
+    for (k, _, remedy) in checks.into_iter().filter(|(_, holds, _)| !holds) {
+        line.cell_fault(reader, k, format!("is {}", line.cells[k]), remedy);
     }
     Some(section)
 }

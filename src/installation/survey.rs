@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::{Reader, rows};
+use super::{Reader, TableLine, read_table};
 use crate::measure::setup::{Shape, SurveyMarker, fixed_target};
 
 const COLUMNS: [&str; 10] =
@@ -20,8 +20,8 @@ const WING_PART: &str = "wing";
 const MOTION_COLUMN: &str = "flight_motion_m";
 
 pub(super) fn read_survey(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>> {
-    let (file, text) = reader.read_text(name, "name the survey in wing.survey of installation.toml")?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN])?;
+    let remedy = "name the survey in wing.survey of installation.toml";
+    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &[FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN])?;
     if lines.is_empty() {
         reader.fault(&file, "file", "has no markers", "add one line per surveyed marker");
         return None;
@@ -29,11 +29,9 @@ pub(super) fn read_survey(reader: &mut Reader, name: &str) -> Option<Vec<SurveyM
     let before = reader.faults.len();
     let mut seen: HashMap<String, u64> = HashMap::new();
     let mut markers = vec![];
-    for (line, cells) in lines {
-        check_id(reader, &file, line, &cells[0], &mut seen);
-        if let Some(marker) = parse_marker(reader, &file, line, &cells) {
-            markers.push(marker);
-        }
+    for line in lines {
+        check_id(reader, &line, &mut seen);
+        markers.extend(parse_marker(reader, &line));
     }
     check_sigmas(reader, &file, &markers);
     (reader.faults.len() == before).then_some(markers)
@@ -53,81 +51,65 @@ fn check_sigmas(reader: &mut Reader, file: &Path, markers: &[SurveyMarker]) {
     }
 }
 
-fn check_id(reader: &mut Reader, file: &Path, line: u64, id: &str, seen: &mut HashMap<String, u64>) {
-    let place = format!("line {line}, column id");
+fn check_id(reader: &mut Reader, line: &TableLine<10>, seen: &mut HashMap<String, u64>) {
+    let id = &line.cells[0];
     if id.is_empty() {
-        reader.fault(file, &place, "is empty", "give every marker a unique name");
-    } else if let Some(first) = seen.insert(id.to_owned(), line) {
+        line.cell_fault(reader, 0, "is empty", "give every marker a unique name");
+    } else if let Some(first) = seen.insert(id.clone(), line.number) {
         let problem = format!("\"{id}\" is already on line {first}");
-        reader.fault(file, &place, problem, "give every marker a unique name");
+        line.cell_fault(reader, 0, problem, "give every marker a unique name");
     }
 }
 
 /// Checks that only a fixed target has a motion, of 0 to 1 m, and only a marker on the wing a part.
-fn check_motion_and_part(
-    reader: &mut Reader,
-    file: &Path,
-    line: u64,
-    fixed: bool,
-    (motion_m, part): (f64, Option<&str>),
-) {
+fn check_motion_and_part(reader: &mut Reader, line: &TableLine<10>, marker: &SurveyMarker) {
+    let motion_m = marker.flight_motion_m;
     if !(0.0..=1.0).contains(&motion_m) {
-        let remedy = "give a number from 0 to 1 m, or nothing";
-        reader.fault(file, &format!("line {line}, column {MOTION_COLUMN}"), format!("is {motion_m:?} m"), remedy);
+        line.cell_fault(reader, 9, format!("is {motion_m:?} m"), "give a number from 0 to 1 m, or nothing");
     }
-    if !fixed && motion_m > 0.0 {
+    if !marker.fixed && motion_m > 0.0 {
         let remedy = "leave it empty: for markers on the wing, set wing.skin_motion_m in installation.toml";
-        let problem = "is given for a marker that is not fixed";
-        reader.fault(file, &format!("line {line}, column {MOTION_COLUMN}"), problem, remedy);
+        line.cell_fault(reader, 9, "is given for a marker that is not fixed", remedy);
     }
-    if let Some(part) = part.filter(|_| fixed) {
+    if let Some(part) = marker.part.as_ref().filter(|_| marker.fixed) {
         let remedy = "leave part empty, or write no under fixed";
-        reader.fault(
-            file,
-            &format!("line {line}, column {PART_COLUMN}"),
-            format!("is \"{part}\" for a fixed target"),
-            remedy,
-        );
+        line.cell_fault(reader, 8, format!("is \"{part}\" for a fixed target"), remedy);
     }
 }
 
-fn parse_marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 10]) -> Option<SurveyMarker> {
-    let shape = match cells[1].as_str() {
-        "quadrant" => Some(Shape::Quadrant),
-        "circle" => Some(Shape::Circle),
+fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarker> {
+    let [id, shape, .., fixed, part, motion] = &line.cells;
+    let shape = match shape.as_str() {
+        "quadrant" => Shape::Quadrant,
+        "circle" => Shape::Circle,
         other => {
-            let place = format!("line {line}, column shape");
-            reader.fault(file, &place, format!("\"{other}\" is not known"), "write quadrant or circle");
-            None
+            line.cell_fault(reader, 1, format!("\"{other}\" is not known"), "write quadrant or circle");
+            // The other faults of the line are reported too.
+            Shape::Circle
         }
     };
-    let mut cell = |k: usize| rows::parse_number(reader, file, line, COLUMNS[k], &cells[k]);
-    let (diameter, x, y, z, sigma) = (cell(2), cell(3), cell(4), cell(5), cell(6));
+    let [diameter, x, y, z, sigma] = std::array::from_fn(|k| line.parse_number(reader, 2 + k));
     let (diameter_m, sigma_m) = (diameter?, sigma?);
-    for (column, value, low, high) in [("diameter_m", diameter_m, 0.001, 10.0), ("sigma_m", sigma_m, 1e-6, 10.0)] {
-        if !(low..=high).contains(&value) {
-            let place = format!("line {line}, column {column}");
-            reader.fault(file, &place, format!("is {value:?} m"), format!("give a number from {low} to {high} m"));
-        }
-    }
-    let fixed = match cells[7].as_str() {
+    line.check_range(reader, 2, diameter_m, 0.001..=10.0, "m");
+    line.check_range(reader, 6, sigma_m, 1e-6..=10.0, "m");
+    let fixed = match fixed.as_str() {
         "yes" => true,
         "" | "no" => false,
         other => {
-            let place = format!("line {line}, column {FIXED_COLUMN}");
             let remedy = "write yes for a target fixed to the cabin, no or nothing for a marker on the wing";
-            reader.fault(file, &place, format!("\"{other}\" is not known"), remedy);
+            line.cell_fault(reader, 7, format!("\"{other}\" is not known"), remedy);
             return None;
         }
     };
     let position_m = Vector3::new(x?, y?, z?);
-    let flight_motion_m = match cells[9].as_str() {
+    let flight_motion_m = match motion.as_str() {
         "" if fixed => fixed_target::FLIGHT_MOTION_M,
         "" => 0.0,
-        text => rows::parse_number(reader, file, line, MOTION_COLUMN, text)?,
+        _ => line.parse_number(reader, 9)?,
     };
-    let part = Some(cells[8].as_str()).filter(|part| !part.is_empty() && *part != WING_PART).map(str::to_owned);
-    check_motion_and_part(reader, file, line, fixed, (flight_motion_m, part.as_deref()));
-    let (id, shape) = (cells[0].clone(), shape?);
-    Some(SurveyMarker { id, shape, diameter_m, position_m, sigma_m, fixed, flight_motion_m, part })
+    let part = Some(part).filter(|part| !part.is_empty() && *part != WING_PART).cloned();
+    let id = id.clone();
+    let marker = SurveyMarker { id, shape, diameter_m, position_m, sigma_m, fixed, flight_motion_m, part };
+    check_motion_and_part(reader, line, &marker);
+    Some(marker)
 }

@@ -1,40 +1,37 @@
-//! Serde tables of `installation.toml`.
+//! Serde tables of `installation.toml`, which are read and written. The keys of widths are in the registry
+//! ([`Width`](crate::measure::setup::Width)).
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
-#[derive(Deserialize)]
+use super::section::{Section, SectionTable};
+
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct InstallationDocument {
     pub name: Option<String>,
-    pub camera: CameraTable,
-    pub wing: WingTable,
-    pub survey: Option<SurveyTable>,
+    pub camera: Section<CameraTable>,
+    pub wing: Section<WingTable>,
+    pub survey: Option<Section<SurveyTable>>,
     pub thermal: Option<ThermalTable>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub torsion: Vec<TorsionTable>,
     pub cad: Option<CadTable>,
     pub window: Option<WindowTable>,
     pub structure: Option<StructureTable>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Serialize, Deserialize)]
 pub(super) struct CameraTable {
     pub calibration: String,
     #[serde(deserialize_with = "or_blank")]
     pub projection_centre_m: [f64; 3],
     pub projection_centre_sigma_m: Option<f64>,
     pub mount_repeatability_px: Option<f64>,
-    pub mount_shift_m: Option<f64>,
-    pub mount_drift_mrad: Option<f64>,
-    pub flight_scale_sigma: Option<f64>,
-    pub flight_principal_point_sigma_px: Option<f64>,
-    pub readout_s: Option<f64>,
     pub optics: Option<OpticsTable>,
 }
 
 /// Nominal data of the lens and sensor, for depth of field and diffraction.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OpticsTable {
     pub focal_length_mm: f64,
@@ -46,46 +43,43 @@ pub struct OpticsTable {
     pub circle_of_confusion_um: Option<f64>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Serialize, Deserialize)]
 pub(super) struct WingTable {
     pub survey: String,
     #[serde(deserialize_with = "or_blank")]
     pub span_direction: [f64; 2],
     pub side: Option<Side>,
     pub root_offset_m: f64,
-    pub root_offset_sigma_m: Option<f64>,
     pub axis_chord_offset_m: Option<f64>,
-    pub axis_chord_offset_sigma_m: Option<f64>,
-    pub span_direction_sigma_deg: Option<f64>,
     pub skin_height_m: Option<SkinTable>,
-    pub skin_height_sigma_m: Option<f64>,
-    pub skin_motion_m: Option<f64>,
-    pub root_rotation_sigma_mrad: Option<f64>,
-    pub root_translation_sigma_m: Option<f64>,
-    pub constant_bend_sigma_m: Option<f64>,
-    pub in_plane_sigma_m: Option<f64>,
-    pub torque_sigma_deg: Option<f64>,
     pub vibration: Option<Vec<VibrationTable>>,
 }
 
-/// Table `[survey]`.
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(super) struct SurveyTable {
-    pub bend_sigma_m: Option<f64>,
-    pub vertical_sigma_deg: Option<f64>,
+/// Table `[survey]`, whose keys are all widths.
+#[derive(Serialize, Deserialize)]
+pub(super) struct SurveyTable {}
+
+impl SectionTable for CameraTable {
+    const NAME: &'static str = "camera";
+}
+
+impl SectionTable for WingTable {
+    const NAME: &'static str = "wing";
+}
+
+impl SectionTable for SurveyTable {
+    const NAME: &'static str = "survey";
 }
 
 /// Entry of `[wing] vibration`.
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct VibrationTable {
     pub frequency_hz: f64,
     pub amplitude_m: f64,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Side {
     Left,
@@ -105,7 +99,7 @@ fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(source: D) -> Resu
     all.try_into().map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SkinTable {
     pub root: f64,
@@ -113,7 +107,7 @@ pub(super) struct SkinTable {
     pub tip_span_m: f64,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ThermalTable {
     pub expansion_per_k: f64,
@@ -124,7 +118,7 @@ pub(super) struct ThermalTable {
     pub sigma_k: Option<f64>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TorsionTable {
     pub name: String,
@@ -132,7 +126,7 @@ pub(super) struct TorsionTable {
     pub trailing: String,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CadTable {
     pub tie_points: String,
@@ -141,14 +135,14 @@ pub(super) struct CadTable {
     pub similarity: bool,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StructureTable {
     pub stiffness: String,
     pub bending_hz: Option<f64>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WindowTable {
     pub normal: Option<[f64; 3]>,
@@ -166,7 +160,7 @@ pub(super) struct WindowTable {
     pub same_on_ground: Option<bool>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AirTable {
     pub temperature_c: f64,

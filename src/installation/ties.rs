@@ -2,8 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::toml_file::INSTALLATION_FILE;
-use super::{Reader, rows, tables};
+use super::{INSTALLATION_FILE, Reader, read_table, tables};
 use crate::measure::geometry::{PointPair, TransformFit};
 use crate::measure::setup::{Setup, TiePoint};
 
@@ -12,25 +11,21 @@ const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "ca
 const DEFAULT_SIGMA_M: f64 = 0.005;
 
 pub(super) fn read_tie_points(reader: &mut Reader, cad: &tables::CadTable) -> Option<Vec<TiePoint>> {
-    let (file, text) = reader.read_text(&cad.tie_points, "name the file in cad.tie_points of installation.toml")?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let remedy = "name the file in cad.tie_points of installation.toml";
+    let (file, lines) = read_table(reader, &cad.tie_points, remedy, COLUMNS, &[])?;
     let sigma_m = cad.sigma_m.unwrap_or(DEFAULT_SIGMA_M);
-    if !(1e-6..=10.0).contains(&sigma_m) {
-        let installation = reader.directory.join(INSTALLATION_FILE);
-        reader.fault(&installation, "cad.sigma_m", format!("is {sigma_m} m"), "give a number from 1e-6 to 10 m");
-    }
+    let installation = reader.directory.join(INSTALLATION_FILE);
+    reader.check_range(&installation, "cad.sigma_m", sigma_m, 1e-6..=10.0, "m");
     let before = reader.faults.len();
     let mut points: Vec<TiePoint> = vec![];
-    for (line, cells) in lines {
-        if points.iter().any(|p| p.id == cells[0]) {
-            let place = format!("line {line}, column id");
-            reader.fault(&file, &place, format!("\"{}\" occurs twice", cells[0]), "give every tie point a unique name");
+    for line in lines {
+        let id = &line.cells[0];
+        if points.iter().any(|p| p.id == *id) {
+            line.cell_fault(reader, 0, format!("\"{id}\" occurs twice"), "give every tie point a unique name");
         }
-        let v: Vec<Option<f64>> =
-            (1..7).map(|k| rows::parse_number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
-        if let [Some(x), Some(y), Some(z), Some(cx), Some(cy), Some(cz)] = v[..] {
+        if let Some([x, y, z, cx, cy, cz]) = line.parse_numbers(reader, 1) {
             let (survey_m, cad_m) = (Vector3::new(x, y, z), Vector3::new(cx, cy, cz));
-            points.push(TiePoint { id: cells[0].clone(), survey_m, cad_m, sigma_m });
+            points.push(TiePoint { id: id.clone(), survey_m, cad_m, sigma_m });
         }
     }
     if points.len() < 3 && reader.faults.len() == before {

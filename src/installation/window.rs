@@ -16,10 +16,7 @@ pub(super) fn read_window(reader: &mut Reader, file: &Path, table: Option<&table
     let cabin = read_air(reader, file, "window.cabin", table.cabin.as_ref(), DEFAULT_CABIN);
     let outside = read_air(reader, file, "window.outside", table.outside.as_ref(), DEFAULT_OUTSIDE);
     let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
-    if !(300.0..=1700.0).contains(&wavelength_nm) {
-        let problem = format!("is {wavelength_nm} nm");
-        reader.fault(file, "window.wavelength_nm", problem, "give a number from 300 to 1700 nm");
-    }
+    reader.check_range(file, "window.wavelength_nm", wavelength_nm, 300.0..=1700.0, "nm");
     let normal = table.normal.map(Vector3::from);
     if let Some(n) = normal.filter(|n| !(n.norm() > 1e-6 && n.norm().is_finite())) {
         let problem = format!("is [{}, {}, {}]", n.x, n.y, n.z);
@@ -90,21 +87,14 @@ fn read_pane(reader: &mut Reader, file: &Path, table: &tables::WindowTable) -> O
 /// Checks the ranges of a pane. `thickness_sigma_m` is the configured value: consequences of a wrong thickness are no
 /// second error.
 fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: Option<f64>) {
-    let checks = [
-        ("window.thickness_m", pane.thickness_m, 1e-3, 0.1, " m"),
-        ("window.thickness_sigma_m", thickness_sigma_m.unwrap_or(0.0), 0.0, 0.02, " m"),
-        ("window.index", pane.index, 1.2, 2.5, ""),
-        ("window.index_sigma", pane.index_sigma, 0.0, 0.2, ""),
-        ("window.normal_sigma_deg", pane.normal_sigma_rad.to_degrees(), 0.0, 20.0, " degrees"),
-        ("window.bow_sigma", pane.bow_sigma, 0.0, 1.0, ""),
-        ("window.distance_m", pane.distance_m, 0.0, 2.0, " m"),
-    ];
-    for (place, value, low, high, unit) in checks {
-        if !(low..=high).contains(&value) {
-            let remedy = format!("give a number from {low} to {high}{unit}");
-            reader.fault(file, place, format!("is {value}{unit}"), remedy);
-        }
-    }
+    let mut check = |key, value, range, unit| reader.check_range(file, key, value, range, unit);
+    check("window.thickness_m", pane.thickness_m, 1e-3..=0.1, "m");
+    check("window.thickness_sigma_m", thickness_sigma_m.unwrap_or(0.0), 0.0..=0.02, "m");
+    check("window.index", pane.index, 1.2..=2.5, "");
+    check("window.index_sigma", pane.index_sigma, 0.0..=0.2, "");
+    check("window.normal_sigma_deg", pane.normal_sigma_rad.to_degrees(), 0.0..=20.0, "degrees");
+    check("window.bow_sigma", pane.bow_sigma, 0.0..=1.0, "");
+    check("window.distance_m", pane.distance_m, 0.0..=2.0, "m");
     if let Some(radius) = pane.bow_radius_m.filter(|r| !(0.5..=1e6).contains(&r.abs())) {
         let remedy = "give 0.5 m to 1e6 m, positive if the pane bulges outwards; delete it for a plane pane";
         reader.fault(file, "window.bow_radius_m", format!("is {radius} m"), remedy);
@@ -119,17 +109,10 @@ fn read_air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables
         humidity: table.humidity.unwrap_or(default.humidity),
         co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
     };
-    let ranges = [
-        ("temperature_c", air.temperature_c, -100.0, 100.0),
-        ("pressure_hpa", air.pressure_hpa, 10.0, 1200.0),
-        ("humidity", air.humidity, 0.0, 1.0),
-        ("co2_ppm", air.co2_ppm, 0.0, 20_000.0),
-    ];
-    for (key, value, low, high) in ranges {
-        if !(low..=high).contains(&value) {
-            let remedy = format!("give a number from {low} to {high}");
-            reader.fault(file, &format!("{place}.{key}"), format!("is {value}"), remedy);
-        }
-    }
+    let mut check = |key, value, range, unit| reader.check_range(file, &format!("{place}.{key}"), value, range, unit);
+    check("temperature_c", air.temperature_c, -100.0..=100.0, "C");
+    check("pressure_hpa", air.pressure_hpa, 10.0..=1200.0, "hPa");
+    check("humidity", air.humidity, 0.0..=1.0, "");
+    check("co2_ppm", air.co2_ppm, 0.0..=20_000.0, "ppm");
     air
 }

@@ -1,12 +1,23 @@
 //! Writing of a setup as the files of an installation, which read back identically; default values are omitted.
 
-use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::document::{DEFAULT_CENTRE_SIGMA_M, DEFAULT_TEMPERATURE_SIGMA_K};
-use super::write_camera;
-use crate::measure::setup::{Setup, SetupUncertainty, SurveyMarker, TorsionPair, WingSide, fixed_target};
+use super::section::{GivenWidths, Section, SectionTable};
+use super::tables::{
+    CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable, VibrationTable,
+    WingTable,
+};
+use super::{INSTALLATION_FILE, write_camera};
+use crate::measure::setup::{
+    Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide, fixed_target,
+};
+use crate::measure::widths::WidthRow;
+
+/// Names of the written camera file and survey.
+const CAMERA_FILE: &str = "camera.toml";
+const SURVEY_FILE: &str = "survey.csv";
 
 /// Writes `installation.toml`, `camera.toml` and `survey.csv` of a wing without window, CAD frame and covariance of the
 /// lens.
@@ -26,122 +37,86 @@ pub fn write_installation(
         move |error| (path, error)
     };
     std::fs::create_dir_all(folder).map_err(at(folder))?;
-    let camera = folder.join("camera.toml");
+    let camera = folder.join(CAMERA_FILE);
     write_camera(&camera, &setup.lens, None).map_err(at(&camera))?;
-    let file = folder.join("installation.toml");
-    std::fs::write(&file, format!("{head}{}", installation_toml(setup))).map_err(at(&file))?;
-    let file = folder.join("survey.csv");
+    let file = folder.join(INSTALLATION_FILE);
+    let text = toml::to_string(&installation_document(setup)).map_err(|error| at(&file)(io::Error::other(error)))?;
+    std::fs::write(&file, format!("{head}{text}")).map_err(at(&file))?;
+    let file = folder.join(SURVEY_FILE);
     let survey = survey_csv(&setup.markers).map_err(at(&file))?;
     std::fs::write(&file, [survey_head.as_bytes(), &survey].concat()).map_err(at(&file))
 }
 
-/// Key, its value, and its default.
-type KeyWithDefault = (&'static str, f64, f64);
-
-fn nondefault_lines(keys: &[KeyWithDefault]) -> String {
+/// Returns a value that differs from its default.
+fn nondefault(value: f64, default: f64) -> Option<f64> {
     // Conversion from radians to degrees and milliradians is not exact.
-    let differs = |(_, value, defaults): &&KeyWithDefault| (value - defaults).abs() > 1e-12 * defaults.abs();
-    keys.iter().filter(differs).map(|(key, value, _)| format!("{key} = {value:?}\n")).collect()
+    ((value - default).abs() > 1e-12 * default.abs()).then_some(value)
 }
 
-fn toml_string(text: &str) -> toml::Value {
-    text.into()
-}
-
-fn installation_toml(setup: &Setup) -> String {
-    let (own, defaults) = (&setup.uncertainty, SetupUncertainty::default());
-    let survey = survey_priors(own, &defaults);
-    let section = if survey.is_empty() { String::new() } else { format!("\n[survey]\n{survey}") };
-    let name = toml_string(&setup.name);
-    let mut text = format!("name = {name}\n{section}\n[camera]\ncalibration = \"camera.toml\"\n");
-    let c = setup.projection_centre_m;
-    let _ = writeln!(text, "projection_centre_m = [{:?}, {:?}, {:?}]", c.x, c.y, c.z);
-    text +=
-        &nondefault_lines(&[("projection_centre_sigma_m", setup.projection_centre_sigma_m, DEFAULT_CENTRE_SIGMA_M)]);
-    let _ = writeln!(text, "mount_repeatability_px = {:?}", setup.mount_repeatability_px);
-    text += &camera_priors(own, &defaults);
-    let span = setup.span_direction;
-    let _ = writeln!(text, "\n[wing]\nsurvey = \"survey.csv\"\nspan_direction = [{:?}, {:?}]", span.x, span.y);
-    let _ = writeln!(text, "root_offset_m = {:?}", setup.root_offset_m);
-    if let Some(side) = setup.configured_side {
-        let _ = writeln!(text, "side = {:?}", if side == WingSide::Left { "left" } else { "right" });
-    }
-    if let Some(z) = setup.axis_chord_offset_m {
-        let _ = writeln!(text, "axis_chord_offset_m = {z:?}");
-    }
-    if let Some(skin) = setup.skin_height {
-        let (root, tip, span) = (skin.root_m, skin.tip_m, skin.tip_span_m);
-        let _ = writeln!(text, "skin_height_m = {{ root = {root:?}, tip = {tip:?}, tip_span_m = {span:?} }}");
-    }
-    text += &wing_priors(own, &defaults);
-    text + &thermal_section(setup) + &torsion_section(setup)
-}
-
-fn survey_priors(own: &SetupUncertainty, defaults: &SetupUncertainty) -> String {
-    let (own, defaults) = (own.in_flight, defaults.in_flight);
-    nondefault_lines(&[
-        ("bend_sigma_m", own.ground_bend_m, defaults.ground_bend_m),
-        ("vertical_sigma_deg", own.vertical_rad.to_degrees(), defaults.vertical_rad.to_degrees()),
-    ])
-}
-
-fn camera_priors(own: &SetupUncertainty, defaults: &SetupUncertainty) -> String {
-    let (flight, default_flight) = (own.in_flight, defaults.in_flight);
-    nondefault_lines(&[
-        ("mount_shift_m", own.mount_shift_m, defaults.mount_shift_m),
-        ("mount_drift_mrad", 1e3 * own.mount_drift_rad, 1e3 * defaults.mount_drift_rad),
-        ("flight_scale_sigma", flight.scale, default_flight.scale),
-        ("flight_principal_point_sigma_px", flight.principal_point_px, default_flight.principal_point_px),
-        ("readout_s", flight.readout_s, default_flight.readout_s),
-    ])
-}
-
-fn wing_priors(own: &SetupUncertainty, defaults: &SetupUncertainty) -> String {
-    let (flight, default_flight) = (own.in_flight, defaults.in_flight);
-    let degrees = f64::to_degrees;
-    let mut text = nondefault_lines(&[
-        ("skin_height_sigma_m", own.skin_height_sigma_m, defaults.skin_height_sigma_m),
-        ("root_offset_sigma_m", own.root_offset_m, defaults.root_offset_m),
-        ("axis_chord_offset_sigma_m", own.axis_chord_offset_m, defaults.axis_chord_offset_m),
-        ("span_direction_sigma_deg", degrees(own.span_direction_rad), degrees(defaults.span_direction_rad)),
-        ("root_rotation_sigma_mrad", 1e3 * flight.root_rotation_rad, 1e3 * default_flight.root_rotation_rad),
-        ("root_translation_sigma_m", flight.root_translation_m, default_flight.root_translation_m),
-        ("constant_bend_sigma_m", flight.constant_bend_m, default_flight.constant_bend_m),
-        ("in_plane_sigma_m", flight.in_plane_m, default_flight.in_plane_m),
-        ("torque_sigma_deg", degrees(flight.torque_rad), degrees(default_flight.torque_rad)),
-    ]);
-    // Configured values are not scaled by the frames.
-    if !flight.skin_scaled_by_frames {
-        let _ = writeln!(text, "skin_motion_m = {:?}", flight.skin_motion_m);
-    }
-    let vibration = flight.vibration;
-    if !vibration.scaled_by_frames && flight.readout_s > 0.0 {
-        let (amplitude, frequency) = (vibration.amplitude, vibration.frequency_hz);
-        let _ = writeln!(text, "vibration = [{{ amplitude_m = {amplitude:?}, frequency_hz = {frequency:?} }}]");
-    }
-    text
-}
-
-fn thermal_section(setup: &Setup) -> String {
-    let Some(thermal) = setup.thermal else { return String::new() };
-    let mut text = format!(
-        "\n[thermal]\nexpansion_per_k = {:e}\nground_temperature_c = {:?}\nflight_temperature_c = {:?}\n",
-        thermal.expansion_per_k, thermal.ground_temperature_c, thermal.flight_temperature_c
-    );
-    if let Some(sigma) = thermal.expansion_sigma_per_k {
-        let _ = writeln!(text, "expansion_sigma_per_k = {sigma:e}");
-    }
-    let sigma = thermal.flight_temperature_sigma_k.unwrap_or(DEFAULT_TEMPERATURE_SIGMA_K);
-    text + &nondefault_lines(&[("sigma_k", sigma, DEFAULT_TEMPERATURE_SIGMA_K)])
-}
-
-fn torsion_section(setup: &Setup) -> String {
-    let id = |i: usize| toml_string(setup.markers.get(i).map_or("", |marker| marker.id.as_str()));
-    let pair = |pair: &TorsionPair| {
-        let (name, leading, trailing) = (toml_string(&pair.name), id(pair.leading), id(pair.trailing));
-        format!("\n[[torsion]]\nname = {name}\nleading = {leading}\ntrailing = {trailing}\n")
+fn installation_document(setup: &Setup) -> InstallationDocument {
+    let thermal = |thermal: Thermal| ThermalTable {
+        expansion_per_k: thermal.expansion_per_k,
+        expansion_sigma_per_k: thermal.expansion_sigma_per_k,
+        ground_temperature_c: thermal.ground_temperature_c,
+        flight_temperature_c: thermal.flight_temperature_c,
+        flight_temperature_sigma_k: None,
+        sigma_k: thermal.flight_temperature_sigma_k.and_then(|sigma| nondefault(sigma, DEFAULT_TEMPERATURE_SIGMA_K)),
     };
-    setup.torsion.iter().map(pair).collect()
+    let id = |i: usize| setup.markers.get(i).map_or(String::new(), |marker| marker.id.clone());
+    let torsion = |pair: &TorsionPair| TorsionTable {
+        name: pair.name.clone(),
+        leading: id(pair.leading),
+        trailing: id(pair.trailing),
+    };
+    let survey = section(setup, SurveyTable {});
+    InstallationDocument {
+        name: Some(setup.name.clone()),
+        survey: Some(survey).filter(|section| !section.widths.0.is_empty()),
+        camera: section(setup, camera_table(setup)),
+        wing: section(setup, wing_table(setup)),
+        thermal: setup.thermal.map(thermal),
+        torsion: setup.torsion.iter().map(torsion).collect(),
+        cad: None,
+        window: None,
+        structure: None,
+    }
+}
+
+/// Adds to a section's table the widths that are not default.
+fn section<T: SectionTable>(setup: &Setup, table: T) -> Section<T> {
+    let uncertainty = &setup.uncertainty;
+    let given = |row: &WidthRow| match row.width {
+        // A configured motion of the skin is not estimated from the frames.
+        Width::SkinMotion => Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames),
+        width => nondefault(row.unit.key_value(uncertainty[width]), row.default),
+    };
+    let rows = Width::ROWS.iter().filter(|row| row.section == T::NAME);
+    Section { table, widths: GivenWidths(rows.filter_map(|row| Some((row.width, given(row)?))).collect()) }
+}
+
+fn camera_table(setup: &Setup) -> CameraTable {
+    CameraTable {
+        calibration: CAMERA_FILE.into(),
+        projection_centre_m: setup.projection_centre_m.into(),
+        projection_centre_sigma_m: nondefault(setup.projection_centre_sigma_m, DEFAULT_CENTRE_SIGMA_M),
+        mount_repeatability_px: Some(setup.mount_repeatability_px),
+        optics: None,
+    }
+}
+
+fn wing_table(setup: &Setup) -> WingTable {
+    let skin = |skin: SkinHeight| SkinTable { root: skin.root_m, tip: skin.tip_m, tip_span_m: skin.tip_span_m };
+    let Vibration { amplitude, frequency_hz, scaled_by_frames } = setup.uncertainty.vibration;
+    let vibrates = !scaled_by_frames && setup.uncertainty[Width::Readout] > 0.0;
+    WingTable {
+        survey: SURVEY_FILE.into(),
+        span_direction: setup.span_direction.into(),
+        side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
+        root_offset_m: setup.root_offset_m,
+        axis_chord_offset_m: setup.axis_chord_offset_m,
+        skin_height_m: setup.skin_height.map(skin),
+        vibration: vibrates.then(|| vec![VibrationTable { frequency_hz, amplitude_m: amplitude }]),
+    }
 }
 
 /// Optional column, and the function that returns a marker's cell.
@@ -181,7 +156,7 @@ fn survey_csv(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::installation::load;
-    use crate::measure::setup::{FlightEffectPriors, Shape, Thermal, Vibration};
+    use crate::measure::setup::{SetupUncertainty, Shape};
 
     /// Writes a setup and reads it back.
     fn read_back(setup: &Setup) -> Setup {
@@ -209,16 +184,16 @@ mod tests {
         let mut setup = fixture();
         let own = &mut setup.uncertainty;
         *own = SetupUncertainty { lens: own.lens, ..SetupUncertainty::from_drawings() };
-        own.mount_shift_m = 0.0007;
-        own.in_flight = FlightEffectPriors { readout_s: 0.02, scale: 3e-4, ..FlightEffectPriors::NONE };
-        own.in_flight.vibration = Vibration { amplitude: 0.02, frequency_hz: 2.5, scaled_by_frames: false };
-        own.in_flight.shake = FlightEffectPriors::DEFAULT.shake;
+        (own[Width::MountShift], own[Width::Readout], own[Width::FlightScale]) = (0.0007, 0.02, 3e-4);
+        own.vibration = Vibration { amplitude: 0.02, frequency_hz: 2.5, scaled_by_frames: false };
+        own.shake = SetupUncertainty::DEFAULT.shake;
         let back = read_back(&setup);
         assert_eq!(back, setup);
-        setup.uncertainty.in_flight.vertical_rad = 0.3f64.to_radians();
-        setup.uncertainty.in_flight.torque_rad = 0.7f64.to_radians();
-        let back = read_back(&setup).uncertainty.in_flight;
-        assert!(near(back.vertical_rad, 0.3f64.to_radians()) && near(back.torque_rad, 0.7f64.to_radians()));
+        for row in Width::ROWS {
+            setup.uncertainty[row.width] = row.unit.stored_value(0.3 * row.max);
+        }
+        let back = read_back(&setup).uncertainty;
+        assert!(Width::ROWS.iter().all(|row| near(back[row.width], setup.uncertainty[row.width])), "{back:?}");
     }
 
     #[test]

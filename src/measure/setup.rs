@@ -1,10 +1,11 @@
 //! Configuration of an aircraft as numbers: camera, survey, wing. The installation reads it from disk.
 
-use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 
-pub use super::flight_effects::{FlightEffectPriors, Vibration};
 use super::geometry::{Lens, WingFrame};
 use super::observation::Observation;
+pub use super::uncertainty::{SetupUncertainty, Vibration};
+pub use super::widths::Width;
 
 /// Kind of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -176,58 +177,23 @@ pub struct Window {
     pub pane: Option<Pane>,
 }
 
-/// Prior standard deviations of quantities that a user can only estimate. A value of 0 keeps the quantity fixed.
+/// Default of the lowest bending frequency, Hz: transport aircraft have 1 to 3 (a conservative assumption, because it
+/// requires more samples).
+pub const DEFAULT_BENDING_HZ: f64 = 3.0;
+
+/// Section of the wing with known stiffness.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SetupUncertainty {
-    /// Shift of the projection centre between two mountings, each axis, m.
-    pub mount_shift_m: f64,
-    /// Rotation of the camera between two frames of one mounting, each axis, rad.
-    pub mount_drift_rad: f64,
-    /// Height of the skin above the bending axis, along the span, m.
-    pub skin_height_sigma_m: f64,
-    /// Start of the bending, along the span, m.
-    pub root_offset_m: f64,
-    /// Position of the bending axis along the chord, m.
-    pub axis_chord_offset_m: f64,
-    /// Direction of the span about the vertical, rad.
-    pub span_direction_rad: f64,
-    /// In-flight effects on wing, cabin and camera.
-    pub in_flight: FlightEffectPriors,
-    /// Covariance of fx, fy, cx, cy, k1, k2, k3, p1, p2 from the calibration; `None`: fixed.
-    pub lens: Option<SMatrix<f64, 9, 9>>,
-}
-
-impl Default for SetupUncertainty {
-    /// Returns the defaults of an installation (reasons in docs/adjustment/installation.md).
-    fn default() -> Self {
-        Self {
-            mount_shift_m: 0.002,
-            mount_drift_rad: 5e-5,
-            skin_height_sigma_m: 0.1,
-            root_offset_m: 0.3,
-            axis_chord_offset_m: 0.3,
-            span_direction_rad: 1f64.to_radians(),
-            in_flight: FlightEffectPriors::DEFAULT,
-            lens: None,
-        }
-    }
-}
-
-impl SetupUncertainty {
-    /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps, for
-    /// rendered scenes.
-    pub const fn from_drawings() -> Self {
-        Self {
-            mount_shift_m: 0.0,
-            mount_drift_rad: 0.0,
-            skin_height_sigma_m: 0.003,
-            root_offset_m: 0.0,
-            axis_chord_offset_m: 0.0,
-            span_direction_rad: 0.0,
-            in_flight: FlightEffectPriors::NONE,
-            lens: None,
-        }
-    }
+pub struct StiffnessSection {
+    /// Position along the bending axis from the bending root, m.
+    pub s_m: f64,
+    /// Bending stiffness, N m^2.
+    pub ei_n_m2: f64,
+    /// Standard deviation of the stiffness, N m^2.
+    pub sigma_ei_n_m2: f64,
+    /// Moment on the ground, N m; 0 if not given.
+    pub ground_n_m: f64,
+    /// Moment at which the section fails, N m.
+    pub ultimate_n_m: Option<f64>,
 }
 
 /// Configuration of an aircraft: everything known before the flight.

@@ -5,9 +5,10 @@ use serde::Serialize;
 
 use super::number::format_general;
 use crate::clock::Stamp;
+use crate::measure::setup::StiffnessSection;
 use crate::measure::stress::{
     self, BendingCurvature, BendingMoment, Damage, FlightCycles, GoodmanLine, GroundAirGround, SAMPLES_PER_PERIOD,
-    Sampling, StiffnessSection,
+    Sampling,
 };
 use crate::record::ImageRecord;
 

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{FlightEffectPriors, Setup, SetupUncertainty};
-use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS, StiffnessSection};
+use wingd::measure::setup::{Setup, SetupUncertainty, StiffnessSection, Width};
+use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS};
 
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
@@ -33,16 +33,14 @@ pub const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, 
 
 impl SetUp {
     pub fn priors(self) -> SetupUncertainty {
-        let usual = SetupUncertainty::default();
+        let usual = SetupUncertainty::DEFAULT;
         match self {
-            SetUp::Careful => SetupUncertainty {
-                mount_shift_m: 0.0005,
-                skin_height_sigma_m: 0.02,
-                root_offset_m: 0.05,
-                axis_chord_offset_m: 0.05,
-                span_direction_rad: 0.2f64.to_radians(),
-                ..usual
-            },
+            SetUp::Careful => usual
+                .with_width(Width::MountShift, 0.0005)
+                .with_width(Width::SkinHeight, 0.02)
+                .with_width(Width::RootOffset, 0.05)
+                .with_width(Width::ChordOffset, 0.05)
+                .with_width(Width::SpanDirection, 0.2f64.to_radians()),
             _ => usual,
         }
     }
@@ -55,7 +53,7 @@ impl SetUp {
     pub fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
         match self {
             SetUp::Stayed => (Vector3::zeros(), Vector3::zeros()),
-            _ => (remounted(rng, setup), normal3(rng) * setup.uncertainty.mount_shift_m),
+            _ => (remounted(rng, setup), normal3(rng) * setup.uncertainty[Width::MountShift]),
         }
     }
 }
@@ -154,7 +152,7 @@ fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Se
         coefficients_per_m: DVector::from_iterator(n, p.values.iter().map(|v| v.value)),
         covariance: DMatrix::from_fn(n, n, |i, j| solution.correlation[(i, j)] * sigma(i) * sigma(j)),
         length_m: aircraft.truth.length_m(),
-        root_sigma_m: setup.uncertainty.root_offset_m,
+        root_sigma_m: setup.uncertainty[Width::RootOffset],
         steps: DEFAULT_STEPS,
     };
     let one = |(share, bent): (&f64, f64)| {
@@ -178,25 +176,24 @@ fn deflections_m() -> (f64, f64) {
 fn remove_known_priors(setup: &mut Setup) {
     let words = std::env::var("KNOWN").unwrap_or_default();
     let uncertainty = &mut setup.uncertainty;
-    let of = &mut uncertainty.in_flight;
     for word in words.split(',').filter(|word| !word.is_empty()) {
         match word {
-            "flight" => *of = FlightEffectPriors::NONE,
-            "held" => *of = of.without_frame_scaling(),
-            "bend" => of.ground_bend_m = 0.0,
-            "skin" => of.skin_motion_m = 0.0,
-            "root" => (of.root_rotation_rad, of.root_translation_m) = (0.0, 0.0),
-            "constant" => of.constant_bend_m = 0.0,
-            "plane" => of.in_plane_m = 0.0,
-            "torque" => of.torque_rad = 0.0,
-            "camera" => (of.scale, of.principal_point_px) = (0.0, 0.0),
-            "readout" => of.readout_s = 0.0,
-            "shift" => uncertainty.mount_shift_m = 0.0,
-            "drift" => uncertainty.mount_drift_rad = 0.0,
-            "axis" => uncertainty.skin_height_sigma_m = 0.0,
+            "flight" => *uncertainty = uncertainty.without_flight_effects(),
+            "held" => *uncertainty = uncertainty.without_frame_scaling(),
+            "bend" => uncertainty[Width::GroundBend] = 0.0,
+            "skin" => uncertainty[Width::SkinMotion] = 0.0,
+            "root" => (uncertainty[Width::RootRotation], uncertainty[Width::RootTranslation]) = (0.0, 0.0),
+            "constant" => uncertainty[Width::ConstantBend] = 0.0,
+            "plane" => uncertainty[Width::InPlane] = 0.0,
+            "torque" => uncertainty[Width::Torque] = 0.0,
+            "camera" => (uncertainty[Width::FlightScale], uncertainty[Width::PrincipalPoint]) = (0.0, 0.0),
+            "readout" => uncertainty[Width::Readout] = 0.0,
+            "shift" => uncertainty[Width::MountShift] = 0.0,
+            "drift" => uncertainty[Width::MountDrift] = 0.0,
+            "axis" => uncertainty[Width::SkinHeight] = 0.0,
             "drawn" => {
-                (uncertainty.root_offset_m, uncertainty.axis_chord_offset_m) = (0.0, 0.0);
-                uncertainty.span_direction_rad = 0.0;
+                (uncertainty[Width::RootOffset], uncertainty[Width::ChordOffset]) = (0.0, 0.0);
+                uncertainty[Width::SpanDirection] = 0.0;
             }
             "marks" => setup.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0),
             other => panic!("no prior is called {other}"),
@@ -254,7 +251,7 @@ pub fn sample_errors(
         let seen: Vec<_> = whens
             .iter()
             .map(|when| {
-                let drift = normal3(&mut rng) * setup.uncertainty.mount_drift_rad;
+                let drift = normal3(&mut rng) * setup.uncertainty[Width::MountDrift];
                 aircraft.frame(&mut rng, *when, (mount + drift, shift), NOISE_PX)
             })
             .collect();
@@ -285,24 +282,24 @@ const KINK_ARM_M: f64 = 20.0;
 /// All effects at once, each sampled from its prior, including those declared in survey.csv (an aileron) and changes of the
 /// bending shape (steps, kinks, engines).
 pub fn combined_effects(rng: &mut StdRng) -> Effects {
-    let width = FlightEffectPriors::DEFAULT;
+    let width = SetupUncertainty::DEFAULT;
     Effects {
-        ground_bend_m: width.ground_bend_m * normal(rng),
-        root_rotation_rad: normal3(rng) * width.root_rotation_rad,
-        root_translation_m: normal3(rng) * width.root_translation_m,
-        bulge_m: BULGE * width.skin_motion_m * normal(rng),
-        skin_m: width.skin_motion_m,
+        ground_bend_m: width[Width::GroundBend] * normal(rng),
+        root_rotation_rad: normal3(rng) * width[Width::RootRotation],
+        root_translation_m: normal3(rng) * width[Width::RootTranslation],
+        bulge_m: BULGE * width[Width::SkinMotion] * normal(rng),
+        skin_m: width[Width::SkinMotion],
         fixed_each_m: 5e-4,
-        flight_scale: width.scale * normal(rng),
-        principal_px: Vector2::new(normal(rng), normal(rng)) * width.principal_point_px,
+        flight_scale: width[Width::FlightScale] * normal(rng),
+        principal_px: Vector2::new(normal(rng), normal(rng)) * width[Width::PrincipalPoint],
         in_plane_m: 0.02 * normal(rng),
         vibration: (width.vibration.amplitude, width.vibration.frequency_hz),
         shake: (width.shake.amplitude, width.shake.frequency_hz),
-        readout_s: width.readout_s,
+        readout_s: width[Width::Readout],
         pupil_m: 0.010 * normal(rng),
-        tilt_rad: Vector2::new(normal(rng), normal(rng)) * width.vertical_rad,
-        torque_rad: width.torque_rad * normal(rng),
-        kink_rad: width.constant_bend_m / KINK_ARM_M * normal(rng),
+        tilt_rad: Vector2::new(normal(rng), normal(rng)) * width[Width::Vertical],
+        torque_rad: width[Width::Torque] * normal(rng),
+        kink_rad: width[Width::ConstantBend] / KINK_ARM_M * normal(rng),
         ..Effects::default()
     }
 }

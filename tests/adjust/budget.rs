@@ -7,7 +7,7 @@ use wingd::measure::adjust::{
 };
 use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
-use wingd::measure::setup::{FlightEffectPriors, Orientation, Setup, SetupUncertainty, SkinHeight};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Width};
 
 use crate::common::beam_truth::{Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng};
 
@@ -37,8 +37,8 @@ impl AdjustmentInput {
         let mut rng = rng(1);
         let mut setup = aircraft.surveyed(&mut rng, 0.0);
         setup.markers.iter_mut().for_each(|m| m.sigma_m = SURVEY_M);
-        setup.uncertainty = SetupUncertainty { in_flight: FlightEffectPriors::DEFAULT, ..SetupUncertainty::default() };
-        setup.uncertainty.in_flight.readout_s = 0.0;
+        setup.uncertainty = SetupUncertainty::DEFAULT;
+        setup.uncertainty[Width::Readout] = 0.0;
         let mut orientation = aircraft.orientation(&mut rng, 0.0);
         let variance = NOISE_PX * NOISE_PX;
         let covariance_px2 = nalgebra::Matrix2::identity() * variance;
@@ -101,7 +101,7 @@ const SOURCES: [(&str, SourceError); 17] = [
         None
     }),
     ("axis", |given, rng| {
-        let sigma = given.setup.uncertainty.skin_height_sigma_m;
+        let sigma = given.setup.uncertainty[Width::SkinHeight];
         let (mean, slope) = (normal(rng) * sigma, normal(rng) * 0.2 * sigma);
         let skin = given.setup.skin_height.unwrap();
         given.setup.skin_height =
@@ -109,17 +109,17 @@ const SOURCES: [(&str, SourceError); 17] = [
         None
     }),
     ("root", |given, rng| {
-        given.setup.root_offset_m += normal(rng) * given.setup.uncertainty.root_offset_m;
+        given.setup.root_offset_m += normal(rng) * given.setup.uncertainty[Width::RootOffset];
         None
     }),
     ("chord offset", |given, rng| {
         let offset = given.setup.axis_chord_offset_m.unwrap();
-        let by = normal(rng) * given.setup.uncertainty.axis_chord_offset_m;
+        let by = normal(rng) * given.setup.uncertainty[Width::ChordOffset];
         given.setup.axis_chord_offset_m = Some(offset + by);
         None
     }),
     ("span direction", |given, rng| {
-        let (sin, cos) = (normal(rng) * given.setup.uncertainty.span_direction_rad).sin_cos();
+        let (sin, cos) = (normal(rng) * given.setup.uncertainty[Width::SpanDirection]).sin_cos();
         given.setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * given.setup.span_direction;
         None
     }),
@@ -139,16 +139,16 @@ const SOURCES: [(&str, SourceError); 17] = [
     }),
     ("mounting", |given, rng| {
         let turn = given.setup.mount_repeatability_px / given.setup.lens.focal_px();
-        let mounting = (normal3(rng) * turn, normal3(rng) * given.setup.uncertainty.mount_shift_m);
+        let mounting = (normal3(rng) * turn, normal3(rng) * given.setup.uncertainty[Width::MountShift]);
         given.observe(&aircraft_with(Effects::default()), mounting);
         None
     }),
     ("ground bend", |given, rng| {
-        let ground_bend_m = normal(rng) * given.setup.uncertainty.in_flight.ground_bend_m;
+        let ground_bend_m = normal(rng) * given.setup.uncertainty[Width::GroundBend];
         effects(given, Effects { ground_bend_m, ..Effects::default() })
     }),
     ("skin", |given, rng| {
-        let skin_m = given.setup.uncertainty.in_flight.skin_motion_m;
+        let skin_m = given.setup.uncertainty[Width::SkinMotion];
         let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, ..Effects::default() });
         given.observe(&aircraft, Default::default());
         Some(aircraft)
@@ -160,18 +160,19 @@ const SOURCES: [(&str, SourceError); 17] = [
         Some(aircraft)
     }),
     ("root motion", |given, rng| {
-        let width = given.setup.uncertainty.in_flight;
-        let root_rotation_rad = normal3(rng) * width.root_rotation_rad;
-        let root_translation_m = normal3(rng) * width.root_translation_m;
+        let width = given.setup.uncertainty;
+        let root_rotation_rad = normal3(rng) * width[Width::RootRotation];
+        let root_translation_m = normal3(rng) * width[Width::RootTranslation];
         effects(given, Effects { root_rotation_rad, root_translation_m, ..Effects::default() })
     }),
     ("camera in flight", |given, rng| {
-        let width = given.setup.uncertainty.in_flight;
-        let (flight_scale, principal_px) = (normal(rng) * width.scale, normal2(rng) * width.principal_point_px);
+        let width = given.setup.uncertainty;
+        let (flight_scale, principal_px) =
+            (normal(rng) * width[Width::FlightScale], normal2(rng) * width[Width::PrincipalPoint]);
         effects(given, Effects { flight_scale, principal_px, ..Effects::default() })
     }),
     ("vertical", |given, rng| {
-        let tilt_rad = normal2(rng) * given.setup.uncertainty.in_flight.vertical_rad;
+        let tilt_rad = normal2(rng) * given.setup.uncertainty[Width::Vertical];
         let aircraft = aircraft_with(Effects { tilt_rad, ..Effects::default() });
         let tilted = aircraft.surveyed(&mut rng.clone(), 0.0);
         for (marker, tilted) in given.setup.markers.iter_mut().zip(tilted.markers) {
@@ -284,10 +285,10 @@ fn variance_if_known_is_that_of_another_adjustment() {
     let solution = exact.solve();
     let budget = solution.budget.unwrap();
     let known: [(&str, SetKnown); 4] = [
-        ("root", |s| s.uncertainty.root_offset_m = 0.0),
-        ("chord offset", |s| s.uncertainty.axis_chord_offset_m = 0.0),
-        ("in-plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),
-        ("skin", |s| s.uncertainty.in_flight.skin_motion_m = 0.0),
+        ("root", |s| s.uncertainty[Width::RootOffset] = 0.0),
+        ("chord offset", |s| s.uncertainty[Width::ChordOffset] = 0.0),
+        ("in-plane", |s| s.uncertainty[Width::InPlane] = 0.0),
+        ("skin", |s| s.uncertainty[Width::SkinMotion] = 0.0),
     ];
     for (source, know) in known {
         let mut given = exact.clone();

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use wingd::measure::adjust::{self, GlobalTest, Mounting, Observation, Options, Solution};
-use wingd::measure::setup::{FlightEffectPriors, Setup, SetupUncertainty};
+use wingd::measure::setup::{Setup, SetupUncertainty, Width};
 
 use crate::common::beam_truth::{Aircraft, Effects, Truth, WingState, normal3, random_wing, remounted, rms, rng};
 
@@ -31,7 +31,7 @@ fn solved(seed: u64, fixed: usize, effects: Effects, state: impl Fn(&mut Setup))
         let truth = Truth::new(random_wing(&mut rng), 21).with_fixed_targets(fixed);
         let aircraft = Aircraft::new(&mut rng, truth, effects);
         let mut setup = aircraft.surveyed(&mut rng, 0.002);
-        setup.uncertainty = SetupUncertainty::default();
+        setup.uncertainty = SetupUncertainty::DEFAULT;
         state(&mut setup);
         let orientation = aircraft.orientation(&mut rng, 0.05);
         let when = WingState::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() };
@@ -73,7 +73,7 @@ fn an_undeclared_moving_part_is_named_or_rejected() {
     let effects = Effects { aileron_rad: 0.026, ..Effects::default() };
     let frames = solved(7302, 0, effects, |setup| {
         setup.markers.iter_mut().for_each(|m| m.part = None);
-        setup.uncertainty.in_flight.torque_rad = 0.0;
+        setup.uncertainty[Width::Torque] = 0.0;
     });
     let reported = |s: &&Solved| s.has_remark("are jointly") || s.solution.global_test == GlobalTest::Rejected;
     let errors: Vec<f64> = frames.iter().flat_map(|s| s.errors.clone()).collect();
@@ -99,23 +99,22 @@ fn contradictory_fixed_targets_are_all_kept_with_larger_sigmas() {
 /// Each prior, alone, increases the sigma if it is not fixed.
 #[test]
 fn each_prior_increases_the_sigma() {
-    type SetPrior = fn(&mut FlightEffectPriors);
-    let priors: [(&str, SetPrior); 4] = [
-        ("scale", |w| w.scale = FlightEffectPriors::DEFAULT.scale),
-        ("principal point", |w| w.principal_point_px = FlightEffectPriors::DEFAULT.principal_point_px),
-        ("root's turn", |w| w.root_rotation_rad = FlightEffectPriors::DEFAULT.root_rotation_rad),
-        ("root's shift", |w| w.root_translation_m = FlightEffectPriors::DEFAULT.root_translation_m),
+    let priors = [
+        ("scale", Width::FlightScale),
+        ("principal point", Width::PrincipalPoint),
+        ("root's turn", Width::RootRotation),
+        ("root's shift", Width::RootTranslation),
     ];
-    let sigma = |set_prior: SetPrior| {
+    let sigma = |width: Option<Width>| {
         let held = solved(7304, 0, Effects::default(), |setup| {
-            setup.uncertainty.in_flight = FlightEffectPriors::NONE;
-            set_prior(&mut setup.uncertainty.in_flight);
+            setup.uncertainty = setup.uncertainty.without_flight_effects();
+            width.into_iter().for_each(|width| setup.uncertainty[width] = SetupUncertainty::DEFAULT[width]);
         });
         held[0].solution.markers.iter().filter_map(|m| m.deflection_root_m?.sigma).fold(0.0, f64::max)
     };
-    let held = sigma(|_| ());
-    for (name, set_prior) in priors {
-        let wide = sigma(set_prior);
+    let held = sigma(None);
+    for (name, width) in priors {
+        let wide = sigma(Some(width));
         println!("{name}: {:.3} mm after {:.3} mm", 1e3 * wide, 1e3 * held);
         assert!(wide > 1.005 * held, "{name}: {wide} {held}");
     }
@@ -126,14 +125,14 @@ fn each_prior_increases_the_sigma() {
 fn solved_frames(
     seed: u64,
     count: usize,
-    (effects, width): (Effects, FlightEffectPriors),
+    (effects, uncertainty): (Effects, SetupUncertainty),
     spoil: impl Fn(&mut [Observation]),
 ) -> (Vec<Solution>, Vec<f64>) {
     let mut rng = rng(seed);
     let truth = Truth::new(random_wing(&mut rng), 21);
     let aircraft = Aircraft::new(&mut rng, truth, effects);
     let mut setup = aircraft.surveyed(&mut rng, 0.002);
-    setup.uncertainty = SetupUncertainty { in_flight: width, ..SetupUncertainty::default() };
+    setup.uncertainty = uncertainty;
     setup.markers.iter_mut().for_each(|m| m.part = None);
     let orientation = aircraft.orientation(&mut rng, 0.05);
     let fuel = aircraft.truth.fuel();
@@ -166,7 +165,7 @@ fn solved_frames(
 fn frames_of(
     seed: u64,
     count: usize,
-    of: (Effects, FlightEffectPriors),
+    of: (Effects, SetupUncertainty),
     spoil: impl Fn(&mut [Observation]),
 ) -> Vec<Solution> {
     solved_frames(seed, count, of, spoil).0
@@ -176,7 +175,7 @@ fn frames_of(
 /// cause is named in flights without a fault.
 #[test]
 fn a_displacement_common_to_the_frames_of_a_flight_is_named() {
-    let width = FlightEffectPriors { torque_rad: 0.0, ..FlightEffectPriors::DEFAULT };
+    let width = SetupUncertainty::DEFAULT.with_width(Width::Torque, 0.0);
     let flights = |effects: Effects| (7330..7342).map(move |seed| solved_frames(seed, 4, (effects, width), |_| ()));
     let named = |solutions: &[Solution]| {
         solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains("are jointly")))
@@ -211,7 +210,8 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
                     let signs = [1.0, -1.0].into_iter().cycle();
                     OFF.iter().zip(signs).for_each(|(k, sign)| seen[*k].pixel.y += sign * by_px);
                 };
-                frames_of(seed, count, (Effects::default(), FlightEffectPriors::NONE), spoil).swap_remove(0)
+                let uncertainty = SetupUncertainty::DEFAULT.without_flight_effects();
+                frames_of(seed, count, (Effects::default(), uncertainty), spoil).swap_remove(0)
             };
             let (clean, spoilt) = (solve(0.0), solve(1.5));
             let sigma =
@@ -238,7 +238,7 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
 /// if nothing moves or the prior is configured.
 #[test]
 fn a_flight_reports_motion_that_exceeds_its_default() {
-    let says = |effects: Effects, width: FlightEffectPriors, word: &str| {
+    let says = |effects: Effects, width: SetupUncertainty, word: &str| {
         let flights = (7320..7332).map(|seed| frames_of(seed, 5, (effects, width), |_| ())).inspect(|f| {
             println!("{:?} {}", f[0].global_test, f[0].remarks.iter().filter(|r| r.contains("was removed")).count())
         });
@@ -246,10 +246,10 @@ fn a_flight_reports_motion_that_exceeds_its_default() {
     };
     let skin = Effects { skin_m: 1.8e-3, ..Effects::default() };
     let (moved, held) = (
-        says(skin, FlightEffectPriors::DEFAULT, "skin moved"),
-        says(skin, FlightEffectPriors::DEFAULT.without_frame_scaling(), "skin moved"),
+        says(skin, SetupUncertainty::DEFAULT, "skin moved"),
+        says(skin, SetupUncertainty::DEFAULT.without_frame_scaling(), "skin moved"),
     );
-    let still = says(Effects::default(), FlightEffectPriors::DEFAULT, "(default");
+    let still = says(Effects::default(), SetupUncertainty::DEFAULT, "(default");
     println!("skin: reported in {moved} of 12, with a fixed prior in {held}; nothing: {still}");
     assert!(moved >= 8 && held == 0 && still == 0, "{moved} {held} {still}");
 }

@@ -8,7 +8,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::flight_prior::{FlightPrior, ReducedNormals};
 use wingd::measure::adjust::{self, GlobalTest, LiveAdjustment, Mounting, Observation, Options, Solution};
-use wingd::measure::setup::{Orientation, Setup};
+use wingd::measure::setup::{Orientation, Setup, Width};
 
 use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
 use crate::common::beam_truth::{Aircraft, WingState, median, normal3, rms, rng};
@@ -55,7 +55,7 @@ impl SampledAircraft {
         let first = if frames == 1 { rng.random_range(0..FRAMES) } else { 0 };
         let whens: Vec<WingState> = (first..first + frames).map(when).collect();
         let frame = |rng: &mut StdRng, when: &WingState| {
-            let drift = normal3(rng) * self.setup.uncertainty.mount_drift_rad;
+            let drift = normal3(rng) * self.setup.uncertainty[Width::MountDrift];
             self.aircraft.frame(rng, *when, (mount + drift, shift), NOISE_PX)
         };
         let seen = whens.iter().map(|when| frame(rng, when)).collect();

@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use std::f64::consts::TAU;
 use std::time::Instant;
 use wingd::measure::adjust::{self, LiveAdjustment, Observation, Options, Solution};
-use wingd::measure::setup::{Orientation, Setup, SetupUncertainty};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
 
 use crate::common::beam_truth::{Truth, median, normal, normal3, random_wing, remounted, rms, rng};
 
@@ -33,13 +33,13 @@ impl SimulatedFlight {
         let truth = Truth::new(random_wing(rng), markers);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
         setup.uncertainty =
-            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
+            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(rng, 0.05, true);
         let gust = |hz: f64, rng: &mut StdRng| (0.15 * normal(rng), hz, rng.random_range(0.0..6.0));
         Self {
             turn: remounted(rng, &truth.setup),
             shift: normal3(rng) * 0.002,
-            walk: setup.uncertainty.mount_drift_rad / 60f64.sqrt(),
+            walk: setup.uncertainty[Width::MountDrift] / 60f64.sqrt(),
             gusts: [gust(0.17, rng), gust(0.6, rng), gust(1.9, rng)],
             level_m: rng.random_range(1.0..3.2),
             truth,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 use wingd::measure::adjust::{LiveAdjustment, Observation, Options};
-use wingd::measure::setup::FlightEffectPriors;
+use wingd::measure::setup::SetupUncertainty;
 
 #[test]
 fn the_first_frames_are_solved_if_rounding_rejects_the_last_steps() {
@@ -29,9 +29,9 @@ fn the_first_frames_are_solved_if_rounding_rejects_the_last_steps() {
     }
     assert_eq!(frames.len(), 6);
     // As recorded, without in-flight effects, and with the default priors.
-    for in_flight in [FlightEffectPriors::NONE, FlightEffectPriors::DEFAULT] {
+    for flight in [SetupUncertainty::from_drawings(), SetupUncertainty::DEFAULT] {
         let mut setup = installation.setup.clone();
-        setup.uncertainty.in_flight = in_flight;
+        setup.uncertainty = setup.uncertainty.with_flight_effects(&flight);
         let mut live = LiveAdjustment::new(setup, orientation.clone(), Options::default()).unwrap();
         for (frame, observations) in &frames {
             let solution = live.adjust_frame(observations, 0.1).unwrap_or_else(|e| panic!("frame {frame}: {e}"));

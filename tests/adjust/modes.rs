@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use rand::rngs::StdRng;
 use serde_json::json;
 use wingd::measure::adjust::{LiveAdjustment, MarkerSolution, Observation, Options, Solution};
-use wingd::measure::setup::SetupUncertainty;
+use wingd::measure::setup::{SetupUncertainty, Width};
 
 use crate::common::beam_truth::{
     ModeShape, SecondMode, Truth, median, normal, normal3, random_wing, remounted, rms, rng,
@@ -73,9 +73,9 @@ impl VibratingFlight {
         let mode = truth.second_mode(vibrations);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
         setup.uncertainty =
-            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
+            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(rng, NOISE_PX, true);
-        let walk = setup.uncertainty.mount_drift_rad * (1.0 / (60.0 * RATE_HZ)).sqrt();
+        let walk = setup.uncertainty[Width::MountDrift] * (1.0 / (60.0 * RATE_HZ)).sqrt();
         let mut turn = remounted(rng, &truth.setup);
         let shift = normal3(rng) * 0.002;
         let modes = [FIRST, (SECOND.0, SECOND.1, second_m)];

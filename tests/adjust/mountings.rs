@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Mounting as Known, Options, Solution};
-use wingd::measure::setup::{Setup, SetupUncertainty};
+use wingd::measure::setup::{Setup, SetupUncertainty, Width};
 
 use crate::common::beam_truth::{Truth, normal3, random_wing, remounted, rms, rng};
 
@@ -58,7 +58,7 @@ fn normalised(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> Ve
 fn flight(rng: &mut StdRng, kind: Mounting) -> (Vec<f64>, bool) {
     let truth = Truth::new(random_wing(rng), 21);
     let mut setup = truth.surveyed(rng, 0.002, 0.002);
-    setup.uncertainty = SetupUncertainty { mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
+    setup.uncertainty = SetupUncertainty::from_drawings().with_width(Width::MountDrift, 2e-5);
     let orientation = truth.orientation(rng, 0.05, true);
     let count = rng.random_range(5..13);
     let turned = rotations(rng, &setup, kind, count);
@@ -114,7 +114,7 @@ fn shifted_camera(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64
     for wing in 0..24 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty = SetupUncertainty { mount_shift_m: allowed_m, ..SetupUncertainty::from_drawings() };
+        setup.uncertainty = SetupUncertainty::from_drawings().with_width(Width::MountShift, allowed_m);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let mount = remounted(&mut rng, &setup);
         let mut shift = Vector3::zeros();
@@ -168,7 +168,7 @@ fn unmoved_camera(seed: u64, known: bool, flight: bool) -> (f64, f64) {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         setup.uncertainty =
-            SetupUncertainty { mount_shift_m: 0.002, mount_drift_rad: 2e-5, ..SetupUncertainty::from_drawings() };
+            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let numbers: &[Known] = match flight {
             true => &[Known::Ground, Known::Numbered(7), Known::Numbered(7), Known::Numbered(3)],

@@ -6,10 +6,10 @@ use crate::common::beam_truth::{Truth, normal, random_wing, remounted, rms, rng}
 use nalgebra::{DMatrix, DVector};
 use sha2::{Digest, Sha256};
 use wingd::measure::adjust::{self, Options, SigmaKind, Solution};
-use wingd::measure::setup::SetupUncertainty;
+use wingd::measure::setup::{SetupUncertainty, StiffnessSection, Width};
 use wingd::measure::stress::{
-    BendingCurvature, BendingMoment, StiffnessSection, analyse_sampling, bending_length_m, count_flight_cycles,
-    ground_air_ground, rainflow, relative_damage,
+    BendingCurvature, BendingMoment, analyse_sampling, bending_length_m, count_flight_cycles, ground_air_ground,
+    rainflow, relative_damage,
 };
 
 /// Results of `rainflow` and `pylife` (tests/rainflow/README.md).
@@ -96,12 +96,12 @@ fn errors(seed: u64, runs: usize, priors: Option<SetupUncertainty>, stiffness_si
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let seen = truth.observations(&mut rng, &flight, mount, 0.05);
         if let Some(priors) = priors {
-            setup.root_offset_m += priors.root_offset_m * normal(&mut rng);
+            setup.root_offset_m += priors[Width::RootOffset] * normal(&mut rng);
             setup.uncertainty = priors;
         }
         let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         let length_m = bending_length_m(&setup, &orientation).unwrap();
-        let line = curvature(&s, length_m, setup.uncertainty.root_offset_m);
+        let line = curvature(&s, length_m, setup.uncertainty[Width::RootOffset]);
         let wrong = 1.0 + stiffness_sigma * normal(&mut rng);
         for (k, share) in SHARES.iter().enumerate() {
             let ei = ROOT_EI_N_M2 * truth.stiffness_share(*share);
@@ -136,7 +136,7 @@ fn moments_of_beams_of_known_stiffness_keep_their_sigma() {
 
 #[test]
 fn moments_keep_their_sigma_with_an_unknown_root() {
-    let priors = SetupUncertainty { root_offset_m: 0.3, ..SetupUncertainty::from_drawings() };
+    let priors = SetupUncertainty::from_drawings().with_width(Width::RootOffset, 0.3);
     let all = ratio("root 0.3 m", &errors(92, 150, Some(priors), 0.03));
     assert!((0.8..1.25).contains(&all), "{all}");
 }

@@ -4,23 +4,20 @@
 use nalgebra::{Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
-use wingd::measure::setup::{FlightEffectPriors, Orientation, Setup, SetupUncertainty, SkinHeight, Thermal};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Thermal, Width};
 
 use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, rms, rng};
 
 mod rendered;
 
 /// Quantities that a user may configure wrongly, each by one configured standard deviation.
-const PRIORS: SetupUncertainty = SetupUncertainty {
-    mount_shift_m: 0.002,
-    mount_drift_rad: 2e-5,
-    skin_height_sigma_m: 0.05,
-    root_offset_m: 0.3,
-    axis_chord_offset_m: 0.3,
-    span_direction_rad: 0.017_453,
-    in_flight: FlightEffectPriors::NONE,
-    lens: None,
-};
+const PRIORS: SetupUncertainty = SetupUncertainty::from_drawings()
+    .with_width(Width::MountShift, 0.002)
+    .with_width(Width::MountDrift, 2e-5)
+    .with_width(Width::SkinHeight, 0.05)
+    .with_width(Width::RootOffset, 0.3)
+    .with_width(Width::ChordOffset, 0.3)
+    .with_width(Width::SpanDirection, 0.017_453);
 const TEMPERATURE_K: f64 = 20.0;
 /// Camera constant 0.1 % in common, 1e-5 between u and v, principal point 10 px.
 const LENS: [f64; 3] = [7.8, 0.08, 10.0];
@@ -42,17 +39,17 @@ impl ErrorSource {
     /// Configured priors: that of the wrong quantity, all others as sampled.
     fn priors(self, lens: SMatrix<f64, 9, 9>) -> SetupUncertainty {
         let drawn = SetupUncertainty::from_drawings();
-        SetupUncertainty {
-            mount_shift_m: self.factor(ErrorSource::Shift) * PRIORS.mount_shift_m,
-            mount_drift_rad: PRIORS.mount_drift_rad,
-            skin_height_sigma_m: (self.factor(ErrorSource::Axis) * PRIORS.skin_height_sigma_m)
-                .max(drawn.skin_height_sigma_m),
-            root_offset_m: self.factor(ErrorSource::Root) * PRIORS.root_offset_m,
-            axis_chord_offset_m: self.factor(ErrorSource::Chord) * PRIORS.axis_chord_offset_m,
-            span_direction_rad: self.factor(ErrorSource::Span) * PRIORS.span_direction_rad,
-            in_flight: FlightEffectPriors::NONE,
-            lens: (self.factor(ErrorSource::Camera) > 0.0).then_some(lens),
+        let skin_m = (self.factor(ErrorSource::Axis) * PRIORS[Width::SkinHeight]).max(drawn[Width::SkinHeight]);
+        let mut priors = PRIORS.with_width(Width::SkinHeight, skin_m);
+        for (width, source) in [
+            (Width::MountShift, ErrorSource::Shift),
+            (Width::RootOffset, ErrorSource::Root),
+            (Width::ChordOffset, ErrorSource::Chord),
+            (Width::SpanDirection, ErrorSource::Span),
+        ] {
+            priors[width] = self.factor(source) * PRIORS[width];
         }
+        SetupUncertainty { lens: (self.factor(ErrorSource::Camera) > 0.0).then_some(lens), ..priors }
     }
 
     fn factor(self, one: ErrorSource) -> f64 {
@@ -69,13 +66,13 @@ fn configured_setup(rng: &mut StdRng, truth: &Truth, wrong: ErrorSource) -> Setu
 /// Adds errors of one configured standard deviation.
 fn misconfigure(rng: &mut StdRng, mut setup: Setup, wrong: ErrorSource) -> Setup {
     let mut draw = |one: ErrorSource, sigma: f64| wrong.factor(one) * sigma * normal(rng);
-    let axis = draw(ErrorSource::Axis, PRIORS.skin_height_sigma_m);
+    let axis = draw(ErrorSource::Axis, PRIORS[Width::SkinHeight]);
     let skin = setup.skin_height.unwrap();
     setup.skin_height = Some(SkinHeight { root_m: skin.root_m + axis, tip_m: skin.tip_m + axis, ..skin });
-    setup.root_offset_m += draw(ErrorSource::Root, PRIORS.root_offset_m);
+    setup.root_offset_m += draw(ErrorSource::Root, PRIORS[Width::RootOffset]);
     setup.axis_chord_offset_m =
-        setup.axis_chord_offset_m.map(|z| z + draw(ErrorSource::Chord, PRIORS.axis_chord_offset_m));
-    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), draw(ErrorSource::Span, PRIORS.span_direction_rad));
+        setup.axis_chord_offset_m.map(|z| z + draw(ErrorSource::Chord, PRIORS[Width::ChordOffset]));
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), draw(ErrorSource::Span, PRIORS[Width::SpanDirection]));
     let span = turn * Vector3::new(setup.span_direction.x, setup.span_direction.y, 0.0);
     setup.span_direction = span.xy();
     let thermal = setup.thermal.unwrap();
@@ -126,11 +123,11 @@ fn fit_to_ground_frame(setup: &Setup, mut orientation: Orientation) -> Orientati
 /// Frames of a flight with the true camera, its mounting rotated and shifted.
 fn frames(rng: &mut StdRng, truth: &Truth, deflections: &[f64], wrong: ErrorSource) -> Vec<Vec<Observation>> {
     let mount = remounted(rng, &truth.setup);
-    let shift = normal3(rng) * (wrong.factor(ErrorSource::Shift) * PRIORS.mount_shift_m);
+    let shift = normal3(rng) * (wrong.factor(ErrorSource::Shift) * PRIORS[Width::MountShift]);
     let one = |(k, deflection): (usize, &f64)| {
         let fuel = truth.fuel() * (1.0 - 0.06 * k as f64);
         let points: Vec<_> = truth.positions_in_flight(*deflection, fuel).iter().map(|p| p - shift).collect();
-        let turn = mount + normal3(rng) * PRIORS.mount_drift_rad;
+        let turn = mount + normal3(rng) * PRIORS[Width::MountDrift];
         truth.observations(rng, &points, turn, 0.05)
     };
     deflections.iter().enumerate().map(one).collect()
@@ -215,7 +212,7 @@ fn errors_with_fixed_targets(marks: usize, wings: usize, moved: ErrorSource) -> 
         let truth = Truth::new(random_wing(&mut rng), 21).with_fixed_targets(marks);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         setup.uncertainty =
-            SetupUncertainty { skin_height_sigma_m: 0.05, mount_shift_m: 0.002, ..SetupUncertainty::from_drawings() };
+            SetupUncertainty::from_drawings().with_width(Width::SkinHeight, 0.05).with_width(Width::MountShift, 0.002);
         let skin = setup.skin_height.unwrap();
         setup.skin_height = Some(SkinHeight { root_m: skin.root_m + 0.05, tip_m: skin.tip_m + 0.05, ..skin });
         let orientation = truth.orientation(&mut rng, 0.05, true);
@@ -257,8 +254,9 @@ fn axis_height_estimates(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
     for _ in 0..40 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty =
-            SetupUncertainty { skin_height_sigma_m: 0.05, mount_shift_m: shift_m, ..SetupUncertainty::from_drawings() };
+        setup.uncertainty = SetupUncertainty::from_drawings()
+            .with_width(Width::SkinHeight, 0.05)
+            .with_width(Width::MountShift, shift_m);
         let raise = 0.05 * normal(&mut rng);
         let skin = setup.skin_height.unwrap();
         setup.skin_height = Some(SkinHeight { root_m: skin.root_m + raise, tip_m: skin.tip_m + raise, ..skin });

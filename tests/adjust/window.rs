@@ -6,7 +6,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Air, FlightEffectPriors, Orientation, Pane, Setup, SetupUncertainty, Window};
+use wingd::measure::setup::{Air, Orientation, Pane, Setup, SetupUncertainty, Width, Window};
 
 use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
 
@@ -224,16 +224,8 @@ fn sample_window(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Sa
 }
 
 /// An exact survey, and the default mounting.
-const SHIFTED: SetupUncertainty = SetupUncertainty {
-    mount_shift_m: 0.002,
-    mount_drift_rad: 2e-5,
-    skin_height_sigma_m: 0.003,
-    root_offset_m: 0.0,
-    axis_chord_offset_m: 0.0,
-    span_direction_rad: 0.0,
-    in_flight: FlightEffectPriors::NONE,
-    lens: None,
-};
+const SHIFTED: SetupUncertainty =
+    SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
 
 const WINGS: usize = 30;
 
@@ -261,7 +253,7 @@ fn panes_in_flight_only_cause_no_error_if_they_are_described() {
     let with = fleet(21, false, None, |_, d| described_setup(&d.setup, d.normal, pane()));
     with.print("in flight only, described");
     // The shift by a pane also shifts the projection centre: the remount prior covers undescribed panes.
-    for (what, priors) in [("remount shift", SHIFTED), ("all defaults", SetupUncertainty::default())] {
+    for (what, priors) in [("remount shift", SHIFTED), ("all defaults", SetupUncertainty::DEFAULT)] {
         let shifted = fleet(21, false, None, |_, d| Setup { uncertainty: priors, ..d.setup.clone() });
         shifted.print(&format!("in flight only, not described, {what}"));
         assert!((0.6..1.5).contains(&rms(&shifted.normalised)), "{what}: {}", rms(&shifted.normalised));

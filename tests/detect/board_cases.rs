@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector2, Vector3};
-use wingd::installation::{ImageCorners, read_corners};
+use wingd::exchange::{ImageCorners, read_corners};
 use wingd::measure::calibrate::{
     Board, BoardMismatch, BoardPoint, BoardView, CalibrationOptions, ImageRejection, Verdict, calibrate,
     calibrate_with_options, description_mismatch, judge_calibration,

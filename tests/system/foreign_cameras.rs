@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use wingd::installation::{CameraFormat, ReadCamera, read_exchange, write_exchange};
+use wingd::exchange::{CameraFormat, ReadCamera, read_exchange, write_exchange};
 use wingd::measure::geometry::Lens;
 
 use crate::program::{fixture, outcome};
@@ -238,7 +238,7 @@ fn a_board_of_kalibr_is_read_and_other_targets_are_named() {
     let file = directory.path().join("target.yaml");
     let board = |text: &str| {
         std::fs::write(&file, text).unwrap();
-        wingd::installation::load_board(&file)
+        wingd::exchange::load_board(&file)
             .map(|described| format!("{:?}", described.board))
             .unwrap_or_else(|faults| faults[0].to_string())
     };

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::{CalibrateArgs, Failure};
 use crate::cli::{CHECK_WRITE_ACCESS, image_batch, write_failure};
-use crate::installation::{self, ImageCorners};
+use crate::exchange::{self, ImageCorners};
 use crate::measure::calibrate::{Board, BoardMismatch, BoardPoint, BoardView, Calibration, ImageRejection};
 use crate::pipeline::decode;
 use crate::record::Reason;
@@ -21,7 +21,7 @@ pub(super) struct BoardImage {
 pub(super) fn read_images(args: &CalibrateArgs, board: &Board) -> Result<Vec<BoardImage>, Failure> {
     if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
         let from = |c: ImageCorners| BoardImage { name: c.image, size: Some(c.size), view: Ok(c.view), misfit: None };
-        return Ok(installation::read_corners(file)?.into_iter().map(from).collect());
+        return Ok(exchange::read_corners(file)?.into_iter().map(from).collect());
     }
     image_batch::process_images(
         &crate::cli::image_files::expand_folders(&args.images)?,
@@ -46,7 +46,7 @@ pub(super) fn write_corners(
         Some(ImageCorners { image: p.name.clone(), size, view, used })
     };
     let corners: Vec<ImageCorners> = pictures.iter().enumerate().filter_map(corners).collect();
-    installation::write_corners(file, &corners).map_err(write_failure(file, CHECK_WRITE_ACCESS))
+    exchange::write_corners(file, &corners).map_err(write_failure(file, CHECK_WRITE_ACCESS))
 }
 
 /// Returns the reason why an image was not used.

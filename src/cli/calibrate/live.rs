@@ -9,7 +9,7 @@ use super::{CalibrateArgs, Failure, calibrate_and_judge};
 use crate::camera::freshness::Freshness;
 use crate::clock::SystemClock;
 use crate::config;
-use crate::installation::DescribedBoard;
+use crate::exchange::DescribedBoard;
 use crate::measure::calibrate::Verdict;
 use crate::report::number::count_text;
 

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 
 use self::board_images::{BoardImage, common_size, exclusion_reason};
 use super::{CHECK_WRITE_ACCESS, Completion, Failure, print_line, write_failure};
-use crate::installation::{self, DescribedBoard};
+use crate::exchange::{self, DescribedBoard};
+use crate::installation;
 use crate::measure::calibrate::{
     self, BoardMismatch, BoardView, CalibrateError, Calibration, CalibrationOptions, Verdict,
 };
@@ -66,7 +67,7 @@ struct JudgedCalibration {
 }
 
 pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
-    let board = installation::load_board(&args.board)?;
+    let board = exchange::load_board(&args.board)?;
     let mut pictures = match &args.config {
         Some(config) if args.live => live::take_images(args, config, &board)?,
         _ => board_images::read_images(args, &board.board)?,
@@ -134,7 +135,7 @@ fn write_and_report(
             &names,
             &excluded,
         );
-        installation::write_page(file, &page).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
+        installation::write_atomically(file, &page).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
     }
     for (picture, reason) in pictures.iter().zip(&excluded) {
         if let Some(reason) = reason {

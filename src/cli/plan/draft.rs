@@ -124,7 +124,7 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,
         skin_height: None,
-        uncertainty: SetupUncertainty::default(),
+        uncertainty: SetupUncertainty::DEFAULT,
         thermal: None,
         torsion: vec![],
         markers: vec![],

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{Failure, image_batch, writer};
-use crate::installation::load_board;
+use crate::exchange::load_board;
 use crate::measure::calibrate::Board;
 use crate::measure::geometry::Lens;
 use crate::measure::render::{RenderedBoard, SeededRandom};

@@ -6,6 +6,7 @@ use super::writer::{FlightMoment, SetFrame};
 use super::{InvalidValue, SimulateArgs as Simulate, choose_hidden};
 use crate::cli::Failure;
 use crate::measure::render::{Light, Scene, SeededRandom};
+use crate::measure::setup::Width;
 
 /// Frequencies of the gusts, Hz, rounded to whole periods: a short gust, the wing's first bending mode, a patch of rough
 /// air.
@@ -133,7 +134,7 @@ pub(super) fn gust_frames(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<S
     let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, moment: None }];
     let swings: Vec<Vec<f64>> =
         args.gusts.modes.iter().map(|mode| mode.sample_amplitudes(rate_hz, count as usize, &mut random)).collect();
-    let walk = scene.setup.uncertainty.mount_drift_rad * (1.0 / (rate_hz * MOUNT_WALK_TIME_S)).sqrt();
+    let walk = scene.setup.uncertainty[Width::MountDrift] * (1.0 / (rate_hz * MOUNT_WALK_TIME_S)).sqrt();
     for i in 0..count {
         let time_s = i as f64 / rate_hz;
         if args.remount.is_some_and(|first| i + 1 == first as u64) {

@@ -12,7 +12,7 @@ use super::{Completion, Failure, image_batch, print_line};
 use crate::installation;
 use crate::measure::plan::{self, PlanOptions};
 use crate::measure::render::{Light, SampledAircraft, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom};
-use crate::measure::setup::{Orientation, Setup, SetupUncertainty, Thermal, fixed_target};
+use crate::measure::setup::{Orientation, Setup, SetupUncertainty, Thermal, Width, fixed_target};
 use crate::report::number::count_text;
 use writer::{SetFrame, write_set};
 
@@ -191,8 +191,8 @@ pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
 /// Returns the setup of a scene without sampled errors, with default priors. The prior of the skin height stays: it is that
 /// of the drawings.
 fn with_default_priors(setup: &Setup) -> Setup {
-    let skin_height_sigma_m = setup.uncertainty.skin_height_sigma_m;
-    let uncertainty = SetupUncertainty { skin_height_sigma_m, ..SetupUncertainty::default() };
+    let skin_height_m = setup.uncertainty[Width::SkinHeight];
+    let uncertainty = SetupUncertainty::DEFAULT.with_width(Width::SkinHeight, skin_height_m);
     let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
     let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
     specified.markers.iter_mut().filter(|m| m.fixed).for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);

@@ -4,6 +4,7 @@ use super::layout::BlockMember;
 use super::outcome::FrameOutcome;
 use super::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
 use crate::estimation::{AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources};
+use crate::widths::Unknown;
 
 /// Ratio of standard deviations below which another reference replaces the survey. A difference below 1 % is invisible in
 /// two significant digits.
@@ -11,49 +12,11 @@ const PREFERENCE_RATIO: f64 = 0.99;
 /// Source name of a frame's image coordinates.
 pub const IMAGE: &str = "image";
 /// Source name of the survey.
-pub const SURVEY: &str = "survey";
+pub const SURVEY: &str = Unknown::Survey.source();
 /// Source name of the ground frames' image coordinates.
 const GROUND_FRAME: &str = "ground frame";
 /// Source name of the condition that ties a frame's bending to the shape shared by the flight.
-const SHAPE: &str = "shape of bending";
-
-/// Source name in the budget for each prior name. A prior that is not listed keeps its own name.
-const SOURCE_NAMES: [(&str, &str); 30] = [
-    ("height of the bending axis", "axis"),
-    ("chord offset of the bending axis", "chord offset"),
-    ("root offset", "root"),
-    ("direction of the span", "span direction"),
-    ("thermal scale", "temperature"),
-    ("interior orientation", "lens"),
-    ("scale of the camera in flight", "camera in flight"),
-    ("principal point in flight", "camera in flight"),
-    ("panes' shift", "window"),
-    ("panes' bow", "window"),
-    ("rotation of the mounting", "mounting"),
-    ("shift of the mounting", "mounting"),
-    ("projection centre", "projection centre"),
-    ("bend between survey and ground frame", "ground bend"),
-    ("bend that does not go with the load", "constant bend"),
-    ("vertical of the survey", "vertical"),
-    ("motion of the skin", "skin"),
-    ("bulges of the skin", "skin"),
-    ("motion of the fixed marks", "fixed targets"),
-    ("rotation of the root", "root motion"),
-    ("shift of the root", "root motion"),
-    ("bending in the wing's plane", "in-plane"),
-    ("moving part", "moving parts"),
-    ("torque of control surfaces", "torque"),
-    ("vibration of the wing", "rolling shutter"),
-    ("shake of the camera", "rolling shutter"),
-    (SHAPE, SHAPE),
-    ("burning of fuel", SHAPE),
-    ("load's turning", SHAPE),
-    ("twist", "twist"),
-];
-
-fn source_name(name: &'static str) -> &'static str {
-    SOURCE_NAMES.iter().find(|(prior, _)| *prior == name).map_or(name, |(_, word)| word)
-}
+const SHAPE: &str = Unknown::Shape.source();
 
 /// Markers to which the blocks of each group belong. Groups beyond these hold survey and ground frame.
 #[derive(Clone, Copy)]
@@ -93,7 +56,7 @@ pub fn with_variance_sources<T>(
 ) -> T {
     let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
     let known = if attributed.is_some() { "earlier frames" } else { "earlier flights" };
-    let naming = SourceNames { observations: &observations, prior: source_name, known, rest: IMAGE };
+    let naming = SourceNames { observations: &observations, known, rest: IMAGE };
     with(&VarianceSources::new(problem, fit, naming, attributed))
 }
 
@@ -106,7 +69,7 @@ pub fn attribute_information(
     invariant: impl Fn(usize) -> bool,
 ) -> AttributedInformation {
     let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
-    let naming = SourceNames { observations: &observations, prior: source_name, known: "earlier frames", rest: IMAGE };
+    let naming = SourceNames { observations: &observations, known: "earlier frames", rest: IMAGE };
     AttributedInformation::from_solution(problem, fit, invariant, blocks.members.len(), &naming)
 }
 

@@ -11,7 +11,7 @@ use super::AdjustError;
 use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
-use crate::setup::{Setup, SetupUncertainty};
+use crate::setup::{Setup, SetupUncertainty, Width};
 
 /// Steps to the neighbouring wings, in the order root offset (m), chord offset (m), span direction (rad); within typical
 /// uncertainties.
@@ -19,7 +19,7 @@ const DIMENSION_STEPS: [f64; ESTIMATED_DIMENSIONS] = [0.05, 0.05, 2e-3];
 
 /// Prior standard deviations of the estimated dimensions, in the same order and units as [`DIMENSION_STEPS`].
 pub fn dimension_sigmas(uncertainty: &SetupUncertainty) -> [f64; ESTIMATED_DIMENSIONS] {
-    [uncertainty.root_offset_m, uncertainty.axis_chord_offset_m, uncertainty.span_direction_rad]
+    [Width::RootOffset, Width::ChordOffset, Width::SpanDirection].map(|width| uncertainty[width])
 }
 
 /// A wing that differs from the nominal wing in one estimated dimension.

@@ -83,3 +83,6 @@ pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) ->
     };
     with_prior_if_consistent(input.options, solve, std::slice::from_mut)
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,38 +6,13 @@
 //! If part of a parameter is specific to a flight, the variance of that part is added once per contributing flight and once
 //! for the flight that is solved.
 
-use std::borrow::Cow;
-
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::shapes::{burning_covariance, shape_covariance};
 use super::{AdjustError, Estimate};
 use crate::estimation::InformationPrior;
 use crate::setup::Setup;
-
-/// Term name of the ratios of the curvature coefficients.
-pub const SHAPE: &str = "shape of bending";
-/// Term name of the marker positions on the ground.
-pub const SURVEY: &str = "survey";
-/// Term name of the in-flight motion of markers on the wing.
-pub const SKIN_MOTION: &str = "motion of the skin";
-/// Term name of the in-flight motion of fixed targets.
-pub const FIXED_TARGET_MOTION: &str = "motion of the fixed marks";
-/// Names of the flight-invariant terms: survey, ground frame, camera, panes and dimensions from drawings. Excluded are
-/// quantities that change with each flight: mounting, temperature, camera changes in flight, root motion, bow of the panes,
-/// loads.
-pub const INVARIANT_TERMS: [&str; 10] = [
-    "rotation on ground",
-    "projection centre",
-    "panes' shift",
-    "height of the bending axis",
-    "interior orientation",
-    "root offset",
-    "chord offset of the bending axis",
-    "direction of the span",
-    "bend between survey and ground frame",
-    "vertical of the survey",
-];
+use crate::widths::{Unknown, Width};
 
 /// Fraction of the variance of skin and fixed-target motion that repeats from flight to flight. Pressure, cold and cruise
 /// suction recur; fuel load and manoeuvres do not. The value 0.5 is an assumption.
@@ -51,11 +26,10 @@ const SHAPE_BETWEEN_FLIGHTS_FRACTION: f64 = 0.5;
 const MIN_INFORMATION_FRACTION: f64 = 1e-3;
 
 /// A parameter that all flights of an installation share.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvariantParameter {
-    /// Name of the parameter's term.
-    pub term: Cow<'static, str>,
-    /// Index within the term.
+    pub unknown: Unknown,
+    /// Index within the unknown.
     pub index: usize,
     /// Index in the survey, if the parameter belongs to a marker.
     pub marker: Option<usize>,
@@ -108,8 +82,8 @@ struct RepeatingParameters {
 impl RepeatingParameters {
     fn new(unknowns: &[InvariantParameter], setup: &Setup) -> Result<Self, AdjustError> {
         let columns_of =
-            |name: &str| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].term == name).collect() };
-        let (shape, skin, targets) = (columns_of(SHAPE), columns_of(SKIN_MOTION), columns_of(FIXED_TARGET_MOTION));
+            |unknown| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].unknown == unknown).collect() };
+        let [shape, skin, targets] = [Unknown::Shape, Unknown::SkinMotion, Unknown::FixedTargetMotion].map(columns_of);
         let ratios = shape.len();
         let moving = [&skin[..], &targets].concat();
         let columns = [&shape[..], &moving].concat();
@@ -121,7 +95,7 @@ impl RepeatingParameters {
         for (k, column) in moving.iter().enumerate() {
             let marker = unknowns[*column].marker.and_then(|marker| setup.markers.get(marker));
             let fixed = marker.filter(|_| k >= skin.len()).map(|marker| marker.flight_motion_m);
-            let variance = fixed.unwrap_or(setup.uncertainty.in_flight.skin_motion_m).powi(2);
+            let variance = fixed.unwrap_or(setup.uncertainty[Width::SkinMotion]).powi(2);
             let at = (ratios + k, ratios + k);
             repeated[at] = 1.0 / (REPEATED_FRACTION * variance);
             own[at] = (1.0 - REPEATED_FRACTION) * variance;
@@ -220,7 +194,7 @@ impl FlightPrior {
 
     /// Returns whether the prior belongs to a curvature of `terms` terms.
     pub fn matches_curvature_terms(&self, terms: usize) -> bool {
-        self.unknowns.iter().filter(|unknown| unknown.term == SHAPE).count() + 1 == terms
+        self.unknowns.iter().filter(|parameter| parameter.unknown == Unknown::Shape).count() + 1 == terms
     }
 
     /// Remark about the prior for a result.

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 use super::AdjustError;
 use crate::estimation::robust;
 use crate::geometry::WingFrame;
-use crate::setup::{Setup, SkinHeight, SurveyMarker, WingSide};
+use crate::setup::{Setup, SkinHeight, SurveyMarker, Width, WingSide};
 
 /// Number of points in the axis table.
 const AXIS_POINTS: usize = 257;
@@ -98,7 +98,7 @@ const TYPICAL_HALF_THICKNESS: (f64, f64, f64) = (0.015, 0.004, 0.007);
 
 /// Height of the skin above the bending axis and its standard deviation, m: as configured, otherwise the default.
 fn skin_height(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
-    let configured = setup.uncertainty.skin_height_sigma_m;
+    let configured = setup.uncertainty[Width::SkinHeight];
     if let Some(skin) = setup.skin_height {
         return (skin, configured);
     }

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Vector3};
 
-use super::flight_prior::{FIXED_TARGET_MOTION, SKIN_MOTION};
 use super::input::{AdjustmentInput, FrameObservations};
 use super::marker_state::{DimensionDerivatives, MarkerState};
 use super::prior_scales::PriorScales;
@@ -14,6 +13,7 @@ use super::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use super::terms;
 use super::values::UnknownValues;
 use crate::estimation::{Gradient, Prior};
+use crate::widths::{Unknown, Width};
 
 /// Storage of the markers' positions on the ground.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,20 +39,20 @@ const MISSING_MOTION: &str = "a marker's motion in flight cannot be determined";
 impl MarkerMotions {
     /// Allocates the columns and their priors.
     pub fn allocate(input: &AdjustmentInput, scales: &PriorScales, columns: &mut ColumnAllocator) -> Self {
-        let effects = &input.setup.uncertainty.in_flight;
+        let skin_motion_m = input.setup.uncertainty[Width::SkinMotion];
         let axis = &input.scene.ground.axis;
         let first = columns.missing.len();
         let mut per_marker = vec![];
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
-            let (name, sigma_m, directions) = if marker.fixed {
+            let (unknown, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                (FIXED_TARGET_MOTION, scales.fixed_targets * marker.flight_motion_m, all)
+                (Unknown::FixedTargetMotion, scales.fixed_targets * marker.flight_motion_m, all)
             } else {
-                (SKIN_MOTION, scales.skin * effects.skin_motion_m, vec![axis.skin_normal(station.arc_m)])
+                (Unknown::SkinMotion, scales.skin * skin_motion_m, vec![axis.skin_normal(station.arc_m)])
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.allocate(directions.len(), MISSING_MOTION);
-            let prior = |k| Prior::scalar(name, own + k, 0.0, sigma_m);
+            let prior = |k| Prior::scalar(unknown, own + k, 0.0, sigma_m);
             columns.priors.extend((0..directions.len()).map(prior));
             per_marker.push((directions, own - first));
         }
@@ -131,9 +131,9 @@ impl ParameterLayout {
         self.terms.iter().flat_map(priors_of).collect()
     }
 
-    /// Local columns of the term with this name, each with its prior standard deviation (mean 0).
-    pub fn frame_columns<'s>(&'s self, name: &'s str) -> impl Iterator<Item = (usize, f64)> + 's {
-        self.terms.iter().filter(move |placed| placed.term.name == name).flat_map(|placed| {
+    /// Local columns of an unknown, each with its prior standard deviation (mean 0).
+    pub fn frame_columns(&self, unknown: Unknown) -> impl Iterator<Item = (usize, f64)> {
+        self.terms.iter().filter(move |placed| placed.term.unknown == unknown).flat_map(|placed| {
             let first = if let ParameterScope::Local(first) = placed.scope { Some(first) } else { None };
             let sigma = |prior: &Prior| prior.covariance[(0, 0)].sqrt();
             let one = move |(k, prior)| first.map(|first| (first + k, sigma(prior)));
@@ -144,8 +144,8 @@ impl ParameterLayout {
     /// Returns the layout with the row times of another frame.
     pub fn with_row_times(&self, input: &AdjustmentInput, frame_observations: &FrameObservations) -> Self {
         let rows = terms::row_terms(input, frame_observations, &PriorScales::default());
-        let of_name = |name: &str| rows.iter().find(|term| term.name == name).cloned();
-        let terms = self.terms.iter().map(|placed| match of_name(placed.term.name) {
+        let row_term = |unknown| rows.iter().find(|term| term.unknown == unknown).cloned();
+        let terms = self.terms.iter().map(|placed| match row_term(placed.term.unknown) {
             Some(term) => PlacedTerm { term: Arc::new(term), scope: placed.scope },
             None => placed.clone(),
         });

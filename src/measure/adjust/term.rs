@@ -9,14 +9,20 @@ use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
 use super::values::UnknownValues;
-use crate::estimation::Prior;
+use crate::estimation::{Prior, PriorName};
+use crate::widths::Unknown;
+
+impl From<Unknown> for PriorName {
+    fn from(unknown: Unknown) -> Self {
+        Self { unknown: unknown.name(), source: unknown.source() }
+    }
+}
 
 /// Kind of unknown: its columns and priors, its effect on the model, and the derivatives of all measured and reported
 /// quantities.
 #[derive(Clone, Debug)]
 pub struct ParameterTerm {
-    /// Name in the variance budget.
-    pub name: &'static str,
+    pub unknown: Unknown,
     /// Text for the case that the term cannot be determined; ends the sentence "the adjustment has no unique solution: …".
     pub missing: &'static str,
     /// Number of columns.

@@ -13,7 +13,7 @@ mod motion;
 mod wing;
 
 pub use camera::{MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior};
-pub use motion::{SHAKE, VIBRATION, common_displacement, flight_terms, frame_terms, row_terms};
+pub use motion::{common_displacement, flight_terms, frame_terms, row_terms};
 pub use wing::{curvature_term, twist_term};
 
 use nalgebra::Matrix3;
@@ -21,6 +21,7 @@ use nalgebra::Matrix3;
 use self::camera::drift_prior;
 use super::input::AdjustmentInput;
 use super::term::{ColumnAllocator, ParameterScope, ParameterTerm, PlacedTerm};
+use crate::widths::Width;
 
 /// Terms that all frames share, with their columns.
 pub struct SharedTerms {
@@ -47,24 +48,11 @@ pub fn allocate_shared_terms(input: &AdjustmentInput, columns: &mut ColumnAlloca
     placed.push(height);
     let lens = setup.uncertainty.lens.iter().map(camera::interior_orientation);
     placed.extend(lens.chain(wing::dimension_terms(&setup.uncertainty)).map(|term| columns.allocate_term(term)));
-    let effects = &setup.uncertainty.in_flight;
-    let root: Vec<_> = motion::root_motion(effects).map(|term| columns.allocate_term(term)).collect();
+    let root: Vec<_> = motion::root_motion(&setup.uncertainty).map(|term| columns.allocate_term(term)).collect();
     placed.extend(root.iter().cloned());
-    placed.extend(flight_effect_terms(input).into_iter().flatten().map(|term| columns.allocate_term(term)));
+    let others = motion::ground_state(input).chain(camera::flight_changes(&setup.uncertainty));
+    placed.extend(others.map(|term| columns.allocate_term(term)));
     SharedTerms { placed, axis_height, root }
-}
-
-/// Further in-flight effects that all frames share.
-fn flight_effect_terms(input: &AdjustmentInput) -> [Option<ParameterTerm>; 4] {
-    let effects = &input.setup.uncertainty.in_flight;
-    let bend_m = if input.scene.has_ground_observations() { effects.ground_bend_m } else { 0.0 };
-    let if_free = |sigma: f64, term: fn(f64) -> ParameterTerm| (sigma > 0.0).then(|| term(sigma));
-    [
-        motion::ground_bend(input.scene, bend_m),
-        if_free(effects.vertical_rad, motion::survey_vertical),
-        if_free(effects.scale, camera::flight_scale),
-        if_free(effects.principal_point_px, camera::flight_principal_point),
-    ]
 }
 
 /// Rotation of a mounting. `stayed`: it is the mounting of the ground frames.
@@ -75,7 +63,7 @@ pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm
 
 /// Further terms shared by the frames of one mounting.
 pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
-    let sigma_m = input.setup.uncertainty.mount_shift_m;
+    let sigma_m = input.setup.uncertainty[Width::MountShift];
     (sigma_m > 0.0 && !stayed).then(|| camera::mounting_shift(sigma_m)).into_iter().collect()
 }
 

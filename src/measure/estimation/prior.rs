@@ -15,7 +15,7 @@ pub(super) fn prior_weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, Estim
         inverse_spd(&prior.covariance).ok_or_else(|| {
             EstimationError::Input(format!(
                 "the covariance of the prior of {} is not positive definite; check its standard deviations",
-                prior.name
+                prior.name.unknown
             ))
         })
     };

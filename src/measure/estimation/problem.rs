@@ -21,11 +21,25 @@ pub struct Group {
     pub blocks: Vec<Block>,
 }
 
+/// Names of a prior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PriorName {
+    /// Name of its unknown, for messages.
+    pub unknown: &'static str,
+    /// Name of its source in variance budgets.
+    pub source: &'static str,
+}
+
+impl From<&'static str> for PriorName {
+    fn from(name: &'static str) -> Self {
+        Self { unknown: name, source: name }
+    }
+}
+
 /// A prior on parameters: a pseudo-observation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
-    /// Name for messages.
-    pub name: &'static str,
+    pub name: PriorName,
     /// Columns of the parameters.
     pub columns: Vec<usize>,
     /// Expected values.
@@ -36,15 +50,15 @@ pub struct Prior {
 
 impl Prior {
     /// Creates a prior on one parameter.
-    pub fn scalar(name: &'static str, column: usize, mean: f64, sigma: f64) -> Self {
+    pub fn scalar(name: impl Into<PriorName>, column: usize, mean: f64, sigma: f64) -> Self {
         let covariance = DMatrix::from_element(1, 1, sigma * sigma);
         Self { mean: DVector::from_element(1, mean), ..Self::centred(name, column, covariance) }
     }
 
     /// Creates a prior with expected value 0 on consecutive parameters from `first` on.
-    pub fn centred(name: &'static str, first: usize, covariance: DMatrix<f64>) -> Self {
+    pub fn centred(name: impl Into<PriorName>, first: usize, covariance: DMatrix<f64>) -> Self {
         let count = covariance.nrows();
-        Self { name, columns: (first..first + count).collect(), mean: DVector::zeros(count), covariance }
+        Self { name: name.into(), columns: (first..first + count).collect(), mean: DVector::zeros(count), covariance }
     }
 
     /// Returns the prior with its columns shifted by `offset`.

@@ -21,8 +21,6 @@ pub type NamedObservations = (&'static str, Range<usize>);
 pub struct SourceNames<'a> {
     /// Names of a block's observations, given (group, block).
     pub observations: &'a dyn Fn(usize, usize) -> Vec<NamedObservations>,
-    /// Name of a prior's source, given the name of the prior.
-    pub prior: fn(&'static str) -> &'static str,
     /// Name of [`Problem::known`].
     pub known: &'static str,
     /// Name of the most numerous observations: other groups' contribution of this name is computed as the remainder of the
@@ -166,7 +164,7 @@ impl<'a> VarianceSources<'a> {
 
     fn add_priors(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
         for prior in &self.problem.priors {
-            sum.add((self.naming.prior)(prior.name), prior_variance(prior, global));
+            sum.add(prior.name.source, prior_variance(prior, global));
         }
     }
 
@@ -176,7 +174,7 @@ impl<'a> VarianceSources<'a> {
         let all = global.dot(&(&known.information * global));
         let mut named = VarianceSum::default();
         for prior in self.attributed.iter().flat_map(|attributed| &attributed.priors) {
-            named.add((self.naming.prior)(prior.name), prior_variance(prior, global));
+            named.add(prior.name.source, prior_variance(prior, global));
         }
         for (block, solved, observed) in self.attributed.iter().flat_map(|attributed| &attributed.blocks) {
             let dependence = observation_sensitivity(solved, global, &DVector::zeros(0));
@@ -197,7 +195,7 @@ impl<'a> VarianceSources<'a> {
     ) {
         let (given, solved) = (&self.problem.groups[group], &self.fit.groups[group]);
         for prior in &given.priors {
-            sum.add((self.naming.prior)(prior.name), prior_variance(prior, &sensitivity.local));
+            sum.add(prior.name.source, prior_variance(prior, &sensitivity.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
             let mut dependence = -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
@@ -244,7 +242,7 @@ impl<'a> VarianceSources<'a> {
         let mut all = vec![];
         for prior in &group.priors {
             let rows = whitening_matrix(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
-            stack_rows(&mut all, (self.naming.prior)(prior.name), &rows);
+            stack_rows(&mut all, prior.name.source, &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
             let mut observed = (self.naming.observations)(index, k);
@@ -276,7 +274,7 @@ impl<'a> VarianceSources<'a> {
         total: f64,
     ) -> Option<f64> {
         let columns = |priors: &[Prior]| -> Vec<usize> {
-            let named = priors.iter().filter(|prior| (self.naming.prior)(prior.name) == source);
+            let named = priors.iter().filter(|prior| prior.name.source == source);
             named.flat_map(|prior| prior.columns.clone()).collect()
         };
         let attributed = self.attributed.map_or(&[][..], |attributed| &attributed.priors);

@@ -271,7 +271,7 @@ impl<'a> SimulatedFlight<'a> {
         let options = Options { mountings, flight_prior, ..adjustment_options(self.options) };
         // Observations without noise would show that nothing moves.
         let mut setup = self.setup.clone();
-        setup.uncertainty.in_flight = setup.uncertainty.in_flight.without_frame_scaling();
+        setup.uncertainty = setup.uncertainty.without_frame_scaling();
         let solutions = match &seen[..] {
             [one] => vec![adjust::solve_spatial(&setup, &self.orientation, one, &options)?],
             _ => adjust::solve_flight(&setup, &self.orientation, &seen, &options)?,

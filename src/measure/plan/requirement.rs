@@ -7,7 +7,7 @@ use super::prediction::{LayoutPrecision, SimulatedFlight};
 use super::{PlanOptions, fixed_targets, terms};
 use crate::adjust::AdjustError;
 use crate::adjust::flight_prior::FlightPrior;
-use crate::setup::{Orientation, Setup, SurveyMarker};
+use crate::setup::{Orientation, Setup, SurveyMarker, Width};
 
 /// A required precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -230,8 +230,8 @@ fn add_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)
 
 fn keep_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
-    (next.setup.uncertainty.mount_shift_m > 0.0).then(|| {
-        next.setup.uncertainty.mount_shift_m = 0.0;
+    (next.setup.uncertainty[Width::MountShift] > 0.0).then(|| {
+        next.setup.uncertainty[Width::MountShift] = 0.0;
         ("keep the camera mounted between the ground frame and the flight".to_owned(), next)
     })
 }
@@ -240,10 +240,14 @@ fn use_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaig
     let mut next = campaign.clone();
     let uncertainty = &mut next.setup.uncertainty;
     let (height_m, position_m, direction) = DRAWING_SIGMAS;
-    uncertainty.skin_height_sigma_m = uncertainty.skin_height_sigma_m.min(height_m);
-    uncertainty.root_offset_m = uncertainty.root_offset_m.min(position_m);
-    uncertainty.axis_chord_offset_m = uncertainty.axis_chord_offset_m.min(position_m);
-    uncertainty.span_direction_rad = uncertainty.span_direction_rad.min(direction);
+    for (width, sigma) in [
+        (Width::SkinHeight, height_m),
+        (Width::RootOffset, position_m),
+        (Width::ChordOffset, position_m),
+        (Width::SpanDirection, direction),
+    ] {
+        uncertainty[width] = uncertainty[width].min(sigma);
+    }
     let remedy = format!(
         "take the bending axis from drawings: its height to {height_m} m, root and chord offset to {position_m} m, the span's \
          direction to 0.1 deg"

@@ -10,9 +10,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::SeededRandom;
 use super::scene::{Scene, SceneShot};
 use super::wing::SceneMotion;
-use crate::setup::{
-    DEFAULT_SCALE_SIGMA, FlightEffectPriors, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal,
-};
+use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, Vibration, Width};
 
 /// Aircraft sampled from an installation's priors, in one flight.
 #[derive(Clone, Debug)]
@@ -34,18 +32,17 @@ impl SampledAircraft {
     /// Samples an aircraft of the scene's installation.
     pub fn new(scene: &Scene, random: &mut SeededRandom) -> Self {
         let priors = &scene.setup.uncertainty;
-        let flight = &priors.in_flight;
         let mut normal = |sigma: f64| sigma * random.normal();
         let moved = SceneMotion {
-            camera_m: Vector3::from_fn(|_, _| normal(priors.mount_shift_m)),
-            root_m: Vector3::from_fn(|_, _| normal(flight.root_translation_m)),
-            root_pitch_rad: normal(flight.root_rotation_rad),
-            root_slope_rad: normal(flight.root_rotation_rad),
+            camera_m: Vector3::from_fn(|_, _| normal(priors[Width::MountShift])),
+            root_m: Vector3::from_fn(|_, _| normal(priors[Width::RootTranslation])),
+            root_pitch_rad: normal(priors[Width::RootRotation]),
+            root_slope_rad: normal(priors[Width::RootRotation]),
         };
         let length = 1.0 + normal(scene.setup.thermal.as_ref().map_or(DEFAULT_SCALE_SIGMA, Thermal::scale_sigma));
-        let scale = 1.0 + normal(flight.scale);
-        let off = Vector2::from_fn(|_, _| normal(flight.principal_point_px));
-        let ground_bend_m = normal(flight.ground_bend_m);
+        let scale = 1.0 + normal(priors[Width::FlightScale]);
+        let off = Vector2::from_fn(|_, _| normal(priors[Width::PrincipalPoint]));
+        let ground_bend_m = normal(priors[Width::GroundBend]);
         let motion_sigma = |marker: &SurveyMarker| if marker.fixed { marker.flight_motion_m } else { 0.0 };
         let sigmas: Vec<f64> = scene.setup.markers.iter().map(motion_sigma).collect();
         let target_shifts_m = sigmas.into_iter().map(|sigma| Vector3::from_fn(|_, _| normal(sigma))).collect();
@@ -55,7 +52,7 @@ impl SampledAircraft {
             length,
             moved,
             mount,
-            drift_rad: priors.mount_drift_rad,
+            drift_rad: priors[Width::MountDrift],
             lens_change: (scale, off),
             target_shifts_m,
         }
@@ -83,7 +80,7 @@ impl SampledAircraft {
         let mut setup = scene.setup.clone();
         let priors = setup.uncertainty;
         let mut normal = |sigma: f64| sigma * random.normal();
-        let tilt = priors.in_flight.vertical_rad;
+        let tilt = priors[Width::Vertical];
         let tilt = Rotation3::new(Vector3::new(normal(tilt), normal(tilt), 0.0));
         for marker in &mut setup.markers {
             let error = Vector3::from_fn(|_, _| normal(marker.sigma_m));
@@ -91,12 +88,12 @@ impl SampledAircraft {
         }
         let error = Vector3::from_fn(|_, _| normal(setup.projection_centre_sigma_m));
         setup.projection_centre_m = tilt * (setup.projection_centre_m + error);
-        let (sin, cos) = normal(priors.span_direction_rad).sin_cos();
+        let (sin, cos) = normal(priors[Width::SpanDirection]).sin_cos();
         let span = setup.span_direction;
         setup.span_direction = Vector2::new(cos * span.x - sin * span.y, sin * span.x + cos * span.y);
-        setup.root_offset_m += normal(priors.root_offset_m);
-        setup.axis_chord_offset_m = Some(scene.wing.axis_z_m + normal(priors.axis_chord_offset_m));
-        let off = normal(priors.skin_height_sigma_m);
+        setup.root_offset_m += normal(priors[Width::RootOffset]);
+        setup.axis_chord_offset_m = Some(scene.wing.axis_z_m + normal(priors[Width::ChordOffset]));
+        let off = normal(priors[Width::SkinHeight]);
         let skin = scene.wing.skin_m;
         let tip_span_m = scene.wing.beam.length_m;
         setup.skin_height = Some(SkinHeight { root_m: skin.root + off, tip_m: skin.tip + off, tip_span_m });
@@ -105,19 +102,10 @@ impl SampledAircraft {
     }
 
     /// Removes the priors of quantities that are never sampled.
-    pub fn without_unsampled(priors: SetupUncertainty) -> SetupUncertainty {
-        let none = FlightEffectPriors::NONE.vibration;
-        let in_flight = FlightEffectPriors {
-            constant_bend_m: 0.0,
-            skin_motion_m: 0.0,
-            skin_scaled_by_frames: false,
-            in_plane_m: 0.0,
-            torque_rad: 0.0,
-            readout_s: 0.0,
-            vibration: none,
-            shake: none,
-            ..priors.in_flight
-        };
-        SetupUncertainty { in_flight, ..priors }
+    pub fn without_unsampled(mut priors: SetupUncertainty) -> SetupUncertainty {
+        let unsampled = [Width::ConstantBend, Width::SkinMotion, Width::InPlane, Width::Torque, Width::Readout];
+        unsampled.into_iter().for_each(|width| priors[width] = 0.0);
+        let none = Vibration::NONE;
+        SetupUncertainty { skin_scaled_by_frames: false, vibration: none, shake: none, ..priors }
     }
 }

@@ -13,8 +13,8 @@ pub mod rainflow;
 mod sampling;
 mod wear;
 
-pub use moment::{BendingCurvature, BendingMoment, DEFAULT_STEPS, StiffnessSection, bending_length_m};
-pub use sampling::{DEFAULT_BENDING_HZ, SAMPLES_PER_PERIOD, Sampling, UnseenFractions, analyse_sampling};
+pub use moment::{BendingCurvature, BendingMoment, DEFAULT_STEPS, bending_length_m};
+pub use sampling::{SAMPLES_PER_PERIOD, Sampling, UnseenFractions, analyse_sampling};
 pub use wear::{
     Damage, Exceedance, FlightCycles, GoodmanLine, GroundAirGround, count_exceedances, count_flight_cycles,
     extreme_moment, ground_air_ground, relative_damage,

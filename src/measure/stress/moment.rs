@@ -6,22 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::adjust::beam::curvature_basis;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{AdjustError, Estimate};
-use crate::setup::{Orientation, Setup};
-
-/// Section of the wing with known stiffness.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StiffnessSection {
-    /// Position along the bending axis from the bending root, m.
-    pub s_m: f64,
-    /// Bending stiffness, N m^2.
-    pub ei_n_m2: f64,
-    /// Standard deviation of the stiffness, N m^2.
-    pub sigma_ei_n_m2: f64,
-    /// Moment on the ground, N m; 0 if not given.
-    pub ground_n_m: f64,
-    /// Moment at which the section fails, N m.
-    pub ultimate_n_m: Option<f64>,
-}
+use crate::setup::{Orientation, Setup, StiffnessSection};
 
 /// A bending moment with its standard deviation and the contributions to it, N m.
 #[derive(Clone, Copy, Debug, PartialEq)]

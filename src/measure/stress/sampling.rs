@@ -3,9 +3,6 @@
 /// Samples per period of the lowest bending mode: an extreme between two samples is then missed by 5 % of the amplitude at
 /// most, 1 - cos(pi/10).
 pub const SAMPLES_PER_PERIOD: f64 = 10.0;
-/// Default of the lowest bending frequency, Hz: transport aircraft have 1 to 3 (a conservative assumption, because it
-/// requires more samples).
-pub const DEFAULT_BENDING_HZ: f64 = 3.0;
 /// Relative tolerance of a rate: clocks of cameras are more accurate.
 const RATE_TOLERANCE: f64 = 0.01;
 /// Interval between frames over the median one from which on it is a gap.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Rotation3, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options};
 use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Scene, SceneOptions as RenderOptions, SceneSide};
-use wingd::measure::setup::{Orientation, Setup, SetupUncertainty};
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
 
 use super::{ErrorSource, KINDS, PRIORS, fit_to_ground_frame, misconfigure};
 use crate::common::beam_truth::{normal2, normal3, remounted, rms, rng};
@@ -76,7 +76,7 @@ fn configured_uncertainties_are_in_the_sigma_of_rendered_wings() {
         let mut all = vec![];
         for wing in &wings {
             let setup = misconfigure(&mut rng, wing.scene.setup.clone(), wrong);
-            let shift = normal3(&mut rng) * (wrong.factor(ErrorSource::Shift) * PRIORS.mount_shift_m);
+            let shift = normal3(&mut rng) * (wrong.factor(ErrorSource::Shift) * PRIORS[Width::MountShift]);
             all.extend(wing.errors(&setup, &wing.frame(&mut rng, shift)).0);
         }
         println!("rendered, {wrong:?}: normalised deflection rms {:.2}", rms(&all));
@@ -93,7 +93,7 @@ fn a_shifted_camera_is_in_the_sigma_of_rendered_wings_or_rejected() {
         let (mut all, mut passed) = (vec![], vec![]);
         for (k, wing) in wings.iter().enumerate() {
             let setup = Setup {
-                uncertainty: SetupUncertainty { mount_shift_m: 0.002, ..SetupUncertainty::from_drawings() },
+                uncertainty: SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002),
                 ..wing.scene.setup.clone()
             };
             let shift = Vector3::ith(k % 3, 1e-3 * shift_mm);

@@ -20,7 +20,7 @@ use crate::mutations::first_seed;
 
 use rand::prelude::*;
 use rand::rngs::StdRng;
-use wingd::installation::{ReadCamera, read_exchange};
+use wingd::exchange::{ReadCamera, read_exchange};
 use wingd::measure::geometry::Lens;
 
 /// Number of changes of each format.

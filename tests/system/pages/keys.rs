@@ -8,6 +8,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 use wingd::installation::Fault;
+use wingd::measure::setup::Width;
 
 use super::{ROOT, blocks};
 
@@ -174,6 +175,20 @@ fn every_key_of_an_installation_is_on_its_page() {
     };
     let base = std::fs::read_to_string(fixture.join("installation.toml")).unwrap().parse().unwrap();
     check("docs/reference/installation-toml.md", &base, 50, &read);
+}
+
+/// Type and meaning in the row of each width are those of the registry; `every_key_of_an_installation_is_on_its_page` compares the default.
+#[test]
+fn the_rows_of_widths_are_those_of_the_registry() {
+    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/reference/installation-toml.md")).unwrap();
+    for row in Width::ROWS {
+        let section = page.split("\n## ").find(|part| part.starts_with(&format!("`[{}]`", row.section))).unwrap();
+        let unit = if row.unit.name().is_empty() { String::new() } else { format!(" {},", row.unit.name()) };
+        let begin = format!("| `{}` | number,{unit} 0 to {} | ", row.key, row.max);
+        let end = format!(" | {} |", row.meaning.trim());
+        let found = section.lines().any(|line| line.starts_with(&begin) && line.ends_with(&end));
+        assert!(found, "the page needs the row {begin}`{}`{end}", row.default);
+    }
 }
 
 #[test]

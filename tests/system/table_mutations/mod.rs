@@ -15,7 +15,8 @@ use std::path::Path;
 use rand::prelude::*;
 use rand::rngs::StdRng;
 use wingd::aircraft::{AircraftTable, Mapping, Quantity};
-use wingd::installation::{Installation, load, read_corners, read_mountings, read_observations, read_stiffness};
+use wingd::exchange::read_corners;
+use wingd::installation::{Installation, load, read_mountings, read_observations, read_stiffness};
 use wingd::measure::adjust::Mounting;
 
 use self::strict::{KINDS, Kind, Read, Rows, read_strictly};
@@ -162,7 +163,7 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
         }
         Kind::Stiffness => {
             let row =
-                |s: &wingd::measure::stress::StiffnessSection| [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec();
+                |s: &wingd::measure::setup::StiffnessSection| [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec();
             read_stiffness(&file).map(|all| all.iter().map(row).collect()).map_err(printed)
         }
         Kind::Mountings => {

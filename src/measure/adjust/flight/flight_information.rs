@@ -5,11 +5,12 @@ use nalgebra::{DMatrix, DVector};
 use super::flight_problem::FlightProblem;
 use super::joint::JointSolution;
 use super::solving::SolvedFlight;
-use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals, SURVEY};
+use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals};
 use crate::adjust::{AdjustError, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
 use crate::setup::{Orientation, Setup};
+use crate::widths::Unknown;
 
 /// Computes a flight's normal equations for the flight-invariant parameters, reduced by all other unknowns, at the joint
 /// solution of its frames.
@@ -70,8 +71,7 @@ fn reduce_normals(flight_problem: &FlightProblem, fit: &Fit) -> Option<ReducedNo
     // The gradient with respect to the flight's own unknowns is 0 at the solution.
     let value = fit.global.select_rows(&invariant) - flight_problem.nominal.select_rows(&invariant);
     let right = &normal * value - gradient.select_rows(&invariant);
-    let unknowns: Vec<InvariantParameter> =
-        flight_problem.invariant.iter().map(|(invariant, _)| invariant.clone()).collect();
+    let unknowns: Vec<InvariantParameter> = flight_problem.invariant.iter().map(|(invariant, _)| *invariant).collect();
     Some(ReducedNormals { unknowns, normal, right, sigmas: invariant_sigmas(flight_problem, fit) })
 }
 
@@ -86,7 +86,7 @@ fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
     let ground = flight_problem.problem.groups.last().into_iter().flat_map(|group| &group.blocks);
     for (member, block) in flight_problem.ground_members.iter().zip(ground) {
         let of_marker = |(invariant, _): &&(InvariantParameter, usize)| {
-            invariant.term == SURVEY && invariant.marker == Some(member.marker)
+            invariant.unknown == Unknown::Survey && invariant.marker == Some(member.marker)
         };
         for (invariant, column) in flight_problem.invariant.iter().filter(of_marker) {
             sigmas[*column] = block.covariance[(invariant.index, invariant.index)].sqrt();

@@ -9,9 +9,7 @@ use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
 use crate::adjust::beam::{Bending, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::adjust::budget::BlockMembers;
-use crate::adjust::flight_prior::{
-    FIXED_TARGET_MOTION, INVARIANT_TERMS, InvariantParameter, SHAPE, SKIN_MOTION, SURVEY,
-};
+use crate::adjust::flight_prior::InvariantParameter;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
 use crate::adjust::marker_state::DimensionDerivatives;
@@ -20,6 +18,7 @@ use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
 use crate::estimation::{EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
 use crate::setup::Thermal;
+use crate::widths::{Unknown, Width};
 
 const MISSING_GROUND: &str = "a marker's position on the ground cannot be determined";
 /// Default number of curvature terms.
@@ -107,8 +106,8 @@ impl FlightUnknowns {
             first
         });
         let head = columns.missing.len();
-        let (axis, effects) = (&input.scene.ground.axis, &input.setup.uncertainty.in_flight);
-        let constant_per_m = effects.constant_bend_m / axis.length_m.powi(2);
+        let constant_m = input.setup.uncertainty[Width::ConstantBend];
+        let constant_per_m = constant_m / input.scene.ground.axis.length_m.powi(2);
         let shape = ShapeColumns::allocate(&mut columns, curvature_terms, constant_per_m);
         let allocate = |mounting| MountingTerms::allocate(input, mountings.is_ground_mounting(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(allocate).collect();
@@ -167,23 +166,22 @@ impl FlightUnknowns {
     /// Flight-invariant parameters with their columns.
     fn invariant_parameters(&self, input: &AdjustmentInput) -> Vec<(InvariantParameter, usize)> {
         let mut all = vec![];
-        let mut add = |term: &'static str, marker, first: usize, count: usize| {
-            all.extend(
-                (0..count).map(|index| (InvariantParameter { term: term.into(), index, marker }, first + index)),
-            );
+        let mut add = |unknown: Unknown, marker, first: usize, count: usize| {
+            all.extend((0..count).map(|index| (InvariantParameter { unknown, index, marker }, first + index)));
         };
         for PlacedTerm { term, scope } in &self.shared.placed {
             if let ParameterScope::Global(first) = scope
-                && INVARIANT_TERMS.contains(&term.name)
+                && term.unknown.is_lasting()
             {
-                add(term.name, None, *first, term.size);
+                add(term.unknown, None, *first, term.size);
             }
         }
-        add(SHAPE, None, self.shape.ratios, self.shape.changes - self.shape.ratios);
+        add(Unknown::Shape, None, self.shape.ratios, self.shape.changes - self.shape.ratios);
         for (marker, surveyed) in input.setup.markers.iter().enumerate() {
             let moves = self.motions.columns(marker);
-            add(SURVEY, Some(marker), self.survey + 3 * marker, 3);
-            add(if surveyed.fixed { FIXED_TARGET_MOTION } else { SKIN_MOTION }, Some(marker), moves.start, moves.len());
+            add(Unknown::Survey, Some(marker), self.survey + 3 * marker, 3);
+            let motion = if surveyed.fixed { Unknown::FixedTargetMotion } else { Unknown::SkinMotion };
+            add(motion, Some(marker), moves.start, moves.len());
         }
         all
     }

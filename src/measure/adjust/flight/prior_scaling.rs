@@ -5,8 +5,8 @@ use super::frames::Flight;
 use super::solving::SolvedFlight;
 use super::tuning::{VarianceEvidence, is_settled};
 use crate::adjust::prior_scales::PriorScales;
-use crate::adjust::terms::{SHAKE, VIBRATION};
-use crate::setup::FlightEffectPriors;
+use crate::setup::SetupUncertainty;
+use crate::widths::{Unknown, Width};
 
 /// Weight of the default as a number of observations. Aircraft differ from the default by about 50 %, which corresponds to
 /// a variance known from four observations.
@@ -47,11 +47,11 @@ impl SolvedFlight {
         sum_evidence(columns.map(|c| parameter_evidence(self.fit.global[c], self.fit.covariance[(c, c)], sigma_m)))
     }
 
-    /// Evidence from all frames' own terms with this name.
-    fn term_evidence(&self, name: &str) -> VarianceEvidence {
+    /// Evidence from an unknown of each frame.
+    fn unknown_evidence(&self, unknown: Unknown) -> VarianceEvidence {
         let frames = self.flight_problem.layouts.iter().zip(&self.fit.groups);
         sum_evidence(frames.flat_map(|(layout, group)| {
-            let own = layout.frame_columns(name);
+            let own = layout.frame_columns(unknown);
             own.map(|(column, sigma)| {
                 parameter_evidence(group.local[column], group.covariance[(column, column)], sigma)
             })
@@ -66,18 +66,20 @@ impl Flight<'_> {
         if !self.hyperparameters.mountings.are_assigned() {
             return true;
         }
-        let FlightEffectPriors { skin_motion_m, skin_scaled_by_frames: skin_by_frames, vibration, shake, .. } =
-            self.input.setup.uncertainty.in_flight;
+        let SetupUncertainty { widths, skin_scaled_by_frames: skin_by_frames, vibration, shake, .. } =
+            self.input.setup.uncertainty;
+        let skin_motion_m = widths[Width::SkinMotion];
         let before = self.prior_scales;
         if skin_by_frames && skin_motion_m > 0.0 {
             self.prior_scales.skin =
                 tuned_prior_scale(before.skin, solved.skin_evidence(self, before.skin * skin_motion_m));
         }
         if vibration.scaled_by_frames {
-            self.prior_scales.vibration = tuned_prior_scale(before.vibration, solved.term_evidence(VIBRATION));
+            self.prior_scales.vibration =
+                tuned_prior_scale(before.vibration, solved.unknown_evidence(Unknown::WingVibration));
         }
         if shake.scaled_by_frames {
-            self.prior_scales.shake = tuned_prior_scale(before.shake, solved.term_evidence(SHAKE));
+            self.prior_scales.shake = tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
         }
         let PriorScales { skin, vibration, shake, .. } = self.prior_scales;
         is_settled(before.skin, skin) && is_settled(before.vibration, vibration) && is_settled(before.shake, shake)
@@ -85,7 +87,8 @@ impl Flight<'_> {
 
     /// Remarks about motions that are much larger than the default.
     pub fn exceedance_remarks(&self) -> impl Iterator<Item = String> {
-        let FlightEffectPriors { skin_motion_m, vibration, shake, .. } = self.input.setup.uncertainty.in_flight;
+        let SetupUncertainty { widths, vibration, shake, .. } = self.input.setup.uncertainty;
+        let skin_motion_m = widths[Width::SkinMotion];
         let PriorScales { skin, vibration: wing, shake: camera, .. } = self.prior_scales;
         let skin = (skin > REMARKED_SCALE).then(|| {
             format!(

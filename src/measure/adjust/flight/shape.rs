@@ -16,9 +16,8 @@ use crate::adjust::shapes::{
 };
 use crate::adjust::term::ColumnAllocator;
 use crate::estimation::{Block, GroupPoint, Linearised, Prior};
+use crate::widths::Unknown;
 
-/// Name in the variance budget.
-const CONSTANT_BEND: &str = "bend that does not go with the load";
 const MISSING_RATIO: &str = "the shape of bending cannot be determined; markers along the whole span are needed";
 
 /// Range of amplitudes, relative to the largest, below which fuel burn is negligible.
@@ -67,14 +66,14 @@ impl ShapeColumns {
         let lever = columns.allocate(1, MISSING_RATIO);
         if let Some(first) = constant {
             let covariance = constant_bend_covariance(terms) * constant_per_m.powi(2);
-            columns.priors.push(Prior::centred(CONSTANT_BEND, first, covariance));
+            columns.priors.push(Prior::centred(Unknown::ConstantBend, first, covariance));
         }
         if terms > 1 {
-            columns.priors.push(Prior::centred("shape of bending", ratios, shape_covariance(terms)));
+            columns.priors.push(Prior::centred(Unknown::Shape, ratios, shape_covariance(terms)));
         }
-        columns.priors.push(Prior::centred("burning of fuel", changes, burning_covariance(terms)));
+        columns.priors.push(Prior::centred(Unknown::FuelBurn, changes, burning_covariance(terms)));
         columns.priors.push(Prior::scalar(
-            "load's turning",
+            Unknown::VerticalLoad,
             lever,
             VERTICAL_LOAD_FRACTION,
             VERTICAL_LOAD_FRACTION_SIGMA,

@@ -198,7 +198,7 @@ fn derivatives_through_a_bowed_pane_match_differences() {
 /// Compares a root, an axis and a span that are moved by corrections with a scene built there.
 #[test]
 fn corrected_dimensions_match_a_scene_built_with_them() {
-    let free = Setup { uncertainty: SetupUncertainty::default(), ..setup() };
+    let free = Setup { uncertainty: SetupUncertainty::DEFAULT, ..setup() };
     let scene = WingScene::new(&free, &orientation()).unwrap();
     let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::UNBENT };
     let (sin, cos) = 0.01f64.sin_cos();
@@ -268,7 +268,7 @@ fn tilted_values() -> UnknownValues {
 
 #[test]
 fn derivatives_of_a_tilted_wing_match_differences() {
-    let free = Setup { uncertainty: SetupUncertainty::default(), ..setup() };
+    let free = Setup { uncertainty: SetupUncertainty::DEFAULT, ..setup() };
     let scene = WingScene::new(&free, &orientation()).unwrap();
     let typical = tilted_values();
     let answers = Some(Arc::new(scene.dimension_derivatives(&typical.bending())));

@@ -3,49 +3,20 @@
 use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;
-use crate::adjust::example::{orientation, setup, window};
-use crate::adjust::flight_prior::{FIXED_TARGET_MOTION, INVARIANT_TERMS, SKIN_MOTION};
-use crate::adjust::layout::MarkerMotions;
-use crate::adjust::term::ColumnAllocator;
-use crate::adjust::terms;
+use crate::adjust::example::{orientation, setup};
 use crate::estimation::GroupPoint;
-use crate::setup::{FlightEffectPriors, SetupUncertainty};
+use crate::setup::SetupUncertainty;
 
 #[test]
 fn derivatives_match_differences() {
     check_derivatives(setup());
     // All terms that an installation may have except the panes', which the scene's tests cover.
     let lens = Some(SMatrix::identity() * 1e-8);
-    let uncertainty = SetupUncertainty { lens, in_flight: FlightEffectPriors::DEFAULT, ..SetupUncertainty::default() };
+    let uncertainty = SetupUncertainty { lens, ..SetupUncertainty::DEFAULT };
     let mut all = Setup { uncertainty, ..setup() };
     (all.markers[0].fixed, all.markers[0].flight_motion_m) = (true, 5e-4);
     (3..5).for_each(|k| all.markers[k].part = Some("aileron".into()));
     check_derivatives(all);
-}
-
-/// The flight prior identifies parameters by name: each name must be that of a term, or of a prior on marker motion.
-#[test]
-fn invariant_terms_have_the_names_of_terms() {
-    let uncertainty = SetupUncertainty {
-        lens: Some(SMatrix::identity() * 1e-8),
-        in_flight: FlightEffectPriors::DEFAULT,
-        ..SetupUncertainty::default()
-    };
-    let mut setup = Setup { uncertainty, window: Some(window()), ..setup() };
-    (setup.markers[0].fixed, setup.markers[0].flight_motion_m) = (true, 5e-4);
-    let orientation = orientation();
-    let scene = WingScene::new(&setup, &orientation).unwrap();
-    let options = Options::default();
-    let input = AdjustmentInput { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
-    let mut columns = ColumnAllocator::default();
-    let shared = terms::allocate_shared_terms(&input, &mut columns);
-    for name in INVARIANT_TERMS {
-        assert!(shared.placed.iter().any(|placed| placed.term.name == name), "no term is called {name}");
-    }
-    MarkerMotions::allocate(&input, &PriorScales::default(), &mut columns);
-    for name in [SKIN_MOTION, FIXED_TARGET_MOTION] {
-        assert!(columns.priors.iter().any(|prior| prior.name == name), "no prior is called {name}");
-    }
 }
 
 fn check_derivatives(setup: Setup) {

@@ -6,7 +6,8 @@ use crate::adjust::input::AdjustmentInput;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::geometry::BROWN;
-use crate::setup::Setup;
+use crate::setup::{Setup, SetupUncertainty};
+use crate::widths::{Unknown, Width};
 
 /// Smallest drift of a mounting, rad (0.001 px at 8000 px); a prior needs a positive standard deviation.
 pub const MIN_DRIFT_RAD: f64 = 1e-7;
@@ -28,13 +29,13 @@ fn to_matrix(matrix: &Matrix3<f64>) -> DMatrix<f64> {
 }
 
 /// Priors of three coordinates, each with this standard deviation.
-fn equal_priors(name: &'static str, sigma_m: f64) -> Vec<Prior> {
-    (0..3).map(|k| Prior::scalar(name, k, 0.0, sigma_m)).collect()
+fn equal_priors(unknown: Unknown, sigma_m: f64) -> Vec<Prior> {
+    (0..3).map(|k| Prior::scalar(unknown, k, 0.0, sigma_m)).collect()
 }
 
 /// Configured drift of a mounting per axis, rad; greater than 0.
 pub fn mount_drift_rad(setup: &Setup) -> f64 {
-    setup.uncertainty.mount_drift_rad.max(MIN_DRIFT_RAD)
+    setup.uncertainty[Width::MountDrift].max(MIN_DRIFT_RAD)
 }
 
 /// Repeatability of a mounting's rotation per axis, rad; greater than 0.
@@ -59,14 +60,14 @@ pub fn drift_prior(setup: &Setup) -> Prior {
 
 /// Prior of a frame's rotation about its mounting's, with this covariance.
 pub fn rotation_prior(covariance_rad2: &Matrix3<f64>) -> Prior {
-    Prior::centred("rotation of the mounting", 0, to_matrix(covariance_rad2))
+    Prior::centred(Unknown::MountingRotation, 0, to_matrix(covariance_rad2))
 }
 
 /// Small rotation of the camera in flight relative to that in the ground frame, camera frame, rad: of a mounting, or of a
 /// frame about its mounting's.
 pub fn rotation_term(known: Prior) -> ParameterTerm {
     ParameterTerm {
-        name: known.name,
+        unknown: Unknown::MountingRotation,
         missing: "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
         size: 3,
         priors: vec![known],
@@ -78,7 +79,7 @@ pub fn rotation_term(known: Prior) -> ParameterTerm {
 /// Correction of the ground frame's rotation, camera frame, rad.
 pub fn ground_rotation() -> ParameterTerm {
     ParameterTerm {
-        name: "rotation on ground",
+        unknown: Unknown::GroundRotation,
         missing: "the rotation on ground cannot be determined; more markers in the ground frame are needed",
         size: 3,
         priors: vec![],
@@ -90,10 +91,10 @@ pub fn ground_rotation() -> ParameterTerm {
 /// Correction of the projection centre, wing frame, m.
 pub fn projection_centre(sigma_m: f64) -> ParameterTerm {
     ParameterTerm {
-        name: "projection centre",
+        unknown: Unknown::ProjectionCentre,
         missing: "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
         size: 3,
-        priors: equal_priors("projection centre", sigma_m),
+        priors: equal_priors(Unknown::ProjectionCentre, sigma_m),
         add_values: |x, values| values.pose.centre_m += to_vector(x),
         effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: true },
     }
@@ -102,10 +103,10 @@ pub fn projection_centre(sigma_m: f64) -> ParameterTerm {
 /// Shift of the projection centre of a mounting since the ground frame, wing frame, m.
 pub fn mounting_shift(sigma_m: f64) -> ParameterTerm {
     ParameterTerm {
-        name: "shift of the mounting",
+        unknown: Unknown::MountingShift,
         missing: "the mounting's shift cannot be determined; give camera.mount_shift_m",
         size: 3,
-        priors: equal_priors("shift of the mounting", sigma_m),
+        priors: equal_priors(Unknown::MountingShift, sigma_m),
         add_values: |x, values| values.pose.shift_m += to_vector(x),
         effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: false },
     }
@@ -117,10 +118,10 @@ pub fn mounting_shift(sigma_m: f64) -> ParameterTerm {
 pub fn pane_shift(covariance_m2: Matrix3<f64>) -> ParameterTerm {
     let least = DMatrix::identity(3, 3) * (MIN_WINDOW_SIGMA_M * MIN_WINDOW_SIGMA_M);
     ParameterTerm {
-        name: "panes' shift",
+        unknown: Unknown::PaneShift,
         missing: PANES_MISSING,
         size: 3,
-        priors: vec![Prior::centred("panes' shift", 0, to_matrix(&covariance_m2) + least)],
+        priors: vec![Prior::centred(Unknown::PaneShift, 0, to_matrix(&covariance_m2) + least)],
         add_values: |x, values| values.pose.window_m += to_vector(x),
         effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: false },
     }
@@ -129,10 +130,10 @@ pub fn pane_shift(covariance_m2: Matrix3<f64>) -> ParameterTerm {
 /// Correction of the bow of the panes in flight, as a fraction of its curvature.
 pub fn pane_bow(sigma: f64) -> ParameterTerm {
     ParameterTerm {
-        name: "panes' bow",
+        unknown: Unknown::PaneBow,
         missing: PANES_MISSING,
         size: 1,
-        priors: vec![Prior::scalar("panes' bow", 0, 0.0, sigma)],
+        priors: vec![Prior::scalar(Unknown::PaneBow, 0, 0.0, sigma)],
         add_values: |x, values| values.pose.bow += x[0],
         effect: TermEffect::Image { pixel: |p, _| p.by_bow, on_ground: false },
     }
@@ -146,36 +147,41 @@ pub fn interior_orientation(covariance: &SMatrix<f64, BROWN, BROWN>) -> Paramete
         covariance[(k, k)] = (covariance[(k, k)] * (1.0 + 1e-9)).max(FIXED_LENS_VARIANCE);
     }
     ParameterTerm {
-        name: "interior orientation",
+        unknown: Unknown::InteriorOrientation,
         missing: "the interior orientation cannot be determined; give its covariance in camera.toml",
         size: BROWN,
-        priors: vec![Prior::centred("interior orientation", 0, covariance)],
+        priors: vec![Prior::centred(Unknown::InteriorOrientation, 0, covariance)],
         add_values: |x, values| values.pose.lens.iter_mut().zip(x).for_each(|(lens, x)| *lens += x),
         effect: TermEffect::Image { pixel: |p, k| p.by_lens.column(k).into_owned(), on_ground: true },
     }
 }
 
+/// Terms of the changes of the interior orientation in flight, without those that are fixed.
+pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
+    let scale = Some(uncertainty[Width::FlightScale]).filter(|sigma| *sigma > 0.0).map(flight_scale);
+    let point = Some(uncertainty[Width::PrincipalPoint]).filter(|sigma| *sigma > 0.0).map(flight_principal_point);
+    scale.into_iter().chain(point)
+}
+
 /// Relative change of both camera constants in flight, due to cold, focus, or refraction at an undescribed window.
-pub fn flight_scale(sigma: f64) -> ParameterTerm {
-    let name = "scale of the camera in flight";
+fn flight_scale(sigma: f64) -> ParameterTerm {
     ParameterTerm {
-        name,
+        unknown: Unknown::FlightScale,
         missing: "the camera constant in flight cannot be determined; give camera.flight_scale_sigma",
         size: 1,
-        priors: vec![Prior::scalar(name, 0, 0.0, sigma)],
+        priors: vec![Prior::scalar(Unknown::FlightScale, 0, 0.0, sigma)],
         add_values: |x, values| values.pose.flight_scale += x[0],
         effect: TermEffect::Image { pixel: |p, _| p.by_scale, on_ground: false },
     }
 }
 
 /// Change of the principal point in flight, px, due to cold or a lens that settles in its mount.
-pub fn flight_principal_point(sigma_px: f64) -> ParameterTerm {
-    let name = "principal point in flight";
+fn flight_principal_point(sigma_px: f64) -> ParameterTerm {
     ParameterTerm {
-        name,
+        unknown: Unknown::FlightPrincipalPoint,
         missing: "the principal point in flight cannot be determined; give camera.flight_principal_point_sigma_px",
         size: 2,
-        priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_px)).collect(),
+        priors: (0..2).map(|k| Prior::scalar(Unknown::FlightPrincipalPoint, k, 0.0, sigma_px)).collect(),
         add_values: |x, values| values.pose.flight_principal_px += Vector2::new(x[0], x[1]),
         effect: TermEffect::Image { pixel: |_, k| Vector2::ith(k, 1.0), on_ground: false },
     }

@@ -10,21 +10,22 @@ use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{Displacement, DisplacementEpoch, ParameterTerm, TermEffect};
 use crate::estimation::Prior;
-use crate::setup::{FlightEffectPriors, SurveyMarker, Vibration};
+use crate::setup::{SetupUncertainty, SurveyMarker, Vibration};
+use crate::widths::{Unknown, Width};
 
 type DisplacementField = Vec<Vector3<f64>>;
 
 const MISSING_MOTION: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
 
 fn displacement_term(
-    name: &'static str,
+    unknown: Unknown,
     instant: DisplacementEpoch,
     fields: Vec<DisplacementField>,
     sigmas: &[f64],
 ) -> ParameterTerm {
-    let prior = |(k, sigma): (usize, &f64)| Prior::scalar(name, k, 0.0, *sigma);
+    let prior = |(k, sigma): (usize, &f64)| Prior::scalar(unknown, k, 0.0, *sigma);
     ParameterTerm {
-        name,
+        unknown,
         missing: MISSING_MOTION,
         size: fields.len(),
         priors: sigmas.iter().enumerate().map(prior).collect(),
@@ -62,7 +63,7 @@ fn zero_displacements(scene: &WingScene) -> DisplacementField {
 }
 
 /// Bend of the wing between survey and ground frame, tip deflection in m; its shape is that of bending under load.
-pub fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
+fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
@@ -78,8 +79,7 @@ pub fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let outermost = wing_points(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
-    let name = "bend between survey and ground frame";
-    (tip > 0.0).then(|| displacement_term(name, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
+    (tip > 0.0).then(|| displacement_term(Unknown::GroundBend, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
 }
 
 /// Number of skin bulges along the wing.
@@ -106,7 +106,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
         }
     }
     Some(displacement_term(
-        "bulges of the skin",
+        Unknown::SkinBulges,
         DisplacementEpoch::InFlight,
         fields,
         &[BULGE_RATIO * sigma_m; BULGE_COUNT],
@@ -131,7 +131,7 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
         }
     }
     let sigmas = [sigma_m, SECOND_IN_PLANE_RATIO * sigma_m];
-    Some(displacement_term("bending in the wing's plane", DisplacementEpoch::InFlight, fields, &sigmas))
+    Some(displacement_term(Unknown::InPlane, DisplacementEpoch::InFlight, fields, &sigmas))
 }
 
 /// Prior standard deviations of a moving part's deflection, rad, of its hinge's height, m, and along the chord, m: a part
@@ -148,7 +148,7 @@ fn moving_part(scene: &WingScene, markers: &[usize]) -> ParameterTerm {
         fields[1][marker] = Vector3::y();
         fields[2][marker] = Vector3::z();
     }
-    displacement_term("moving part", DisplacementEpoch::InFlight, fields, &PART_SIGMAS)
+    displacement_term(Unknown::MovingPart, DisplacementEpoch::InFlight, fields, &PART_SIGMAS)
 }
 
 /// Motions of all parts that carry markers.
@@ -168,7 +168,12 @@ const COMMON_DISPLACEMENT_SIGMA_M: f64 = 0.1;
 
 /// Common displacement of several markers.
 pub fn common_displacement(field: Vec<Vector3<f64>>) -> ParameterTerm {
-    displacement_term("common cause", DisplacementEpoch::InFlight, vec![field], &[COMMON_DISPLACEMENT_SIGMA_M])
+    displacement_term(
+        Unknown::CommonDisplacement,
+        DisplacementEpoch::InFlight,
+        vec![field],
+        &[COMMON_DISPLACEMENT_SIGMA_M],
+    )
 }
 
 /// Root mean square of a sinusoid's velocity and of half its acceleration, per s and per s^2.
@@ -185,11 +190,6 @@ fn row_times_s(scene: &WingScene, frame_observations: &FrameObservations, height
     (0..scene.ground.stations.len()).map(time_of).collect()
 }
 
-/// Term name of the wing's vibration.
-pub const VIBRATION: &str = "vibration of the wing";
-/// Term name of the camera's shake.
-pub const SHAKE: &str = "shake of the camera";
-
 /// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
 fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
     let mut field = zero_displacements(scene);
@@ -197,7 +197,8 @@ fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> O
         field[marker] = Vector3::y() * (first_mode(eta).0 * times_s[marker]);
     }
     let [velocity, _] = rms_rates(vibration);
-    (velocity > 0.0).then(|| displacement_term(VIBRATION, DisplacementEpoch::AtMarkerRow, vec![field], &[velocity]))
+    let term = || displacement_term(Unknown::WingVibration, DisplacementEpoch::AtMarkerRow, vec![field], &[velocity]);
+    (velocity > 0.0).then(term)
 }
 
 /// Shake of the camera about its two transverse axes during readout, rad/s and rad/s^2. A rotation of the camera is
@@ -211,7 +212,7 @@ fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Opt
     }
     let [velocity, acceleration] = rms_rates(vibration);
     let sigmas = [velocity, acceleration, velocity, acceleration];
-    (velocity > 0.0).then(|| displacement_term(SHAKE, DisplacementEpoch::AtMarkerRow, fields, &sigmas))
+    (velocity > 0.0).then(|| displacement_term(Unknown::CameraShake, DisplacementEpoch::AtMarkerRow, fields, &sigmas))
 }
 
 /// Components of in-plane bending and control-surface torque, as fractions of the prior standard deviation: shared by all
@@ -219,16 +220,16 @@ fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Opt
 const FLIGHT_AND_FRAME_SIGMA: (f64, f64) = (0.9, 0.436);
 
 fn in_plane_and_torque(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
-    let effects = &input.setup.uncertainty.in_flight;
-    in_plane(input.scene, share * effects.in_plane_m)
+    let priors = &input.setup.uncertainty;
+    in_plane(input.scene, share * priors[Width::InPlane])
         .into_iter()
-        .chain(torque_term(share * effects.torque_rad))
+        .chain(torque_term(share * priors[Width::Torque]))
         .collect()
 }
 
 /// Terms that all frames share. `share`: fraction of the prior standard deviation of in-plane bending and torque.
 fn shared_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
-    let skin = skin_bulges(input.scene, input.setup.uncertainty.in_flight.skin_motion_m);
+    let skin = skin_bulges(input.scene, input.setup.uncertainty[Width::SkinMotion]);
     in_plane_and_torque(input, share).into_iter().chain(skin).collect()
 }
 
@@ -257,7 +258,8 @@ pub fn row_terms(
     frame_observations: &FrameObservations,
     scales: &PriorScales,
 ) -> Vec<ParameterTerm> {
-    let FlightEffectPriors { readout_s, vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty.in_flight;
+    let SetupUncertainty { vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty;
+    let readout_s = input.setup.uncertainty[Width::Readout];
     if readout_s <= 0.0 {
         return vec![];
     }
@@ -271,19 +273,18 @@ pub fn row_terms(
 }
 
 /// Priors of three unknowns with mean 0 and this standard deviation.
-fn vector_priors(name: &'static str, sigma: f64) -> Vec<Prior> {
-    (0..3).map(|k| Prior::scalar(name, k, 0.0, sigma)).collect()
+fn vector_priors(unknown: Unknown, sigma: f64) -> Vec<Prior> {
+    (0..3).map(|k| Prior::scalar(unknown, k, 0.0, sigma)).collect()
 }
 
 /// Rotation of the root relative to the cabin since the ground frame, about the wing frame's axes, rad. Targets fixed to
 /// the cabin do not move.
 fn root_rotation(sigma_rad: f64) -> ParameterTerm {
-    let name = "rotation of the root";
     ParameterTerm {
-        name,
+        unknown: Unknown::RootRotation,
         missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
         size: 3,
-        priors: vector_priors(name, sigma_rad),
+        priors: vector_priors(Unknown::RootRotation, sigma_rad),
         add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| {
@@ -300,12 +301,11 @@ fn root_rotation(sigma_rad: f64) -> ParameterTerm {
 
 /// Shift of the root relative to the cabin since the ground frame, m.
 fn root_shift(sigma_m: f64) -> ParameterTerm {
-    let name = "shift of the root";
     ParameterTerm {
-        name,
+        unknown: Unknown::RootShift,
         missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
         size: 3,
-        priors: vector_priors(name, sigma_m),
+        priors: vector_priors(Unknown::RootShift, sigma_m),
         add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
@@ -316,20 +316,27 @@ fn root_shift(sigma_m: f64) -> ParameterTerm {
 }
 
 /// Terms of the root's motion relative to the cabin, without those that are fixed.
-pub fn root_motion(effects: &FlightEffectPriors) -> impl Iterator<Item = ParameterTerm> {
-    let turn = (effects.root_rotation_rad > 0.0).then(|| root_rotation(effects.root_rotation_rad));
-    turn.into_iter().chain((effects.root_translation_m > 0.0).then(|| root_shift(effects.root_translation_m)))
+pub fn root_motion(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
+    let turn = Some(uncertainty[Width::RootRotation]).filter(|sigma| *sigma > 0.0).map(root_rotation);
+    turn.into_iter().chain(Some(uncertainty[Width::RootTranslation]).filter(|sigma| *sigma > 0.0).map(root_shift))
+}
+
+/// Terms of the state of the wing at the survey and the ground frame, without those that are fixed.
+pub fn ground_state(input: &AdjustmentInput) -> impl Iterator<Item = ParameterTerm> {
+    let uncertainty = &input.setup.uncertainty;
+    let bend_m = if input.scene.has_ground_observations() { uncertainty[Width::GroundBend] } else { 0.0 };
+    let vertical = Some(uncertainty[Width::Vertical]).filter(|sigma| *sigma > 0.0).map(survey_vertical);
+    ground_bend(input.scene, bend_m).into_iter().chain(vertical)
 }
 
 /// Error of the survey's vertical about the wing frame's X and Z, rad. Deflections are counted along the vertical, and the
 /// bending plane contains it.
-pub fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
-    let name = "vertical of the survey";
+fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
     ParameterTerm {
-        name,
+        unknown: Unknown::Vertical,
         missing: "the survey's vertical cannot be determined; give survey.vertical_sigma_deg",
         size: 2,
-        priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
+        priors: (0..2).map(|k| Prior::scalar(Unknown::Vertical, k, 0.0, sigma_rad)).collect(),
         add_values: |x, values| values.plane_rad = Some(x[0]),
         effect: TermEffect::Vertical {
             deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },

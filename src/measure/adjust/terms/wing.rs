@@ -9,12 +9,13 @@ use crate::adjust::shapes::shape_covariance;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::setup::{DEFAULT_SCALE_SIGMA, SetupUncertainty, Thermal};
+use crate::widths::Unknown;
 
 /// Coefficients of the curvature, 1/m. If an amplitude is given, their ratios to the first have the prior of beam shapes.
 pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTerm {
-    let shape = |a: f64| Prior::centred("shape of bending", 1, shape_covariance(terms) * (a * a));
+    let shape = |a: f64| Prior::centred(Unknown::Shape, 1, shape_covariance(terms) * (a * a));
     ParameterTerm {
-        name: "bending",
+        unknown: Unknown::Bending,
         missing: "bending cannot be determined from the available markers; markers along the whole span are needed",
         size: terms,
         priors: amplitude_per_m.filter(|_| terms > 1).map(shape).into_iter().collect(),
@@ -36,10 +37,10 @@ const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 pub fn twist_term(terms: usize) -> ParameterTerm {
     let sigma = |k: usize| if k < 2 { TWIST_SIGMA_RAD } else { TWIST_DETAIL_SIGMA_RAD };
     ParameterTerm {
-        name: "twist",
+        unknown: Unknown::Twist,
         missing: "twist cannot be determined; markers near the leading and the trailing edge are needed",
         size: terms,
-        priors: (0..terms).map(|k| Prior::scalar("twist", k, 0.0, sigma(k))).collect(),
+        priors: (0..terms).map(|k| Prior::scalar(Unknown::Twist, k, 0.0, sigma(k))).collect(),
         add_values: |x, values| values.twist_rad = x.to_vec(),
         effect: TermEffect::Wing {
             position: |state, k| state.by_twist[k],
@@ -51,12 +52,11 @@ pub fn twist_term(terms: usize) -> ParameterTerm {
 
 /// Torques of control surfaces, as the twist at [`TORQUE_POSITIONS`], rad.
 pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
-    let name = "torque of control surfaces";
     (sigma_rad > 0.0).then(|| ParameterTerm {
-        name,
+        unknown: Unknown::Torque,
         missing: "the torque of control surfaces cannot be determined; give wing.torque_sigma_deg",
         size: TORQUE_POSITIONS.len(),
-        priors: (0..TORQUE_POSITIONS.len()).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
+        priors: (0..TORQUE_POSITIONS.len()).map(|k| Prior::scalar(Unknown::Torque, k, 0.0, sigma_rad)).collect(),
         add_values: |x, values| {
             values.twist_rad.resize(MAX_TWIST_TERMS + TORQUE_POSITIONS.len(), 0.0);
             values.twist_rad.iter_mut().skip(MAX_TWIST_TERMS).zip(x).for_each(|(twist, x)| *twist += x);
@@ -87,10 +87,10 @@ pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
         covariance += &powers * powers.transpose();
     }
     ParameterTerm {
-        name: "height of the bending axis",
+        unknown: Unknown::AxisHeight,
         missing: "the height of the bending axis cannot be determined",
         size: RAISE_TERMS,
-        priors: vec![Prior::centred("height of the bending axis", 0, covariance)],
+        priors: vec![Prior::centred(Unknown::AxisHeight, 0, covariance)],
         add_values: |x, values| values.raise_m.iter_mut().zip(x).for_each(|(raise, x)| *raise += x),
         effect: TermEffect::Wing {
             position: |state, k| state.by_raise[k],
@@ -106,10 +106,10 @@ pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
 pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
     let sigma = thermal.map_or(DEFAULT_SCALE_SIGMA, Thermal::scale_sigma);
     (sigma > 0.0).then(|| ParameterTerm {
-        name: "thermal scale",
+        unknown: Unknown::ThermalScale,
         missing: "the thermal scale cannot be determined; give its standard deviation",
         size: 1,
-        priors: vec![Prior::scalar("thermal scale", 0, 0.0, sigma)],
+        priors: vec![Prior::scalar(Unknown::ThermalScale, 0, 0.0, sigma)],
         add_values: |x, values| values.scale += x[0],
         effect: TermEffect::Wing {
             position: |state, _| state.by_scale,
@@ -126,21 +126,21 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
 /// axis, direction of the span.
 pub fn dimension_terms(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
     let all = [
-        dimension_term::<0>("root offset"),
-        dimension_term::<1>("chord offset of the bending axis"),
-        dimension_term::<2>("direction of the span"),
+        dimension_term::<0>(Unknown::RootOffset),
+        dimension_term::<1>(Unknown::ChordOffset),
+        dimension_term::<2>(Unknown::SpanDirection),
     ];
     let known = |(term, sigma): (ParameterTerm, f64)| {
-        (sigma > 0.0).then(|| ParameterTerm { priors: vec![Prior::scalar(term.name, 0, 0.0, sigma)], ..term })
+        (sigma > 0.0).then(|| ParameterTerm { priors: vec![Prior::scalar(term.unknown, 0, 0.0, sigma)], ..term })
     };
     all.into_iter().zip(dimension_sigmas(uncertainty)).filter_map(known)
 }
 
 /// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Deflections are compared with those of a wing with
 /// another value, at the same positions.
-fn dimension_term<const WHICH: usize>(name: &'static str) -> ParameterTerm {
+fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
     ParameterTerm {
-        name,
+        unknown,
         missing: "root offset, chord offset or span direction cannot be determined; give their standard deviations in [wing]",
         size: 1,
         priors: vec![],

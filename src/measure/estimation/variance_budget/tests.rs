@@ -64,7 +64,7 @@ fn value(problem: &Problem) -> f64 {
 fn each_contribution_matches_the_effect_of_its_errors() {
     let problem = problem();
     let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
-    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let naming = SourceNames { observations: &observation_names, known: "earlier", rest: "image" };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let nominal = value(&problem);
     let done = |change: &dyn Fn(&mut Problem, f64), covariance: f64| {
@@ -94,7 +94,7 @@ fn each_contribution_matches_the_effect_of_its_errors() {
 fn variance_if_known_equals_that_of_a_narrow_prior() {
     let mut problem = problem();
     let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
-    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let naming = SourceNames { observations: &observation_names, known: "earlier", rest: "image" };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let of = |source| parts.iter().find(|part| part.source == source).unwrap().if_known;
     let known = of("root").unwrap();
@@ -109,7 +109,7 @@ fn variance_if_known_equals_that_of_a_narrow_prior() {
 fn information_priors_keep_the_names_of_their_sources() {
     let problem = problem();
     let fit = solve_groups(&problem, &SolveOptions::default(), linearise).unwrap();
-    let naming = SourceNames { observations: &observation_names, prior: |name| name, known: "earlier", rest: "image" };
+    let naming = SourceNames { observations: &observation_names, known: "earlier", rest: "image" };
     let attributed = AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);
     let next = Problem {
         priors: vec![],

@@ -13,6 +13,7 @@ use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms::mounting_rotation_prior;
 use crate::estimation::quality::chi_square_limit;
 use crate::estimation::{AttributedInformation, InformationPrior};
+use crate::setup::Width;
 
 /// Time constant of the mounting's drift, s. `mount_drift_rad` is the drift between two shots of a series, which are
 /// minutes apart: the mounting drifts by this amount in this time, and each frame deviates from its random walk by the same
@@ -166,7 +167,7 @@ impl LiveState {
     fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> Result<(), AdjustError> {
         let own = self.model.layout.mounting;
         let rotation = mounting_rotation_prior(&flight.input);
-        let shift = flight.input.setup.uncertainty.mount_shift_m;
+        let shift = flight.input.setup.uncertainty[Width::MountShift];
         let mut covariance = DMatrix::identity(own.count, own.count) * (shift * shift);
         covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);
         let mut mean = DVector::zeros(own.count);

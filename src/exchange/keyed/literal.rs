@@ -2,7 +2,8 @@
 //! comments from `#` to the line's end (docs.python.org, "Lexical analysis", and `ast.literal_eval`, with which mrcal reads
 //! it).
 
-use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use crate::installation::LineFault;
 
 pub(super) fn parse_literal(text: &str) -> Result<Node, LineFault> {
     let mut scanner = Scanner { rest: text, line: 1, nodes: 0 };

@@ -2,7 +2,8 @@
 
 use roxmltree::{Document, Node as Element};
 
-use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use crate::installation::LineFault;
 
 /// Outermost element.
 const ROOT: &str = "opencv_storage";

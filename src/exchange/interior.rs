@@ -2,7 +2,8 @@
 
 use nalgebra::Vector2;
 
-use crate::installation::keyed::{LineFault, Node};
+use super::keyed::Node;
+use crate::installation::LineFault;
 use crate::measure::geometry::Lens;
 
 /// Interior orientation in a file.

@@ -2,7 +2,8 @@
 
 use super::declared::{self, foreign_model_fault, is_brown_model, normalize_model_name};
 use super::interior::Interior;
-use crate::installation::keyed::{KeyedValue, LineFault, Node};
+use super::keyed::{KeyedValue, Node};
+use crate::installation::LineFault;
 
 pub(super) const SIZE_KEYS: [&str; 2] = ["image_width", "image_height"];
 pub(super) const MATRIX_KEY: &str = "camera_matrix";

@@ -6,7 +6,9 @@ mod tree;
 mod xml;
 mod yaml;
 
-pub use tree::{KeyedEntry, KeyedValue, LineFault, Node};
+pub use tree::{KeyedEntry, KeyedValue, Node};
+
+use crate::installation::LineFault;
 
 /// Syntax of a keyed file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

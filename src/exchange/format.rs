@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use crate::installation::keyed::{Node, Syntax};
+use super::keyed::{Node, Syntax};
 
 /// File format of cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::keyed::{self, LineFault, Node, Syntax};
-use super::{Fault, Reader, toml_file};
+use super::keyed::{self, Node, Syntax};
+use crate::installation::{Fault, LineFault, Reader};
 use crate::measure::calibrate::Board;
 
 /// Key that determines the other keys; it is read first, so that errors of the others keep their lines.
@@ -70,21 +70,21 @@ const MAX_SCALE_SIGMA: f64 = 0.05;
 
 /// Reads the description of a board; a `.yaml` is read in Kalibr's format.
 pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
     let kalibr = file.extension().is_some_and(|e| e == "yaml" || e == "yml");
-    let table = if kalibr { read_kalibr_board(&mut reader, &name) } else { read_toml_board(&mut reader, &name) };
-    let board = table.map(|(file, table)| check_board(&mut reader, &file, table));
-    board.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    Reader::read_file(file, |reader, name| {
+        let (file, table) = if kalibr { read_kalibr_board(reader, name) } else { read_toml_board(reader, name) }?;
+        Some(check_board(reader, &file, table))
+    })
 }
 
 const BOARD_REMEDY: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
 
 fn read_toml_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, BoardTable)> {
     let (file, text) = reader.read_text(name, BOARD_REMEDY)?;
-    let PatternKey { pattern } = toml_file::parse_toml(reader, &file, &text)?;
+    let PatternKey { pattern } = reader.parse_toml(&file, &text)?;
     let table = match pattern {
-        Pattern::Checkerboard => BoardTable::Checkerboard(toml_file::parse_toml(reader, &file, &text)?),
-        Pattern::Aprilgrid => BoardTable::Aprilgrid(toml_file::parse_toml(reader, &file, &text)?),
+        Pattern::Checkerboard => BoardTable::Checkerboard(reader.parse_toml(&file, &text)?),
+        Pattern::Aprilgrid => BoardTable::Aprilgrid(reader.parse_toml(&file, &text)?),
     };
     Some((file, table))
 }

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use super::format::{self, CameraFormat};
 use super::interior::Interior;
+use super::keyed::{self, Node, Syntax};
 use super::{listed, matrix};
-use crate::installation::keyed::{self, LineFault, Node, Syntax};
-use crate::installation::{Fault, Reader, camera};
+use crate::installation::{self, CameraFile, Fault, LineFault, Reader};
 use crate::measure::geometry::Lens;
 
 /// Camera read from a file, with remarks for the user.
@@ -35,18 +35,15 @@ pub fn read_exchange(
     format: Option<CameraFormat>,
     camera: Option<&str>,
 ) -> Result<ReadCamera, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
     let ours = Some(CameraFormat::Wingd);
-    let read = if format == ours || (format.is_none() && format::format_from_name(file).0 == ours) {
-        read_own_format(&mut reader, &name, camera)
-    } else {
-        read_foreign_format(&mut reader, &name, format, camera)
-    };
-    read.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    if format == ours || (format.is_none() && format::format_from_name(file).0 == ours) {
+        return Reader::read_file(file, |reader, name| read_own_format(reader, name, camera));
+    }
+    Reader::read_file(file, |reader, name| read_foreign_format(reader, name, format, camera))
 }
 
 fn read_own_format(reader: &mut Reader, name: &Path, chosen: Option<&str>) -> Option<ReadCamera> {
-    let camera::CameraFile { lens, covariance, .. } = camera::read_camera(reader, name)?;
+    let CameraFile { lens, covariance, .. } = installation::read_camera(reader, name)?;
     if let Some(chosen) = chosen {
         let file = reader.directory.join(name);
         reader.fault(&file, "file", format!("has one camera, not named {chosen}"), "omit --camera");

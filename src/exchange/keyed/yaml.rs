@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use saphyr_parser::{Event, Parser};
 
-use super::tree::{KeyedEntry, KeyedValue, LineFault, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
+use crate::installation::LineFault;
 
 /// First line of OpenCV's files, which is not valid YAML.
 const OPENCV_DIRECTIVE: &str = "%YAML:";

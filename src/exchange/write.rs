@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::format::CameraFormat;
-use crate::installation::{camera, write_atomically};
+use crate::installation::{write_atomically, write_camera};
 use crate::measure::geometry::Lens;
 
 /// Reason why a camera is not written.
@@ -38,7 +38,7 @@ pub enum WriteError {
 pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<(), WriteError> {
     let unwritable = |error| WriteError::Unwritable { file: file.into(), error };
     let text = match format {
-        CameraFormat::Wingd => return camera::write_camera(file, lens, None).map_err(unwritable),
+        CameraFormat::Wingd => return write_camera(file, lens, None).map_err(unwritable),
         CameraFormat::Opencv if file.extension().is_some_and(|e| e == "xml" || e == "json") => {
             return Err(WriteError::ReadOnly(file.into()));
         }

@@ -1,7 +1,8 @@
 //! Lens model that a file declares: the value of the key that declares it, whatever the file contains besides.
 
 use super::interior::MODEL_REMEDY;
-use crate::installation::keyed::{KeyedEntry, KeyedValue, LineFault, Node};
+use super::keyed::{KeyedEntry, KeyedValue, Node};
+use crate::installation::LineFault;
 
 /// Unsupported lens models, as files name them, normalized by [`normalize_model_name`], without the number of terms.
 ///

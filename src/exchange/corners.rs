@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Fault, Reader, rows, write_atomically};
+use crate::installation::{Fault, Reader, read_table, write_atomically};
 use crate::measure::calibrate::{BoardPoint, BoardView};
 
 const COLUMNS: [&str; 10] = [
@@ -65,25 +65,20 @@ pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()
 /// # Errors
 /// Returns all errors, with line and column.
 pub fn read_corners(file: &Path) -> Result<Vec<ImageCorners>, Vec<Fault>> {
-    let (mut reader, name) = Reader::for_file(file);
-    let found = parse_corners(&mut reader, &name);
-    found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    Reader::read_file(file, parse_corners)
 }
 
 fn parse_corners(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorners>> {
     let remedy = "name images, or a file that `wingd calibrate --corners` wrote";
-    let (file, text) = reader.read_text(name, remedy)?;
-    let lines = rows::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let (_, lines) = read_table(reader, name, remedy, COLUMNS, &[])?;
     let mut images: Vec<ImageCorners> = vec![];
-    for (line, cells) in lines {
-        let values: Vec<f64> =
-            (1..COLUMNS.len()).filter_map(|k| rows::parse_number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
-        let &[width, height, x, y, u, v, su, sv, correlation] = &values[..] else { continue };
+    for line in lines {
+        let Some([width, height, x, y, u, v, su, sv, correlation]) = line.parse_numbers(reader, 1) else { continue };
         let sides = (1.0..=1e5).contains(&width) && (1.0..=1e5).contains(&height);
         let sigmas = (1e-6..=1e3).contains(&su) && (1e-6..=1e3).contains(&sv);
         if !sides || !sigmas || correlation.abs() > MAX_CORRELATION {
             let problem = "has an impossible size, standard deviation or correlation";
-            reader.fault(&file, &format!("line {line}"), problem, "give px above 0, correlations between -1 and 1");
+            line.fault(reader, problem, "give px above 0, correlations between -1 and 1");
             continue;
         }
         let cross = correlation * su * sv;
@@ -93,9 +88,10 @@ fn parse_corners(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorners>> 
             covariance_px2: Matrix2::new(su * su, cross, cross, sv * sv),
         };
         let size = (width as u32, height as u32);
-        match images.iter_mut().rfind(|p| p.image == cells[0]) {
-            Some(image) => image.view.push(point),
-            None => images.push(ImageCorners { image: cells[0].clone(), size, view: vec![point], used: vec![] }),
+        let [image, ..] = line.cells;
+        match images.iter_mut().rfind(|p| p.image == image) {
+            Some(known) => known.view.push(point),
+            None => images.push(ImageCorners { image, size, view: vec![point], used: vec![] }),
         }
     }
     Some(images)

@@ -2,7 +2,8 @@
 
 use super::declared::{self, foreign_model_fault};
 use super::interior::Interior;
-use crate::installation::keyed::{LineFault, Node};
+use super::keyed::Node;
+use crate::installation::LineFault;
 
 pub(super) const INTRINSICS_KEY: &str = "intrinsics";
 const COEFFICIENTS_KEY: &str = "distortion_coeffs";

@@ -1,0 +1,98 @@
+//! Uncertainty of a setup: widths, motions during the readout, and the covariance of the lens.
+
+use nalgebra::SMatrix;
+
+use super::widths::{Width, WidthValues};
+
+/// A vibration that the rows of a frame sample at different times.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vibration {
+    /// Amplitude at the tip, m, or of the camera's rotation, rad.
+    pub amplitude: f64,
+    pub frequency_hz: f64,
+    /// Whether the frames of a flight may estimate the amplitude: it is a default, not configured.
+    pub scaled_by_frames: bool,
+}
+
+impl Vibration {
+    /// No vibration.
+    pub const NONE: Self = Self { amplitude: 0.0, frequency_hz: 0.0, scaled_by_frames: false };
+}
+
+/// Prior standard deviations of quantities that a user can only estimate (reasons in docs/adjustment/installation.md). The
+/// index of a width is [`Width`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetupUncertainty {
+    /// Widths that keys of the installation state.
+    pub widths: WidthValues,
+    /// Whether the frames of a flight may estimate the motion of the skin: it is a default, not configured.
+    pub skin_scaled_by_frames: bool,
+    /// Vibration of the wing.
+    pub vibration: Vibration,
+    /// Vibration of the camera.
+    pub shake: Vibration,
+    /// Covariance of fx, fy, cx, cy, k1, k2, k3, p1, p2 from the calibration; `None`: fixed.
+    pub lens: Option<SMatrix<f64, 9, 9>>,
+}
+
+impl SetupUncertainty {
+    /// Defaults of an installation, for an airliner.
+    pub const DEFAULT: Self = Self {
+        widths: WidthValues::DEFAULT,
+        skin_scaled_by_frames: true,
+        // An airliner's first mode in light turbulence.
+        vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0, scaled_by_frames: true },
+        // A camera on a seat rail, by engines and floor: 0.2 px.
+        shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0, scaled_by_frames: true },
+        lens: None,
+    };
+
+    /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps, without effects
+    /// of flight, for rendered scenes.
+    pub const fn from_drawings() -> Self {
+        Self {
+            widths: WidthValues::NONE.with_value(Width::SkinHeight, 0.003),
+            skin_scaled_by_frames: false,
+            vibration: Vibration::NONE,
+            shake: Vibration::NONE,
+            lens: None,
+        }
+    }
+
+    /// Returns the priors with another value of one width.
+    pub const fn with_width(mut self, width: Width, value: f64) -> Self {
+        self.widths = self.widths.with_value(width, value);
+        self
+    }
+
+    /// Returns the priors with the effects of flight of `other`.
+    pub fn with_flight_effects(self, other: &Self) -> Self {
+        Self { widths: self.widths.with_flight_effects(&other.widths), lens: self.lens, ..*other }
+    }
+
+    /// Returns the priors without effects of flight on wing, cabin and camera, which a laboratory does not have.
+    pub fn without_flight_effects(self) -> Self {
+        self.with_flight_effects(&Self::from_drawings())
+    }
+
+    /// Returns these priors as fixed ones that the frames of a flight do not scale.
+    pub fn without_frame_scaling(mut self) -> Self {
+        (self.skin_scaled_by_frames, self.vibration.scaled_by_frames, self.shake.scaled_by_frames) =
+            (false, false, false);
+        self
+    }
+}
+
+impl std::ops::Index<Width> for SetupUncertainty {
+    type Output = f64;
+
+    fn index(&self, width: Width) -> &f64 {
+        &self.widths[width]
+    }
+}
+
+impl std::ops::IndexMut<Width> for SetupUncertainty {
+    fn index_mut(&mut self, width: Width) -> &mut f64 {
+        &mut self.widths[width]
+    }
+}
