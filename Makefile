@@ -19,13 +19,14 @@ ALONE := $(FLEET)/venv/bin/python -m demo.alone
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
+	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
@@ -54,6 +55,10 @@ test: dependencies
 # In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies
 	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
+
+# effects, kinds, flight-priors, layout or modes; options are environment variables.
+table: dependencies
+	$(CARGO) run --release --locked --example tables -- $(TABLE)
 
 # Incremental: after a change only what it touches is compiled again (and a little slower code is made).
 check: export CARGO_INCREMENTAL = 1
