@@ -19,7 +19,7 @@ ALONE := $(FLEET)/venv/bin/python -m demo.alone
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations table check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs test-browser browser-dependencies package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -34,7 +34,7 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
-	@echo 'make test-browser  each interaction of a report, and marking by clicking, in Chromium (PLAYWRIGHT=folder with playwright-core)'
+	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
@@ -76,11 +76,20 @@ bench: build
 	sh benches/run.sh
 
 # Node 18, playwright-core in PLAYWRIGHT and a Chromium (CHROMIUM, /usr/bin/chromium). LOOK=folder keeps pictures of each state.
-PLAYWRIGHT ?= $(CURDIR)
+export PLAYWRIGHT ?= $(CURDIR)/target/playwright
+PLAYWRIGHT_VERSION := 1.65.1
 LOOK ?= target/browser
-test-browser: demo
-	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
-	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/mark.mjs target/release/wingd $(LOOK)
+test-browser: demo browser-dependencies
+	node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
+	node tests/browser/mark.mjs target/release/wingd $(LOOK)
+	node tests/live/page.js target/release/wingd $(LOOK)
+
+# Debian's browser; playwright-core without the browsers that it would download.
+browser-dependencies:
+	@[ -n "$(CHROMIUM)" ] || sh packaging/dependencies.sh chromium
+	@command -v npm >/dev/null || sh packaging/dependencies.sh nodejs npm
+	@[ -e $(PLAYWRIGHT)/node_modules/playwright-core ] || \
+		npm install --prefix $(PLAYWRIGHT) --no-save --no-audit --no-fund --loglevel error playwright-core@$(PLAYWRIGHT_VERSION)
 
 # mdBook, built once.
 MDBOOK := target/mdbook/bin/mdbook

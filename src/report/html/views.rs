@@ -12,6 +12,8 @@ use crate::record::ImageRecord;
 const WIDTH: f64 = 1040.0;
 const LEFT: f64 = 64.0;
 const GAP: f64 = 84.0;
+/// Room of a view's title: that of a narrow view begins left of it.
+const TITLE_WIDTH: f64 = 150.0;
 const GROUND_COLOUR: &str = "#6d737d";
 const FLIGHT_COLOUR: &str = "#17456f";
 const SIGHT_COLOUR: &str = "#a8730f";
@@ -135,7 +137,7 @@ fn draw_view(
     };
     html! {
         (plot.frame())
-        text.title x=(px(plot.area[0])) y=(px(plot.area[1] - 9.0)) { (name) }
+        text.title x=(px(plot.area[0].min(WIDTH - TITLE_WIDTH))) y=(px(plot.area[1] - 9.0)) { (name) }
         @for (camera, flight) in camera.iter().flat_map(|c| placed.iter().filter_map(move |p| Some((c, p.flight?)))) {
             (line(at(camera), at(&flight), "sight", SIGHT_COLOUR))
         }
