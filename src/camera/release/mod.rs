@@ -16,8 +16,8 @@ use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection};
-use crate::clock::{self, Clock};
 use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use crate::clock::{self, Clock};
 use crate::installation::KeyFault;
 pub use folder::FolderSection;
 use folder::WatchedFolder;

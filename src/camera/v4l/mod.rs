@@ -17,8 +17,8 @@ use v4l::{Device, FourCC};
 use crate::camera::deadline::Deadline;
 use crate::camera::delay::delay_fault;
 use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg};
-use crate::clock::{self, Clock};
 use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use crate::clock::{self, Clock};
 use crate::installation::KeyFault;
 
 /// Section `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
