@@ -19,13 +19,14 @@ ALONE := $(FLEET)/venv/bin/python -m demo.alone
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
+	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
@@ -33,7 +34,7 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
-	@echo 'make test-browser  each interaction of a report, and marking by clicking, in Chromium (PLAYWRIGHT=folder with playwright-core)'
+	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make test-soak     30 minutes of flood, slow readers, hanging camera and full disk at once (MINUTES)'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
@@ -56,6 +57,10 @@ test: dependencies
 test-mutations: dependencies
 	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
 
+# effects, kinds, flight-priors, layout or modes; options are environment variables.
+table: dependencies
+	$(CARGO) run --release --locked --example tables -- $(TABLE)
+
 # Incremental: after a change only what it touches is compiled again (and a little slower code is made).
 check: export CARGO_INCREMENTAL = 1
 check: lint
@@ -72,11 +77,20 @@ bench: build
 	sh benches/run.sh
 
 # Node 18, playwright-core in PLAYWRIGHT and a Chromium (CHROMIUM, /usr/bin/chromium). LOOK=folder keeps pictures of each state.
-PLAYWRIGHT ?= $(CURDIR)
+export PLAYWRIGHT ?= $(CURDIR)/target/playwright
+PLAYWRIGHT_VERSION := 1.65.1
 LOOK ?= target/browser
-test-browser: demo
-	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
-	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/mark.mjs target/release/wingd $(LOOK)
+test-browser: demo browser-dependencies
+	node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
+	node tests/browser/mark.mjs target/release/wingd $(LOOK)
+	node tests/live/page.js target/release/wingd $(LOOK)
+
+# Debian's browser; playwright-core without the browsers that it would download.
+browser-dependencies:
+	@[ -n "$(CHROMIUM)" ] || sh packaging/dependencies.sh chromium
+	@command -v npm >/dev/null || sh packaging/dependencies.sh nodejs npm
+	@[ -e $(PLAYWRIGHT)/node_modules/playwright-core ] || \
+		npm install --prefix $(PLAYWRIGHT) --no-save --no-audit --no-fund --loglevel error playwright-core@$(PLAYWRIGHT_VERSION)
 
 # mdBook, built once.
 MDBOOK := target/mdbook/bin/mdbook

@@ -136,7 +136,7 @@ def test_noise_has_no_modes_and_wrong_exports_say_what_to_do(tmp_path, capsys):
 
 @pytest.mark.skipif(
     "WINGD_MODES" not in os.environ,
-    reason="WINGD_MODES names the folder of `cargo test --test adjust -- --ignored modes`",
+    reason="WINGD_MODES names the folder of `make table TABLE=modes`",
 )
 def test_modes_through_the_adjustment_of_live_frames(capsys):
     folder = Path(os.environ["WINGD_MODES"])

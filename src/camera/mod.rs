@@ -21,7 +21,9 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
+use crate::clock::Clock;
 use crate::clock::exposure::ExposureEvidence;
+use crate::installation::KeyFault;
 
 /// Frame as delivered by the camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,3 +153,12 @@ pub trait Camera: Send {
 
 /// Factory of closed cameras; called again whenever one had to be given up.
 pub type CameraFactory = Arc<dyn Fn() -> Box<dyn Camera> + Send + Sync>;
+
+/// Settings of a kind of camera, a section of the configuration.
+pub trait DriverSection {
+    /// Returns every fault, at its key of the section.
+    fn faults(&self) -> Vec<KeyFault>;
+    /// Creates the camera factory; no device is accessed before a camera is opened. The cameras of one factory share the
+    /// name of the last shot; the recorder compares bytes. `origin` is the time since boot from which a replay list counts.
+    fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory;
+}

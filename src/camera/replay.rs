@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Camera, CameraError, CameraFrame, CameraInfo, Format};
+use super::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format};
 use crate::clock::Clock;
 use crate::installation::KeyFault;
 
@@ -90,9 +90,10 @@ impl ReplayConfig {
     pub fn from_list(list: impl Into<PathBuf>) -> Self {
         Self { list: Some(list.into()), repeat: true, ..Self::default() }
     }
+}
 
-    /// Returns every fault, at its key of the section.
-    pub fn faults(&self) -> Vec<KeyFault> {
+impl DriverSection for ReplayConfig {
+    fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         let mut fault = |key: &str, problem: &str| faults.push(KeyFault::new(key, problem, "correct it"));
         if self.folder.is_some() == self.list.is_some() {
@@ -102,6 +103,11 @@ impl ReplayConfig {
             fault("fault.shot", "shots count from 1");
         }
         faults
+    }
+
+    fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
+        let replay = ReplayFactory::new(self.clone(), clock, origin);
+        Arc::new(move || Box::new(replay.make()))
     }
 }
 

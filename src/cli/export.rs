@@ -24,7 +24,7 @@ enum FormatName {
     Csv,
     /// The same table with typed columns and times as UTC timestamps
     Parquet,
-    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu and .vtk per series (ParaView)
+    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu per series (ParaView)
     Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
@@ -220,9 +220,6 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Re
             return Ok(());
         }
         let name = format!("{}-{}", series.flight, series.name);
-        if let Some(text) = export::series_vtk(&series) {
-            write_file(&folder.join(format!("{name}.vtk")), &text)?;
-        }
         write_file(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).to_vtu())?;
         for record in summary::solved_records(&series) {
             let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else { continue };

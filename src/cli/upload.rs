@@ -35,7 +35,7 @@ pub struct UploadArgs {
     /// Retries of a failed request
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=20))]
     retries: u32,
-    /// Maximum bytes per second, for example 250k or 2M
+    /// Maximum mean rate in bytes per second, for example 250k or 2M
     #[arg(long, value_name = "RATE", value_parser = parse_rate)]
     limit_rate: Option<u64>,
     /// Replace objects that were changed or damaged at the destination, and restore missing ones

@@ -1,14 +1,11 @@
 //! S3 buckets, configured by AWS_* variables, and explanations of server errors.
 
 use std::error::Error as _;
-use std::sync::Arc;
 use std::time::Duration;
 
 use object_store::aws::{AmazonS3, AmazonS3Builder, Checksum};
 use object_store::{ClientOptions, RetryConfig};
 
-use super::manifest::PART_BYTES;
-use super::pace::{RateLimit, RateLimitedClient};
 use crate::installation::Fault;
 
 /// Time limit for connecting, so that a wrong endpoint is reported within 3 s. By satellite (0.7 s round trip) connecting
@@ -45,8 +42,8 @@ const SERVER_ERRORS: [(&str, &str, &str); 9] = [
     ("AuthorizationHeaderMalformed", "the bucket is in another region", "check AWS_REGION"),
 ];
 
-/// Opens a bucket; `limit` is the maximum rate, bytes per second.
-pub(super) fn open_bucket(bucket: &str, limit: Option<u64>) -> Result<AmazonS3, Fault> {
+/// Opens a bucket with the settings in the environment.
+pub(super) fn open_bucket(bucket: &str) -> Result<AmazonS3, Fault> {
     let given = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     let pair = given(&"AWS_ACCESS_KEY_ID") && given(&"AWS_SECRET_ACCESS_KEY");
     // The crate would query the metadata service of the network; only if explicitly enabled.
@@ -59,24 +56,17 @@ pub(super) fn open_bucket(bucket: &str, limit: Option<u64>) -> Result<AmazonS3, 
     }
     // Selects one cryptography library; an error means that it is set already.
     let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
-    let timeout = limit
-        .map_or(REQUEST_TIMEOUT, |rate| REQUEST_TIMEOUT.max(Duration::from_secs(2 * PART_BYTES as u64 / rate.max(1))));
-    let http = env_equals("AWS_ALLOW_HTTP", "true");
-    let options = ClientOptions::new().with_connect_timeout(CONNECT_TIMEOUT).with_timeout(timeout);
-    let mut builder = AmazonS3Builder::from_env()
+    let options = ClientOptions::new()
+        .with_connect_timeout(CONNECT_TIMEOUT)
+        .with_timeout(REQUEST_TIMEOUT)
+        .with_allow_http(env_equals("AWS_ALLOW_HTTP", "true"));
+    let builder = AmazonS3Builder::from_env()
         .with_bucket_name(bucket)
-        .with_client_options(options.with_allow_http(http))
+        .with_client_options(options)
         .with_retry(RetryConfig { max_retries: CRATE_RETRIES, ..RetryConfig::default() })
         .with_checksum_algorithm(Checksum::SHA256);
     let remedy = "set the AWS_* variables as described in docs/fleet.md";
-    let wrong = |problem: String| option_fault("environment", "AWS_*", redact_secrets(&problem), remedy);
-    if let Some(rate) = limit {
-        let client =
-            reqwest::Client::builder().http1_only().https_only(!http).connect_timeout(CONNECT_TIMEOUT).timeout(timeout);
-        let client = client.build().map_err(|e| wrong(e.to_string()))?;
-        builder = builder.with_http_connector(RateLimitedClient { limit: Arc::new(RateLimit::new(rate)), client });
-    }
-    builder.build().map_err(|e| wrong(e.to_string()))
+    builder.build().map_err(|e| option_fault("environment", "AWS_*", redact_secrets(&e.to_string()), remedy))
 }
 
 fn env_equals(name: &str, expected: &str) -> bool {

@@ -10,6 +10,7 @@ use object_store::path::Path;
 use object_store::{Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload};
 
 use super::bucket::{self, describe_error, is_transient, option_fault};
+use super::pace::RateLimit;
 use crate::installation::Fault;
 use crate::store::sha256_hex;
 
@@ -76,6 +77,8 @@ pub struct UploadTarget {
     url: String,
     /// Set if objects carry their digest as metadata; otherwise they are read for comparison.
     metadata: bool,
+    /// Limit over the network; `None` for a directory too.
+    limit: Option<RateLimit>,
     settings: UploadSettings,
 }
 
@@ -103,8 +106,9 @@ impl UploadTarget {
             return Err(option_fault("--to", "value", problem, remedy));
         }
         let prefix = Path::parse(prefix).map_err(|e| option_fault("--to", "prefix", e.to_string(), known))?;
-        let store = bucket::open_bucket(bucket, settings.limit)?;
-        Ok(Self { store: Arc::new(store), prefix, url: url.to_owned(), metadata: true, settings })
+        let store = Arc::new(bucket::open_bucket(bucket)?);
+        let limit = settings.limit.map(RateLimit::new);
+        Ok(Self { store, prefix, url: url.to_owned(), metadata: true, limit, settings })
     }
 
     fn open_directory(path: &str, settings: UploadSettings) -> Result<Self, Fault> {
@@ -116,7 +120,7 @@ impl UploadTarget {
         std::fs::create_dir_all(path).map_err(|e| wrong(format!("{path} cannot be created ({e})")))?;
         let store = LocalFileSystem::new_with_prefix(path).map_err(|e| wrong(e.to_string()))?.with_fsync(true);
         let url = format!("file://{path}");
-        Ok(Self { store: Arc::new(store), prefix: Path::default(), url, metadata: false, settings })
+        Ok(Self { store: Arc::new(store), prefix: Path::default(), url, metadata: false, limit: None, settings })
     }
 
     /// Returns the settings.
@@ -164,28 +168,35 @@ impl UploadTarget {
         self.with_retries(key, get).await
     }
 
-    fn put_options(&self, mode: PutMode, digest: &str) -> PutOptions {
+    /// Writes an object within the rate limit, once; `Ok(false)` if it must not exist and does.
+    async fn write_object(
+        &self,
+        key: &str,
+        payload: &PutPayload,
+        mode: PutMode,
+        digest: &str,
+    ) -> object_store::Result<bool> {
         let mut attributes = Attributes::new();
         if self.metadata {
             attributes.insert(Attribute::Metadata(DIGEST_KEY.into()), digest.to_owned().into());
         }
-        PutOptions { mode, attributes, ..PutOptions::default() }
+        let (path, length) = (self.object_path(key), payload.content_length() as u64);
+        let put = self.store.put_opts(&path, payload.clone(), PutOptions { mode, attributes, ..PutOptions::default() });
+        let put = match &self.limit {
+            Some(limit) => limit.send_within(length, put).await,
+            None => put.await,
+        };
+        match put {
+            Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
+            put => put.map(|_| true),
+        }
     }
 
     /// Puts an object that must not exist. An existing object with the same bytes counts as success: it may come from an
     /// attempt whose answer was lost.
     pub async fn put_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
-        let (path, length) = (self.object_path(key), bytes.len() as u64);
-        let payload = PutPayload::from(bytes);
-        let options = self.put_options(PutMode::Create, digest);
-        let put = || async {
-            match self.store.put_opts(&path, payload.clone(), options.clone()).await {
-                Ok(_) => Ok(true),
-                Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
-                Err(error) => Err(error),
-            }
-        };
-        if self.with_retries(key, put).await? {
+        let (length, payload) = (bytes.len() as u64, PutPayload::from(bytes));
+        if self.with_retries(key, || self.write_object(key, &payload, PutMode::Create, digest)).await? {
             return Ok(PutOutcome::Sent);
         }
         if self.has_digest(key, length, digest).await? {
@@ -197,11 +208,9 @@ impl UploadTarget {
 
     /// Replaces a damaged object.
     pub async fn replace_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
-        let path = self.object_path(key);
         let payload = PutPayload::from(bytes);
-        let options = self.put_options(PutMode::Overwrite, digest);
-        let put = || async { self.store.put_opts(&path, payload.clone(), options.clone()).await };
-        self.with_retries(key, put).await.map(|_| PutOutcome::Sent)
+        self.with_retries(key, || self.write_object(key, &payload, PutMode::Overwrite, digest)).await?;
+        Ok(PutOutcome::Sent)
     }
 
     /// Returns whether an object has the given length and digest; reads it if it has no digest metadata.

@@ -13,25 +13,25 @@ use wingd::measure::setup::{Orientation, Setup, Width};
 use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
 use crate::common::beam_truth::{Aircraft, WingState, median, normal3, rms, rng};
 
-const FRAMES: usize = 5;
+pub const FRAMES: usize = 5;
 
 /// An aircraft with its installation.
-struct SampledAircraft {
-    aircraft: Aircraft,
-    setup: Setup,
+pub struct SampledAircraft {
+    pub aircraft: Aircraft,
+    pub setup: Setup,
     orientation: Orientation,
     set_up: SetUp,
     /// Mounting of the last frame.
-    now: WingState,
+    pub now: WingState,
 }
 
 /// Observations of one flight.
-struct SampledFlight {
-    seen: Vec<Vec<Observation>>,
+pub struct SampledFlight {
+    pub seen: Vec<Vec<Observation>>,
 }
 
 impl SampledAircraft {
-    fn new(rng: &mut StdRng, set_up: SetUp) -> Self {
+    pub fn new(rng: &mut StdRng, set_up: SetUp) -> Self {
         let effects = combined_effects(rng);
         let truth = set_up.truth(rng);
         let aircraft = Aircraft::new(rng, truth, effects);
@@ -42,7 +42,7 @@ impl SampledAircraft {
     }
 
     /// Samples a flight with new fuel, deflection, mounting and other flight-specific effects.
-    fn sample_flight(&mut self, rng: &mut StdRng, frames: usize) -> SampledFlight {
+    pub fn sample_flight(&mut self, rng: &mut StdRng, frames: usize) -> SampledFlight {
         let effects = combined_effects(rng);
         self.aircraft.start_next_flight(rng, effects);
         let (mount, shift) = self.set_up.mounting(rng, &self.setup);
@@ -77,7 +77,7 @@ impl SampledAircraft {
     }
 
     /// Reduced normal equations of each flight, linearised at the joint solution of the others, as `wingd learn` does.
-    fn flight_normals(&self, flights: &[SampledFlight]) -> Vec<ReducedNormals> {
+    pub fn flight_normals(&self, flights: &[SampledFlight]) -> Vec<ReducedNormals> {
         let mut all: Vec<ReducedNormals> = vec![];
         for flown in flights {
             let prior = combine_flights(&all, &self.setup);
@@ -92,18 +92,18 @@ impl SampledAircraft {
         all
     }
 
-    fn solve_single_frame(&self, seen: &[Observation], prior: Option<FlightPrior>) -> Solution {
+    pub fn solve_single_frame(&self, seen: &[Observation], prior: Option<FlightPrior>) -> Solution {
         adjust::solve_spatial(&self.setup, &self.orientation, seen, &self.options(1, prior)).unwrap()
     }
 }
 
-fn combine_flights(normals_of_flights: &[ReducedNormals], setup: &Setup) -> Option<FlightPrior> {
+pub fn combine_flights(normals_of_flights: &[ReducedNormals], setup: &Setup) -> Option<FlightPrior> {
     FlightPrior::from_flights(&normals_of_flights.iter().collect::<Vec<_>>(), setup).unwrap()
 }
 
 /// Largest deflection sigma relative to survey, ground frame and root, m, if all flight-invariant parameters were known: the
 /// remaining uncertainty is specific to the frame.
-fn bound_m(drawn: &SampledAircraft, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
+pub fn bound_m(drawn: &SampledAircraft, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
     let n = of.unknowns.len();
     let held = ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
     // Nothing is tested: the remaining variance does not depend on the values of the unknowns.
@@ -115,19 +115,7 @@ fn bound_m(drawn: &SampledAircraft, of: &ReducedNormals, seen: &[Observation]) -
     shown.tip_sigmas_m.map(|sigmas| sigmas[0])
 }
 
-fn budgets(all: &[Solution]) -> Vec<(&'static str, f64)> {
-    let mut sum: Vec<(&'static str, f64)> = vec![];
-    for share in all.iter().filter_map(|s| s.budget.as_ref()).flat_map(|b| &b.shares) {
-        match sum.iter_mut().find(|(source, _)| *source == share.source) {
-            Some((_, total)) => *total += share.share / all.len() as f64,
-            None => sum.push((share.source, share.share / all.len() as f64)),
-        }
-    }
-    sum.sort_by(|a, b| b.1.total_cmp(&a.1));
-    sum.into_iter().map(|(source, share)| (source, (100.0 * share).round())).filter(|s| s.1 > 0.0).collect()
-}
-
-fn print_errors(name: &str, shown: &EffectErrors) {
+pub fn print_errors(name: &str, shown: &EffectErrors) {
     println!(
         "{name}: deflections {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
         shown.deflections.each_ref().map(|deflections| rms(deflections)),
@@ -254,45 +242,4 @@ fn live_mode_begins_with_the_flight_prior() {
     let (alone, with_prior) = (tip(None), tip(prior));
     println!("live, sigma of the tip: {alone:.4?} alone, {with_prior:.4?} with the prior");
     assert!(with_prior[0] < 0.75 * alone[0] && with_prior[4] < alone[4]);
-}
-
-/// Options: `WINGS=40 SEED=1 SET_UP=Default`.
-#[test]
-#[ignore = "a minute; the table of docs/adjustment/learning.md"]
-fn table_of_flight_priors() {
-    let word = |name: &str| std::env::var(name).unwrap_or_default();
-    let number = |name: &str, usual: usize| word(name).parse().unwrap_or(usual);
-    let wanted = word("SET_UP");
-    for set_up in crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
-        let mut rng = rng(number("SEED", 8100) as u64);
-        let mut shown: [EffectErrors; 5] = Default::default();
-        let mut solved: [Vec<Solution>; 5] = Default::default();
-        let mut bounds_m: [Vec<f64>; 3] = Default::default();
-        let mut refused = 0;
-        for _ in 0..number("WINGS", 40) {
-            let mut drawn = SampledAircraft::new(&mut rng, set_up);
-            let flights: Vec<SampledFlight> = (0..5).map(|_| drawn.sample_flight(&mut rng, FRAMES)).collect();
-            let normals_of_flights = drawn.flight_normals(&flights);
-            refused += 5 - normals_of_flights.len();
-            let last = drawn.sample_flight(&mut rng, 1);
-            let of = |n: usize| combine_flights(&normals_of_flights[..n.min(normals_of_flights.len())], &drawn.setup);
-            let prior = [None, of(1), of(2), of(3), of(5)];
-            let bound = bound_m(&drawn, &normals_of_flights[0], &last.seen[0]);
-            bounds_m.iter_mut().zip(bound).for_each(|(all, one)| all.push(one));
-            for (k, prior) in prior.into_iter().enumerate() {
-                let solution = drawn.solve_single_frame(&last.seen[0], prior);
-                shown[k].add(&drawn.aircraft, drawn.now, &solution, &drawn.setup);
-                solved[k].push(solution);
-            }
-        }
-        println!("{set_up:?}, {refused} flights contributed nothing");
-        for (k, name) in ["alone", "1 flight", "2", "3", "5"].iter().enumerate() {
-            print_errors(name, &shown[k]);
-            let inconsistent =
-                solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("is inconsistent"))).count();
-            let out = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("was removed"))).count();
-            println!("    {:?}, contradicted {inconsistent}, with markers excluded {out}", budgets(&solved[k]));
-        }
-        println!("bound: {:.1?} mm", bounds_m.map(|all| 1e3 * median(&all)));
-    }
 }

@@ -1,6 +1,8 @@
 //! Promises of orientation, identification, adjustment and planning, for wings that differ from the models.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+// The tables use more of these (tests/validation/tables).
+#[allow(dead_code)]
 mod aircraft;
 mod aircraft_join;
 mod budget;
@@ -8,6 +10,8 @@ mod budget;
 mod common;
 mod common_displacement;
 mod coverage;
+#[allow(dead_code)]
+mod effect_kinds;
 mod flight;
 mod flight_effect_cases;
 mod identification;
@@ -18,7 +22,6 @@ mod long_flights;
 mod modes;
 mod mountings;
 mod plan;
-mod planned;
 mod profile_figures;
 mod spatial;
 mod stress;

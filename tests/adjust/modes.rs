@@ -1,14 +1,12 @@
 //! Promise: live results of a vibrating wing are precise enough for its modes (docs/fleet/modes.md). Two modes of known
 //! frequency, damping and shape, randomly excited, ten frames per second, exact geometry, observations with the detector's
-//! noise, a drifting mounting. `fleet/tests/test_modes.py` estimates the modes from the five minutes that are written here.
+//! noise, a drifting mounting. `fleet/tests/test_modes.py`
+//! estimates the modes from five minutes of such results, which `make table TABLE=modes` writes.
 
 use std::f64::consts::TAU;
-use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use rand::rngs::StdRng;
-use serde_json::json;
 use wingd::measure::adjust::{LiveAdjustment, MarkerSolution, Observation, Options, Solution};
 use wingd::measure::setup::{SetupUncertainty, Width};
 
@@ -16,11 +14,10 @@ use crate::common::beam_truth::{
     ModeShape, SecondMode, Truth, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
-const RATE_HZ: f64 = 10.0;
-const FIVE_MINUTES: usize = 3000;
+pub const RATE_HZ: f64 = 10.0;
 /// Frequency, Hz; damping; rms of the tip, m.
-const FIRST: (f64, f64, f64) = (1.3, 0.03, 0.10);
-const SECOND: (f64, f64, f64) = (3.7, 0.02, 0.006);
+pub const FIRST: (f64, f64, f64) = (1.3, 0.03, 0.10);
+pub const SECOND: (f64, f64, f64) = (3.7, 0.02, 0.006);
 /// Standard deviation of the detector, px.
 const NOISE_PX: f64 = 0.05;
 const LEVEL_M: f64 = 2.0;
@@ -42,14 +39,14 @@ fn oscillation(rng: &mut StdRng, (hz, damping, rms_m): (f64, f64, f64), frames: 
 }
 
 /// A live result, its observations, and the true marker positions.
-struct Frame {
+pub struct Frame {
     solution: Solution,
-    seen: Vec<Observation>,
+    pub seen: Vec<Observation>,
     points: Vec<Vector3<f64>>,
 }
 
 impl Frame {
-    fn used(&self) -> impl Iterator<Item = &MarkerSolution> {
+    pub fn used(&self) -> impl Iterator<Item = &MarkerSolution> {
         self.solution.markers.iter().filter(|m| m.used)
     }
 
@@ -59,16 +56,16 @@ impl Frame {
 }
 
 /// A wing that vibrates in two modes, and the live results of its frames.
-struct VibratingFlight {
-    truth: Truth,
+pub struct VibratingFlight {
+    pub truth: Truth,
     mode: SecondMode,
     /// Tip amplitude of both vibrations, per frame, m.
     vibrations: [Vec<f64>; 2],
-    results: Vec<Frame>,
+    pub results: Vec<Frame>,
 }
 
 impl VibratingFlight {
-    fn new(rng: &mut StdRng, second_m: f64, vibrations: ModeShape, frames: usize) -> Self {
+    pub fn new(rng: &mut StdRng, second_m: f64, vibrations: ModeShape, frames: usize) -> Self {
         let truth = Truth::new(random_wing(rng), 21);
         let mode = truth.second_mode(vibrations);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
@@ -98,7 +95,7 @@ impl VibratingFlight {
     }
 
     /// Marker deflections for a unit vibration at the tip.
-    fn shape(&self, first_m: f64, second_m: f64) -> Vec<f64> {
+    pub fn shape(&self, first_m: f64, second_m: f64) -> Vec<f64> {
         self.deflections_at(first_m, second_m)
             .into_iter()
             .zip(self.deflections_at(0.0, 0.0))
@@ -107,7 +104,7 @@ impl VibratingFlight {
     }
 
     /// Normalised deflection errors of the markers, frame by frame.
-    fn normalised(&self, from: usize) -> Vec<f64> {
+    pub fn normalised(&self, from: usize) -> Vec<f64> {
         let of = |frame: &Frame| -> Vec<f64> {
             let one = |m: &MarkerSolution| {
                 let deflection = m.deflection_m?;
@@ -135,7 +132,7 @@ impl VibratingFlight {
     }
 
     /// Modal assurance criterion of both estimated mode shapes with the true ones.
-    fn assurance(&self, from: usize) -> [f64; 2] {
+    pub fn assurance(&self, from: usize) -> [f64; 2] {
         let found: Vec<[f64; 2]> = (0..self.truth.ground_m.len()).map(|i| self.mode_response(i, from)).collect();
         let truths = [self.shape(0.01, 0.0), self.shape(0.0, 0.01)];
         std::array::from_fn(|k| {
@@ -176,50 +173,4 @@ fn both_modes_have_their_shapes_and_deflections_keep_their_sigma() {
         assert!((0.35..1.3).contains(&all) && (0.35..1.3).contains(&settled));
         assert!(first > 0.999 && second > 0.99, "{vibrations:?} {second_m}");
     }
-}
-
-/// `MODES=folder cargo test --release --test adjust -- --ignored modes`.
-#[test]
-#[ignore = "writes five minutes of live results, for the fleet's test"]
-fn modes_of_five_minutes_are_written() {
-    let folder = PathBuf::from(std::env::var("MODES").unwrap_or_else(|_| "target/modes".to_owned()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let second_m = std::env::var("SECOND_M").ok().and_then(|text| text.parse().ok()).unwrap_or(SECOND.2);
-    let flight = VibratingFlight::new(&mut rng(511), second_m, ModeShape::Uniform, FIVE_MINUTES);
-    write_results(&flight, &folder);
-    let ids = flight.truth.setup.markers.iter().map(|m| m.id.clone());
-    let named =
-        |shape: Vec<f64>| ids.clone().zip(shape).map(|(id, z)| (id, json!(z))).collect::<serde_json::Map<_, _>>();
-    let truth_of_modes: Vec<_> = [FIRST, SECOND]
-        .iter()
-        .zip([flight.shape(0.01, 0.0), flight.shape(0.0, 0.01)])
-        .map(|((hz, damping, _), shape)| json!({"hz": hz, "damping": damping, "shape": named(shape)}))
-        .collect();
-    std::fs::write(folder.join("truth.json"), json!(truth_of_modes).to_string()).unwrap();
-    let normalised = rms(&flight.normalised(1));
-    println!("deflections {normalised:.2} normalised; MAC {:.4?}; {}", flight.assurance(1), folder.display());
-    assert!((0.35..1.3).contains(&normalised));
-}
-
-/// Writes results as `wingd export --table live` does.
-fn write_results(flight: &VibratingFlight, folder: &Path) {
-    let ids: Vec<&str> = flight.truth.setup.markers.iter().map(|m| m.id.as_str()).collect();
-    let mut csv = String::from("recorder_id,flight,boot_id,since_boot_s,exposure_time");
-    ids.iter().for_each(|id| write!(csv, ",u_{id}_px,deflection_{id}_m,sigma_deflection_{id}_m").unwrap());
-    csv.push('\n');
-    for (k, frame) in flight.results.iter().enumerate() {
-        let s = 1000.0 + k as f64 / RATE_HZ;
-        let moment = jiff::Timestamp::from_microsecond(1_772_000_000_000_000 + (1e6 * s) as i64).unwrap();
-        write!(csv, "ab,f0001,boot,{s},{moment}").unwrap();
-        for (i, seen) in frame.seen.iter().enumerate() {
-            let deflection = frame.used().find(|m| m.marker == i).and_then(|m| m.deflection_m);
-            // A removed marker has no deflection in this frame.
-            match deflection.and_then(|deflection| Some((deflection.value, deflection.sigma?))) {
-                Some((value, sigma)) => write!(csv, ",{:.2},{value},{sigma}", seen.pixel.x).unwrap(),
-                None => write!(csv, ",{:.2},,", seen.pixel.x).unwrap(),
-            }
-        }
-        csv.push('\n');
-    }
-    std::fs::write(folder.join("live.csv"), csv).unwrap();
 }

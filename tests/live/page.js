@@ -3,16 +3,18 @@
 // The live page in a real Chromium, on a desk and on a phone, before a real recorder: stopped, killed, hanging, its pictures
 // gone, black frames, the global test rejecting, slow, the page's server gone, forty browsers.
 //
-//   apt install chromium; npm install playwright-core
-//   tests/live/page.js target/release/wingd [SCREENSHOTS]
+//   make test-browser, or: tests/live/page.js target/release/wingd [SCREENSHOTS]
+//
+// Needs Node 18, the package playwright-core (PLAYWRIGHT: the folder that holds it) and a Chromium (CHROMIUM: the program).
 //
 // Exit status 1 where a number older than three intervals is shown as if it were new, or a page does not come back by itself.
 
 const { spawn, execFileSync } = require("node:child_process");
 const fs = require("node:fs");
+const { createRequire } = require("node:module");
 const os = require("node:os");
 const path = require("node:path");
-const { chromium } = require("playwright-core");
+const { chromium } = createRequire(`${process.env.PLAYWRIGHT ?? process.cwd()}/`)("playwright-core");
 
 const ROOT = path.resolve(__dirname, "../..");
 const WINGD = path.resolve(process.argv[2] ?? "target/release/wingd");
@@ -307,7 +309,7 @@ const main = async () => {
   pictures();
   configure(RATE_HZ);
   if (SHOTS) fs.mkdirSync(SHOTS, { recursive: true });
-  const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", args: CHROMIUM });
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: CHROMIUM });
   const open = async (width) => {
     const page = await (await browser.newContext({ viewport: { width, height: 900 } })).newPage();
     page.on("pageerror", (error) => check(false, `no error of the script, ${width} px`, String(error)));

@@ -12,13 +12,15 @@ mod protocol;
 mod settings;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format, jpeg};
+use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg};
+use crate::clock::Clock;
 use crate::clock::exposure::ExposureEvidence;
 use crate::installation::KeyFault;
 use process::CameraProcess;
@@ -75,12 +77,16 @@ fn default_recover() -> usize {
     40
 }
 
-impl GphotoSection {
-    /// Returns every fault, at its key of the section.
-    pub fn faults(&self) -> Vec<KeyFault> {
+impl DriverSection for GphotoSection {
+    fn faults(&self) -> Vec<KeyFault> {
         let sane = (1.0..=600.0).contains(&self.open_s);
         let fault = || KeyFault::new("open_s", format!("{} s", self.open_s), "use 1 to 600 s");
         (!sane).then(fault).into_iter().collect()
+    }
+
+    fn factory(&self, _: Arc<dyn Clock>, _: Duration) -> CameraFactory {
+        let (section, last) = (self.clone(), LastName::default());
+        Arc::new(move || Box::new(GphotoCamera::new(section.clone(), last.clone())))
     }
 }
 

@@ -1,6 +1,7 @@
 //! Camera process, started by the recorder, queried with a deadline, and killed.
 
 use std::ffi::OsStr;
+use std::io;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
@@ -9,9 +10,9 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::camera::CameraError;
-use crate::camera::gphoto::protocol::{self, CameraAnswer, ProtocolError, Request};
+use crate::camera::gphoto::protocol::{self, CameraAnswer, Request};
 
-type Message = Result<(CameraAnswer<Value>, Vec<u8>), ProtocolError>;
+type Message = io::Result<(CameraAnswer<Value>, Vec<u8>)>;
 
 /// Running camera process, killed on drop.
 pub struct CameraProcess {

@@ -52,26 +52,6 @@ pub struct CardImage {
     pub settings: Map<String, Value>,
 }
 
-/// Reason why a message could not be read.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ProtocolError {
-    /// Closed pipe.
-    #[error("the pipe was closed")]
-    Closed,
-    /// Error of the pipe.
-    #[error("the pipe failed: {0}")]
-    Pipe(String),
-    /// Foreign message, or another version.
-    #[error("not a message of this version")]
-    Foreign,
-    /// Implausible length.
-    #[error("a message of {header} + {body} bytes is too long")]
-    TooLong { header: u32, body: u32 },
-    /// Invalid header.
-    #[error("the header is invalid: {0}")]
-    Header(String),
-}
-
 /// Writes one message and flushes.
 pub fn write_message(out: &mut impl Write, header: &impl Serialize, body: &[u8]) -> io::Result<()> {
     let header = serde_json::to_vec(header).map_err(io::Error::other)?;
@@ -85,33 +65,38 @@ pub fn write_message(out: &mut impl Write, header: &impl Serialize, body: &[u8])
 }
 
 /// Reads one complete message.
-pub fn read_message<T: DeserializeOwned>(input: &mut impl Read) -> Result<(T, Vec<u8>), ProtocolError> {
+///
+/// # Errors
+/// Returns an error if the pipe ends within it, or it is not a message of this version.
+pub fn read_message<T: DeserializeOwned>(input: &mut impl Read) -> io::Result<(T, Vec<u8>)> {
     let mut start = [[0; 4]; 3];
     input.read_exact(start.as_flattened_mut()).map_err(pipe_error)?;
     let [magic, header, body] = start;
     let (header, body) = (u32::from_le_bytes(header), u32::from_le_bytes(body));
     if magic != MAGIC {
-        return Err(ProtocolError::Foreign);
+        return Err(io::Error::other("not a message of this version"));
     }
     if header > MAX_HEADER_BYTES || body > MAX_BODY_BYTES {
-        return Err(ProtocolError::TooLong { header, body });
+        return Err(io::Error::other(format!("a message of {header} + {body} bytes is too long")));
     }
-    let head = read_exactly(input, header)?;
-    let head = serde_json::from_slice(&head).map_err(|error| ProtocolError::Header(error.to_string()))?;
+    let head = serde_json::from_slice(&read_exactly(input, header)?)
+        .map_err(|error| io::Error::other(format!("the header is invalid: {error}")))?;
     Ok((head, read_exactly(input, body)?))
 }
 
 /// Reads `length` bytes; allocates only as much as arrives.
-fn read_exactly(input: &mut impl Read, length: u32) -> Result<Vec<u8>, ProtocolError> {
+fn read_exactly(input: &mut impl Read, length: u32) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     input.take(u64::from(length)).read_to_end(&mut bytes).map_err(pipe_error)?;
-    if bytes.len() == length as usize { Ok(bytes) } else { Err(ProtocolError::Closed) }
+    if bytes.len() == length as usize { Ok(bytes) } else { Err(pipe_error(io::ErrorKind::UnexpectedEof.into())) }
 }
 
-fn pipe_error(error: io::Error) -> ProtocolError {
+fn pipe_error(error: io::Error) -> io::Error {
     match error.kind() {
-        io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => ProtocolError::Closed,
-        _ => ProtocolError::Pipe(error.to_string()),
+        io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => {
+            io::Error::new(io::ErrorKind::UnexpectedEof, "the pipe was closed")
+        }
+        _ => io::Error::other(format!("the pipe failed: {error}")),
     }
 }
 
@@ -134,20 +119,24 @@ mod tests {
         bytes
     }
 
+    fn fault_of(mut bytes: &[u8]) -> io::Error {
+        read_message::<ShotAnswer>(&mut bytes).unwrap_err()
+    }
+
     #[test]
     fn messages_come_back_one_after_the_other() {
         let stream = [written(), written()].concat();
         let mut input = stream.as_slice();
-        assert_eq!(read_message(&mut input), Ok(sample()));
-        assert_eq!(read_message(&mut input), Ok(sample()));
-        assert_eq!(read_message::<ShotAnswer>(&mut input), Err(ProtocolError::Closed));
+        assert_eq!(read_message(&mut input).unwrap(), sample());
+        assert_eq!(read_message(&mut input).unwrap(), sample());
+        assert_eq!(fault_of(input).kind(), io::ErrorKind::UnexpectedEof);
     }
 
     #[test]
     fn every_truncation_is_detected() {
         let bytes = written();
         for length in 0..bytes.len() {
-            assert_eq!(read_message::<ShotAnswer>(&mut &bytes[..length]), Err(ProtocolError::Closed), "{length}");
+            assert_eq!(fault_of(&bytes[..length]).kind(), io::ErrorKind::UnexpectedEof, "{length}");
         }
     }
 
@@ -155,11 +144,10 @@ mod tests {
     fn another_version_and_lying_lengths_are_refused() {
         let mut bytes = written();
         bytes[3] = b'1';
-        assert_eq!(read_message::<ShotAnswer>(&mut bytes.as_slice()), Err(ProtocolError::Foreign));
+        assert_eq!(fault_of(&bytes).to_string(), "not a message of this version");
         bytes[3] = b'2';
         bytes[4..12].fill(0xFF);
-        let result = read_message::<ShotAnswer>(&mut bytes.as_slice());
-        assert_eq!(result, Err(ProtocolError::TooLong { header: u32::MAX, body: u32::MAX }));
+        assert!(fault_of(&bytes).to_string().ends_with("is too long"));
     }
 
     proptest! {

@@ -4,6 +4,7 @@
 mod folder;
 mod line;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -14,9 +15,9 @@ use crate::camera::freshness::LastName;
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
-use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo};
-use crate::clock;
+use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection};
 use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use crate::clock::{self, Clock};
 use crate::installation::KeyFault;
 pub use folder::FolderSection;
 use folder::WatchedFolder;
@@ -66,9 +67,8 @@ fn default_full() -> f64 {
     0.2
 }
 
-impl ReleaseSection {
-    /// Returns every fault, at its key of the section.
-    pub fn faults(&self) -> Vec<KeyFault> {
+impl DriverSection for ReleaseSection {
+    fn faults(&self) -> Vec<KeyFault> {
         let frames = match &self.frames {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => section.faults(),
@@ -92,16 +92,20 @@ impl ReleaseSection {
         }
         faults
     }
+
+    fn factory(&self, _: Arc<dyn Clock>, _: Duration) -> CameraFactory {
+        let (section, last) = (self.clone(), LastName::default());
+        Arc::new(move || Box::new(ReleaseCamera::new(section.clone(), last.clone())))
+    }
 }
+
+/// Frame of a release, its edge, and the names of files that appeared before without a request.
+type FiredShot = (CameraFrame, ReleaseEdge, Vec<String>);
 
 /// Source of the frames of a remote release.
 trait FrameSource: Camera {
-    /// Presses the button and returns the frame, the edge, and the names of files that appeared before without a request.
-    fn fire(
-        &mut self,
-        press: Press,
-        deadline: Duration,
-    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError>;
+    /// Presses the button and waits for the frame.
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<FiredShot, CameraError>;
 }
 
 /// Function that presses the button once.
@@ -109,11 +113,7 @@ type Press<'a> = &'a (dyn Fn() -> Result<ReleaseEdge, CameraError> + Sync);
 
 #[cfg(feature = "gphoto")]
 impl FrameSource for GphotoCamera {
-    fn fire(
-        &mut self,
-        press: Press,
-        deadline: Duration,
-    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<FiredShot, CameraError> {
         let strays = self.drain_events()?;
         let edge = press()?;
         Ok((self.shoot_or_wait(deadline, false)?, edge, strays))
@@ -121,11 +121,7 @@ impl FrameSource for GphotoCamera {
 }
 
 impl FrameSource for WatchedFolder {
-    fn fire(
-        &mut self,
-        press: Press,
-        deadline: Duration,
-    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<FiredShot, CameraError> {
         let strays = self.unexpected_files()?;
         let edge = press()?;
         Ok((self.shoot(deadline)?, edge, strays))
@@ -135,11 +131,7 @@ impl FrameSource for WatchedFolder {
 #[cfg(feature = "v4l")]
 impl FrameSource for V4lCamera {
     /// Starts the stream before the release, or its frame would be missed.
-    fn fire(
-        &mut self,
-        press: Press,
-        deadline: Duration,
-    ) -> Result<(CameraFrame, ReleaseEdge, Vec<String>), CameraError> {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<FiredShot, CameraError> {
         std::thread::scope(|scope| {
             let pressing = scope.spawn(press);
             let frame = self.shoot(deadline);

@@ -6,6 +6,7 @@ mod stream;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -15,9 +16,9 @@ use v4l::{Device, FourCC};
 
 use crate::camera::deadline::Deadline;
 use crate::camera::delay::delay_fault;
-use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format, jpeg};
-use crate::clock;
+use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg};
 use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use crate::clock::{self, Clock};
 use crate::installation::KeyFault;
 
 /// Section `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
@@ -49,9 +50,8 @@ fn default_settle() -> u32 {
     4
 }
 
-impl V4lSection {
-    /// Returns every fault, at its key of the section.
-    pub fn faults(&self) -> Vec<KeyFault> {
+impl DriverSection for V4lSection {
+    fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
             faults.push(KeyFault::new("device", "no camera is named", "give device, serial or card"));
@@ -70,6 +70,11 @@ impl V4lSection {
             faults.push(KeyFault::new(format!("controls.{name}"), "is not a known control", remedy));
         }
         faults
+    }
+
+    fn factory(&self, _: Arc<dyn Clock>, _: Duration) -> CameraFactory {
+        let section = self.clone();
+        Arc::new(move || Box::new(V4lCamera::new(section.clone())))
     }
 }
 

@@ -7,7 +7,6 @@ mod live_facts;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod vtk;
-mod vtk_xml;
 
 use std::io::Write;
 
@@ -19,8 +18,7 @@ pub use live::{LiveColumns, write_json_rows};
 pub use live_facts::LiveFacts;
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
-pub use vtk::series_vtk;
-pub use vtk_xml::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
+pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
 pub struct CsvWriter<W: Write>(csv::Writer<W>);

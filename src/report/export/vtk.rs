@@ -1,83 +1,210 @@
-//! Mean marker positions of a series as legacy VTK PolyData, for example for ParaView.
+//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series.
+//!
+//! Arrays are base64 with a 64-bit length prefix: an unknown number is NaN, which the text form cannot represent.
+
+use std::fmt::Write;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 
 use super::super::summary::{Mean, solved_records};
-use super::super::{SeriesData, distinct_values};
+use super::super::{GroundMarker, SeriesData, distinct_values};
 use crate::record::{ImageRecord, MarkerRecord};
 
+/// Points with their data arrays and marker ids.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VtkShape {
+    points_m: Vec<[f64; 3]>,
+    /// Data arrays: name, number of components, values.
+    arrays: Vec<(&'static str, usize, Vec<f64>)>,
+    ids: Vec<String>,
+}
+
+impl VtkShape {
+    fn add_vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
+        self.arrays.push((name, 3, values.into_iter().flatten().collect()));
+    }
+
+    fn add_scalar(&mut self, name: &'static str, values: Vec<f64>) {
+        self.arrays.push((name, 1, values));
+    }
+
+    /// Returns the shape as PolyData (`.vtp`); `time_s` is written to its field data.
+    pub fn to_vtp(&self, time_s: Option<f64>) -> String {
+        let n = self.points_m.len();
+        let cells = format!("<Verts>{}{}</Verts>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
+        let head = format!(
+            "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{n}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">"
+        );
+        self.to_xml("PolyData", &head, &cells, time_s)
+    }
+
+    /// Returns the shape as an unstructured grid of single points (`.vtu`), for readers without PolyData.
+    pub fn to_vtu(&self) -> String {
+        let n = self.points_m.len();
+        let types = data_array("UInt8", "types", 1, &vec![1; n]);
+        let cells =
+            format!("<Cells>{}{}{types}</Cells>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
+        let head = format!("<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">");
+        self.to_xml("UnstructuredGrid", &head, &cells, None)
+    }
+
+    fn to_xml(&self, kind: &str, piece: &str, cells: &str, time_s: Option<f64>) -> String {
+        let mut out = format!(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<{kind}>\n"
+        );
+        if let Some(time_s) = time_s {
+            let time = data_array("Float64", "TimeValue", 1, &time_s.to_le_bytes());
+            let time = time.replace("<DataArray", "<DataArray NumberOfTuples=\"1\"");
+            let _ = writeln!(out, "<FieldData>{time}</FieldData>");
+        }
+        let _ = writeln!(out, "{piece}\n<PointData>");
+        for (name, components, values) in &self.arrays {
+            let _ = writeln!(out, "{}", data_array("Float64", name, *components, &little_endian_bytes(values)));
+        }
+        // A string is the codes of its letters, terminated by zero.
+        let letters: Vec<u8> = self.ids.iter().flat_map(|id| id.bytes().chain([0])).collect();
+        let codes: Vec<String> = letters.iter().map(u8::to_string).collect();
+        if kind == "PolyData" {
+            let _ = writeln!(
+                out,
+                "<Array type=\"String\" Name=\"marker\" NumberOfTuples=\"{}\" format=\"ascii\">{}</Array>",
+                self.ids.len(),
+                codes.join(" ")
+            );
+        }
+        let flat: Vec<f64> = self.points_m.iter().flatten().copied().collect();
+        let points = data_array("Float64", "Points", 3, &little_endian_bytes(&flat));
+        let _ = writeln!(out, "</PointData>\n<Points>{points}</Points>\n{cells}\n</Piece>\n</{kind}>\n</VTKFile>");
+        out
+    }
+}
+
+fn little_endian_bytes(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+fn index_array(name: &str, range: std::ops::Range<usize>) -> String {
+    let values: Vec<u8> = range.flat_map(|i| (i as i64).to_le_bytes()).collect();
+    data_array("Int64", name, 1, &values)
+}
+
+fn data_array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
+    let data = [&(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
+    // If a single component were declared, some readers would create a 2-D array.
+    let shape = if components == 1 { String::new() } else { format!(" NumberOfComponents=\"{components}\"") };
+    let text = STANDARD.encode(data);
+    format!("<DataArray type=\"{kind}\" Name=\"{name}\"{shape} format=\"binary\">{text}</DataArray>")
+}
+
+const UNKNOWN_VECTOR: [f64; 3] = [f64::NAN; 3];
+
+/// Returns the displacement of a marker from its position on ground, m; NaN if that is unknown.
+fn displacement_from_ground(ground: &[GroundMarker], id: &str, at_m: [f64; 3]) -> [f64; 3] {
+    let from = ground.iter().find(|g| g.id == id).map(|g| g.position_m);
+    from.map_or(UNKNOWN_VECTOR, |from| std::array::from_fn(|k| at_m[k] - from[k]))
+}
+
+/// Returns the markers of one frame in flight, with their displacement relative to the survey.
+pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> VtkShape {
+    let placed: Vec<(&MarkerRecord, [f64; 3])> =
+        record.markers.iter().filter_map(|m| Some((m, m.position_m?))).collect();
+    let one = |f: fn(&MarkerRecord) -> Option<f64>| {
+        placed.iter().map(|(m, _)| f(m).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+    };
+    let mut shape = VtkShape {
+        points_m: placed.iter().map(|(_, p)| *p).collect(),
+        ids: placed.iter().map(|(m, _)| m.id.clone()).collect(),
+        ..VtkShape::default()
+    };
+    shape.add_vector(
+        "displacement_m",
+        placed.iter().map(|(m, p)| displacement_from_ground(ground, &m.id, *p)).collect(),
+    );
+    shape.add_vector(
+        "sigma_position_m",
+        placed.iter().map(|(m, _)| m.sigma_position_m.unwrap_or(UNKNOWN_VECTOR)).collect(),
+    );
+    shape.add_scalar("deflection_m", one(|m| m.deflection_m));
+    shape.add_scalar("sigma_deflection_m", one(|m| m.sigma_deflection_m));
+    shape.add_scalar("used", placed.iter().map(|(m, _)| f64::from(u8::from(m.used))).collect());
+    shape
+}
+
+/// Returns the surveyed markers.
+pub fn ground_shape(ground: &[GroundMarker]) -> VtkShape {
+    VtkShape {
+        points_m: ground.iter().map(|g| g.position_m).collect(),
+        ids: ground.iter().map(|g| g.id.clone()).collect(),
+        ..VtkShape::default()
+    }
+}
+
 /// Means of a marker over the solved frames of a series.
-pub(super) struct MarkerMean {
-    pub id: String,
-    pub position_m: [f64; 3],
+struct MarkerMean {
+    id: String,
+    position_m: [f64; 3],
     sigma_m: [Option<f64>; 3],
-    pub deflection_m: Option<Mean>,
+    deflection_m: Option<Mean>,
     frames: usize,
 }
 
-/// Returns the points with deflection and standard deviation as vectors; `None` if the series has no positions. VTK has no
-/// missing value: an unknown standard deviation is `nan`.
-pub fn series_vtk(series: &SeriesData) -> Option<String> {
-    let points = mean_points(&solved_records(series));
-    if points.is_empty() {
-        return None;
+impl MarkerMean {
+    /// Averages a marker; `None` if it has a position in no frame.
+    fn from_records(records: &[&ImageRecord], id: &str) -> Option<Self> {
+        let markers = records.iter().filter_map(|r| r.markers.iter().find(|m| m.id == id));
+        let placed: Vec<&MarkerRecord> = markers.filter(|m| m.position_m.is_some()).collect();
+        let axis = |k: usize| {
+            let value = |m: &&MarkerRecord| Some((m.position_m?[k], m.sigma_position_m.map(|s| s[k])));
+            Mean::from_values(&placed.iter().filter_map(value).collect::<Vec<_>>())
+        };
+        let deflections: Vec<_> = placed.iter().filter_map(|m| Some((m.deflection_m?, m.sigma_deflection_m))).collect();
+        let axes = [axis(0)?, axis(1)?, axis(2)?];
+        Some(Self {
+            id: id.to_owned(),
+            position_m: axes.map(|mean| mean.value),
+            sigma_m: axes.map(|mean| mean.sigma),
+            deflection_m: Mean::from_values(&deflections),
+            frames: axes[0].count,
+        })
     }
-    let n = points.len();
-    let title: String = format!("wingd {}/{}, survey frame, m", series.flight, series.name);
-    let title: String = title.chars().filter(|c| !c.is_control()).take(200).collect();
-    let block = |head: String, row: &dyn Fn(&MarkerMean) -> String| {
-        format!("{head}\n{}", points.iter().map(|p| row(p) + "\n").collect::<String>())
-    };
-    let head = format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double");
-    let vertices: String = (0..n).map(|i| format!("1 {i}\n")).collect();
-    let deflection = |p: &MarkerMean| p.deflection_m.map_or(f64::NAN, |l| l.value);
-    let sigma_deflection = |p: &MarkerMean| p.deflection_m.and_then(|l| l.sigma).unwrap_or(f64::NAN);
-    let blocks = [
-        block(head, &|p| number_line(&p.position_m)),
-        format!("VERTICES {n} {}\n{vertices}", 2 * n),
-        block(format!("POINT_DATA {n}\nVECTORS deflection_m double"), &|p| number_line(&[0.0, 0.0, deflection(p)])),
-        block("VECTORS sigma_position_m double".to_owned(), &|p| {
-            number_line(&p.sigma_m.map(|s| s.unwrap_or(f64::NAN)))
-        }),
-        block(format!("FIELD FieldData 3\nsigma_deflection_m 1 {n} double"), &|p| number_line(&[sigma_deflection(p)])),
-        block(format!("frames 1 {n} int"), &|p| p.frames.to_string()),
-        block(format!("marker 1 {n} string"), &|p| encode_string(&p.id)),
-    ];
-    Some(blocks.concat())
 }
 
-fn number_line(numbers: &[f64]) -> String {
-    let word = |v: &f64| if v.is_finite() { v.to_string() } else { "nan".to_owned() };
-    numbers.iter().map(word).collect::<Vec<_>>().join(" ")
-}
-
-/// Encodes a string for VTK, which reads `%` codes and allows no blanks or line ends.
-fn encode_string(text: &str) -> String {
-    let code = |b: u8| {
-        if b.is_ascii_graphic() && b != b'%' && b != b'"' { (b as char).to_string() } else { format!("%{b:02X}") }
-    };
-    text.bytes().map(code).collect()
-}
-
-pub(super) fn mean_points(records: &[&ImageRecord]) -> Vec<MarkerMean> {
+/// Returns the means over the solved frames of a series.
+pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> VtkShape {
+    let records = solved_records(series);
     let ids = distinct_values(records.iter().flat_map(|r| &r.markers).map(|m| m.id.as_str()));
-    ids.iter().filter_map(|id| mean_point(records, id)).collect()
+    let points: Vec<MarkerMean> = ids.iter().filter_map(|id| MarkerMean::from_records(&records, id)).collect();
+    let mut shape = VtkShape {
+        points_m: points.iter().map(|p| p.position_m).collect(),
+        ids: points.iter().map(|p| p.id.clone()).collect(),
+        ..VtkShape::default()
+    };
+    let deflection = |of: fn(Mean) -> Option<f64>| {
+        points.iter().map(|p| p.deflection_m.and_then(of).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+    };
+    shape.add_vector(
+        "displacement_m",
+        points.iter().map(|p| displacement_from_ground(ground, &p.id, p.position_m)).collect(),
+    );
+    let sigmas = points.iter().map(|p| p.sigma_m.map(|sigma| sigma.unwrap_or(f64::NAN))).collect();
+    shape.add_vector("sigma_position_m", sigmas);
+    shape.add_scalar("deflection_m", deflection(|m| Some(m.value)));
+    shape.add_scalar("sigma_deflection_m", deflection(|m| m.sigma));
+    shape.add_scalar("frames", points.iter().map(|p| p.frames as f64).collect());
+    shape
 }
 
-fn mean_point(records: &[&ImageRecord], id: &str) -> Option<MarkerMean> {
-    let markers = records.iter().filter_map(|r| r.markers.iter().find(|m| m.id == id));
-    let placed: Vec<&MarkerRecord> = markers.filter(|m| m.position_m.is_some()).collect();
-    let axis = |k: usize| {
-        let value = |m: &&MarkerRecord| Some((m.position_m?[k], m.sigma_position_m.map(|s| s[k])));
-        Mean::from_values(&placed.iter().filter_map(value).collect::<Vec<_>>())
-    };
-    let deflections: Vec<_> = placed.iter().filter_map(|m| Some((m.deflection_m?, m.sigma_deflection_m))).collect();
-    let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
-    Some(MarkerMean {
-        id: id.to_owned(),
-        position_m: [x.value, y.value, z.value],
-        sigma_m: [x.sigma, y.sigma, z.sigma],
-        deflection_m: Mean::from_values(&deflections),
-        frames: x.count,
-    })
+/// Returns a `.pvd` collection of files with their times, s.
+pub fn time_collection(files: &[(f64, String)]) -> String {
+    let mut out = String::from(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n<Collection>\n",
+    );
+    for (time_s, file) in files {
+        let _ = writeln!(out, "<DataSet timestep=\"{time_s}\" group=\"\" part=\"0\" file=\"{file}\"/>");
+    }
+    out.push_str("</Collection>\n</VTKFile>\n");
+    out
 }
 
 #[cfg(test)]
@@ -86,35 +213,41 @@ mod tests {
     use super::super::super::sample;
     use super::*;
 
-    /// Reads the numbers after a line that starts with `head`.
-    fn block(text: &str, head: &str, lines: usize) -> Vec<Vec<f64>> {
-        let after = text.lines().skip_while(|l| !l.starts_with(head)).skip(1);
-        after.take(lines).map(|l| l.split(' ').map(|v| v.parse().unwrap()).collect()).collect()
+    fn numbers(text: &str, name: &str) -> Vec<f64> {
+        let after = text.split(&format!("Name=\"{name}\"")).nth(1).unwrap();
+        let body = after.split('>').nth(1).unwrap().split('<').next().unwrap();
+        let bytes = STANDARD.decode(body).unwrap();
+        let length = u64::from_le_bytes(bytes[..8].try_into().unwrap());
+        assert_eq!(length as usize, bytes.len() - 8);
+        bytes[8..].chunks_exact(8).map(|c| f64::from_le_bytes(c.try_into().unwrap())).collect()
     }
 
     #[test]
-    fn the_file_holds_mean_positions_deflections_and_names() {
+    fn displacement_is_relative_to_the_ground() {
+        let series = sample::series("s000001", 0, &[2.9]);
+        let record = &series.records[0];
+        let at = record.markers[2].position_m.unwrap();
+        let ground = [GroundMarker { id: "M03".into(), position_m: [at[0] - 0.1, at[1] + 0.2, at[2] - 2.8] }];
+        let text = frame_shape(record, &ground).to_vtp(Some(7.5));
+        assert!(text.contains("NumberOfPoints=\"3\""), "the hidden marker has no position");
+        assert_eq!(numbers(&text, "TimeValue"), [7.5]);
+        assert_eq!(numbers(&text, "Points")[6..], at);
+        let way = numbers(&text, "displacement_m");
+        assert!(way[0].is_nan(), "a marker without ground has none");
+        assert!([0.1, -0.2, 2.8].iter().zip(&way[6..]).all(|(a, b)| (a - b).abs() < 1e-12), "{way:?}");
+        assert!(time_collection(&[(0.0, "a.vtp".into())]).contains("timestep=\"0\""));
+    }
+
+    #[test]
+    fn the_means_of_a_series_have_their_sigma_and_number_of_frames() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
-        for record in &mut series.records {
-            record.markers[0].id = "M 1%\n".to_owned();
-        }
-        let text = series_vtk(&series).unwrap();
-        assert!(text.starts_with("# vtk DataFile Version 3.0\nwingd flight-0001/s000001"));
-        assert!(text.contains("POINTS 3 double\n") && text.contains("VERTICES 3 6\n1 0\n1 1\n1 2\n"));
-        assert_eq!(block(&text, "POINTS", 3)[2], [1.0, 36.0, 6.0]);
-        let deflection = &block(&text, "VECTORS deflection_m", 3)[2];
-        assert!((deflection[2] - 3.0).abs() < 1e-12 && deflection[0] == 0.0);
-        let sigma = &block(&text, "VECTORS sigma_position_m", 3)[2];
-        assert!(sigma.iter().zip([0.002, 0.004, 0.006]).all(|(a, b)| (a - b).abs() < 1e-12));
-        assert_eq!(block(&text, "frames", 3), [[2.0], [2.0], [2.0]]);
-        assert!(text.contains("marker 1 3 string\nM%201%25%0A\nM02\nM03\n"));
-    }
-
-    #[test]
-    fn a_series_without_positions_gives_no_file() {
-        let mut series = sample::series("s000001", 0, &[]);
-        assert_eq!(series_vtk(&series), None);
-        series.records.push(sample::failed("x.jpg", "dark"));
-        assert_eq!(series_vtk(&series), None);
+        let mean = series_shape(&series, &[]).to_vtu();
+        assert_eq!(numbers(&mean, "Points")[6..], [1.0, 36.0, 6.0]);
+        assert!((numbers(&mean, "deflection_m")[2] - 3.0).abs() < 1e-12);
+        let sigma = numbers(&mean, "sigma_position_m");
+        assert!(sigma[6..].iter().zip([0.002, 0.004, 0.006]).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert_eq!(numbers(&mean, "frames"), [2.0, 2.0, 2.0]);
+        series.records = vec![sample::failed("x.jpg", "dark")];
+        assert!(series_shape(&series, &[]).points_m.is_empty(), "no positions, no points");
     }
 }

@@ -64,7 +64,7 @@ impl TextTable {
             let below = cells.map(|line| line.chars().count()).max().unwrap_or(0);
             let title = self.titles[k].join(" ");
             let longest = word_parts(&title).map(|part| part.trim_end().chars().count()).max().unwrap_or(0);
-            self.titles[k] = pack_title(&title, below.max(longest));
+            self.titles[k] = wrap_parts(word_parts(&title), below.max(longest));
         }
         self
     }
@@ -93,7 +93,7 @@ impl TextTable {
         };
         if over > 0 && room >= MIN_WORDS_WIDTH {
             for cell in self.rows.iter_mut().filter_map(|row| row.get_mut(k)) {
-                *cell = wrap_words(&cell.concat(), room);
+                *cell = wrap_parts(cell.concat().split_inclusive(' '), room);
             }
         }
         self
@@ -152,10 +152,10 @@ fn word_parts(text: &str) -> impl Iterator<Item = &str> {
     text.split_inclusive([' ', '-'])
 }
 
-/// Wraps a heading to lines of at most `width` characters.
-fn pack_title(text: &str, width: usize) -> Vec<String> {
+/// Joins parts to lines of at most `width` characters, without the blanks at their ends; a longer part has its own line.
+fn wrap_parts<'a>(parts: impl Iterator<Item = &'a str>, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
-    for part in word_parts(text) {
+    for part in parts {
         let used = lines.last().map_or(0, |line| line.chars().count());
         if used > 0 && used + part.trim_end().chars().count() > width {
             lines.push(String::new());
@@ -165,24 +165,6 @@ fn pack_title(text: &str, width: usize) -> Vec<String> {
         }
     }
     lines.iter().map(|line| line.trim_end().to_owned()).collect()
-}
-
-/// Wraps words to lines of at most `width` characters; a longer word has its own line.
-fn wrap_words(text: &str, width: usize) -> Vec<String> {
-    let mut lines = vec![String::new()];
-    for word in text.split(' ') {
-        let used = lines.last().map_or(0, |line| line.chars().count());
-        if used > 0 && used + 1 + word.chars().count() > width {
-            lines.push(String::new());
-        }
-        if let Some(line) = lines.last_mut() {
-            if !line.is_empty() {
-                line.push(' ');
-            }
-            line.push_str(word);
-        }
-    }
-    lines
 }
 
 /// Replaces control characters, so that external names cannot control the terminal.

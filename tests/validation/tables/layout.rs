@@ -71,9 +71,8 @@ fn sampled_errors(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
     ]
 }
 
-#[test]
-#[ignore = "a table: LAYOUT=DIR AIRCRAFT=N"]
-fn aircraft_of_a_layout_keep_their_planned_sigma() {
+/// Prints the errors of `AIRCRAFT=N` aircraft of the layout in `LAYOUT=DIR`, over their planned standard deviations.
+pub fn print_layout() {
     let folder = std::env::var("LAYOUT").unwrap();
     let count = std::env::var("AIRCRAFT").unwrap().parse().unwrap();
     let setup = installation::load_without_orientation(Path::new(&folder)).unwrap().setup;
