@@ -31,7 +31,7 @@ fn check_derivatives(setup: Setup) {
     let single = SingleFrame {
         input,
         observations: frame_observations,
-        usage: FrameUsage::all_used(9),
+        usage: flight::FlightUsage::all_used(1, 9),
         terms: 5,
         prior_scales: PriorScales::default(),
         common_displacement: None,
