@@ -125,7 +125,10 @@ impl GuidedDetector {
 /// Searches a frame at the default thresholds and, if it is faint, at lower ones; with predictions, only for the missing
 /// markers.
 fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
-    let smooth = |scope, from: f64| if options.noise > from { smooth_scope(image, scope) } else { None };
+    let smooth = |scope: Scope, from: f64| {
+        let tiles = || scope.tiles(image.width(), image.height());
+        if options.noise > from { noise::smooth_image(image, &tiles()) } else { None }
+    };
     let smoothed = smooth(options.scope, noise::FRAYING_NOISE);
     let seen = smoothed.as_ref().unwrap_or(image);
     let mut progress = SearchProgress::new(image, seen, options);
@@ -144,11 +147,6 @@ fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
     let SearchProgress { mut found, options: SearchOptions { noise, sharpening, .. }, .. } = progress;
     inflate_length_outliers(&mut found);
     SearchResult { found, noise, sharpening }
-}
-
-/// Smooths a frame within a scope.
-fn smooth_scope(image: &Raster, scope: Scope) -> Option<Raster> {
-    noise::smooth_image(image, &scope.tiles(image.width(), image.height()))
 }
 
 /// Result of a search, with the frame's noise, grey levels, and its sharpening.

@@ -61,10 +61,10 @@ pub enum SearchMode {
 /// Reason why the markers of a frame have no names.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ViewFault {
-    /// Frame of another size than the calibrated camera's: both as text.
+    /// Frame of another size than the calibrated camera's: sizes of the frame and of the camera.
     #[error("the frame is {0}, but camera.toml was calibrated for {1}; use the camera's full frames")]
     Size(String, String),
-    /// Frame that was rotated by 90 degrees: its size and the camera's.
+    /// Frame that was rotated by 90 degrees: sizes of the frame and of the camera.
     #[error(
         "the frame is {0}, camera.toml is for {1}: it was rotated by 90 degrees; switch off the rotation of images in the \
          camera and in the program that copies them"
@@ -86,18 +86,13 @@ impl ViewFault {
 
     /// Returns the fault of a frame that does not have the calibrated camera's size.
     pub fn from_size(raster: &Raster, lens: &Lens) -> Option<Self> {
-        let sides = (raster.width(), raster.height());
-        let size = |(width, height): (usize, usize)| format!("{width} x {height} px");
-        let calibrated = (lens.width as usize, lens.height as usize);
-        let texts = || (size(sides), size(calibrated));
-        if sides == calibrated {
-            None
-        } else if sides == (calibrated.1, calibrated.0) {
-            let (frame, camera) = texts();
-            Some(Self::Rotated(frame, camera))
-        } else {
-            let (frame, camera) = texts();
-            Some(Self::Size(frame, camera))
+        let frame = (raster.width(), raster.height());
+        let camera = (lens.width as usize, lens.height as usize);
+        let [seen, calibrated] = [frame, camera].map(|(width, height)| format!("{width} x {height} px"));
+        match frame {
+            _ if frame == camera => None,
+            _ if frame == (camera.1, camera.0) => Some(Self::Rotated(seen, calibrated)),
+            _ => Some(Self::Size(seen, calibrated)),
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
-use crate::estimation::{EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
+use crate::estimation::{EstimationError, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
 use crate::setup::Thermal;
 use crate::widths::{Unknown, Width};
 
@@ -42,7 +42,8 @@ pub struct FlightProblem {
     pub nominal: DVector<f64>,
     /// Column of the common displacement.
     pub displacement_column: Option<usize>,
-    ground: Option<ParameterLayout>,
+    /// Column layout of survey and ground frame; `None` if a prior holds them.
+    pub ground: Option<ParameterLayout>,
 }
 
 /// Terms that the frames of one mounting share, its rotation first.
@@ -242,30 +243,6 @@ impl FlightProblem {
             nominal,
             displacement_column: displacement,
             ground,
-        }
-    }
-
-    /// Prepares a single frame with a prior for all that frames share. `problem` comes without groups.
-    pub fn for_single_frame(
-        layout: ParameterLayout,
-        shape: SharedShape,
-        group: Group,
-        members: Vec<BlockMember>,
-        problem: Problem,
-    ) -> Self {
-        let problem = Problem { groups: vec![group], ..problem };
-        let (layouts, members) = (vec![layout], vec![members]);
-        let (invariant, nominal) = (vec![], DVector::zeros(0));
-        Self {
-            layouts,
-            members,
-            ground_members: vec![],
-            problem,
-            shape,
-            invariant,
-            nominal,
-            displacement_column: None,
-            ground: None,
         }
     }
 

@@ -60,16 +60,6 @@ impl<'a> FlightHyperparameters<'a> {
         }
     }
 
-    /// Sets the bending of a single frame.
-    pub fn with_bending(self, curvature_per_m: f64) -> Self {
-        Self { amplitudes_per_m: vec![bounded_amplitude(curvature_per_m)], ..self }
-    }
-
-    /// Sets the departures from the shared shape that are due to other loads and to vibration.
-    pub fn with_departures(self, departure: f64, oscillation: f64) -> Self {
-        Self { departure, oscillation, ..self }
-    }
-
     /// Updates a frame's values from a solution.
     pub fn update_from_frame(&mut self, frame: usize, layout: &ParameterLayout, fit: &Fit) {
         let local = &fit.groups[frame].local;

@@ -25,6 +25,7 @@ use super::hyperparameters::FlightHyperparameters;
 use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::scene::WingScene;
+use crate::adjust::shapes::bounded_amplitude;
 use crate::adjust::{AdjustError, AdjustmentMethod, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
@@ -97,11 +98,12 @@ impl LiveAdjustment {
         let Self { setup, orientation, scene, options, .. } = self;
         let input = AdjustmentInput { setup, orientation, scene, options };
         let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
-        let hyperparameters = FlightHyperparameters::initial(&input, frames.len(), mountings);
-        let hyperparameters = match after {
-            Some(state) => state.departure.apply_to(hyperparameters.with_bending(state.local[0])),
-            None => ShapeDeparture::initial().apply_to(hyperparameters),
-        };
+        let mut hyperparameters = FlightHyperparameters::initial(&input, frames.len(), mountings);
+        if let Some(state) = after {
+            hyperparameters.amplitudes_per_m[0] = bounded_amplitude(state.local[0]);
+        }
+        let departure = after.map_or_else(ShapeDeparture::initial, |state| state.departure);
+        departure.apply_to(&mut hyperparameters);
         Flight::new(input, frames, hyperparameters)
     }
 

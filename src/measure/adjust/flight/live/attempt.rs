@@ -100,10 +100,19 @@ impl FrameHypothesis<'_, '_> {
             missing: model.missing.clone(),
             priors: vec![],
             known: Some((*known).clone()),
-            groups: vec![],
+            groups: vec![group],
         };
-        let flight_problem =
-            FlightProblem::for_single_frame(layout.clone(), model.shape.clone(), group, members, problem);
+        let flight_problem = FlightProblem {
+            layouts: vec![layout.clone()],
+            members: vec![members],
+            ground_members: vec![],
+            problem,
+            shape: model.shape.clone(),
+            invariant: vec![],
+            nominal: DVector::zeros(0),
+            displacement_column: None,
+            ground: None,
+        };
         let solve_options = SolveOptions { rough, residuals: before.map(|b| &b.fit) };
         let fit = flight_problem.solve(flight.input.scene, &solve_options)?;
         Ok(SolvedFlight { flight_problem, fit, tested_sum: None })

@@ -31,11 +31,11 @@ impl ShapeDeparture {
     }
 
     /// Sets the departures of the next frame to the current estimates.
-    pub fn apply_to<'a>(&self, hyperparameters: FlightHyperparameters<'a>) -> FlightHyperparameters<'a> {
+    pub fn apply_to(&self, hyperparameters: &mut FlightHyperparameters) {
         let share = |VarianceEvidence { square, redundancy }: VarianceEvidence| (square / redundancy).sqrt();
         let (least, most) = OSCILLATION_BOUNDS;
-        hyperparameters
-            .with_departures(bounded_departure(share(self.loads)), share(self.oscillations).clamp(least, most))
+        hyperparameters.departure = bounded_departure(share(self.loads));
+        hyperparameters.oscillation = share(self.oscillations).clamp(least, most);
     }
 
     /// Adds the fraction `share` of the evidence of a frame that was solved with `hyperparameters`.
