@@ -2,6 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
+use super::html::figure::MAIN_COLOUR;
 use super::html::plot::{Axis, Plot, px};
 use crate::measure::plan::{InstallationPlan, MarkerPlan, SpanPlan};
 
@@ -9,7 +10,6 @@ const WIDTH: f64 = 900.0;
 const LEFT: f64 = 70.0;
 const PANEL: f64 = 200.0;
 const GAP: f64 = 66.0;
-const DARK_COLOUR: &str = "#17456f";
 const WARM_COLOUR: &str = "#c2571a";
 const STYLE: &str = "text{font:11.5px 'Segoe UI',Arial,'DejaVu Sans',sans-serif;fill:#333b46}\
 .title{font-size:12.5px;font-weight:600}.grid{stroke:#e8ebef}.frame{fill:none;stroke:#9aa3af}\
@@ -39,18 +39,18 @@ pub fn plan_svg(plan: &InstallationPlan) -> String {
         (
             deflection_title.as_str(),
             "deflection / mm",
-            vec![PanelCurve { name: "deflection", colour: DARK_COLOUR, value: deflection }],
+            vec![PanelCurve { name: "deflection", colour: MAIN_COLOUR, value: deflection }],
         ),
         (
             "Predicted standard deviation of the twist",
             "twist / deg",
-            vec![PanelCurve { name: "twist", colour: DARK_COLOUR, value: twist }],
+            vec![PanelCurve { name: "twist", colour: MAIN_COLOUR, value: twist }],
         ),
         (
             "Size of one pixel on the skin, on ground",
             "footprint / mm",
             vec![
-                PanelCurve { name: "spanwise", colour: DARK_COLOUR, value: spanwise },
+                PanelCurve { name: "spanwise", colour: MAIN_COLOUR, value: spanwise },
                 PanelCurve { name: "streamwise", colour: WARM_COLOUR, value: streamwise },
             ],
         ),

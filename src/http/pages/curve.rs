@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use crate::report::html::Axis;
-use crate::report::html::figure::{Figure, FigureTrack, TrackStyle, all_abscissas, all_values};
+use crate::report::html::figure::{Figure, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values};
 use crate::report::overview::FlightOverview;
 use crate::report::summary::hours_between;
 
@@ -25,7 +25,7 @@ pub fn deflection_curve(overview: &FlightOverview, height: f64) -> Markup {
     }
     let name = format!("Tip deflection over time, {} series", points.len());
     let style = if points.len() <= MAX_BARS { TrackStyle::DottedLine } else { TrackStyle::Line };
-    let tracks = vec![FigureTrack { colour: "#17456f".to_owned(), style, points, ..FigureTrack::default() }];
+    let tracks = vec![FigureTrack { style, ..FigureTrack::from_points("", MAIN_COLOUR, points) }];
     let x = Axis::from_hours(all_abscissas(&tracks), begun.map(|stamp| stamp.utc));
     let y = Axis::from_values(all_values(&tracks).chain([0.0]), "tip deflection / m");
     Figure { name, height, x, y, tracks }.draw()

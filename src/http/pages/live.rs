@@ -4,7 +4,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::read_only_page;
 use crate::report::html::Axis;
-use crate::report::html::figure::{Figure, FigureTrack};
+use crate::report::html::figure::{Figure, FigureTrack, MAIN_COLOUR};
 
 const STYLE: &str = include_str!("live.css");
 
@@ -49,13 +49,9 @@ fn value_tile(id: &str, name: &str) -> Markup {
 
 /// Returns a section with a figure, whose points, range and note the page's script sets.
 fn live_figure(id: &str, name: &str, x_label: &str, y_label: &str) -> Markup {
-    let track = |(name, colour, class): (&str, &str, &'static str)| FigureTrack {
-        name: name.to_owned(),
-        colour: colour.to_owned(),
-        class,
-        ..FigureTrack::default()
-    };
-    let tracks = [("results", "#17456f", ""), ("test rejected", "#8f3c0b", "doubt"), ("no results", "#667080", "hole")];
+    let track = |(name, colour, class)| FigureTrack { class, ..FigureTrack::from_points(name, colour, Vec::new()) };
+    let tracks =
+        [("results", MAIN_COLOUR, ""), ("test rejected", "#8f3c0b", "doubt"), ("no results", "#667080", "hole")];
     let range = || [0.0, 10.0].into_iter();
     let figure = Figure {
         name: name.to_owned(),

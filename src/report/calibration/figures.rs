@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use nalgebra::Vector2;
 
-use super::super::html::figure::{Figure, FigureTrack, all_abscissas, all_values};
+use super::super::html::figure::{Figure, FigureTrack, MAIN_COLOUR, all_abscissas, all_values};
 use super::super::html::plot::{Axis, Plot, px, svg_drawing};
 use super::super::number::{decimals_for, format_fixed};
 use crate::measure::calibrate::{Calibration, ProjectionUncertainty};
@@ -120,7 +120,7 @@ pub(super) fn draw_coverage(c: &Calibration) -> Markup {
     let content = html! {
         @for (at, _) in c.residuals.iter().flatten() {
             @let at = sheet.point_at(*at);
-            circle cx=(px(at.x)) cy=(px(at.y)) r="1.5" fill="#17456f" fill-opacity="0.6" {}
+            circle cx=(px(at.x)) cy=(px(at.y)) r="1.5" fill=(MAIN_COLOUR) fill-opacity="0.6" {}
         }
         @for (j, row) in c.coverage.iter().enumerate() {
             @for (i, count) in row.iter().enumerate() {
@@ -212,15 +212,10 @@ pub(super) fn draw_board_profiles(c: &Calibration) -> Markup {
     let most = c.bow.iter().map(|b| b.value_m.abs()).fold(0.0, f64::max);
     // A board is measured to 0.01 mm.
     let (unit, label) = if most < 1e-5 { (1e6, "height / µm") } else { (1e3, "height / mm") };
-    let section = |(k, name): (usize, &str)| FigureTrack {
-        name: name.to_owned(),
-        colour: INK.to_owned(),
-        dashed: k == 1,
-        points: (-20..=20)
-            .map(|i| f64::from(i) / 20.0)
-            .map(|u| (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u), None))
-            .collect(),
-        ..FigureTrack::default()
+    let section = |(k, name): (usize, &str)| {
+        let place = |u: f64| (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u), None);
+        let points = (-20..=20).map(|i| place(f64::from(i) / 20.0)).collect();
+        FigureTrack { dashed: k == 1, ..FigureTrack::from_points(name, INK, points) }
     };
     let tracks = [(0, "along the rows"), (1, "across them")].map(section).to_vec();
     let x = Axis::from_values(all_abscissas(&tracks), "distance from the middle of the board / m");

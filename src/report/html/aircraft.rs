@@ -5,11 +5,10 @@ use maud::{Markup, html};
 use super::super::grid::Grid;
 use super::super::number::{NONE, format_measured};
 use super::super::{ReportData, SeriesData, summary};
-use super::figure::{Figure, FigurePoint, FigureTrack, TrackStyle, all_abscissas, all_values};
+use super::figure::{Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values};
 use super::plot::Axis;
 use crate::aircraft::Quantity;
 
-const COLOUR: &str = "#17456f";
 /// Quantities that affect the deflection: a higher weight increases it, fuel in the wing reduces it.
 const RELATED_QUANTITIES: [(Quantity, &str, f64); 3] = [
     (Quantity::WeightKg, "weight / t", 1e-3),
@@ -54,14 +53,8 @@ fn deflection_points(data: &ReportData, quantity: Quantity, scale: f64) -> Vec<F
 }
 
 fn draw_deflection_against(points: Vec<FigurePoint>, label: &str) -> Markup {
-    let name = "single frames".to_owned();
-    let tracks = vec![FigureTrack {
-        name,
-        colour: COLOUR.to_owned(),
-        style: TrackStyle::Dots,
-        points,
-        ..FigureTrack::default()
-    }];
+    let dots = FigureTrack::from_points("single frames", MAIN_COLOUR, points);
+    let tracks = vec![FigureTrack { style: TrackStyle::Dots, ..dots }];
     let x = Axis::from_values(all_abscissas(&tracks), label);
     let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
     Figure { name: format!("Deflection against {label}"), height: 240.0, x, y, tracks }.draw()

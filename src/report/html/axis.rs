@@ -145,9 +145,9 @@ fn value_range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.filter(|v| v.is_finite()).fold(None, extend).unwrap_or((0.0, 1.0))
 }
 
-/// Returns the width of a range; 1 if it is almost a point.
+/// Returns the width of a range; 1 if it is almost a point, and more for a point so large that 1 would not change it.
 fn range_width(low: f64, high: f64) -> f64 {
-    if high - low > 1e-9 * (1.0 + high.abs()) { high - low } else { 1.0 }
+    if high - low > 1e-9 * (1.0 + high.abs()) { high - low } else { 1.0_f64.max(1e-6 * high.abs()) }
 }
 
 /// Steps of a time axis: seconds, minutes, hours and days, s.
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn odd_data_still_give_an_axis() {
-        for values in [vec![], vec![f64::NAN], vec![7.0], vec![-3e5, f64::INFINITY, 1e-9]] {
+        for values in [vec![], vec![f64::NAN], vec![7.0], vec![-3e5, f64::INFINITY, 1e-9], vec![1e300]] {
             let axis = Axis::from_values(values.iter().copied(), "");
             let (low, high) = axis.range();
             assert!(low < high && axis.ticks().len() >= 2, "{values:?}: {axis:?}");

@@ -7,6 +7,7 @@
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
+use super::super::number::format_fixed;
 use super::plot::{Axis, draw_ticks};
 
 /// Figure of tracks over a common abscissa.
@@ -22,6 +23,9 @@ pub struct Figure {
     /// Tracks, which can be shown or hidden one by one.
     pub tracks: Vec<FigureTrack>,
 }
+
+/// Colour of the first quantity of a figure.
+pub const MAIN_COLOUR: &str = "#17456f";
 
 /// Abscissa, value and standard deviation of a point.
 pub type FigurePoint = (f64, f64, Option<f64>);
@@ -62,7 +66,7 @@ pub enum TrackStyle {
 impl Figure {
     /// Draws the figure, with a legend if it has several tracks.
     pub fn draw(&self) -> Markup {
-        let percent = |share: f64| format!("{:.3}%", 100.0 * share);
+        let percent = |share: f64| format!("{}%", format_fixed(Some(100.0 * share), 3));
         let ((left, right), (bottom, top)) = (self.x.range(), self.y.range());
         html! {
             div.plot {
@@ -114,9 +118,14 @@ impl TrackStyle {
 }
 
 impl FigureTrack {
+    /// Creates a line through points.
+    pub fn from_points(name: impl Into<String>, colour: impl Into<String>, points: Vec<FigurePoint>) -> Self {
+        Self { name: name.into(), colour: colour.into(), points, ..Self::default() }
+    }
+
     fn draw(&self, index: usize) -> Markup {
         let points: Vec<FigurePoint> = self.points.iter().copied().map(rounded_point).collect();
-        let [line, band, bars, dots] = path_data(&points);
+        let [line, band, bars, dots, lone] = path_data(&points);
         let (joined, dotted) = (self.style.class() == "line", self.style != TrackStyle::Line);
         let texts = (!self.texts.is_empty()).then(|| serde_json::to_string(&self.texts).unwrap_or_default());
         html! {
@@ -126,6 +135,7 @@ impl FigureTrack {
                     path.band d=(band) {}
                     path.curve d=(line) stroke-dasharray=[self.dashed.then_some("5 4")] {}
                 }
+                @if !dotted { path.lone d=(lone) {} }
                 @if dotted {
                     path.bar d=(bars) {}
                     path class=(if joined { "dot" } else { self.style.class() }) d=(dots) {}
@@ -135,11 +145,11 @@ impl FigureTrack {
     }
 }
 
-/// Returns the path data of the line, the band, the bars and the dots of a track, in the units of the data. A point that is
-/// not finite ends a line.
-fn path_data(points: &[FigurePoint]) -> [String; 4] {
+/// Returns the path data of the line, the band, the bars, the dots and the single points of a track, in the units of the data.
+/// A point that is not finite ends a line.
+fn path_data(points: &[FigurePoint]) -> [String; 5] {
     let at = |x: f64, y: f64| format!("{x:?},{y:?}");
-    let [mut line, mut band, mut bars, mut dots] = [const { String::new() }; 4];
+    let [mut line, mut band, mut bars, mut dots, mut lone] = [const { String::new() }; 5];
     for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|run| !run.is_empty()) {
         let run_points: Vec<String> = run.iter().map(|(x, y, _)| at(*x, *y)).collect();
         let known: Vec<_> = run.iter().filter_map(|(x, y, s)| Some((*x, *y, (*s)?))).collect();
@@ -148,9 +158,12 @@ fn path_data(points: &[FigurePoint]) -> [String; 4] {
         line.push_str(&format!("M{}h0", run_points.join(" ")));
         band.push_str(&if known.len() > 1 { format!("M{}Z", outline.join(" ")) } else { String::new() });
         bars.extend(known.iter().map(|(x, y, s)| format!("M{} {}", at(*x, y - s), at(*x, y + s))));
-        dots.extend(run_points.iter().map(|point| format!("M{point}h0")));
+        let run_dots: String = run_points.iter().map(|point| format!("M{point}h0")).collect();
+        dots.push_str(&run_dots);
+        // A single point makes no line.
+        lone.push_str(if run.len() == 1 { &run_dots } else { "" });
     }
-    [line, band, bars, dots]
+    [line, band, bars, dots, lone]
 }
 
 /// Point that ends a line.
@@ -174,11 +187,12 @@ mod tests {
     #[test]
     fn a_track_has_line_band_bars_and_dots_of_its_finite_points() {
         let points = [(0.0, 1.0, Some(0.5)), (1.0, 2.0, Some(0.25)), BREAK, (2.0, 3.0, None)];
-        let [line, band, bars, dots] = path_data(&points);
+        let [line, band, bars, dots, lone] = path_data(&points);
         assert_eq!(line, "M0.0,1.0 1.0,2.0h0M2.0,3.0h0");
         assert_eq!(band, "M0.0,1.5 1.0,2.25 1.0,1.75 0.0,0.5Z");
         assert_eq!(bars, "M0.0,0.5 0.0,1.5M1.0,1.75 1.0,2.25");
         assert_eq!(dots, "M0.0,1.0h0M1.0,2.0h0M2.0,3.0h0");
-        assert_eq!(path_data(&[]), [const { String::new() }; 4]);
+        assert_eq!(lone, "M2.0,3.0h0");
+        assert_eq!(path_data(&[]), [const { String::new() }; 5]);
     }
 }

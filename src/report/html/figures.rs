@@ -5,7 +5,7 @@ use maud::Markup;
 use super::super::SeriesData;
 use super::super::number::format_fixed;
 use super::super::summary::{Mean, SeriesSummary, hours_between, solved_records};
-use super::figure::{Figure, FigurePoint, FigureTrack, TrackStyle, all_abscissas, all_values};
+use super::figure::{Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values};
 use super::plot::{Axis, series_colour};
 use crate::record::{CurveRecord, ImageRecord};
 
@@ -35,11 +35,8 @@ pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
 
 fn draw_curves(summaries: &[SeriesSummary], name: &str, label: &str, height: f64, column: CurveField) -> Markup {
     let shown: Vec<&SeriesSummary> = summaries.iter().filter(|s| !s.curve.is_empty()).collect();
-    let track = |(i, s): (usize, &&SeriesSummary)| FigureTrack {
-        name: short_name(s),
-        colour: series_colour(i, shown.len()),
-        points: curve_points(&s.curve, column),
-        ..FigureTrack::default()
+    let track = |(i, s): (usize, &&SeriesSummary)| {
+        FigureTrack::from_points(short_name(s), series_colour(i, shown.len()), curve_points(&s.curve, column))
     };
     let tracks: Vec<FigureTrack> = shown.iter().enumerate().map(track).collect();
     let x = Axis::from_values(all_abscissas(&tracks), SPAN_LABEL);
@@ -67,7 +64,7 @@ pub fn draw_tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
     let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.deflection(reference)?.0);
     let mean = |s: &SeriesSummary| s.tip_deflection_m;
-    let track = TimeTrack { name: "tip deflection", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
+    let track = TimeTrack { name: "tip deflection", colour: MAIN_COLOUR, dashed: false, shot: &shot, mean: &mean };
     draw_over_time(series, summaries, "Tip deflection over time", "deflection of the tip marker / m", &[track])
 }
 
@@ -104,12 +101,10 @@ struct TimeTrack<'a> {
 impl TimeTrack<'_> {
     /// Returns the means of the series, each at the mean time of its frames, and the single frames.
     fn tracks(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> [FigureTrack; 2] {
-        let colour = self.colour.to_owned();
-        let mut means = FigureTrack { colour: colour.clone(), dashed: self.dashed, ..FigureTrack::default() };
-        let mut shots = FigureTrack { colour, style: TrackStyle::SmallDots, ..FigureTrack::default() };
-        (means.name, shots.name) =
-            (format!("{}, means of the series", self.name), format!("{}, single frames", self.name));
-        means.style = TrackStyle::DottedLine;
+        let track = |of: &str| FigureTrack::from_points(format!("{}, {of}", self.name), self.colour, Vec::new());
+        let mut means =
+            FigureTrack { style: TrackStyle::DottedLine, dashed: self.dashed, ..track("means of the series") };
+        let mut shots = FigureTrack { style: TrackStyle::SmallDots, ..track("single frames") };
         for (s, summary) in series.iter().zip(summaries) {
             let mut hours = Vec::new();
             for record in solved_records(s) {

@@ -55,11 +55,10 @@ fn time_unit(longest_h: f64) -> (&'static str, f64) {
 fn deflection_figure(flights: &[FlightOverview]) -> Markup {
     let all: Vec<Vec<(f64, Mean)>> = flights.iter().map(flight_track).collect();
     let (unit, an_hour) = time_unit(all.iter().flatten().map(|p| p.0).fold(0.0, f64::max));
-    let track = |(index, means): (usize, &Vec<(f64, Mean)>)| FigureTrack {
-        name: flights.get(index).map_or(String::new(), |f| f.flight.clone()),
-        colour: series_colour(index, flights.len()),
-        points: means.iter().map(|(h, m)| (an_hour * h, m.value, m.sigma)).collect(),
-        ..FigureTrack::default()
+    let track = |(index, means): (usize, &Vec<(f64, Mean)>)| {
+        let points = means.iter().map(|(h, m)| (an_hour * h, m.value, m.sigma)).collect();
+        let name = flights.get(index).map_or("", |f| f.flight.as_str());
+        FigureTrack::from_points(name, series_colour(index, flights.len()), points)
     };
     let tracks: Vec<FigureTrack> = all.iter().enumerate().filter(|(_, means)| !means.is_empty()).map(track).collect();
     let x = Axis::from_values(all_abscissas(&tracks), &format!("time since the flight's first series / {unit}"));

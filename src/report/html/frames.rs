@@ -9,12 +9,13 @@ use super::super::number::{format_fixed, format_measured};
 use super::super::summary::{self, SeriesSummary};
 use super::super::{FramePicture, FullRecord, ReportData, frame_ranking, table};
 use super::figure::{
-    BREAK, Figure, FigurePoint, FigureTrack, TrackStyle, all_abscissas, all_values, rounded_point, script_json,
+    BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values, rounded_point,
+    script_json,
 };
 use super::figures::{SPAN_LABEL, curve_points};
 use super::picture;
 use super::plot::{Axis, round_step};
-use super::views::{FLIGHT_COLOUR, GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
+use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
 use crate::record::{CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Reference, variant_name};
 
 const UNUSED_COLOUR: &str = "#b3541e";
@@ -122,7 +123,7 @@ fn marker_track(
     point: impl Fn(&MarkerValues) -> Option<FigurePoint>,
 ) -> FigureTrack {
     let (points, texts) = frame.markers.iter().filter_map(|m| Some((point(m)?, m.text.clone()))).unzip();
-    FigureTrack { name: name.to_owned(), colour: colour.to_owned(), style, points, texts, ..FigureTrack::default() }
+    FigureTrack { style, texts, ..FigureTrack::from_points(name, colour, points) }
 }
 
 /// Builds a track of one line per marker.
@@ -133,14 +134,14 @@ fn line_track(
     ends: impl Fn(&MarkerValues) -> Option<[FigurePoint; 2]>,
 ) -> FigureTrack {
     let points = frame.markers.iter().filter_map(ends).flat_map(|[from, to]| [from, to, BREAK]).collect();
-    FigureTrack { name: name.to_owned(), colour: colour.to_owned(), points, ..FigureTrack::default() }
+    FigureTrack::from_points(name, colour, points)
 }
 
 fn draw_positions(frames: &[FrameValues]) -> Markup {
     let of_kind = |used: bool| move |m: &MarkerValues| m.seen.map(|seen| seen[0]).filter(|_| m.used == used);
     let tracks = |frame: &FrameValues| {
         vec![
-            marker_track(("used", FLIGHT_COLOUR, TrackStyle::Dots), frame, of_kind(true)),
+            marker_track(("used", MAIN_COLOUR, TrackStyle::Dots), frame, of_kind(true)),
             marker_track(("not used", UNUSED_COLOUR, TrackStyle::Dots), frame, of_kind(false)),
             line_track("residuals", "#b3177f", frame, |m| m.seen.filter(|_| m.used)),
         ]
@@ -153,17 +154,11 @@ fn draw_positions(frames: &[FrameValues]) -> Markup {
 }
 
 fn draw_frame_curve(list: &FrameList) -> Markup {
-    let curve = |name: &str, colour: &str, points: Vec<FigurePoint>| FigureTrack {
-        name: name.to_owned(),
-        colour: colour.to_owned(),
-        points,
-        ..FigureTrack::default()
-    };
     let tracks = |frame: &FrameValues| {
         let mean = list.means.get(frame.series).cloned().unwrap_or_default();
         vec![
-            curve("this frame", FLIGHT_COLOUR, frame.curve.clone()),
-            FigureTrack { dashed: true, ..curve("mean of its series", "#8a4b00", mean) },
+            FigureTrack::from_points("this frame", MAIN_COLOUR, frame.curve.clone()),
+            FigureTrack { dashed: true, ..FigureTrack::from_points("mean of its series", "#8a4b00", mean) },
             marker_track(("markers", "#1d6b4f", TrackStyle::Dots), frame, |m| m.deflection),
         ]
     };
@@ -180,8 +175,8 @@ fn draw_wing(frames: &[FrameValues]) -> Markup {
     let tracks = |frame: &FrameValues| {
         vec![
             marker_track(("on ground", GROUND_COLOUR, TrackStyle::Dots), frame, |m| m.ground.map(flat)),
-            marker_track(("in flight", FLIGHT_COLOUR, TrackStyle::Dots), frame, |m| m.flight.map(flat)),
-            line_track("deflection", FLIGHT_COLOUR, frame, |m| Some([flat(m.ground?), flat(m.flight?)])),
+            marker_track(("in flight", MAIN_COLOUR, TrackStyle::Dots), frame, |m| m.flight.map(flat)),
+            line_track("deflection", MAIN_COLOUR, frame, |m| Some([flat(m.ground?), flat(m.flight?)])),
         ]
     };
     let axes = |all: &[FigureTrack]| {

@@ -4,6 +4,7 @@ use maud::{Markup, html};
 use nalgebra::{Vector3, vector};
 
 use super::super::{GroundMarker, ReportSite};
+use super::figure::MAIN_COLOUR;
 use super::plot::{Axis, NamedSpot, Plot, draw_names, px, round_step, svg_drawing};
 use crate::measure::geometry::WingFrame;
 use crate::record::ImageRecord;
@@ -14,7 +15,6 @@ const GAP: f64 = 84.0;
 /// Space for the title of a view; that of a narrow one begins to the left of it.
 const TITLE_WIDTH: f64 = 156.0;
 pub(super) const GROUND_COLOUR: &str = "#6d737d";
-pub(super) const FLIGHT_COLOUR: &str = "#17456f";
 const SIGHT_COLOUR: &str = "#a8730f";
 
 /// Marker positions in the wing frame, m.
@@ -142,13 +142,13 @@ fn draw_view(
         }
         @for p in placed {
             @if let (Some(ground), Some(flight)) = (&p.ground, &p.flight) {
-                (line(at(ground), at(flight), "deflection", FLIGHT_COLOUR))
+                (line(at(ground), at(flight), "deflection", MAIN_COLOUR))
             }
             @if let Some((x, y)) = p.ground.as_ref().map(at) {
                 circle.hollow cx=(px(x)) cy=(px(y)) r="2.6" stroke=(GROUND_COLOUR) { title { (p.id) " on ground" } }
             }
             @if let Some((x, y)) = p.flight.as_ref().map(at) {
-                circle cx=(px(x)) cy=(px(y)) r="2.6" fill=(FLIGHT_COLOUR) { title { (p.id) " in flight" } }
+                circle cx=(px(x)) cy=(px(y)) r="2.6" fill=(MAIN_COLOUR) { title { (p.id) " in flight" } }
             }
         }
         @if let Some((x, y)) = camera.as_ref().map(at) { (draw_camera(x, y)) }
@@ -181,9 +181,9 @@ fn draw_key(x: f64, y: f64, camera: bool) -> Markup {
     html! {
         circle.hollow cx=(px(x + 8.0)) cy=(px(y)) r="2.6" stroke=(GROUND_COLOUR) {}
         (text(0.0, "on ground"))
-        circle cx=(px(x + 8.0)) cy=(px(y + 20.0)) r="2.6" fill=(FLIGHT_COLOUR) {}
+        circle cx=(px(x + 8.0)) cy=(px(y + 20.0)) r="2.6" fill=(MAIN_COLOUR) {}
         (text(1.0, "in flight"))
-        line.deflection x1=(px(x)) y1=(px(y + 40.0)) x2=(px(x + 16.0)) y2=(px(y + 40.0)) stroke=(FLIGHT_COLOUR) {}
+        line.deflection x1=(px(x)) y1=(px(y + 40.0)) x2=(px(x + 16.0)) y2=(px(y + 40.0)) stroke=(MAIN_COLOUR) {}
         (text(2.0, "deflection"))
         @if camera {
             line.sight x1=(px(x)) y1=(px(y + 60.0)) x2=(px(x + 16.0)) y2=(px(y + 60.0)) stroke=(SIGHT_COLOUR) {}

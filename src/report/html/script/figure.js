@@ -38,7 +38,7 @@ const axisTicks = (axis, [low, high], most) => {
 const pathData = (points, at = (x, y) => `${x},${y}`) => {
   const runs = [[]];
   for (const p of points) if (isPoint(p)) runs[runs.length - 1].push(p); else runs.push([]);
-  const data = { curve: "", band: "", bar: "", dot: "" };
+  const data = { curve: "", band: "", bar: "", dot: "", lone: "" };
   for (const run of runs.filter((one) => one.length > 0)) {
     const known = run.filter((p) => isNumber(p[2]));
     const sides = (k) => known.map(([x, y, s]) => at(x, y + k * s));
@@ -46,7 +46,10 @@ const pathData = (points, at = (x, y) => `${x},${y}`) => {
     data.curve += `M${line.join(" ")}h0`;
     if (known.length > 1) data.band += `M${[...sides(1), ...sides(-1).reverse()].join(" ")}Z`;
     data.bar += sides(-1).map((low, k) => `M${low} ${sides(1)[k]}`).join("");
-    data.dot += line.map((point) => `M${point}h0`).join("");
+    const dots = line.map((point) => `M${point}h0`).join("");
+    data.dot += dots;
+    // A single point makes no line.
+    if (run.length === 1) data.lone += dots;
   }
   return data;
 };
