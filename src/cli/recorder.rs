@@ -31,7 +31,7 @@ pub fn open_store(config: &Config) -> Result<OpenedStore, Failure> {
     let (store, recovery) =
         Store::open(Arc::new(RealDisk), config.store.clone()).map_err(|error| Failure::Failed(error.to_string()))?;
     let took_ms = begin.elapsed().as_millis() as u64;
-    if let Some(signer) = store.signer() {
+    if let Ok(Some(signer)) = store.signer() {
         tracing::info!(key = %signer.path().display(), public = signer.public_key_hex(), "flights are signed");
     }
     tracing::info!(recovered = recovery.series.len(), set_aside = recovery.set_aside.len(), took_ms, "store is open");

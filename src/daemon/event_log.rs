@@ -3,7 +3,7 @@
 use super::capture::STALE;
 use super::core::Core;
 use super::event::Event;
-use super::status::Activity;
+use super::status::{Activity, SIGNING_PART};
 use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus};
 use crate::store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
 use crate::store::{FrameRef, OpenSeries, StoreError};
@@ -46,6 +46,7 @@ impl Core {
             }
         }
         let stranded = self.store.stranded_series();
+        self.board.set_fault(SIGNING_PART, self.store.signing_fault());
         self.board.update(|status| {
             status.store.unclosed = closed.as_ref().err().map(StoreError::to_string);
             status.store.stranded = stranded;

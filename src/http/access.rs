@@ -50,6 +50,7 @@ struct RefusalCounts {
     token: AtomicU64,
     host: AtomicU64,
     connections: AtomicU64,
+    busy: AtomicU64,
 }
 
 impl Access {
@@ -79,7 +80,12 @@ impl Access {
     pub fn refusal_counts(&self) -> Value {
         let count = |n: &AtomicU64| n.load(Ordering::Relaxed);
         json!({"token": count(&self.counts.token), "host": count(&self.counts.host),
-            "connections": count(&self.counts.connections)})
+            "connections": count(&self.counts.connections), "busy": count(&self.counts.busy)})
+    }
+
+    /// Counts an answer for which there was no memory or no turn.
+    pub(super) fn count_busy(&self) {
+        self.counts.busy.fetch_add(1, Ordering::Relaxed);
     }
 
     pub(super) fn count_connection(&self) -> u64 {

@@ -194,7 +194,7 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/bundle/{name}", get(send_listing))
         .route("/report/{flight}", get(report_page))
         .route("/status.json", get(send_status))
-        .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::default(), limits::limit_answers))
+        .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::new(access.clone()), limits::limit_answers))
         .route("/live", get(live::live_page))
         .route("/live.js", get(live::live_script))
         .route("/figure.js", get(live::figure_script))

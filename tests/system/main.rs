@@ -17,6 +17,7 @@ mod foreign_cameras;
 mod foreign_tables;
 mod guided_orient;
 mod hand_edited_files;
+mod hostile_surroundings;
 mod http_access;
 mod http_downloads;
 mod http_fetch;

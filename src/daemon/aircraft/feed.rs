@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::config::{AircraftConfig, Servers};
 use crate::aircraft::Layout;
 use crate::daemon::budget::RateBudget;
-use crate::daemon::core::Core;
+use crate::daemon::core::{Core, SERIES_NICE, lower_priority};
 use crate::daemon::status::{AIRCRAFT_PART, AircraftStatus, format_span};
 use crate::daemon::tcp_keepalive::keep_alive;
 use crate::store::aircraft::AircraftLine;
@@ -81,6 +81,8 @@ impl LineIntake {
 
     /// Receives lines until the daemon ends. A lost feed is called again; of several servers, the next one.
     pub fn run(mut self) {
+        // A flood must not take the processor from live solving.
+        lower_priority(SERIES_NICE);
         let shared = self.shared.clone();
         if let Some(address) = shared.config.udp {
             while !shared.is_ending() {

@@ -128,8 +128,8 @@ impl LineStatistics {
             return Some("lines arrive but none can be parsed; check format".to_owned());
         }
         if lost > 0 {
-            let problem = format!("{lost} lines were lost in {}", format_span(FLUSH_INTERVAL.as_secs_f64()));
-            return Some(format!("{problem}: more arrive than are recorded; check the sender, or name it in senders"));
+            let remedy = "check the sender, or name it in senders";
+            return Some(format!("lines are lost, because more arrive than are recorded; {remedy}"));
         }
         let direction = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
         (self.impossible > 0).then(|| {

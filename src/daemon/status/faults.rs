@@ -14,6 +14,8 @@ pub(crate) const AIRCRAFT_PART: Part = ("aircraft data", "");
 pub(crate) const PAGE_PART: Part = ("web page", "");
 /// Socket of the status.
 pub(crate) const STATUS_PART: Part = ("status socket", "");
+/// Signatures of the flights.
+pub(crate) const SIGNING_PART: Part = ("signatures", "");
 /// Solver of frames.
 pub(crate) const SOLVER_PART: Part = ("solver", "");
 /// Storage of the results of series.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Activity, DaemonStatus, Health, LiveStatus, RecentShares};
+use super::{Activity, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares};
 
 /// A metric without labels: name, kind, help, value. A metric without a value is omitted.
 type Metric = (&'static str, &'static str, &'static str, Option<f64>);
@@ -34,6 +34,7 @@ fn flag(yes: bool) -> Option<f64> {
 
 fn status_metrics(status: &DaemonStatus) -> Vec<Metric> {
     let counts = &status.counts;
+    let lines = |count: fn(&AircraftStatus) -> u64| status.aircraft.as_ref().map(|aircraft| count(aircraft) as f64);
     vec![
         gauge("healthy", "1 if health is ok, else 0.", flag(status.health == Health::Ok)),
         gauge("health", "Health: 0 ok, 1 degraded, 2 failed.", Some(f64::from(status.health as u8))),
@@ -69,6 +70,19 @@ fn status_metrics(status: &DaemonStatus) -> Vec<Metric> {
         counter("series_refused_total", "Series refused by the store.", counts.series_refused),
         counter("solved_total", "Frames solved.", counts.solved),
         counter("unsolvable_total", "Frames that could not be solved.", counts.unsolvable),
+        gauge(
+            "store_stranded_series",
+            "Series in incoming/ that are not under way.",
+            Some(status.store.stranded as f64),
+        ),
+        gauge("faults", "Parts of the recorder that do not work.", Some(status.faults.len() as f64)),
+        ("aircraft_lines_total", "counter", "Lines of aircraft data recorded.", lines(|aircraft| aircraft.recorded)),
+        (
+            "aircraft_lines_lost_total",
+            "counter",
+            "Lines of aircraft data not recorded.",
+            lines(|aircraft| aircraft.lost),
+        ),
         counter("solver_hangs_total", "Frames of series abandoned at the solver's deadline.", counts.solver_hangs),
     ]
 }

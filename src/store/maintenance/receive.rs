@@ -188,7 +188,6 @@ impl<'a> Receiver<'a> {
         self.make_dirs(&path)?;
         let part =
             path.with_file_name(format!("{}{}", item.name.rsplit('/').next().unwrap_or_default(), layout::PART_ENDING));
-        self.disk.save_file(&part, b"")?;
         Ok(ReceivedFile { receiver: self, item, part, path, length: 0, hasher: Sha256::new() })
     }
 
@@ -281,9 +280,12 @@ impl ReceivedFile<'_> {
 
     /// Adds the next bytes.
     pub fn add(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        let disk = self.receiver.disk;
+        let written = if self.length == 0 { disk.write(&self.part, bytes) } else { disk.append(&self.part, bytes) };
+        written.map_err(StoreError::io(&self.part, "write"))?;
         self.hasher.update(bytes);
         self.length += bytes.len() as u64;
-        self.receiver.disk.append(&self.part, bytes).map_err(StoreError::io(&self.part, "write"))
+        Ok(())
     }
 
     /// Gives the file its name; returns an error if the bytes do not match the listing.
@@ -294,7 +296,11 @@ impl ReceivedFile<'_> {
             let remedy = "try again; if it happens again, run `wingd verify` on the sender's store";
             return Err(StoreError::Damaged { path: receiver.root.join(&item.name), problem, remedy });
         }
-        receiver.disk.move_durably(&part, &path)
+        if item.length == 0 {
+            receiver.disk.save_file(&part, b"")?;
+        }
+        receiver.disk.rename(&part, &path).map_err(StoreError::io(&path, "write"))?;
+        receiver.disk.sync_directory(path.parent().unwrap_or(Path::new(".")))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Store opened for writing.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::index::StoreIndex;
@@ -35,7 +35,7 @@ pub struct Store {
     root: PathBuf,
     config: StoreConfig,
     index: Mutex<StoreIndex>,
-    signer: Option<signing::Signer>,
+    signer: OnceLock<signing::Signer>,
     pub(super) aircraft: AppendFile,
     pub(super) live: AppendFile,
     pub(super) marks: AppendFile,
@@ -59,21 +59,19 @@ impl Store {
         recovery.remarks.extend(mended);
         segment::settle_append_files(root, &APPEND_FILE_KINDS, &mut recovery);
         let index = opening::scan_store(root, &mut recovery)?;
-        // Recording continues without signatures if the key cannot be used.
-        let signer = config.signing_key.as_deref().map(signing::Signer::load_or_create).transpose();
-        recovery.remarks.extend(signer.as_ref().err().map(|error| format!("flights are not signed: {error}")));
         let store = Self {
             disk,
             root: path,
             config,
             index: Mutex::new(index),
-            signer: signer.ok().flatten(),
+            signer: OnceLock::new(),
             aircraft: AppendFile::new(&AIRCRAFT_DATA),
             live: AppendFile::new(&LIVE_RESULTS),
             marks: AppendFile::new(&MANUAL_MARKS),
             under_way: ActiveSeries::default(),
             _lock: lock,
         };
+        recovery.remarks.extend(store.signing_fault());
         if store.store_root().has_evidence() {
             for flight in catalogue::list_flights(store.disk(), &store.root)? {
                 let sealed = store.seal_flight(&flight.folder);
@@ -94,8 +92,22 @@ impl Store {
     }
 
     /// Returns the signer of the flights, if there is a key.
-    pub fn signer(&self) -> Option<&signing::Signer> {
-        self.signer.as_ref()
+    ///
+    /// # Errors
+    /// Returns an error if the key cannot be used; recording continues without signatures, and it is tried again.
+    pub fn signer(&self) -> Result<Option<&signing::Signer>, StoreError> {
+        match (&self.config.signing_key, self.signer.get()) {
+            (Some(path), None) => {
+                let loaded = signing::Signer::load_or_create(path)?;
+                Ok(Some(self.signer.get_or_init(|| loaded)))
+            }
+            (_, signer) => Ok(signer),
+        }
+    }
+
+    /// Returns a sentence if the key of the flights cannot be used.
+    pub fn signing_fault(&self) -> Option<String> {
+        self.signer().err().map(|error| format!("flights are not signed: {error}"))
     }
 
     /// Returns the file system of the store.
@@ -223,7 +235,8 @@ impl Store {
 
     /// Signs the chain, if there is a key, and updates the sums to it.
     fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
-        let signed = self.signer.as_ref().map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
+        let signer = self.signer().ok().flatten();
+        let signed = signer.map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
         signed.and(evidence::update_sums(self.disk(), flight))
     }
 
