@@ -2,27 +2,33 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::bundle::BoardBundle;
+use super::bundle::{BoardBundle, BundleSolution, ScalarPrior};
 use super::model::{
     BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, add_common_variance, board_form, lens_from_parameters,
     pack_parameters,
 };
 use super::shape::BoardShape;
 use super::{BoardPoint, BoardView, CalibrateError, start};
-use crate::estimation::arrow::{self, ArrowSolution, ScalarPrior};
 use crate::estimation::robust::{MEDIAN_SQUARE, common_variance};
 use crate::geometry::Lens;
 
-/// Camera, board and poses of one adjustment.
-pub(super) struct CameraAdjustment {
+/// Camera, board and poses: start and result of an adjustment.
+#[derive(Clone)]
+pub(super) struct CameraState {
     pub lens: Lens,
-    pub shape: BoardShape,
     pub form: BoardForm,
+    /// Prior standard deviation of the stretch; not used if the stretch is fixed.
     pub stretch_sigma: f64,
     pub poses: Vec<BoardPose>,
     /// Parameters that keep their start value.
     pub fixed: [bool; GLOBAL],
-    pub solution: ArrowSolution<GLOBAL, BoardPose>,
+}
+
+/// Result of an adjustment.
+pub(super) struct CameraAdjustment {
+    pub camera: CameraState,
+    pub shape: BoardShape,
+    pub solution: BundleSolution,
     /// Standard deviation common to all points, in addition to their own, px.
     pub model_sigma_px: f64,
 }
@@ -30,14 +36,15 @@ pub(super) struct CameraAdjustment {
 impl CameraAdjustment {
     /// Returns a board point of view `k` (index among the views used) in the camera frame, m.
     pub(super) fn camera_point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
-        self.poses[k].apply(&self.shape.surface_point(&p.board_m, &self.form))
+        self.camera.poses[k].apply(&self.shape.surface_point(&p.board_m, &self.camera.form))
     }
 
     /// Returns observed - projected, px, for each point of each view.
     pub(super) fn residuals(&self, used: &[(usize, BoardView)]) -> Vec<Vec<Vector2<f64>>> {
         // A point behind the camera gets a huge residual that stays finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one = |k: usize, p: &BoardPoint| self.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
+        let one =
+            |k: usize, p: &BoardPoint| self.camera.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
         used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
     }
 
@@ -70,32 +77,6 @@ impl CameraAdjustment {
     }
 }
 
-/// Start values of an adjustment.
-pub(super) struct AdjustmentStart {
-    pub lens: Lens,
-    pub form: BoardForm,
-    /// Prior standard deviation of the stretch; not used if the stretch is fixed.
-    pub stretch_sigma: f64,
-    pub poses: Vec<BoardPose>,
-    pub fixed: [bool; GLOBAL],
-    /// Factor on the prior standard deviations of camera constant and distortion.
-    pub stiffness: f64,
-}
-
-impl AdjustmentStart {
-    /// Starts from the result of another adjustment.
-    pub(super) fn from_adjustment(adjusted: &CameraAdjustment) -> Self {
-        Self {
-            lens: adjusted.lens,
-            form: adjusted.form,
-            stretch_sigma: adjusted.stretch_sigma,
-            poses: adjusted.poses.clone(),
-            fixed: adjusted.fixed,
-            stiffness: 1.0,
-        }
-    }
-}
-
 /// Common standard deviation of the points before residuals determine it, px.
 const FIRST_SIGMA_PX: f64 = 0.1;
 
@@ -110,15 +91,14 @@ pub(super) fn initial_adjustment(
     let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
     let adjust_from = |f_px: Option<f64>| {
         let (lens, poses) = start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
+        let common_px = vec![FIRST_SIGMA_PX; used.len()];
         // A stiff lens without distortion first: with all parameters free at once, few images diverge.
-        let stiffness = PRIOR_STIFFNESS[0];
-        let start = AdjustmentStart { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed, stiffness };
-        let mut rough = adjust_bundle(used, &start, FIRST_SIGMA_PX)?;
-        for stiffness in PRIOR_STIFFNESS.into_iter().skip(1) {
-            let start = AdjustmentStart { stiffness, ..AdjustmentStart::from_adjustment(&rough) };
-            rough = adjust_bundle(used, &start, FIRST_SIGMA_PX)?;
+        let start = CameraState { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed };
+        let mut rough = start.adjust_weighted(used, &common_px, PRIOR_STIFFNESS[0])?;
+        for stiff in &PRIOR_STIFFNESS[1..] {
+            rough = rough.camera.adjust_weighted(used, &common_px, *stiff)?;
         }
-        Ok(rough)
+        Ok(CameraAdjustment { model_sigma_px: FIRST_SIGMA_PX, ..rough })
     };
     let estimated = adjust_from(None);
     if estimated.is_ok() {
@@ -132,40 +112,40 @@ pub(super) fn initial_adjustment(
 /// a constant that hardly tilted boards leave undetermined diverges together with the distortion.
 const PRIOR_STIFFNESS: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
-/// Adjusts with one common standard deviation of the points, px.
-pub(super) fn adjust_bundle(
-    used: &[(usize, BoardView)],
-    start: &AdjustmentStart,
-    model_sigma_px: f64,
-) -> Result<CameraAdjustment, CalibrateError> {
-    let found = adjust_with_view_sigmas(used, start, &vec![model_sigma_px; used.len()])?;
-    Ok(CameraAdjustment { model_sigma_px, ..found })
-}
+impl CameraState {
+    /// Adjusts with one common standard deviation of the points, px.
+    pub(super) fn adjust(
+        &self,
+        used: &[(usize, BoardView)],
+        model_sigma_px: f64,
+    ) -> Result<CameraAdjustment, CalibrateError> {
+        let found = self.adjust_weighted(used, &vec![model_sigma_px; used.len()], 1.0)?;
+        Ok(CameraAdjustment { model_sigma_px, ..found })
+    }
 
-/// Adjusts with a common standard deviation for each view, px.
-pub(super) fn adjust_with_view_sigmas(
-    used: &[(usize, BoardView)],
-    start: &AdjustmentStart,
-    common_px: &[f64],
-) -> Result<CameraAdjustment, CalibrateError> {
-    let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
-    let size = ImageSize::from_lens(&start.lens);
-    let shape = BoardShape::from_views(&views);
-    let priors = [lens_priors(&start.lens, start.stiffness), shape.priors(INTERIOR, start.stretch_sigma)].concat();
-    let bundle = BoardBundle { views: &views, size, shape, common_px };
-    let global = pack_parameters(&start.lens, &start.form);
-    let solution =
-        arrow::solve_arrow(&bundle, &priors, &start.fixed, global, &start.poses).ok_or(CalibrateError::NoFit)?;
-    Ok(CameraAdjustment {
-        lens: lens_from_parameters(size, &solution.global),
-        shape,
-        form: board_form(&solution.global),
-        stretch_sigma: start.stretch_sigma,
-        poses: solution.own.clone(),
-        fixed: start.fixed,
-        solution,
-        model_sigma_px: 0.0,
-    })
+    /// Adjusts with a common standard deviation for each view, px, and the priors of camera constant and distortion scaled by
+    /// `stiff`.
+    pub(super) fn adjust_weighted(
+        &self,
+        used: &[(usize, BoardView)],
+        common_px: &[f64],
+        stiff: f64,
+    ) -> Result<CameraAdjustment, CalibrateError> {
+        let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
+        let size = ImageSize::from_lens(&self.lens);
+        let shape = BoardShape::from_views(&views);
+        let priors = [lens_priors(&self.lens, stiff), shape.priors(INTERIOR, self.stretch_sigma)].concat();
+        let bundle = BoardBundle { views: &views, size, shape, common_px, priors: &priors, fixed: &self.fixed };
+        let start = pack_parameters(&self.lens, &self.form);
+        let (solution, poses) = bundle.solve(start, &self.poses).ok_or(CalibrateError::NoFit)?;
+        let camera = Self {
+            lens: lens_from_parameters(size, &solution.global),
+            form: board_form(&solution.global),
+            poses,
+            ..*self
+        };
+        Ok(CameraAdjustment { camera, shape, solution, model_sigma_px: 0.0 })
+    }
 }
 
 /// Returns weak priors for images that do not determine the lens: the camera constant within 100 % of its start, the

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::adjust::{AdjustmentStart, CameraAdjustment, adjust_bundle};
+use super::adjust::CameraAdjustment;
 use super::model::{DISTANCES_M, GLOBAL, GlobalCovariance, INTERIOR};
 use super::{BoardView, MIN_VIEWS, quality};
 
@@ -36,19 +36,18 @@ pub(super) fn compare_halves(adjusted: &CameraAdjustment, used: &[(usize, BoardV
         let in_half = |k: &usize| k % 2 == part;
         let views: Vec<(usize, BoardView)> =
             used.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, v)| v.clone()).collect();
-        let mut start = AdjustmentStart::from_adjustment(adjusted);
-        start.poses = adjusted.poses.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, p)| *p).collect();
-        (views.len() >= MIN_VIEWS).then(|| adjust_bundle(&views, &start, adjusted.model_sigma_px).ok()).flatten()
+        let mut start = adjusted.camera.clone();
+        start.poses = adjusted.camera.poses.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, p)| *p).collect();
+        (views.len() >= MIN_VIEWS).then(|| start.adjust(&views, adjusted.model_sigma_px).ok()).flatten()
     };
     let (a, b) = (calibrate_half(0)?, calibrate_half(1)?);
     let change = b.solution.global - a.solution.global;
-    let scaled = |h: &CameraAdjustment| h.solution.covariance * h.solution.variance_factor();
     // The middle of the distances of markers.
     let distance_m = DISTANCES_M[1];
     let effect_px =
         |m: &GlobalCovariance| quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px);
     let difference_px = effect_px(&(change * change.transpose()))?;
-    let predicted_px = effect_px(&(scaled(&a) + scaled(&b)))?;
+    let predicted_px = effect_px(&(a.solution.scaled_covariance() + b.solution.scaled_covariance()))?;
     Some(Halves { distance_m, difference_px, predicted_px })
 }
 
@@ -57,7 +56,7 @@ pub(super) fn residual_pattern(adjusted: &CameraAdjustment, used: &[(usize, Boar
     let residuals = adjusted.residuals(used);
     let (low, high) = adjusted.shape.bounds_m();
     let side = high - low;
-    let size = Vector2::new(f64::from(adjusted.lens.width), f64::from(adjusted.lens.height));
+    let size = Vector2::new(f64::from(adjusted.camera.lens.width), f64::from(adjusted.camera.lens.height));
     let points = || used.iter().flat_map(|(_, v)| v).zip(residuals.iter().flatten());
     let image = points().map(|(p, r)| (p.pixel.component_div(&size), *r));
     let board = points().map(|(p, r)| ((p.board_m - low).component_div(&side.map(|s| s.max(1e-9))), *r));
@@ -93,7 +92,7 @@ pub(super) fn droppable_terms(fixed: &[bool; GLOBAL]) -> Vec<usize> {
 
 /// Returns parameter `k` over its standard deviation; infinite if that is 0.
 pub(super) fn t_value(adjusted: &CameraAdjustment, k: usize) -> f64 {
-    let variance = adjusted.solution.covariance[(k, k)] * adjusted.solution.variance_factor();
+    let variance = adjusted.solution.scaled_covariance()[(k, k)];
     debug_assert!(k < INTERIOR);
     adjusted.solution.global[k].abs() / variance.max(0.0).sqrt()
 }

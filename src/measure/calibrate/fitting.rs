@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::adjust::{AdjustmentStart, CameraAdjustment, adjust_bundle, adjust_with_view_sigmas, initial_adjustment};
+use super::adjust::{CameraAdjustment, initial_adjustment};
 use super::check;
 use super::model::{GLOBAL, INTERIOR, ImageSize, STRETCH, lens_from_parameters};
 use super::outcome::build_calibration;
@@ -49,22 +49,22 @@ impl CalibrationProblem<'_> {
             selection.check_count()?;
             let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
             let mut stay = before.iter().map(stays);
-            adjusted.poses.retain(|_| stay.next().unwrap_or(false));
+            adjusted.camera.poses.retain(|_| stay.next().unwrap_or(false));
         }
     }
 
     /// Builds the calibration with the radius that the boards cover.
     pub(super) fn calibration(&self, adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
-        let centre = Vector2::new(adjusted.lens.cx, adjusted.lens.cy);
+        let centre = Vector2::new(adjusted.camera.lens.cx, adjusted.camera.lens.cy);
         let off = self.views.iter().flatten().map(|p| (p.pixel - centre).norm());
         Calibration { covered_radius_px: off.fold(0.0, f64::max), ..build_calibration(adjusted, selection) }
     }
 
     /// Fits the rational model if an F-test at 99 % prefers it to Brown's.
     pub(super) fn rational_calibration(&self, brown: &CameraAdjustment, selection: &Selection) -> Option<Calibration> {
-        let mut start = AdjustmentStart::from_adjustment(brown);
+        let mut start = brown.camera.clone();
         start.fixed[BROWN..INTERIOR].fill(false);
-        let tried = adjust_bundle(&selection.used, &start, brown.model_sigma_px).ok()?.solution;
+        let tried = start.adjust(&selection.used, brown.model_sigma_px).ok()?.solution;
         let terms = (INTERIOR - BROWN) as f64;
         let ratio = (brown.solution.omega - tried.omega) / terms / tried.variance_factor();
         let limit = FisherSnedecor::new(terms, tried.redundancy as f64).ok()?.inverse_cdf(0.99);
@@ -82,18 +82,15 @@ fn adjust_robustly(
     adjusted: &CameraAdjustment,
     used: &[(usize, BoardView)],
 ) -> Result<CameraAdjustment, CalibrateError> {
-    let mut start = AdjustmentStart::from_adjustment(adjusted);
-    let mut residuals = adjusted.residuals(used);
-    for round in 1.. {
-        let own: Vec<f64> = residuals.iter().map(|r| coordinate_sigma_px(r)).collect();
-        let mut found = adjust_with_view_sigmas(used, &start, &own)?;
-        if round == ROBUST_ROUNDS {
-            found.model_sigma_px = found.common_sigma_px(used);
-            return Ok(found);
-        }
-        (residuals, start) = (found.residuals(used), AdjustmentStart::from_adjustment(&found));
+    let own_sigmas = |adjusted: &CameraAdjustment| -> Vec<f64> {
+        adjusted.residuals(used).iter().map(|r| coordinate_sigma_px(r)).collect()
+    };
+    let mut found = adjusted.camera.adjust_weighted(used, &own_sigmas(adjusted), 1.0)?;
+    for _ in 1..ROBUST_ROUNDS {
+        found = found.camera.adjust_weighted(used, &own_sigmas(&found), 1.0)?;
     }
-    Err(CalibrateError::NoFit)
+    found.model_sigma_px = found.common_sigma_px(used);
+    Ok(found)
 }
 
 /// Fixes distortion terms at 0 that do not differ from it, one by one.
@@ -102,18 +99,18 @@ fn drop_insignificant_terms(
     used: &[(usize, BoardView)],
 ) -> Result<CameraAdjustment, CalibrateError> {
     loop {
-        let weak = check::droppable_terms(&adjusted.fixed)
+        let weak = check::droppable_terms(&adjusted.camera.fixed)
             .into_iter()
             .map(|k| (k, check::t_value(&adjusted, k)))
             .filter(|(_, t)| *t < T_LIMIT_95)
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((k, _)) = weak else { return Ok(adjusted) };
-        let mut start = AdjustmentStart::from_adjustment(&adjusted);
+        let mut start = adjusted.camera.clone();
         start.fixed[k] = true;
         let mut global = adjusted.solution.global;
         global[k] = 0.0;
         start.lens = lens_from_parameters(ImageSize::from_lens(&start.lens), &global);
-        adjusted = settle_model_sigma(adjust_bundle(used, &start, adjusted.model_sigma_px)?, used)?;
+        adjusted = settle_model_sigma(start.adjust(used, adjusted.model_sigma_px)?, used)?;
     }
 }
 
@@ -124,7 +121,7 @@ fn settle_model_sigma(
 ) -> Result<CameraAdjustment, CalibrateError> {
     for _ in 0..MODEL_ROUNDS {
         let before = adjusted.model_sigma_px;
-        adjusted = adjust_bundle(used, &AdjustmentStart::from_adjustment(&adjusted), before)?;
+        adjusted = adjusted.camera.adjust(used, before)?;
         let after = adjusted.common_sigma_px(used);
         if (after - before).abs() <= MODEL_SETTLED.0 * before.max(after) + MODEL_SETTLED.1 {
             break;

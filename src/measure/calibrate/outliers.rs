@@ -225,10 +225,10 @@ fn own_camera_constant(
     let (mut normal, mut right, mut sum) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros(), 0.0);
     for (p, r) in view.iter().zip(residuals) {
         let point = adjusted.camera_point(k, p);
-        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
+        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
         let mut derivatives = SMatrix::<f64, 2, 7>::zeros();
         derivatives.fixed_columns_mut::<6>(0).copy_from(&by_motion);
-        let relative = by_lens.column(0) * adjusted.lens.fx + by_lens.column(1) * adjusted.lens.fy;
+        let relative = by_lens.column(0) * adjusted.camera.lens.fx + by_lens.column(1) * adjusted.camera.lens.fy;
         derivatives.set_column(6, &relative);
         let weight = adjusted.covariance_px2(p).try_inverse()?;
         normal += derivatives.transpose() * weight * derivatives;

@@ -61,8 +61,8 @@ fn projection_uncertainty(
 ) -> Option<ProjectionUncertainty> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let variance = |row: usize, column: usize| {
-        let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
-        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
+        let point = cell_ray(&adjusted.camera.lens, column, row)? * distance_m;
+        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
         let error = by_lens + by_motion * motion;
         Some((error * interior * error.transpose()).trace())
     };
@@ -110,7 +110,7 @@ fn compensating_motion(adjusted: &CameraAdjustment, used: &[(usize, BoardView)])
     for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
             let point = adjusted.camera_point(k, p);
-            let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.lens, &point)?;
+            let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;
         }
@@ -126,12 +126,12 @@ pub(super) fn brown_covariance(
 ) -> Option<SMatrix<f64, BROWN, BROWN>> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let rays: Vec<Vector3<f64>> =
-        (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.lens, k % CELLS, k / CELLS)).collect();
+        (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.camera.lens, k % CELLS, k / CELLS)).collect();
     let mut derivatives = DMatrix::zeros(2 * rays.len(), INTERIOR);
     for (k, ray) in rays.iter().enumerate() {
         derivatives
             .fixed_view_mut::<2, INTERIOR>(2 * k, 0)
-            .copy_from(&projection_jacobians(&adjusted.lens, ray)?.by_lens);
+            .copy_from(&projection_jacobians(&adjusted.camera.lens, ray)?.by_lens);
     }
     // Columns of equal norm, for the condition of the inverse.
     let size: Vec<f64> = (0..INTERIOR).map(|k| derivatives.column(k).norm().max(f64::MIN_POSITIVE)).collect();

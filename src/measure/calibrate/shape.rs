@@ -10,9 +10,9 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use super::bundle::ScalarPrior;
 use super::model::{BoardForm, DISTANCES_M};
 use super::{BoardView, T_LIMIT_95};
-use crate::estimation::arrow::ScalarPrior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]

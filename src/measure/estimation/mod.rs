@@ -18,7 +18,6 @@
 //! | observations, conditions, priors | `problem.rs`, `prior.rs` |
 //! | Gauss-Helmert model: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `state.rs`, `system.rs`, `solve.rs`, `secants.rs`, `fit.rs` |
 //! | spurious information from the noise of many groups' own parameters | `hessian_correction.rs` |
-//! | fixed number of shared parameters, thousands of points | `arrow.rs` |
 //! | global test, redundancy, w-test, minimal detectable bias | `quality.rs` |
 //! | sources of a variance | `variance_budget.rs` |
 //! | variance components, robust weights | `components.rs`, `robust.rs` |
@@ -27,7 +26,6 @@
 //! [`BlockPoint`], and read the [`Fit`]. [`Fit::propagate`] carries the covariance to any function of
 //! parameters, local parameters and adjusted observations.
 
-pub mod arrow;
 mod components;
 mod error;
 mod fit;
