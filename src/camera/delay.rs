@@ -12,10 +12,7 @@ pub(crate) fn delay_fault(key: &str, seconds: Option<f64>, sigma_s: Option<f64>)
         (None, None) => None,
         (Some(s), Some(sigma)) if s.abs() <= MAX_DELAY_S && (0.0..=MAX_DELAY_S).contains(&sigma) => None,
         (Some(s), Some(sigma)) => {
-            let remedy = format!(
-                "use at most {MAX_DELAY_S} s, and a standard deviation from 0 to \
-                                {MAX_DELAY_S} s"
-            );
+            let remedy = format!("use at most {MAX_DELAY_S} s, and a standard deviation from 0 to {MAX_DELAY_S} s");
             let problem = format!("is {s} s with a standard deviation of {sigma} s, which is not plausible");
             Some(KeyFault::new(format!("{key}_s"), problem, remedy))
         }

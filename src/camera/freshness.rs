@@ -63,8 +63,7 @@ impl LastName {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if *last == name {
             return Err(CameraError::BadFrame(format!(
-                "it has the name of the previous shot, {name}; the \
-                                                      camera repeats an old frame"
+                "it has the name of the previous shot, {name}; the camera repeats an old frame"
             )));
         }
         name.clone_into(&mut last);

@@ -19,6 +19,7 @@ mod learning;
 mod live;
 mod live_start;
 mod long_flights;
+#[allow(dead_code)]
 mod modes;
 mod mountings;
 mod plan;

@@ -85,10 +85,7 @@ impl GpioLine {
         // Another program may have requested the line since the check above.
         let request = builder.request().map_err(|error| match error.to_string() {
             text if text.contains("busy") => CameraError::Busy(format!("{label}: {text}")),
-            text => CameraError::Refused(format!(
-                "{label}: {text}; add the user that runs wingd to the \
-                                                  group gpio"
-            )),
+            text => CameraError::Refused(format!("{label}: {text}; add the user that runs wingd to the group gpio")),
         })?;
         Ok(Self { request, label })
     }

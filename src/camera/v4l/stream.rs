@@ -184,10 +184,7 @@ fn damage_text(meta: &Metadata, min_bytes: usize) -> String {
 /// Classifies an error of an open device: a request that was valid before and is invalid now may succeed after reopening.
 fn streaming_error(error: &io::Error, what: &str) -> CameraError {
     match error.raw_os_error() == Some(rustix::io::Errno::INVAL.raw_os_error()) {
-        true => CameraError::Gone(format!(
-            "{what}: {error}; the driver lost its buffers, and the camera is \
-                                           reopened"
-        )),
+        true => CameraError::Gone(format!("{what}: {error}; the driver lost its buffers, and the camera is reopened")),
         false => classify_error(error, what),
     }
 }

@@ -59,8 +59,7 @@ fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
     let finest = (first.horizontal_sampling, first.vertical_sampling);
     let sampling = || parts.iter().map(|c| (c.horizontal_sampling, c.vertical_sampling));
     match first_component(header) {
-        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of different \
-                                                                       resolutions"),
+        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of different resolutions"),
         FirstComponent::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
             Err("colour of higher resolution than brightness")
         }

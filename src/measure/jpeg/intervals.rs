@@ -42,12 +42,8 @@ impl<'a> RestartIntervals<'a> {
             return Ok(None);
         }
         let units = self.start..(self.start + self.length).min(self.units);
-        let (size, marker, next) = split_at_marker(self.rest).ok_or_else(|| {
-            damaged_error(
-                "the end of the \
-                                                                                           data is missing",
-            )
-        })?;
+        let (size, marker, next) =
+            split_at_marker(self.rest).ok_or_else(|| damaged_error("the end of the data is missing"))?;
         let right = if units.end < self.units {
             marker == FIRST_RESTART + (self.number % 8) as u8
         } else {

@@ -130,12 +130,8 @@ impl SequentialScan {
             let mut codes = CodeReader::from_bit(&data, 8 * start);
             self.decode_interval(units, &mut codes, &mut places, wanted, &mut luma)?;
         }
-        let raster = Raster::new(self.width, self.height, luma).ok_or_else(|| {
-            damaged_error(
-                "the image has \
-                                                                                             no pixels",
-            )
-        })?;
+        let raster = Raster::new(self.width, self.height, luma);
+        let raster = raster.ok_or_else(|| damaged_error("the image has no pixels"))?;
         Ok((raster, ResumableScan { scan: self, data, resume_points: places }))
     }
 
