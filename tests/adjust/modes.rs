@@ -41,6 +41,8 @@ fn oscillation(rng: &mut StdRng, (hz, damping, rms_m): (f64, f64, f64), frames: 
 /// A live result, its observations, and the true marker positions.
 pub struct Frame {
     solution: Solution,
+    /// Read by the tables of modes alone.
+    #[allow(dead_code)]
     pub seen: Vec<Observation>,
     points: Vec<Vector3<f64>>,
 }
