@@ -49,7 +49,8 @@
 //! | 6 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
 //! | 7 | [`http`], `upload` | read-only download page; upload of flights to an object store (a feature) |
 //! | 8 | [`config`] | configuration, composed of the modules' sections |
-//! | 9 | [`cli`] | one file per command |
+//! | 9 | [`desk`] | work beside the recorder: import, calibration, plans, learning, load evaluation, simulation |
+//! | 10 | [`cli`] | one file per command: arguments, words, exit status |
 
 pub use wingd_measure as measure;
 
@@ -59,6 +60,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod daemon;
+pub mod desk;
 pub mod exchange;
 pub mod http;
 pub mod installation;

@@ -25,7 +25,7 @@ mod texts;
 use named::{Named, Place, place};
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 15] = [
+const LAYERS: [(&str, usize); 16] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
@@ -40,7 +40,8 @@ const LAYERS: [(&str, usize); 15] = [
     ("http", 7),
     ("upload", 7),
     ("config", 8),
-    ("cli", 9),
+    ("desk", 9),
+    ("cli", 10),
 ];
 
 /// What `measure` may not touch.

@@ -2,8 +2,12 @@
 
 use crate::cli::{Completion, Failure};
 
+/// Arguments of the camera process: none.
+#[derive(clap::Args)]
+pub struct CameraChildArgs {}
+
 /// Serves the recorder on standard input and output.
-pub fn run() -> Result<Completion, Failure> {
+pub fn run(_: &CameraChildArgs) -> Result<Completion, Failure> {
     crate::camera::gphoto::child::serve_requests()
         .map(|()| Completion::All)
         .map_err(|error| Failure::Failed(format!("camera process: {error}")))

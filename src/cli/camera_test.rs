@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraFrame};
-use crate::cli::{Completion, Failure, print_line};
+use crate::cli::{Completion, Failure, print_json};
 use crate::clock::SystemClock;
 use crate::config;
 
@@ -53,7 +53,7 @@ pub fn run(args: &CameraTestArgs) -> Result<Completion, Failure> {
         };
         good += u32::from(error.is_none());
         let seconds = start.elapsed().as_secs_f64();
-        print_line(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}).to_string())?;
+        print_json(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}))?;
     }
     bench.camera.close();
     Ok(Completion::from_success(good == args.shots))
@@ -91,8 +91,7 @@ impl CameraBench<'_> {
             let info = self.camera.open()?;
             self.open = true;
             let line = json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
-            print_line(&line.to_string())
-                .map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
+            print_json(&line).map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
             while let Some(frame) = self.camera.recover(self.shot_deadline())? {
                 self.save_frame(&frame, "recovered")?;
             }

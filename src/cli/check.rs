@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Completion, Failure, default_paths, image_batch, print_line};
+use super::{Completion, Failure, default_paths, print_json, print_line, show_busy};
 use crate::camera::section::CameraSection;
 use crate::clock::SystemClock;
 use crate::config::{self, Config};
@@ -50,7 +50,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Completion, Failure> {
     }
     let Findings { reported, faults } = findings;
     if args.json {
-        return print_json(&reported, &faults);
+        return print_findings(&reported, &faults);
     }
     if !reported.is_empty() {
         let lines: Vec<String> = reported.iter().map(|(what, how)| format!("{what:<15}{how}")).collect();
@@ -72,14 +72,14 @@ fn select_subjects(args: &CheckArgs) -> Result<(Option<PathBuf>, Option<PathBuf>
 }
 
 /// Prints the findings by name, and the errors, as one JSON object.
-fn print_json(reported: &[Finding], faults: &[Fault]) -> Result<Completion, Failure> {
+fn print_findings(reported: &[Finding], faults: &[Fault]) -> Result<Completion, Failure> {
     let found: serde_json::Map<_, _> =
         reported.iter().map(|(what, how)| ((*what).to_owned(), how.as_str().into())).collect();
     let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "remedy": f.remedy});
     let faults: Vec<_> = faults.iter().map(fault).collect();
     let ok = faults.is_empty();
-    print_line(&json!({"ok": ok, "found": found, "faults": faults}).to_string())?;
-    if ok { Ok(Completion::All) } else { Err(Failure::AlreadyReported) }
+    print_json(&json!({"ok": ok, "found": found, "faults": faults}))?;
+    Ok(if ok { Completion::All } else { Completion::Faulty })
 }
 
 /// Findings on cabin rules: radio transmitters, heat, supply, time to stop. None is an error: the operator decides.
@@ -172,7 +172,7 @@ impl Findings {
                 );
                 self.reported.push(("installation", how));
                 self.reported.extend(advisory_findings(&installation.setup));
-                super::print_warnings(&installation);
+                default_paths::print_warnings(&installation);
                 let prior = installation.flight_prior.as_ref();
                 self.reported
                     .extend(prior.map(|prior| ("flight_prior", format!("from {}", prior.flight_count_text()))));
@@ -200,9 +200,7 @@ impl Findings {
             }
             return;
         }
-        let busy = image_batch::show_busy("verifying the store");
-        let report = verify::verify_path(&RealDisk, path);
-        drop(busy);
+        let report = show_busy("verifying the store", || verify::verify_path(&RealDisk, path));
         let found: Vec<Fault> = report
             .faults
             .iter()

@@ -1,11 +1,11 @@
 //! `wingd compare` shows the differences between two solves of a store, or between two stores.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::store_access::select_flights;
-use super::{Completion, Failure, print_line};
+use super::{Completion, Failure, print_json, print_line};
+use crate::desk::stored_flights::select_flights;
 use crate::report::compare::{self, ChangeSummary, ComparedFlight, FrameChange};
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, format_fixed, json_fields};
@@ -47,10 +47,9 @@ pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
         print_comparison(args, &old, &new, &changes?)?;
     }
     if compared == 0 {
-        let store = args.store.display();
-        return Err(Failure::Failed(format!(
-            "{store}: no flight has results of two different inputs; run `wingd solve {store}` to add results, or name a second store"
-        )));
+        let remedy = format!("run `wingd solve {}` to add results, or name a second store", args.store.display());
+        let what = format!("no flight has results of two different inputs; {remedy}");
+        return Err(Failure::from_path_error(&args.store, what));
     }
     Ok(Completion::All)
 }
@@ -59,7 +58,8 @@ pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
 fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(ComparedFlight, ComparedFlight)>, Failure> {
     let sets = result_sets::flight_result_sets(&RealDisk, flight)?;
     if let Some(other) = &args.other {
-        let Some(there) = find_flight(other, flight)? else { return Ok(None) };
+        let there = select_flights(other, None)?.into_iter().find(|there| there.id == flight.id);
+        let Some(there) = there else { return Ok(None) };
         let theirs = result_sets::flight_result_sets(&RealDisk, &there)?;
         let old = select_set(&sets, args.from.as_deref(), flight)?;
         let new = select_set(&theirs, args.to.as_deref(), &there)?;
@@ -75,10 +75,6 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Compar
     let (old, new) = (newest(&args.from, 1)?, newest(&args.to, 0)?);
     let side = |set| ComparedFlight { flight: flight.clone(), set };
     Ok(old.zip(new).map(|(old, new)| (side(old), side(new))))
-}
-
-fn find_flight(other: &Path, flight: &FlightRef) -> Result<Option<FlightRef>, Failure> {
-    Ok(select_flights(other, None)?.into_iter().find(|there| there.id == flight.id))
 }
 
 fn select_set(sets: &ResultSets, wanted: Option<&str>, flight: &FlightRef) -> Result<Option<ResultSet>, Failure> {
@@ -101,7 +97,7 @@ fn print_comparison(
         for change in changes {
             let mut line = json_fields(&json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}));
             line.extend(json_fields(change));
-            print_line(&json!(line).to_string())?;
+            print_json(&line)?;
         }
         return Ok(());
     }

@@ -20,46 +20,19 @@ pub struct ConvertArgs {
     camera: Option<String>,
     /// Format of IN if it cannot be derived from its name or keys
     #[arg(long, value_name = "FORMAT")]
-    from: Option<CameraFormatName>,
+    from: Option<CameraFormat>,
     /// Format of OUT if it cannot be derived from its name
     #[arg(long, value_name = "FORMAT")]
-    to: Option<CameraFormatName>,
-}
-
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum CameraFormatName {
-    /// camera.toml
-    Wingd,
-    /// OpenCV's YAML; reads also XML and JSON
-    Opencv,
-    /// ROS camera_info
-    Ros,
-    /// Kalibr's camchain
-    Kalibr,
-    /// mrcal's cameramodel
-    Mrcal,
-}
-
-impl From<CameraFormatName> for CameraFormat {
-    fn from(format: CameraFormatName) -> Self {
-        match format {
-            CameraFormatName::Wingd => Self::Wingd,
-            CameraFormatName::Opencv => Self::Opencv,
-            CameraFormatName::Ros => Self::Ros,
-            CameraFormatName::Kalibr => Self::Kalibr,
-            CameraFormatName::Mrcal => Self::Mrcal,
-        }
-    }
+    to: Option<CameraFormat>,
 }
 
 pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
-    let to = args.to.map(CameraFormat::from).or_else(|| exchange::output_format(&args.output));
+    let to = args.to.or_else(|| exchange::output_format(&args.output));
     let to = to.ok_or_else(|| {
         Failure::Usage(format!("the name {} does not determine its format; give --to", args.output.display()))
     })?;
-    let from = args.from.map(CameraFormat::from);
-    let read = exchange::read_exchange(&args.input, from, args.camera.as_deref())?;
-    exchange::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Failed(e.to_string()))?;
+    let read = exchange::read_exchange(&args.input, args.from, args.camera.as_deref())?;
+    exchange::write_exchange(&args.output, &read.lens, to).map_err(Failure::from_error)?;
     print_line(&conversion_text(args, &read, to))?;
     Ok(Completion::All)
 }

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::store_access::select_flights;
-use super::{Completion, Failure, image_batch, print_line};
+use super::verify::content_text;
+use super::{Completion, Failure, byte_progress, print_json, print_line, print_notes, show_busy};
+use crate::desk::stored_flights::select_flights;
 use crate::report::number::count_text;
 use crate::store::bundle::{self, BundleContent};
 use crate::store::receive::{Listing, Receiver};
@@ -27,30 +28,25 @@ pub struct CopyArgs {
 }
 
 pub(super) fn run(args: &CopyArgs) -> Result<Completion, Failure> {
-    let disk = RealDisk;
     let flights = select_flights(&args.store, args.flight.as_deref())?;
-    let receiver = Receiver::open(&disk, &args.directory)?;
-    for flight in &flights {
-        copy_flight(&disk, &args.store, flight, &receiver, false)?;
-    }
-    let report = read_back(receiver)?;
-    let report = if report.is_sound() { report } else { recopy_damaged(args, &disk, &flights)? };
+    let report = copy_flights(args, &flights, false)?;
+    // Damaged files are copied again, once.
+    let report = if report.is_sound() { report } else { copy_flights(args, &flights, true)? };
     report_copy(&report, &args.directory, args.json)
+}
+
+/// Copies the missing files of the flights, or, if `thorough`, also the damaged ones, and reads the copy back.
+fn copy_flights(args: &CopyArgs, flights: &[FlightRef], thorough: bool) -> Result<VerifyReport, StoreError> {
+    let receiver = Receiver::open(&RealDisk, &args.directory)?;
+    for flight in flights {
+        copy_flight(&RealDisk, &args.store, flight, &receiver, thorough)?;
+    }
+    read_back(receiver)
 }
 
 /// Reads the complete copy back from its disk and verifies it.
 pub(super) fn read_back(receiver: Receiver) -> Result<VerifyReport, StoreError> {
-    let _busy = image_batch::show_busy("verifying the copy");
-    receiver.finish()
-}
-
-/// Copies damaged files again, once.
-fn recopy_damaged(args: &CopyArgs, disk: &dyn Disk, flights: &[FlightRef]) -> Result<VerifyReport, Failure> {
-    let receiver = Receiver::open(disk, &args.directory)?;
-    for flight in flights {
-        copy_flight(disk, &args.store, flight, &receiver, true)?;
-    }
-    Ok(read_back(receiver)?)
+    show_busy("verifying the copy", || receiver.finish())
 }
 
 fn copy_flight(
@@ -85,32 +81,15 @@ fn copy_flight(
     receiver.commit_flight(&listing)
 }
 
-/// Creates a progress bar in bytes on standard error; invisible unless that is a terminal.
-pub(super) fn byte_progress(bytes: u64, what: &str) -> indicatif::ProgressBar {
-    let style = indicatif::ProgressStyle::with_template("{msg} [{bar:30}] {bytes}/{total_bytes} {eta}");
-    let bar = indicatif::ProgressBar::new(bytes).with_message(what.to_owned());
-    bar.set_style(style.unwrap_or_else(|_| indicatif::ProgressStyle::default_bar()));
-    bar
-}
-
 /// Prints the verdict on a copy that was read back.
 pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> Result<Completion, Failure> {
     if json {
-        print_line(&serde_json::to_string(report).unwrap_or_default())?;
+        print_json(report)?;
         return Ok(Completion::from_success(report.is_sound()));
     }
-    for fault in &report.faults {
-        eprintln!("wingd: {fault}");
-    }
+    print_notes(&report.faults);
     let verdict = if report.is_sound() { "complete and sound" } else { "NOT SOUND" };
-    print_line(&format!(
-        "{}: {verdict}, verified: {}, {} series, {} ({:.1} MB), {}",
-        directory.display(),
-        count_text(report.flights, "flight"),
-        report.series,
-        count_text(report.frames, "frame"),
-        report.bytes as f64 / 1e6,
-        count_text(report.results, "result")
-    ))?;
+    let (content, results) = (content_text(report), count_text(report.results, "result"));
+    print_line(&format!("{}: {verdict}, verified: {content}, {results}", directory.display()))?;
     Ok(Completion::from_success(report.is_sound()))
 }

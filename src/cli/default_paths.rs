@@ -1,8 +1,10 @@
-//! Default configuration and installation: those in the working directory.
+//! Configuration and installation of a command: those named, else those in the working directory.
 
 use std::path::{Path, PathBuf};
 
-use super::Failure;
+use super::{Failure, print_notes};
+use crate::installation::{self, Installation};
+use crate::measure::setup::Setup;
 
 /// Name of the configuration, as written by `wingd init`.
 const CONFIGURATION_FILE: &str = "wingd.toml";
@@ -41,4 +43,29 @@ pub(super) fn resolve_installation(named: Option<&Path>) -> Result<PathBuf, Fail
 pub(super) fn local_installation() -> Option<PathBuf> {
     let places = [Path::new(INSTALLATION_FOLDER), Path::new(".")];
     places.into_iter().find(|folder| folder.join(INSTALLATION_FILE).is_file()).map(Path::to_owned)
+}
+
+/// Loads an installation and prints its warnings.
+pub(super) fn load_installation(directory: &Path) -> Result<Installation, Failure> {
+    let installation = installation::load(directory)?;
+    print_warnings(&installation);
+    Ok(installation)
+}
+
+/// Loads an installation whose orientation is ignored, and prints its warnings.
+pub(super) fn load_without_orientation(directory: &Path) -> Result<Installation, Failure> {
+    let installation = installation::load_without_orientation(directory)?;
+    print_warnings(&installation);
+    Ok(installation)
+}
+
+/// Prints warnings about an installation.
+pub(super) fn print_warnings(installation: &Installation) {
+    print_notes(installation::find_warnings(installation).iter().map(|doubt| format!("warning: {doubt}")));
+}
+
+/// Loads the setup of an installation that a figure is drawn with, if one is named.
+pub(super) fn load_setup(named: Option<&Path>) -> Result<Option<Setup>, Failure> {
+    let installation = named.map(installation::load_without_orientation).transpose()?;
+    Ok(installation.map(|installation| installation.setup))
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, logging, print_line, recorder, write_failure};
+use super::{Completion, Failure, logging, print_line, print_notes, recorder, write_output};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, SimulatedClock};
@@ -62,7 +62,7 @@ const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF_UNIX_S: i64 = 1_780_300_800;
 
 pub(super) fn run(args: &DemoArgs) -> Result<Completion, Failure> {
-    logging::start_logging_at(LevelFilter::WARN);
+    logging::start_logging(LevelFilter::WARN);
     let input = args.output.join("input");
     unpack_files(&input)?;
     let installation = input.join("installation");
@@ -80,7 +80,7 @@ fn unpack_files(input: &Path) -> Result<(), Failure> {
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
         let written = made.and_then(|()| std::fs::write(&path, bytes));
-        written.map_err(write_failure(&path, "name another --output"))?;
+        written.map_err(|error| Failure::from_write_error(&path, &error, "name another --output"))?;
     }
     Ok(())
 }
@@ -90,15 +90,15 @@ fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let failure = |error: &dyn std::error::Error| Failure::Failed(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
-    let bytes = std::fs::read(ground).map_err(|e| failure(&e))?;
+    let bytes = std::fs::read(ground).map_err(|e| Failure::from_path_error(ground, e))?;
     let frame = orienting::process_ground_frame("ground.jpg", &bytes, &installation.setup);
-    let mut frames = [frame.map_err(|e| failure(&e))?];
-    let fit = orienting::orient_frames(&installation.setup, &mut frames).map_err(|e| failure(&e))?;
+    let mut frames = [frame.map_err(|e| Failure::from_path_error(ground, e))?];
+    let fit = orienting::orient_frames(&installation.setup, &mut frames);
+    let fit = fit.map_err(|e| Failure::from_path_error(ground, e))?;
     let [frame] = frames;
     let images = [(frame.processed.image, frame.processed.digest)];
-    installation::write_orientation(&installation, &fit, &images).map_err(|e| failure(&e))
+    installation::write_orientation(&installation, &fit, &images).map_err(|e| Failure::from_path_error(ground, e))
 }
 
 /// Runs the daemon until the end of its timetable. An interrupted demo is resumed.
@@ -136,7 +136,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Fa
 /// Creates a progress bar on standard error: frames solved.
 fn flight_progress() -> Observer {
     let series = FLIGHT_DURATION.as_secs() / SERIES_INTERVAL.as_secs() + 1;
-    let bar = super::image_batch::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");
+    let bar = super::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");
     Arc::new(move |event| match event {
         Event::SeriesBegan { series, .. } => bar.set_message(format!("series {series}")),
         Event::Solved { .. } => bar.inc(1),
@@ -151,11 +151,9 @@ fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Fail
     let setup = installation::load(directory)?.setup;
     let data = source::read_flight(&store, source::ResultChoice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::report_page(&data)).map_err(write_failure(&page, "free space"))?;
+    write_output(&page, &html::report_page(&data), "free space")?;
     print_line(table::series_text(&summary::summarise_series(&data.series), false).trim_end())?;
-    for fault in &checked.faults {
-        eprintln!("wingd: {fault}");
-    }
+    print_notes(&checked.faults);
     let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
     print_line(&format!(
         "\nStore: {} ({sound}, {} frames)   Report: {}",

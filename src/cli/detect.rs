@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use image::RgbImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
-use super::{Completion, Failure, image_batch, print_line};
+use super::default_paths::load_installation;
+use super::{Completion, Failure, batch, print_json, print_line};
 use crate::installation::Installation;
 use crate::measure::detect::{CovarianceSource, Detection, Rejected};
-use crate::measure::raster::Raster;
 use crate::pipeline::{ProcessedFrame, recording, stages};
 use crate::record::Reason;
 use crate::report::{overlay, table};
@@ -41,13 +42,11 @@ pub struct DetectArgs {
 }
 
 pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
-    let installation = args.installation.as_deref().map(super::load_installation).transpose()?;
+    let installation = args.installation.as_deref().map(load_installation).transpose()?;
     if let Some(directory) = &args.overlay {
-        std::fs::create_dir_all(directory).map_err(|e| {
-            Failure::Failed(format!("{} cannot be created ({e}); name another directory", directory.display()))
-        })?;
+        let text = |e| format!("{} cannot be created ({e}); name another directory", directory.display());
+        std::fs::create_dir_all(directory).map_err(|e| Failure::Failed(text(e)))?;
     }
-    let overlay = args.overlay.as_deref().map(|directory| OverlayOptions { directory, rejected: args.rejected });
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
         eprintln!("wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first");
     }
@@ -55,62 +54,40 @@ pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
     let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
         // Without overlay and rejected candidates, the guided search is enough.
         Ok(bytes) => match &installation {
-            Some(installation) if overlay.is_none() && !args.rejected => {
+            Some(installation) if args.overlay.is_none() && !args.rejected => {
                 stages::process_frame(name, bytes, None, &installation.setup, installation.orientation.as_ref())
             }
-            _ => process_image(name, bytes, installation.as_ref(), overlay.as_ref()),
+            _ => process_image(args, name, bytes, installation.as_ref()),
         },
         Err(reason) => ProcessedFrame::failed(name, reason),
     };
-    image_batch::for_each_image(
-        &super::image_files::expand_folders(&args.images)?,
-        args.jobs,
-        "detecting",
-        work,
-        |processed| {
-            all_well &= processed.failure.is_none();
-            print_line(&if args.json {
-                json_line(&processed, installation.as_ref(), args.rejected).to_string()
-            } else {
-                result_text(&processed, installation.as_ref(), args.wide)
-            })
-        },
-    )?;
+    batch::for_each_image(&batch::expand_folders(&args.images)?, args.jobs, "detecting", work, |processed| {
+        all_well &= processed.failure.is_none();
+        match args.json {
+            true => print_json(&result_json(&processed, installation.as_ref(), args.rejected)),
+            false => print_line(&result_text(&processed, installation.as_ref(), args.wide)),
+        }
+    })?;
     Ok(Completion::from_success(all_well))
 }
 
-/// Options of the images with drawn detections.
-struct OverlayOptions<'a> {
-    directory: &'a Path,
-    rejected: bool,
-}
-
-fn process_image(
-    name: &str,
-    bytes: &[u8],
-    installation: Option<&Installation>,
-    overlay: Option<&OverlayOptions>,
-) -> ProcessedFrame {
+fn process_image(args: &DetectArgs, name: &str, bytes: &[u8], installation: Option<&Installation>) -> ProcessedFrame {
     let (mut processed, raster) = match installation {
         Some(known) => stages::process_full_frame(name, bytes, None, &known.setup, known.orientation.as_ref()),
         None => stages::detect_only(name, bytes, None),
     };
-    if let (Some(raster), Some(overlay)) = (&raster, overlay) {
-        let written = draw_overlay(raster, &processed, installation, overlay);
+    if let (Some(raster), Some(directory)) = (&raster, &args.overlay) {
+        let ids = marker_ids(&processed, installation);
+        let drawn = overlay::draw_overlay(raster, &processed.detections, &ids, args.rejected);
+        let written = write_overlay(&drawn, directory, &processed.image);
         processed.failure = processed.failure.or(written.err());
     }
     processed
 }
 
-fn draw_overlay(
-    raster: &Raster,
-    processed: &ProcessedFrame,
-    installation: Option<&Installation>,
-    OverlayOptions { directory, rejected }: &OverlayOptions,
-) -> Result<(), Reason> {
-    let picture = overlay::draw_overlay(raster, &processed.detections, &marker_ids(processed, installation), *rejected);
+fn write_overlay(picture: &RgbImage, directory: &Path, image: &str) -> Result<(), Reason> {
     // Names of images from several folders contain their folder.
-    let name = processed.image.trim_start_matches('/').replace('/', "_");
+    let name = image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
     let mut png = vec![];
     let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
@@ -148,7 +125,7 @@ fn result_text(processed: &ProcessedFrame, installation: Option<&Installation>, 
     }
 }
 
-fn json_line(processed: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
+fn result_json(processed: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
     let mut line = Map::new();
     line.insert("image".into(), processed.image.clone().into());
     line.insert("status".into(), if processed.failure.is_none() { "ok" } else { "failed" }.into());

@@ -8,15 +8,17 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use serde_json::{Map, Value};
 
-use self::sink::{FileMetadata, RowSink, finish_export, write_failure};
-use super::{Completion, Failure, print_line, store_access};
+use self::sink::{ExportEnd, FileMetadata, RowSink, finish_export, write_failure};
+use super::{Completion, Failure, print_line, print_notes};
+use crate::desk::stored_flights;
 use crate::installation;
 use crate::record::TorsionRecord;
 use crate::report::export::{self, ExportContext, ExportTable};
 use crate::report::source::{self, ResultChoice};
 use crate::report::{GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary};
-use crate::store::{FlightRef, RealDisk, catalogue, layout, result_summary};
+use crate::store::{FlightRef, RealDisk, catalogue, layout, result_sets, result_summary};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FormatName {
@@ -96,9 +98,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
         FormatName::Vtk => export_vtk(args)?,
         FormatName::Jsonl => export_jsonl(args)?,
     };
-    for note in data.warnings.iter().chain(&data.notes) {
-        eprintln!("wingd: {note}");
-    }
+    print_notes(data.warnings.iter().chain(&data.notes));
     Ok(Completion::from_success(data.notes.is_empty()))
 }
 
@@ -127,10 +127,10 @@ fn export_rows(args: &ExportArgs, table: ExportTable) -> Result<ReportData, Fail
     let written = || {
         let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
         let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            sink.add_rows(args, export::table_columns(table, &series, &common))
+            sink.add_rows(export::table_columns(table, &series, &common)).map_err(ExportEnd::from)
         })?;
-        sink.finish(args)?;
-        Ok(data)
+        sink.finish()?;
+        Ok::<_, ExportEnd>(data)
     };
     finish_export(args, written())
 }
@@ -140,11 +140,10 @@ fn export_jsonl(args: &ExportArgs) -> Result<ReportData, Failure> {
     let written = || {
         let mut output = args.text_output()?;
         let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            export::write_json_lines(&mut output, &series, id.as_deref())
-                .map_err(|error| args.classify_io_error(&error))
+            export::write_json_lines(&mut output, &series, id.as_deref()).map_err(ExportEnd::from)
         })?;
-        output.flush().map_err(|error| args.classify_io_error(&error))?;
-        Ok(data)
+        output.flush()?;
+        Ok::<_, ExportEnd>(data)
     };
     finish_export(args, written())
 }
@@ -160,18 +159,20 @@ fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
     ]
 }
 
+/// Adds the provenance of results, once for each key of the inputs.
+fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, Value>) {
+    let note = (format!("inputs {key}"), serde_json::to_string(provenance).unwrap_or_default());
+    if !notes.contains(&note) {
+        notes.push(note);
+    }
+}
+
 /// Metadata of a file: recorder, and provenance of the results by the key in column `inputs`.
 fn file_metadata(args: &ExportArgs, common: &ExportContext) -> Result<FileMetadata, Failure> {
     let mut notes = recorder_metadata(common.store_id.as_deref());
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
-        if let Some(set) =
-            crate::store::result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref())
-        {
-            let provenance = serde_json::to_string(&set.provenance).unwrap_or_default();
-            let note = (format!("inputs {}", set.key), provenance);
-            if !notes.contains(&note) {
-                notes.push(note);
-            }
+        if let Some(set) = result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref()) {
+            add_provenance(&mut notes, &set.key, &set.provenance);
         }
     }
     Ok(notes)
@@ -192,7 +193,7 @@ fn export_vtk(args: &ExportArgs) -> Result<ReportData, Failure> {
 fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> Result<Vec<GroundMarker>, Failure> {
     let directory = match &args.installation {
         Some(directory) => Some(directory.clone()),
-        None => store_access::kept_installation(&args.store, flight)?,
+        None => stored_flights::kept_installation(&args.store, flight)?,
     };
     let Some(directory) = directory else {
         let flight = &flight.id;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::copy::{byte_progress, read_back, report_copy};
-use super::{Completion, Failure};
+use super::copy::{read_back, report_copy};
+use super::{Completion, Failure, byte_progress};
 use crate::http::access;
 use crate::http::client::Client;
 use crate::http::fetch;

@@ -6,13 +6,8 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Starts logging at the level of `WINGD_LOG` (for example `info` or `wingd::daemon=debug`), by default `info`.
-pub fn start_logging() {
-    start_logging_at(LevelFilter::INFO);
-}
-
-/// Starts logging with another default level.
-pub fn start_logging_at(level: LevelFilter) {
+/// Starts logging at the level of `WINGD_LOG` (for example `info` or `wingd::daemon=debug`), else at `level`.
+pub fn start_logging(level: LevelFilter) {
     let requested = std::env::var("WINGD_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
     let filter = requested.unwrap_or_else(|| Targets::new().with_default(level));
     let registry = tracing_subscriber::registry().with(filter);

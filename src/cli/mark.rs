@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, default_paths, image_batch, image_files, stop_signal, store_access};
+use super::default_paths::{self, resolve_installation};
+use super::{Completion, Failure, batch, print_notes, stop_signal};
+use crate::desk::image_names::image_names;
+use crate::desk::stored_flights;
 use crate::http::access::Access;
 use crate::http::mark::{ImageSource, MarkStorage, MarkableImage, Workplace, serve_marking};
 use crate::http::section::ServeConfig;
-use crate::installation::{self, Installation};
+use crate::installation::Installation;
 use crate::pipeline::marking::MANUAL_SIGMA_PX;
-use crate::store::{self, FlightRef, RealDisk, layout, manual_marks};
+use crate::store::{self, RealDisk, layout, manual_marks};
 
 /// Mark undetected markers manually in a browser on this machine; who, when and why are stored with each mark.
 #[derive(clap::Args)]
@@ -52,7 +55,7 @@ fn parse_sigma(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
-    super::logging::start_logging_at(LevelFilter::WARN);
+    super::logging::start_logging(LevelFilter::WARN);
     let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
     let config = ServeConfig {
         listen: args.listen.clone(),
@@ -62,18 +65,18 @@ pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
         key: None,
     };
     let (address, access) = config.resolve(option)?;
-    // Without a token every user of this machine could mark.
-    let token = if args.token_file.is_some() { None } else { Some(store::random_id()?) };
-    let access = match &token {
-        Some(token) => access.with_address_token(token),
-        None => access,
-    };
     let workplace = match args.what.as_slice() {
         [store] if store.join(layout::STORE_FILE).exists() => workplace_for_store(args, store)?,
         _ => workplace_for_images(args)?,
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
+    // Without a token every user of this machine could mark.
+    let token = if args.token_file.is_some() { None } else { Some(store::random_id()?) };
+    let access = match &token {
+        Some(token) => access.with_address_token(token),
+        None => access,
+    };
     runtime.block_on(serve_page(workplace, (access, token), address))
 }
 
@@ -89,7 +92,7 @@ async fn serve_page(
     let kept = workplace.storage.description();
     let query = token.map_or(String::new(), |token| format!("?token={token}"));
     eprintln!("wingd: marks are saved with {kept}; open http://{bound}/{query} (stop with Ctrl-C)");
-    serve_marking(workplace, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
+    serve_marking(workplace, access, listener, stop_signal()).await.map_err(Failure::from_error)?;
     Ok(Completion::All)
 }
 
@@ -106,37 +109,28 @@ fn create_workplace(
 }
 
 fn load_installation(args: &MarkArgs, directory: &Path) -> Result<Installation, Failure> {
-    let read = if args.ground { installation::load_without_orientation } else { installation::load };
-    let installation = read(directory)?;
-    super::print_warnings(&installation);
-    Ok(installation)
+    let load = if args.ground { default_paths::load_without_orientation } else { default_paths::load_installation };
+    load(directory)
 }
 
 fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failure> {
     if args.observations.is_some() {
         return Err(Failure::Usage("--observations is only for images: a store saves its own marks".into()));
     }
-    let none = || Failure::Failed(format!("{}: has no flight yet", root.display()));
-    let flight: FlightRef = store_access::select_flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
-    let directory = match &args.installation {
-        Some(directory) => directory.clone(),
-        None => store_access::flight_installation(root, &flight)?,
-    };
+    let flight = stored_flights::select_flights(root, args.flight.as_deref())?.pop();
+    let flight = flight.ok_or_else(|| Failure::from_path_error(root, "has no flight yet"))?;
+    let directory = stored_flights::flight_installation(args.installation.as_deref(), root, &flight)?;
     let installation = load_installation(args, &directory)?;
-    let frames = store_access::flight_frames(&RealDisk, &flight, None)?;
+    let frames = stored_flights::flight_frames(&RealDisk, &flight, None)?;
     if frames.is_empty() {
-        return Err(Failure::Failed(format!("{}: {} has no frame", root.display(), flight.id)));
+        return Err(Failure::from_path_error(root, format!("{} has no frame", flight.id)));
     }
-    let (store, recovery) = store_access::open_store(root)?;
-    for remark in &recovery.remarks {
-        eprintln!("wingd: {remark}");
-    }
+    let (store, recovery) = stored_flights::open_store(root)?;
+    print_notes(&recovery.remarks);
     let (known, notes) = manual_marks::read_marks(store.disk(), root, &flight)?;
-    for note in notes {
-        eprintln!("wingd: {note}");
-    }
+    print_notes(notes);
     let picture = |frame: crate::store::FrameRef| MarkableImage {
-        name: store_access::frame_name(&frame),
+        name: stored_flights::frame_name(&frame),
         source: ImageSource::Stored(Box::new(frame)),
     };
     let pictures = frames.into_iter().map(picture).collect();
@@ -147,9 +141,9 @@ fn workplace_for_images(args: &MarkArgs) -> Result<Workplace, Failure> {
     if let Some(flight) = &args.flight {
         return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }
-    let files = image_files::expand_folders(&args.what)?;
-    let installation = load_installation(args, &default_paths::resolve_installation(args.installation.as_deref())?)?;
-    let names = image_batch::image_names(&files);
+    let files = batch::expand_folders(&args.what)?;
+    let installation = load_installation(args, &resolve_installation(args.installation.as_deref())?)?;
+    let names = image_names(&files);
     let default_file =
         || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(DEFAULT_OBSERVATIONS_FILE);
     let kept = MarkStorage::from_file(args.observations.clone().unwrap_or_else(default_file), &installation.setup)?;

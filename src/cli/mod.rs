@@ -9,6 +9,7 @@ macro_rules! eprintln {
 }
 
 mod aircraft_data;
+mod batch;
 #[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
@@ -24,16 +25,14 @@ mod detect;
 mod export;
 mod fetch;
 pub mod help;
-mod image_batch;
-mod image_files;
 mod import;
 mod init;
 mod learn;
 mod logging;
-mod manual_observations;
 mod mark;
 mod mount_check;
 mod orient;
+mod output;
 mod pages;
 mod plan;
 mod prune;
@@ -44,8 +43,6 @@ mod serve;
 mod simulate;
 mod solve;
 mod status;
-mod store_access;
-mod stored_frames;
 mod stress;
 mod time_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
@@ -55,22 +52,18 @@ mod upload;
 mod verify;
 
 use std::ffi::OsString;
-use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::installation::{self, Fault, Installation};
-use crate::record::Reason;
-use crate::store::{StoreError, layout};
-#[cfg(feature = "boards")]
-use calibrate::CalibrateArgs;
+use crate::desk::Failure;
+use crate::installation::{self, Installation};
+use crate::store::layout;
+use output::{byte_progress, print_json, print_line, print_notes, progress_bar, show_busy, write_output};
 #[cfg(not(feature = "boards"))]
-use unavailable::UnavailableArgs as CalibrateArgs;
+use unavailable::calibrate;
 #[cfg(not(feature = "upload"))]
-use unavailable::UnavailableArgs as UploadArgs;
-#[cfg(feature = "upload")]
-use upload::UploadArgs;
+use unavailable::upload;
 
 /// Measure the shape of a wing in flight with one camera at a cabin window.
 #[derive(Parser)]
@@ -82,115 +75,95 @@ struct Arguments {
     command: CliCommand,
 }
 
-// Only one value exists per run: its size does not matter.
-#[allow(clippy::large_enum_variant)]
-#[derive(Subcommand)]
-enum CliCommand {
+/// Declares the commands in the order of their help: the words of the list, the arguments, and the function that runs them.
+macro_rules! commands {
+    ($($(#[doc = $about:literal])+ $(#[cfg($built:meta)])? $(#[command($hidden:ident = true)])? $name:ident($args:ty) => $run:path,)+) => {
+        // Only one value exists per run: its size does not matter.
+        #[allow(clippy::large_enum_variant)]
+        #[derive(Subcommand)]
+        enum CliCommand {
+            $($(#[doc = $about])+ $(#[cfg($built)])? $(#[command($hidden = true)])? $name($args),)+
+        }
+
+        impl CliCommand {
+            fn run(&self) -> Result<Completion, Failure> {
+                match self {
+                    $($(#[cfg($built)])? Self::$name(args) => $run(args),)+
+                }
+            }
+        }
+    };
+}
+
+commands! {
     /// Run the camera process of a recorder
     #[cfg(feature = "gphoto")]
     #[command(hide = true)]
-    CameraChild,
+    CameraChild(camera_child::CameraChildArgs) => camera_child::run,
     /// Take shots with the configured camera, without the recorder
-    CameraTest(camera_test::CameraTestArgs),
+    CameraTest(camera_test::CameraTestArgs) => camera_test::run,
     /// Run a bundled flight through the real recorder
-    Demo(demo::DemoArgs),
+    Demo(demo::DemoArgs) => demo::run,
     /// Run the recorder: take series of frames and solve them
-    Run(run::RunArgs),
+    Run(run::RunArgs) => run::run,
     /// Write a configuration, an installation and a board to fill in
-    Init(init::InitArgs),
+    Init(init::InitArgs) => init::run,
     /// Check configuration, installation, store and camera
-    Check(check::CheckArgs),
+    Check(check::CheckArgs) => check::run,
     /// Estimate the interior orientation from images of a board
-    Calibrate(CalibrateArgs),
+    Calibrate(calibrate::CalibrateArgs) => calibrate::run,
     /// Convert a camera from or to OpenCV, ROS, Kalibr and mrcal
-    Convert(convert::ConvertArgs),
+    Convert(convert::ConvertArgs) => convert::run,
     /// Measure how far the camera moved between ground frames
-    MountCheck(mount_check::MountCheckArgs),
+    MountCheck(mount_check::MountCheckArgs) => mount_check::run,
     /// Check times of exposure with images of a clock on a screen
-    TimeCheck(time_check::TimeCheckArgs),
+    TimeCheck(time_check::TimeCheckArgs) => time_check::run,
     /// Detect markers in images
-    Detect(detect::DetectArgs),
+    Detect(detect::DetectArgs) => detect::run,
     /// Estimate the camera's attitude from ground frames
-    Orient(orient::OrientArgs),
+    Orient(orient::OrientArgs) => orient::run,
     /// Predict resolution and standard deviations
-    Plan(plan::PlanArgs),
+    Plan(plan::PlanArgs) => plan::run,
     /// Import the images of a camera's card into a store
-    Import(import::ImportArgs),
+    Import(import::ImportArgs) => import::run,
     /// Mark undetected markers manually in a browser
-    Mark(mark::MarkArgs),
+    Mark(mark::MarkArgs) => mark::run,
     /// Estimate bending, torsion and positions for each image
-    Solve(solve::SolveArgs),
+    Solve(solve::SolveArgs) => solve::run,
     /// Estimate flight-invariant parameters from several flights
-    Learn(learn::LearnArgs),
+    Learn(learn::LearnArgs) => learn::run,
     /// Write a flight's figures and tables as one HTML file
-    Report(report::ReportArgs),
+    Report(report::ReportArgs) => report::run,
     /// Verify every checksum and every invariant of a store
-    Verify(verify::VerifyArgs),
+    Verify(verify::VerifyArgs) => verify::run,
     /// Compare two solves of a store, or two stores
-    Compare(compare::CompareArgs),
+    Compare(compare::CompareArgs) => compare::run,
     /// Copy flights to another disk and verify the copy
-    Copy(copy::CopyArgs),
+    Copy(copy::CopyArgs) => copy::run,
     /// Download flights from a recorder or `wingd serve`
-    Fetch(fetch::FetchArgs),
+    Fetch(fetch::FetchArgs) => fetch::run,
     /// Upload flights to an object store (not in the on-board build)
-    Upload(UploadArgs),
+    Upload(upload::UploadArgs) => upload::run,
     /// Delete flights of which a copy holds every byte
-    Prune(prune::PruneArgs),
+    Prune(prune::PruneArgs) => prune::run,
     /// Show the state of the running recorder
-    Status(status::StatusArgs),
+    Status(status::StatusArgs) => status::print_status,
     /// Ask the running recorder for an extra series
-    Trigger(status::TriggerArgs),
+    Trigger(status::TriggerArgs) => status::trigger_series,
     /// Export results as CSV, Parquet, VTK or JSON lines
-    Export(export::ExportArgs),
+    Export(export::ExportArgs) => export::run,
     /// Add a table of the aircraft's own data to a flight
-    AircraftData(aircraft_data::AircraftDataArgs),
+    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,
     /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs),
+    Stress(stress::StressArgs) => stress::run,
     /// Serve the page of a store: flights, frames, downloads
-    Serve(serve::ServeArgs),
+    Serve(serve::ServeArgs) => serve::run,
     /// Render frames of a wing, or images of a board
-    Simulate(simulate::SimulateArgs),
+    Simulate(simulate::SimulateArgs) => simulate::run,
     /// Print completions for bash, zsh, fish, elvish or powershell
-    Completions(pages::CompletionsArgs),
+    Completions(pages::CompletionsArgs) => pages::write_completions,
     /// Write the man pages into a directory
-    Man(pages::ManArgs),
-}
-
-/// Failure of a command, by exit status.
-#[derive(Debug)]
-pub enum Failure {
-    /// Operation that could not be completed; the text names the cause and the remedy. Exit status 1.
-    Failed(String),
-    /// Wrong usage that the parser does not detect. Exit status 2.
-    Usage(String),
-    /// Errors in configuration or installation. Exit status 78.
-    Faults(Vec<Fault>),
-    /// Errors that were already printed to standard output. Exit status 78.
-    AlreadyReported,
-}
-
-impl From<Vec<Fault>> for Failure {
-    fn from(faults: Vec<Fault>) -> Self {
-        Self::Faults(faults)
-    }
-}
-
-impl From<Fault> for Failure {
-    fn from(fault: Fault) -> Self {
-        Self::Faults(vec![fault])
-    }
-}
-
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        Self::Failed(error.to_string())
-    }
-}
-
-impl From<Reason> for Failure {
-    fn from(reason: Reason) -> Self {
-        Self::Failed(reason.to_string())
-    }
+    Man(pages::ManArgs) => pages::write_man_pages,
 }
 
 /// Success of a command: complete or in part.
@@ -199,6 +172,8 @@ pub enum Completion {
     All,
     /// Partial success: some images failed, each with a message. Exit status 1.
     Partly,
+    /// Errors in configuration or installation, printed to standard output as results. Exit status 78.
+    Faulty,
 }
 
 impl Completion {
@@ -212,51 +187,10 @@ pub fn main() -> ExitCode {
     let matches =
         help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let outcome = match arguments.command {
-        #[cfg(feature = "gphoto")]
-        CliCommand::CameraChild => camera_child::run(),
-        CliCommand::CameraTest(args) => camera_test::run(&args),
-        CliCommand::Demo(args) => demo::run(&args),
-        CliCommand::Run(args) => run::run(&args),
-        CliCommand::Check(args) => check::run(&args),
-        #[cfg(feature = "boards")]
-        CliCommand::Calibrate(args) => calibrate::run(&args),
-        #[cfg(not(feature = "boards"))]
-        CliCommand::Calibrate(_) => unavailable::refuse_command("calibrate, like the demonstration build", "boards"),
-        CliCommand::Convert(args) => convert::run(&args),
-        CliCommand::MountCheck(args) => mount_check::run(&args),
-        CliCommand::TimeCheck(args) => time_check::run(&args),
-        CliCommand::Detect(args) => detect::run(&args),
-        CliCommand::Orient(args) => orient::run(&args),
-        CliCommand::Plan(args) => plan::run(&args),
-        CliCommand::Import(args) => import::run(&args),
-        CliCommand::Mark(args) => mark::run(&args),
-        CliCommand::Solve(args) => solve::run(&args),
-        CliCommand::Learn(args) => learn::run(&args),
-        CliCommand::Report(args) => report::run(&args),
-        CliCommand::Verify(args) => verify::run(&args),
-        CliCommand::Compare(args) => compare::run(&args),
-        CliCommand::Copy(args) => copy::run(&args),
-        CliCommand::Fetch(args) => fetch::run(&args),
-        #[cfg(feature = "upload")]
-        CliCommand::Upload(args) => upload::run(&args),
-        #[cfg(not(feature = "upload"))]
-        CliCommand::Upload(_) => unavailable::refuse_command("upload, like the on-board build", "upload"),
-        CliCommand::Prune(args) => prune::run(&args),
-        CliCommand::Status(args) => status::print_status(&args),
-        CliCommand::Trigger(args) => status::trigger_series(&args),
-        CliCommand::Export(args) => export::run(&args),
-        CliCommand::AircraftData(args) => aircraft_data::run(&args),
-        CliCommand::Stress(args) => stress::run(&args),
-        CliCommand::Serve(args) => serve::run(&args),
-        CliCommand::Simulate(args) => simulate::run(&args),
-        CliCommand::Init(args) => init::run(&args),
-        CliCommand::Completions(args) => pages::write_completions(&args),
-        CliCommand::Man(args) => pages::write_man_pages(&args),
-    };
-    match outcome {
+    match arguments.command.run() {
         Ok(Completion::All) => ExitCode::SUCCESS,
         Ok(Completion::Partly) => ExitCode::from(1),
+        Ok(Completion::Faulty) => ExitCode::from(78),
         Err(failure) => report_failure(&failure),
     }
 }
@@ -295,38 +229,6 @@ fn report_failure(failure: &Failure) -> ExitCode {
             eprintln!("wingd: {} error{plural} in the configuration or installation", faults.len());
             ExitCode::from(78)
         }
-        Failure::AlreadyReported => ExitCode::from(78),
-    }
-}
-
-/// Prints a line of results; a closed pipe (`| head`) is not an error.
-///
-/// # Errors
-/// Returns an error if the line cannot be written, because a lost result must not look like success.
-fn print_line(text: &str) -> Result<(), Failure> {
-    use std::io::{ErrorKind, Write};
-    let mut output = std::io::stdout().lock();
-    match writeln!(output, "{}", installation::printable_text(text)).and_then(|()| output.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
-            "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
-        ))),
-        _ => Ok(()),
-    }
-}
-
-/// Creates the failure for a file that could not be written.
-fn write_failure(file: &Path, remedy: &str) -> impl Fn(std::io::Error) -> Failure {
-    let (file, remedy) = (file.display().to_string(), remedy.to_owned());
-    move |error| Failure::Failed(format!("{file} cannot be written ({error}); {remedy}"))
-}
-
-/// Remedy for a file that cannot be written.
-const CHECK_WRITE_ACCESS: &str = "check permissions and free space";
-
-/// Prints warnings about the installation to standard error.
-fn print_warnings(installation: &Installation) {
-    for doubt in installation::find_warnings(installation) {
-        eprintln!("wingd: warning: {doubt}");
     }
 }
 
@@ -335,13 +237,6 @@ fn print_flight_prior(installation: &Installation) {
     if let Some(prior) = &installation.flight_prior {
         eprintln!("wingd: using the prior from {} ({})", prior.flight_count_text(), installation::FLIGHT_PRIOR_FILE);
     }
-}
-
-/// Loads an installation and prints its warnings.
-fn load_installation(directory: &Path) -> Result<Installation, Failure> {
-    let installation = installation::load(directory)?;
-    print_warnings(&installation);
-    Ok(installation)
 }
 
 /// Waits for Ctrl-C or SIGTERM.

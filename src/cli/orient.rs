@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
-use super::manual_observations::ManualPoints;
-use super::{CHECK_WRITE_ACCESS, Completion, Failure, image_batch, print_line, write_failure};
+use super::default_paths::{load_without_orientation, resolve_installation};
+use super::{Completion, Failure, batch, print_line, print_notes};
+use crate::desk::CHECK_WRITE_ACCESS;
+use crate::desk::manual_points::ManualPoints;
 use crate::installation::{self, Installation};
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::measure::setup::Setup;
@@ -35,11 +37,8 @@ pub struct OrientArgs {
 }
 
 pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
-    let installation = installation::load_without_orientation(&super::default_paths::resolve_installation(
-        args.installation.as_deref(),
-    )?)?;
-    super::print_warnings(&installation);
-    let files = super::image_files::expand_folders(&args.images)?;
+    let installation = load_without_orientation(&resolve_installation(args.installation.as_deref())?)?;
+    let files = batch::expand_folders(&args.images)?;
     let mut frames = Vec::with_capacity(files.len());
     let mut reasons: Vec<String> = vec![];
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
@@ -47,7 +46,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
             .and_then(|b| orienting::process_ground_frame(name, b, &installation.setup))
             .map_err(|why| format!("{name}: {why}"))
     };
-    image_batch::for_each_image(&files, args.jobs, "detecting", process, |ground| {
+    batch::for_each_image(&files, args.jobs, "detecting", process, |ground| {
         match ground {
             Ok(frame) => frames.push(frame),
             Err(reason) => reasons.push(reason),
@@ -57,9 +56,11 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     if !reasons.is_empty() {
         return Err(Failure::Failed(reasons.join("\nwingd: ")));
     }
-    let (setup, names) = (&installation.setup, frame_names(&frames));
+    let setup = &installation.setup;
+    let names: Vec<String> = frames.iter().map(|f| f.processed.image.clone()).collect();
     if let Some(file) = &args.observations {
         let manual = ManualPoints::read(file, &files, setup)?;
+        print_notes(&manual.note);
         frames
             .iter_mut()
             .zip(&names)
@@ -71,13 +72,9 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
         frames.iter().map(|f| (f.processed.image.clone(), f.processed.digest.clone())).collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let written = installation::write_orientation(&installation, &fit, &images);
-    written.map_err(write_failure(&file, CHECK_WRITE_ACCESS))?;
+    written.map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
     print_line(&if args.json { fit_json(&installation, &fit) } else { fit_text(&installation, &fit) })?;
     Ok(Completion::All)
-}
-
-fn frame_names(frames: &[GroundFrame]) -> Vec<String> {
-    frames.iter().map(|f| f.processed.image.clone()).collect()
 }
 
 /// Describes a failure with the frame concerned, and its cause if it can be diagnosed.

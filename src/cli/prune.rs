@@ -1,11 +1,11 @@
 //! `wingd prune` is the only command that deletes recorded data.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::store_access::{self, select_flights};
-use super::{Completion, Failure, image_batch, print_line};
+use super::{Completion, Failure, print_line, show_busy};
+use crate::desk::stored_flights::{self, select_flights};
 use crate::report::number::count_text;
 use crate::store::prune::{CopyProof, verify_copy};
 use crate::store::{RealDisk, Store};
@@ -37,15 +37,17 @@ pub(super) fn run(args: &PruneArgs) -> Result<Completion, Failure> {
     if args.flight.is_none() {
         flights.truncate(flights.len().saturating_sub(args.keep));
     }
-    let store = if args.dry_run { None } else { Some(open_store(&args.store)?) };
+    let store = match args.dry_run {
+        true => None,
+        false => Some(stored_flights::open_store(&args.store)?.0),
+    };
+    store.as_ref().map_or(Ok(()), Store::remove_pruned)?;
     let (mut freed, mut stay) = (0, 0);
     for flight in &flights {
-        let busy = image_batch::show_busy("verifying the copy");
-        let proof = match &store {
+        let proof = show_busy("verifying the copy", || match &store {
             Some(store) => store.prune_flight(flight, &args.verified_copy),
             None => verify_copy(&RealDisk, &args.store, flight, &args.verified_copy),
-        };
-        drop(busy);
+        });
         let (bytes, why) = match proof? {
             CopyProof::Verified { bytes, .. } => (bytes, None),
             CopyProof::Unverified(why) => (0, Some(why)),
@@ -74,10 +76,4 @@ fn outcome_line(args: &PruneArgs, flight: &str, bytes: u64, why: Option<String>)
         None if args.dry_run => format!("{flight}  would be deleted, {:.1} MB", bytes as f64 / 1e6),
         None => format!("{flight}  deleted, {:.1} MB", bytes as f64 / 1e6),
     }
-}
-
-fn open_store(root: &Path) -> Result<Store, Failure> {
-    let (store, _) = store_access::open_store(root)?;
-    store.remove_pruned()?;
-    Ok(store)
 }

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, image_batch, print_line};
-use crate::installation;
+use super::default_paths::load_setup;
+use super::{Completion, Failure, print_line, print_notes, show_busy, write_output};
 use crate::report::number::count_text;
 use crate::report::source::{self, ResultChoice};
 use crate::report::{html, overview, summary, table};
@@ -42,37 +42,27 @@ pub(super) fn run(args: &ReportArgs) -> Result<Completion, Failure> {
     if args.all_flights {
         return report_all_flights(args);
     }
-    let installation = args.installation.as_deref().map(installation::load_without_orientation);
-    let installation = installation.transpose()?;
-    let setup = installation.as_ref().map(|i| &i.setup);
+    let setup = load_setup(args.installation.as_deref())?;
     let choice = ResultChoice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
-    let busy = image_batch::show_busy("reading the store");
-    let data = source::read_flight_with_pictures(&args.store, choice, setup, args.pictures)?;
-    drop(busy);
-    for note in data.warnings.iter().chain(&data.notes) {
-        eprintln!("wingd: {note}");
-    }
-    write_page(args, &html::report_page(&data))?;
+    let data = show_busy("reading the store", || {
+        source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
+    })?;
+    print_notes(data.warnings.iter().chain(&data.notes));
+    write_output(&args.output, &html::report_page(&data), OTHER_OUTPUT)?;
     print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;
     print_line(&format!("\nReport: {}", args.output.display()))?;
     Ok(Completion::from_success(data.notes.is_empty()))
 }
 
+/// Remedy for a page that cannot be written.
+const OTHER_OUTPUT: &str = "choose another file with --output";
+
 fn report_all_flights(args: &ReportArgs) -> Result<Completion, Failure> {
     let flights = source::selected_flights(&args.store, None)?;
     let read = flights.iter().map(|flight| overview::read_overview(&RealDisk, flight));
     let all = read.collect::<Result<Vec<_>, _>>()?;
-    for note in all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)) {
-        eprintln!("wingd: {note}");
-    }
-    write_page(args, &html::flights_page(&all))?;
+    print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
+    write_output(&args.output, &html::flights_page(&all), OTHER_OUTPUT)?;
     print_line(&format!("Report of {}: {}", count_text(all.len(), "flight"), args.output.display()))?;
     Ok(Completion::from_success(all.iter().all(|f| f.notes.is_empty())))
-}
-
-fn write_page(args: &ReportArgs, page: &str) -> Result<(), Failure> {
-    std::fs::write(&args.output, page).map_err(|e| {
-        let file = args.output.display();
-        Failure::Failed(format!("{file}: could not write: {e}; choose another file with --output"))
-    })
 }

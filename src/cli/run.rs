@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use tracing::level_filters::LevelFilter;
+
 use super::{Completion, Failure, recorder};
 use crate::clock::{Clock, SystemClock};
 use crate::config;
@@ -16,7 +18,7 @@ pub struct RunArgs {
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<Completion, Failure> {
-    super::logging::start_logging();
+    super::logging::start_logging(LevelFilter::INFO);
     let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
     // An error in the installation must not prevent recording: the frames can be solved later.

@@ -42,7 +42,7 @@ pub struct ServeArgs {
 }
 
 pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
-    super::logging::start_logging_at(LevelFilter::WARN);
+    super::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     for warning in [&args.token_file, &args.key].into_iter().flatten().filter_map(|file| exposure_warning(file)) {
         eprintln!("wingd: warning: {warning}");

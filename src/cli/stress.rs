@@ -1,23 +1,18 @@
 //! `wingd stress` computes bending moments of a store's flights, their extremes, load cycles and relative damage.
 
-mod live;
+use std::path::PathBuf;
 
-use std::path::{Path, PathBuf};
+use serde_json::json;
 
-use serde_json::{Map, Value, json};
-
-use super::store_access::select_flights;
-use super::{Completion, Failure, print_line};
-use crate::clock::Stamp;
-use crate::installation::{self, Installation, Structure};
-use crate::measure::setup::{DEFAULT_BENDING_HZ, StiffnessSection, Width};
-use crate::measure::stress::{BendingCurvature, DEFAULT_STEPS, bending_length_m};
+use super::{Completion, Failure, print_json, print_line, print_notes, write_output};
+use crate::desk::stored_flights::select_flights;
+use crate::desk::stress::{ResultOrigin, StressRequest};
+use crate::installation;
+use crate::measure::setup::StiffnessSection;
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, count_text, format_fixed, format_general, format_rounded, json_fields};
-use crate::report::stress::{self, FlightLoad, StationLoad, StressFrame, StressQuery};
-use crate::report::{ShotData, source};
-use crate::store::result_sets::{self, ResultSet};
-use crate::store::{FlightRef, RealDisk, catalogue, installations};
+use crate::report::stress::{self, FlightLoad, StationLoad, StressFrame};
+use crate::store::FlightRef;
 
 /// Compute bending moments relative to the ground at stations along the span, from the curvature of the solved bending
 /// line.
@@ -65,36 +60,41 @@ pub struct StressArgs {
 
 pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
     check_options(args)?;
-    let given = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
+    let request = StressRequest {
+        installation: args.installation.clone(),
+        sections: args.structure.as_deref().map(installation::read_stiffness).transpose()?,
+        bending_hz: args.bending_hz,
+        slopes: args.slopes.clone(),
+        goodman: args.goodman,
+        levels: args.levels,
+    };
     let (mut answered, mut complete, mut table) = (0, true, MOMENTS_HEADER.to_owned());
     for flight in select_flights(&args.store, args.flight.as_deref())? {
-        let Some(from) = ResultOrigin::from_args(args, &flight)? else { continue };
-        let question = build_question(args, given.as_deref(), &flight, from.provenance())?;
-        let (frames, excluded) = match &from {
-            ResultOrigin::Series(set) => series_frames(&flight, set, &question.1)?,
-            ResultOrigin::Live(provenance) => live::live_frames(&args.store, &flight, provenance, &question.1)?,
-        };
-        for why in &excluded {
-            eprintln!("wingd: {}: {why}", flight.id);
-        }
+        let found = ResultOrigin::find(&args.store, &flight, args.live, args.inputs.as_deref())?;
+        let Some((from, warning)) = found else { continue };
+        print_notes(warning);
+        let (query, line) = request.to_query(&args.store, &flight, from.provenance())?;
+        let (frames, excluded) = from.read_frames(&args.store, &flight, &line)?;
+        print_notes(excluded.iter().map(|why| format!("{}: {why}", flight.id)));
         complete &= excluded.is_empty();
-        let Some(load) = stress::flight_load(&frames, &question.0) else { continue };
+        let Some(load) = stress::flight_load(&frames, &query) else { continue };
         answered += 1;
         if args.moments.is_some() {
-            append_moments(&mut table, &flight, &frames, &question.0.sections);
+            append_moments(&mut table, &flight, &frames, &query.sections);
         }
         print_load(args, &flight, from.inputs_key(), &load)?;
     }
     if answered == 0 {
-        let store = args.store.display();
         let why = if args.live {
-            format!("{store}: no flight has live results with a curvature; omit --live to use the results of series")
+            "no flight has live results with a curvature; omit --live to use the results of series".to_owned()
         } else {
-            format!("{store}: no flight has a solved bending line; run `wingd solve {store}` first")
+            format!("no flight has a solved bending line; run `wingd solve {}` first", args.store.display())
         };
-        return Err(Failure::Failed(why));
+        return Err(Failure::from_path_error(&args.store, why));
     }
-    write_moments(args, &table)?;
+    if let Some(file) = &args.moments {
+        write_output(file, &table, "choose another file with --moments")?;
+    }
     Ok(Completion::from_success(complete))
 }
 
@@ -112,146 +112,6 @@ fn check_options(args: &StressArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Results of a flight to evaluate.
-enum ResultOrigin {
-    Series(ResultSet),
-    /// Results of live mode, by their provenance.
-    Live(Map<String, Value>),
-}
-
-impl ResultOrigin {
-    fn from_args(args: &StressArgs, flight: &FlightRef) -> Result<Option<Self>, Failure> {
-        if args.live {
-            return Ok(live::last_provenance(&args.store, flight)?.map(Self::Live));
-        }
-        let all = result_sets::flight_result_sets(&RealDisk, flight)?;
-        let Some(set) = all.choose_set(args.inputs.as_deref()) else { return Ok(None) };
-        if let Some(warning) = all.mixed_inputs_warning(&flight.id, args.inputs.as_deref()) {
-            eprintln!("wingd: {warning}");
-        }
-        Ok(Some(Self::Series(set.clone())))
-    }
-
-    fn provenance(&self) -> &Map<String, Value> {
-        match self {
-            Self::Series(set) => &set.provenance,
-            Self::Live(provenance) => provenance,
-        }
-    }
-
-    fn inputs_key(&self) -> Option<&str> {
-        match self {
-            Self::Series(set) => Some(&set.key),
-            Self::Live(_) => None,
-        }
-    }
-}
-
-/// Properties common to the bending lines of all frames.
-struct BendingLine {
-    length_m: f64,
-    root_sigma_m: f64,
-}
-
-fn build_question(
-    args: &StressArgs,
-    given: Option<&[StiffnessSection]>,
-    flight: &FlightRef,
-    provenance: &Map<String, Value>,
-) -> Result<(StressQuery, BendingLine), Failure> {
-    let installation = load_installation(args, flight, provenance)?;
-    let own: Option<&Structure> = installation.structure.as_ref();
-    let sections = given.map(<[StiffnessSection]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
-    let sections = sections.ok_or_else(|| {
-        let what = "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
-        Failure::Usage(what.to_owned())
-    })?;
-    if let Some(section) = sections.iter().find(|s| args.goodman && s.ultimate_n_m.is_none()) {
-        let what = format!("--goodman: ultimate_n_m of the station at {} m is missing", section.s_m);
-        return Err(Failure::Usage(what));
-    }
-    let orientation = installation.require_orientation()?;
-    let length_m = bending_length_m(&installation.setup, orientation);
-    let length_m = length_m.map_err(|error| Failure::Failed(format!("{}: {error}", flight.id)))?;
-    if let Some(section) = sections.iter().find(|s| s.s_m > length_m) {
-        let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
-        return Err(Failure::Failed(format!("{what} from the bending root; remove it from the structure file")));
-    }
-    let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(DEFAULT_BENDING_HZ);
-    let question = StressQuery {
-        sections,
-        bending_hz: hz,
-        slopes: args.slopes.clone(),
-        goodman: args.goodman,
-        levels: args.levels,
-    };
-    Ok((question, BendingLine { length_m, root_sigma_m: installation.setup.uncertainty[Width::RootOffset] }))
-}
-
-/// Loads the installation of the command line, else the one that the results came from.
-fn load_installation(
-    args: &StressArgs,
-    flight: &FlightRef,
-    provenance: &Map<String, Value>,
-) -> Result<Installation, Failure> {
-    let directory = match &args.installation {
-        Some(directory) => directory.clone(),
-        None => {
-            let digest = installations::digest_from_provenance(provenance);
-            let kept = digest.map(|digest| installations::installation_folder(&args.store, &digest));
-            kept.filter(|folder| folder.is_dir()).ok_or_else(|| {
-                let (store, flight) = (args.store.display(), &flight.id);
-                Failure::Failed(format!(
-                    "{store}: the store has no installation for {flight}; name it with --installation"
-                ))
-            })?
-        }
-    };
-    Ok(installation::load(&directory)?)
-}
-
-/// Reads the bending lines of a flight's solved frames, and the reasons for excluding others.
-fn series_frames(
-    flight: &FlightRef,
-    set: &ResultSet,
-    line: &BendingLine,
-) -> Result<(Vec<StressFrame>, Vec<String>), Failure> {
-    let (mut frames, mut excluded) = (Vec::new(), Vec::new());
-    for series in catalogue::list_series(&RealDisk, flight)? {
-        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else { continue };
-        for record in &read.records {
-            let Some(stamp) = read.shot_for_record(record).and_then(exposure_stamp) else { continue };
-            match stress::curvature_coefficients(record) {
-                Err(why) => excluded.push(format!("{}/{}: {why}", series.id, record.image)),
-                Ok((coefficients_per_m, covariance)) => frames.push(StressFrame {
-                    series: series.id.clone(),
-                    image: record.image.clone(),
-                    stamp,
-                    curvature: BendingCurvature {
-                        coefficients_per_m,
-                        covariance,
-                        length_m: line.length_m,
-                        root_sigma_m: line.root_sigma_m,
-                        steps: DEFAULT_STEPS,
-                    },
-                }),
-            }
-        }
-    }
-    Ok((frames, excluded))
-}
-
-/// Returns the time of exposure as a stamp.
-fn exposure_stamp(shot: &ShotData) -> Option<Stamp> {
-    let commanded = shot.stamp.clone()?;
-    let exposure = shot.exposure.as_ref();
-    Some(exposure.map_or(commanded.clone(), |exposure| Stamp {
-        utc: exposure.exposure_time,
-        since_boot_s: exposure.exposure_since_boot_s,
-        ..commanded
-    }))
-}
-
 const MOMENTS_HEADER: &str =
     "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
 
@@ -266,21 +126,11 @@ fn append_moments(table: &mut String, flight: &FlightRef, frames: &[StressFrame]
     }
 }
 
-fn write_moments(args: &StressArgs, table: &str) -> Result<(), Failure> {
-    let Some(file) = args.moments.as_deref() else { return Ok(()) };
-    installation::write_atomically(file, table).map_err(|e| moments_write_failure(file, &e))
-}
-
-fn moments_write_failure(file: &Path, error: &std::io::Error) -> Failure {
-    let file = file.display();
-    Failure::Failed(format!("{file}: could not write: {error}; choose another file with --moments"))
-}
-
 fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
     if args.json {
         let mut line = json_fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
         line.extend(json_fields(load));
-        return print_line(&json!(line).to_string());
+        return print_json(&line);
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), format_general);
     let frames = count_text(load.frames, "frame");
@@ -295,11 +145,9 @@ fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load:
 fn station_table(load: &FlightLoad) -> Grid {
     let slopes: Vec<f64> =
         load.stations.first().and_then(|s| s.damage.as_ref()).into_iter().flatten().map(|d| d.slope).collect();
-    let mut titles: Vec<String> = ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"]
-        .into_iter()
-        .chain(["ground-air-ground / kN m", "sigma"])
-        .map(str::to_owned)
-        .collect();
+    let mut titles =
+        ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"].map(str::to_owned).to_vec();
+    titles.extend(["ground-air-ground / kN m", "sigma"].map(str::to_owned));
     if !slopes.is_empty() {
         titles.push("cycles".to_owned());
         titles.extend(slopes.iter().map(|m| format!("damage, slope {m}")));

@@ -1,4 +1,4 @@
-//! Stand-in for a command that this program was built without.
+//! Stand-ins for commands that this program was built without.
 
 use std::ffi::OsString;
 
@@ -12,8 +12,22 @@ pub struct UnavailableArgs {
     _given: Vec<OsString>,
 }
 
-/// Returns the failure that names the cargo feature for `part`.
-pub(super) fn refuse_command(part: &str, feature: &str) -> Result<Completion, Failure> {
-    let how = format!("cargo build --release --locked --features {feature}");
-    Err(Failure::Usage(format!("this wingd was built without {part}; build it with `{how}`")))
+/// Declares a stand-in with the name of the command's module.
+macro_rules! stand_in {
+    ($module:ident, $args:ident, $part:literal, $feature:literal) => {
+        #[cfg(not(feature = $feature))]
+        pub(super) mod $module {
+            use super::{Completion, Failure};
+
+            pub use super::UnavailableArgs as $args;
+
+            pub fn run(_: &$args) -> Result<Completion, Failure> {
+                let how = concat!("cargo build --release --locked --features ", $feature);
+                Err(Failure::Usage(format!("this wingd was built without {}; build it with `{how}`", $part)))
+            }
+        }
+    };
 }
+
+stand_in!(calibrate, CalibrateArgs, "calibrate, like the demonstration build", "boards");
+stand_in!(upload, UploadArgs, "upload, like the on-board build", "upload");

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure};
+use super::{Completion, Failure, byte_progress, print_line};
+use crate::desk::stored_flights::select_flights;
 use crate::upload::{Upload, UploadOutcome, UploadSettings, UploadTarget, WingLabels};
 
 /// Upload flights to an object store: inventory first, then results, then frames. Never overwrites; an interrupted upload
@@ -69,7 +70,7 @@ fn parse_rate(text: &str) -> Result<u64, String> {
 }
 
 pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
-    let flights = super::store_access::select_flights(&args.store, args.flight.as_deref())?;
+    let flights = select_flights(&args.store, args.flight.as_deref())?;
     let settings = UploadSettings { jobs: args.jobs.into(), retries: args.retries, limit: args.limit_rate };
     let target = UploadTarget::open(&args.to, settings)?;
     let about = WingLabels {
@@ -79,7 +80,7 @@ pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
-    let bar = super::copy::byte_progress(0, "upload");
+    let bar = byte_progress(0, "upload");
     let progress = |length| bar.inc(length);
     let upload =
         Upload { target: &target, root: &args.store, labels: &about, repair: args.repair, progress: &progress };
@@ -122,7 +123,7 @@ fn print_outcome(args: &UploadArgs, id: &str, target: &UploadTarget, outcome: &U
         }
         (Err(_), false) => format!("{id}  not completely uploaded"),
     };
-    super::print_line(&line)?;
+    print_line(&line)?;
     if let Err(error) = outcome {
         eprintln!("wingd: {id}: {error}");
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{Completion, Failure, image_batch, print_line};
+use super::{Completion, Failure, print_json, print_line, show_busy};
 use crate::installation::{self, printable_path};
 use crate::report::number::count_text;
 use crate::store::signing::PublicKey;
@@ -33,21 +33,18 @@ pub struct VerifyArgs {
 
 pub(super) fn run(args: &VerifyArgs) -> Result<Completion, Failure> {
     if !args.store.is_dir() {
-        let what = format!("{}: is not a directory; name a store", args.store.display());
-        return Err(Failure::Failed(what));
+        return Err(Failure::from_path_error(&args.store, "is not a directory; name a store"));
     }
     if args.upgrade {
         upgrade_store(args)?;
     }
-    let key = args.key.as_deref().map(PublicKey::read).transpose();
-    let busy = image_batch::show_busy("verifying");
-    let report = match key.map_err(|error| Failure::Failed(error.to_string()))? {
-        Some(key) => verify_with_key(&RealDisk, &args.store, &key),
+    let key = args.key.as_deref().map(PublicKey::read).transpose().map_err(Failure::from_error)?;
+    let report = show_busy("verifying", || match &key {
+        Some(key) => verify_with_key(&RealDisk, &args.store, key),
         None => verify_path(&RealDisk, &args.store),
-    };
-    drop(busy);
+    });
     if args.json {
-        print_line(&serde_json::to_string(&report).unwrap_or_default())?;
+        print_json(&report)?;
     } else {
         for note in &report.notes {
             eprintln!("note: {}", printable_path(note));
@@ -68,16 +65,14 @@ fn report_text(report: &VerifyReport) -> String {
     let faults: String = report.faults.iter().map(|fault| format!("{fault}\n")).collect();
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
-        n => {
-            format!("{} (docs/store.md explains each invariant and its remedy)", count_text(n, "error"))
-        }
+        n => format!("{} (docs/store.md explains each invariant and its remedy)", count_text(n, "error")),
     };
-    format!(
-        "{faults}{}, {} series, {} ({:.1} MB) with their checksums, {}: {verdict}",
-        count_text(report.flights, "flight"),
-        report.series,
-        count_text(report.frames, "frame"),
-        report.bytes as f64 / 1e6,
-        count_text(report.results, "result")
-    )
+    let results = count_text(report.results, "result");
+    format!("{faults}{} with their checksums, {results}: {verdict}", content_text(report))
+}
+
+/// Counts flights, series and frames.
+pub(super) fn content_text(report: &VerifyReport) -> String {
+    let (flights, frames) = (count_text(report.flights, "flight"), count_text(report.frames, "frame"));
+    format!("{flights}, {} series, {frames} ({:.1} MB)", report.series, report.bytes as f64 / 1e6)
 }

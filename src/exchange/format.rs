@@ -5,18 +5,18 @@ use std::path::Path;
 
 use super::keyed::{Node, Syntax};
 
-/// File format of cameras.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// File format of cameras. The command line lists the formats by their names and documentation here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum CameraFormat {
-    /// `camera.toml`.
+    /// camera.toml
     Wingd,
-    /// FileStorage of OpenCV in YAML, XML or JSON.
+    /// OpenCV's YAML; reads also XML and JSON
     Opencv,
-    /// ROS camera_info, as camera_calibration_parsers writes it.
+    /// ROS camera_info
     Ros,
-    /// Kalibr camchain.
+    /// Kalibr's camchain
     Kalibr,
-    /// mrcal cameramodel.
+    /// mrcal's cameramodel
     Mrcal,
 }
 

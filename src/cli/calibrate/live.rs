@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::board_images::{BoardImage, detect_board};
-use super::{CalibrateArgs, Failure, calibrate_and_judge};
+use super::{CalibrateArgs, Failure};
 use crate::camera::freshness::Freshness;
 use crate::clock::SystemClock;
 use crate::config;
+use crate::desk::calibration::{BoardImage, calibrate_and_judge};
 use crate::exchange::DescribedBoard;
 use crate::measure::calibrate::Verdict;
 use crate::report::number::count_text;
@@ -24,7 +24,7 @@ pub(super) fn take_images(
 ) -> Result<Vec<BoardImage>, Failure> {
     let section = config::load_camera(file)?;
     let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
-    let opened = camera.open().map_err(|e| Failure::Failed(e.to_string()))?;
+    let opened = camera.open().map_err(Failure::from_error)?;
     eprintln!("{}: show the board in all parts of the image, tilted by 20 to 40 degrees", opened.name);
     let mut freshness = Freshness::default();
     let mut taken: Vec<BoardImage> = vec![];
@@ -39,7 +39,7 @@ pub(super) fn take_images(
         };
         // The copy is enough; a camera that keeps its own does no harm.
         let _ = camera.release_last();
-        let found = detect_board(&format!("shot {shot}"), Ok(&frame.bytes), &board.board);
+        let found = BoardImage::detect(&format!("shot {shot}"), Ok(&frame.bytes), &board.board);
         eprintln!("image {shot}: {}", describe_image(&found));
         taken.push(found);
         if is_good_enough(&mut taken, board, args.select) {

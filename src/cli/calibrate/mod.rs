@@ -1,18 +1,18 @@
 //! `wingd calibrate` estimates the interior orientation from images of a board.
 
-mod board_images;
 mod live;
 mod output;
 
 use std::path::PathBuf;
 
-use self::board_images::{BoardImage, common_size, exclusion_reason};
-use super::{CHECK_WRITE_ACCESS, Completion, Failure, print_line, write_failure};
-use crate::exchange::{self, DescribedBoard};
-use crate::installation;
-use crate::measure::calibrate::{
-    self, BoardMismatch, BoardView, CalibrateError, Calibration, CalibrationOptions, Verdict,
+use super::{Completion, Failure, batch, print_line, write_output};
+use crate::desk::CHECK_WRITE_ACCESS;
+use crate::desk::calibration::{
+    BoardImage, JudgedCalibration, board_corners, calibrate_and_judge, calibration_report, exclusion_reason,
 };
+use crate::exchange;
+use crate::installation;
+use crate::measure::calibrate::{Board, Calibration, Verdict};
 use crate::record::Reason;
 use crate::report;
 
@@ -57,59 +57,34 @@ pub struct CalibrateArgs {
     images: Vec<PathBuf>,
 }
 
-/// A calibration with its verdict.
-struct JudgedCalibration {
-    calibration: Calibration,
-    verdict: Verdict,
-    reasons: Vec<String>,
-    /// Number of leading reasons that refuse the calibration.
-    refusals: usize,
-}
-
 pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
     let board = exchange::load_board(&args.board)?;
     let mut pictures = match &args.config {
         Some(config) if args.live => live::take_images(args, config, &board)?,
-        _ => board_images::read_images(args, &board.board)?,
+        _ => read_images(args, &board.board)?,
     };
-    let writes = args.corners.as_ref().filter(|_| args.live || !args.images.is_empty());
-    if let Some(file) = writes {
-        board_images::write_corners(file, &pictures, None)?;
-    }
+    let corners = args.corners.as_ref().filter(|_| args.live || !args.images.is_empty());
+    let write_corners = |pictures: &[BoardImage], calibration: Option<&Calibration>| {
+        let Some(file) = corners else { return Ok(()) };
+        exchange::write_corners(file, &board_corners(pictures, calibration))
+            .map_err(|error| Failure::from_write_error(file, &error, CHECK_WRITE_ACCESS))
+    };
+    write_corners(&pictures, None)?;
     let judged = calibrate_and_judge(&mut pictures, &board, args.select)?;
-    if let Some(file) = writes {
-        board_images::write_corners(file, &pictures, Some(&judged.calibration))?;
-    }
+    write_corners(&pictures, Some(&judged.calibration))?;
     write_and_report(args, &pictures, &judged)
 }
 
-/// Calibrates and judges the result; the reasons of a failure begin with the most serious.
-fn calibrate_and_judge(
-    pictures: &mut [BoardImage],
-    described: &DescribedBoard,
-    select: bool,
-) -> Result<JudgedCalibration, Reason> {
-    let size = common_size(pictures)?;
-    let views: Vec<BoardView> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
-    let misfits: Vec<Option<BoardMismatch>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
-    let board_reason = calibrate::description_mismatch(&described.board, &misfits);
-    let never_whole = calibrate::missing_corner_lines(&described.board, &views);
-    let options = CalibrationOptions { select, scale_sigma: described.scale_sigma };
-    let calibration = calibrate::calibrate_with_options(&views, size.0, size.1, &options).map_err(|e| {
-        let board = board_reason.clone().or_else(|| never_whole.clone());
-        let first = board.unwrap_or_else(|| e.to_string());
-        let excluded =
-            if let CalibrateError::TooFewViews { rejections: dropped, .. } = &e { &dropped[..] } else { &[] };
-        let text = format!("no calibration: {first}{}", board_images::list_failures(pictures, excluded));
-        Reason::new(text, e)
-    })?;
-    let refusals = calibrate::count_refusals(&calibration, board_reason.clone());
-    let (mut verdict, mut reasons) = calibrate::judge_calibration(&calibration, board_reason);
-    if let Some(reason) = never_whole {
-        verdict = verdict.max(Verdict::Poor);
-        reasons.push(reason);
+/// Reads the images, or a file of corners.
+fn read_images(args: &CalibrateArgs, board: &Board) -> Result<Vec<BoardImage>, Failure> {
+    if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
+        return Ok(exchange::read_corners(file)?.into_iter().map(BoardImage::from).collect());
     }
-    Ok(JudgedCalibration { calibration, verdict, reasons, refusals })
+    let mut pictures = vec![];
+    let files = batch::expand_folders(&args.images)?;
+    let detect = |name: &str, bytes: Result<&[u8], Reason>| BoardImage::detect(name, bytes, board);
+    batch::for_each_image(&files, args.jobs, "finding boards", detect, batch::collect_into(&mut pictures))?;
+    Ok(pictures)
 }
 
 fn write_and_report(
@@ -119,10 +94,10 @@ fn write_and_report(
 ) -> Result<Completion, Failure> {
     let JudgedCalibration { calibration, verdict, reasons, .. } = judged;
     let accepted = acceptance_reason(args, judged)?;
-    let written = output::calibration_report(calibration, *verdict, accepted.clone());
+    let written = calibration_report(calibration, *verdict, accepted.clone());
     if *verdict != Verdict::Refused || accepted.is_some() {
         installation::write_camera(&args.output, &calibration.lens, Some(&written))
-            .map_err(write_failure(&args.output, CHECK_WRITE_ACCESS))?;
+            .map_err(|error| Failure::from_write_error(&args.output, &error, CHECK_WRITE_ACCESS))?;
     }
     let excluded: Vec<Option<String>> =
         pictures.iter().enumerate().map(|(k, p)| exclusion_reason(calibration, k, p)).collect();
@@ -135,7 +110,7 @@ fn write_and_report(
             &names,
             &excluded,
         );
-        installation::write_atomically(file, &page).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
+        write_output(file, &page, CHECK_WRITE_ACCESS)?;
     }
     for (picture, reason) in pictures.iter().zip(&excluded) {
         if let Some(reason) = reason {

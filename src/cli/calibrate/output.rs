@@ -2,36 +2,12 @@
 
 use std::path::Path;
 
-use super::board_images::{BoardImage, exclusion_reason};
+use crate::desk::calibration::{BoardImage, exclusion_reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
 use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_correlation, parameter_values};
 use crate::report::number::format_rounded;
-
-pub(super) fn calibration_report(
-    calibration: &Calibration,
-    verdict: Verdict,
-    accepted: Option<String>,
-) -> CalibrationReport {
-    let c = &calibration.covariance;
-    let used = calibration.view_rms_px.iter().flatten().count();
-    CalibrationReport {
-        rms_px: calibration.rms_px,
-        images_used: used,
-        images_rejected: calibration.view_rms_px.len() - used,
-        observations: calibration.observations,
-        verdict: verdict.name(),
-        accepted,
-        projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
-        board_bow_m: calibration.bow.map(|b| b.value_m),
-        board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
-        board_stretch: calibration.stretch.filter(|s| s.prior_sigma.is_some()).map(|s| [s.value, s.sigma]),
-        sigma: std::array::from_fn(|k| (!calibration.fixed[k]).then(|| c[(k, k)].max(0.0).sqrt())),
-        halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
-        covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
-    }
-}
 
 const DENOMINATOR_NAMES: [&str; 3] = ["k4", "k5", "k6"];
 

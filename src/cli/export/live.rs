@@ -3,9 +3,8 @@
 use serde_json::Value;
 
 use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
-use super::{ExportArgs, FormatName, recorder_metadata};
-use crate::cli::copy::byte_progress;
-use crate::cli::{Completion, Failure};
+use super::{ExportArgs, FormatName, add_provenance, recorder_metadata};
+use crate::cli::{Completion, Failure, byte_progress, print_notes};
 use crate::report::export::{LiveColumns, LiveFacts};
 use crate::report::{aircraft, source};
 use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
@@ -24,9 +23,8 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
         })?;
     }
     if tables.is_empty() {
-        let what =
-            format!("{}: no live results; enable [live] in the configuration to record them", args.store.display());
-        return Err(Failure::Failed(what));
+        let what = "no live results; enable [live] in the configuration to record them";
+        return Err(Failure::from_path_error(&args.store, what));
     }
     let store_id = catalogue::store_id(&RealDisk, &args.store);
     let columns = LiveColumns::from_tables(&tables, store_id.clone());
@@ -38,13 +36,13 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
             notes.extend(write_flight_rows(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
-            Result::<(), ExportEnd>::Ok(())
+            Ok::<(), ExportEnd>(())
         })?;
-        sink.finish(args)
+        Ok(sink.finish()?)
     });
     bar.finish_and_clear();
     finish_export(args, outcome)?;
-    notes.iter().for_each(|note| eprintln!("wingd: {note}"));
+    print_notes(&notes);
     Ok(Completion::from_success(notes.is_empty()))
 }
 
@@ -55,11 +53,7 @@ fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
         let Some(inputs) = table.source.get(live::names::PROVENANCE).and_then(Value::as_object) else {
             continue;
         };
-        let key = Inputs::new(inputs.clone()).key("");
-        let note = (format!("inputs {key}"), Value::from(inputs.clone()).to_string());
-        if !notes.contains(&note) {
-            notes.push(note);
-        }
+        add_provenance(&mut notes, &Inputs::new(inputs.clone()).key(""), inputs);
     }
     notes
 }
@@ -81,7 +75,7 @@ fn write_flight_rows(
             match columns.block_columns(&head, &block) {
                 Some(mut rows) => {
                     rows.extend(facts.block_columns(&head, &block));
-                    sink.add_rows(args, rows)?;
+                    sink.add_rows(rows)?;
                 }
                 None => return Ok(file.torn_length().max(1)),
             }

@@ -1,6 +1,5 @@
 //! Output of an export: rows to a file or standard output, as CSV, JSON lines or Parquet.
 
-use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -8,27 +7,32 @@ use std::path::Path;
 use super::{ExportArgs, FormatName};
 use crate::cli::{Failure, print_line};
 use crate::report::export::{self, CsvWriter, ExportColumn};
+use crate::store::StoreError;
 
 /// Reason why an export ended early.
 pub(super) enum ExportEnd {
-    /// Closed pipe (`| head`): not an error.
-    Pipe,
-    /// Error of an output or of a store.
+    /// Error of the output.
+    Output(io::Error),
+    /// Error of a store.
     Failed(Failure),
 }
 
-impl<E: Into<Failure>> From<E> for ExportEnd {
-    fn from(failure: E) -> Self {
-        Self::Failed(failure.into())
+impl From<io::Error> for ExportEnd {
+    fn from(error: io::Error) -> Self {
+        Self::Output(error)
     }
 }
 
-/// Output of rows.
-pub(super) enum RowSink {
-    Csv(CsvWriter<Box<dyn Write>>),
-    Lines(Box<dyn Write>),
-    #[cfg(feature = "parquet")]
-    Parquet(export::ParquetFile<BufWriter<File>>),
+impl From<Failure> for ExportEnd {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
+}
+
+impl From<StoreError> for ExportEnd {
+    fn from(error: StoreError) -> Self {
+        Self::Failed(error.into())
+    }
 }
 
 impl ExportArgs {
@@ -39,45 +43,28 @@ impl ExportArgs {
     }
 
     /// Opens the output of text.
-    pub(super) fn text_output(&self) -> Result<Box<dyn Write>, Failure> {
+    pub(super) fn text_output(&self) -> io::Result<Box<dyn Write>> {
         match self.output_file() {
-            Some(file) => Ok(Box::new(BufWriter::new(create_file(file)?))),
+            Some(file) => Ok(Box::new(BufWriter::new(File::create(file)?))),
             None => Ok(Box::new(BufWriter::new(io::stdout()))),
         }
     }
-
-    /// Distinguishes an error of the output from a closed pipe.
-    fn classify_error(&self, error: &dyn Display, kind: Option<io::ErrorKind>) -> ExportEnd {
-        match self.output_file() {
-            None if kind == Some(io::ErrorKind::BrokenPipe) => ExportEnd::Pipe,
-            place => ExportEnd::Failed(write_failure(place.unwrap_or(Path::new("standard output")), error)),
-        }
-    }
-
-    /// Distinguishes an I/O error of the output from a closed pipe.
-    pub(super) fn classify_io_error(&self, error: &io::Error) -> ExportEnd {
-        self.classify_error(error, Some(error.kind()))
-    }
-
-    fn classify_csv_error(&self, error: &csv::Error) -> ExportEnd {
-        let kind = match error.kind() {
-            csv::ErrorKind::Io(error) => Some(error.kind()),
-            _ => None,
-        };
-        self.classify_error(error, kind)
-    }
 }
 
-fn create_file(file: &Path) -> Result<File, Failure> {
-    File::create(file).map_err(|e| write_failure(file, &e))
-}
-
-pub(super) fn write_failure(file: &Path, error: &dyn Display) -> Failure {
+pub(super) fn write_failure(file: &Path, error: &io::Error) -> Failure {
     Failure::Failed(format!("{}: could not write: {error}; choose another --output", file.display()))
 }
 
 /// Names and values for the metadata of a Parquet file.
 pub(super) type FileMetadata = Vec<(String, String)>;
+
+/// Output of rows.
+pub(super) enum RowSink {
+    Csv(CsvWriter<Box<dyn Write>>),
+    Lines(Box<dyn Write>),
+    #[cfg(feature = "parquet")]
+    Parquet(export::ParquetFile<BufWriter<File>>),
+}
 
 impl RowSink {
     /// Begins an output with columns and their first rows; `notes` are the metadata, if the format has any.
@@ -88,66 +75,64 @@ impl RowSink {
     ) -> Result<Self, ExportEnd> {
         match args.format {
             FormatName::Jsonl => Ok(Self::Lines(args.text_output()?)),
-            FormatName::Parquet => Self::begin_parquet(args, columns, notes),
+            #[cfg(feature = "parquet")]
+            FormatName::Parquet => {
+                let output = BufWriter::new(File::create(args.output_file().unwrap_or(Path::new("")))?);
+                let begun = export::ParquetFile::begin(output, columns, &notes()?);
+                Ok(Self::Parquet(begun.map_err(io::Error::other)?))
+            }
+            #[cfg(not(feature = "parquet"))]
+            FormatName::Parquet => {
+                drop(notes);
+                Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
+            }
             FormatName::Csv | FormatName::Vtk => {
-                let begun = CsvWriter::begin(args.text_output()?, &columns);
-                begun.map(Self::Csv).map_err(|error| args.classify_csv_error(&error))
+                Ok(Self::Csv(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error)?))
             }
         }
     }
 
-    #[cfg(feature = "parquet")]
-    fn begin_parquet(
-        args: &ExportArgs,
-        columns: Vec<ExportColumn>,
-        notes: impl FnOnce() -> Result<FileMetadata, Failure>,
-    ) -> Result<Self, ExportEnd> {
-        let output = BufWriter::new(create_file(args.output_file().unwrap_or(Path::new("")))?);
-        let begun = export::ParquetFile::begin(output, columns, &notes()?);
-        begun.map(Self::Parquet).map_err(|error| args.classify_error(&error, None))
-    }
-
-    #[cfg(not(feature = "parquet"))]
-    fn begin_parquet(
-        _: &ExportArgs,
-        _: Vec<ExportColumn>,
-        _: impl FnOnce() -> Result<FileMetadata, Failure>,
-    ) -> Result<Self, ExportEnd> {
-        Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
-    }
-
-    pub(super) fn add_rows(&mut self, args: &ExportArgs, rows: Vec<ExportColumn>) -> Result<(), ExportEnd> {
+    pub(super) fn add_rows(&mut self, rows: Vec<ExportColumn>) -> io::Result<()> {
         match self {
-            Self::Csv(csv) => csv.add(&rows).map_err(|error| args.classify_csv_error(&error)),
-            Self::Lines(output) => {
-                export::write_json_rows(output, &rows).map_err(|error| args.classify_io_error(&error))
-            }
+            Self::Csv(csv) => csv.add(&rows).map_err(io_error),
+            Self::Lines(output) => export::write_json_rows(output, &rows),
             #[cfg(feature = "parquet")]
-            Self::Parquet(file) => file.add(rows).map_err(|error| args.classify_error(&error, None)),
+            Self::Parquet(file) => file.add(rows).map_err(io::Error::other),
         }
     }
 
     /// Writes buffered rows and closes the output.
-    pub(super) fn finish(self, args: &ExportArgs) -> Result<(), ExportEnd> {
+    pub(super) fn finish(self) -> io::Result<()> {
         match self {
-            Self::Csv(csv) => csv.end().map_err(|error| args.classify_csv_error(&error)),
-            Self::Lines(mut output) => output.flush().map_err(|error| args.classify_io_error(&error)),
+            Self::Csv(csv) => csv.end().map_err(io_error),
+            Self::Lines(mut output) => output.flush(),
             #[cfg(feature = "parquet")]
-            Self::Parquet(file) => {
-                let mut output = file.end().map_err(|error| args.classify_error(&error, None))?;
-                output.flush().map_err(|error| args.classify_io_error(&error))
-            }
+            Self::Parquet(file) => file.end().map_err(io::Error::other)?.flush(),
         }
     }
 }
 
-/// Prints the path of the file, or returns the failure; a closed pipe is not an error.
+fn io_error(error: csv::Error) -> io::Error {
+    if !error.is_io_error() {
+        return io::Error::other(error);
+    }
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        _ => io::ErrorKind::Other.into(),
+    }
+}
+
+/// Prints the path of the file, or returns the failure; a closed pipe (`| head`) is not an error.
 pub(super) fn finish_export<T: Default>(args: &ExportArgs, outcome: Result<T, ExportEnd>) -> Result<T, Failure> {
+    let file = args.output_file();
     match outcome {
-        Err(ExportEnd::Pipe) => Ok(T::default()),
+        Err(ExportEnd::Output(error)) if file.is_none() && error.kind() == io::ErrorKind::BrokenPipe => {
+            Ok(T::default())
+        }
+        Err(ExportEnd::Output(error)) => Err(write_failure(file.unwrap_or(Path::new("standard output")), &error)),
         Err(ExportEnd::Failed(failure)) => Err(failure),
         Ok(value) => {
-            args.output_file().map_or(Ok(()), |file| print_line(&file.display().to_string()))?;
+            file.map_or(Ok(()), |file| print_line(&file.display().to_string()))?;
             Ok(value)
         }
     }

@@ -56,10 +56,6 @@ fn parse_number(text: &str) -> Result<f64, String> {
     parse_numbers::<1>(text).map(|[value]| value)
 }
 
-fn parse_text(text: &str) -> Result<String, String> {
-    Ok(text.to_owned())
-}
-
 fn parse_side(text: &str) -> Result<String, String> {
     let known = ["left", "right"].contains(&text);
     if known { Ok(text.to_owned()) } else { Err("answer left or right".to_owned()) }
@@ -73,75 +69,49 @@ impl InitAnswers {
             return self;
         }
         eprintln!("Press Enter to leave a value blank. installation.svg shows the quantities.");
-        ask_until_valid(&mut self.name, "name of aircraft and wing", parse_text);
-        ask_until_valid(&mut self.side, "which wing (left or right)", parse_side);
-        ask_until_valid(
-            &mut self.projection_centre,
-            "position of the lens in the survey frame, m (x,y,z)",
-            parse_numbers::<3>,
-        );
-        ask_until_valid(
-            &mut self.span_direction,
-            "direction of the span, outboard, in the survey frame (dx,dy)",
-            parse_numbers::<2>,
-        );
-        ask_until_valid(
-            &mut self.root_offset,
-            "distance along the span from the lens to the bending root, m",
-            parse_number,
-        );
-        ask_until_valid(
-            &mut self.temperatures,
-            "temperature of the wing at the survey and in flight, C (ground,flight)",
-            parse_numbers::<2>,
-        );
-        ask_until_valid(&mut self.torsion, "pair of markers for the torsion (leading,trailing)", parse_pair);
+        let Self { name, side, projection_centre, span_direction, root_offset, temperatures, torsion, .. } = &mut self;
+        ask_value(name, "name of aircraft and wing", |text| Ok(text.to_owned()));
+        ask_value(side, "which wing (left or right)", parse_side);
+        ask_value(projection_centre, "position of the lens in the survey frame, m (x,y,z)", parse_numbers);
+        ask_value(span_direction, "direction of the span, outboard, in the survey frame (dx,dy)", parse_numbers);
+        ask_value(root_offset, "distance along the span from the lens to the bending root, m", parse_number);
+        let what = "temperature of the wing at the survey and in flight, C (ground,flight)";
+        ask_value(temperatures, what, parse_numbers);
+        ask_value(torsion, "pair of markers for the torsion (leading,trailing)", parse_pair);
         self
     }
 
     /// Fills the known values into the template.
     pub fn fill_template(&self, template: &str) -> String {
-        let list = |all: &[f64]| {
-            let texts: Vec<String> = all.iter().map(|v| format!("{v:?}")).collect();
-            format!("[{}]", texts.join(", "))
-        };
-        let known = [
-            ("name = \"\"", self.name.as_ref().map(|t| format!("name = {t:?}"))),
-            ("side = \"\"", self.side.as_ref().map(|t| format!("side = {t:?}"))),
-            ("projection_centre_m = []", self.projection_centre.map(|p| format!("projection_centre_m = {}", list(&p)))),
-            ("span_direction = []", self.span_direction.map(|d| format!("span_direction = {}", list(&d)))),
-            ("root_offset_m = nan", self.root_offset.map(|m| format!("root_offset_m = {m:?}"))),
-        ];
-        let mut text = template.to_owned();
-        for (blank, filled) in known {
-            if let Some(filled) = filled {
-                text = text.replacen(blank, &filled, 1);
-            }
-        }
+        let mut filled: Vec<(&str, String)> = vec![];
+        filled.extend(self.name.as_ref().map(|t| ("name = \"\"", format!("name = {t:?}"))));
+        filled.extend(self.side.as_ref().map(|t| ("side = \"\"", format!("side = {t:?}"))));
+        let centre = self.projection_centre;
+        filled.extend(centre.map(|p| ("projection_centre_m = []", format!("projection_centre_m = {p:?}"))));
+        filled.extend(self.span_direction.map(|d| ("span_direction = []", format!("span_direction = {d:?}"))));
+        filled.extend(self.root_offset.map(|m| ("root_offset_m = nan", format!("root_offset_m = {m:?}"))));
         if let Some([ground, flight]) = self.temperatures {
-            let lines = [
+            filled.extend([
                 ("#[thermal]", "[thermal]".to_owned()),
                 ("#expansion_per_k =", "expansion_per_k =".to_owned()),
                 ("#ground_temperature_c = 15.0", format!("ground_temperature_c = {ground:?}")),
                 ("#flight_temperature_c = -55.0", format!("flight_temperature_c = {flight:?}")),
-            ];
-            lines.iter().for_each(|(blank, filled)| text = text.replacen(blank, filled, 1));
+            ]);
         }
         if let Some([leading, trailing]) = &self.torsion {
-            let lines = [
+            filled.extend([
                 ("#[[torsion]]", "[[torsion]]".to_owned()),
                 ("#name = \"tip\"", "name = \"tip\"".to_owned()),
                 ("#leading = \"M20\"", format!("leading = {leading:?}")),
                 ("#trailing = \"M21\"", format!("trailing = {trailing:?}")),
-            ];
-            lines.iter().for_each(|(blank, filled)| text = text.replacen(blank, filled, 1));
+            ]);
         }
-        text
+        filled.iter().fold(template.to_owned(), |text, (blank, line)| text.replacen(blank, line, 1))
     }
 }
 
 /// Repeats a question until the answer is valid or empty, or the input ends.
-fn ask_until_valid<T>(known: &mut Option<T>, what: &str, read: impl Fn(&str) -> Result<T, String>) {
+fn ask_value<T>(known: &mut Option<T>, what: &str, read: impl Fn(&str) -> Result<T, String>) {
     while known.is_none() {
         eprint!("{what}: ");
         let _ = std::io::stderr().flush();

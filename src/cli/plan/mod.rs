@@ -5,11 +5,14 @@ mod requirement;
 
 use std::path::PathBuf;
 
-use super::{CHECK_WRITE_ACCESS, Completion, Failure, print_line, write_failure};
+use super::default_paths::{load_installation, resolve_installation};
+use super::{Completion, Failure, print_json, print_line, write_output};
+use crate::desk::CHECK_WRITE_ACCESS;
+use crate::desk::plan::{draft_installation, flight_precision, plan_failure, prior_precision, write_layout};
 use crate::installation::Installation;
 use crate::measure::plan::{
     self, AlternativeLayout, InstallationPlan, LayoutPrecision, LayoutPrediction, MarkerPlan, Optics, PlanOptions,
-    TipSigma,
+    Requirement, TipSigma,
 };
 use crate::record::{BudgetShare, Reference};
 use crate::report::grid::Grid;
@@ -62,26 +65,31 @@ pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
     }
     let frames = args.frames.map_or(1, usize::from);
     let installation = match args.draft.span {
-        None => super::load_installation(&super::default_paths::resolve_installation(args.installation.as_deref())?)?,
-        Some(_) => args.draft.draft_installation(&plan_options(args, None), frames)?,
+        None => load_installation(&resolve_installation(args.installation.as_deref())?)?,
+        Some(_) => draft_installation(&args.draft.to_draft()?, &plan_options(args, None), frames)?,
     };
     let options = plan_options(args, Some(&installation));
-    let plan = plan::plan_installation(&installation.setup, installation.orientation.as_ref(), &options)
-        .map_err(|e| Failure::Failed(format!("no plan: {e}")))?;
+    let (setup, orientation) = (&installation.setup, installation.orientation.as_ref());
+    let plan = plan::plan_installation(setup, orientation, &options).map_err(plan_failure)?;
     if let Some(file) = &args.figure {
-        std::fs::write(file, plan_figure::plan_svg(&plan)).map_err(write_failure(file, CHECK_WRITE_ACCESS))?;
+        write_output(file, &plan_figure::plan_svg(&plan), CHECK_WRITE_ACCESS)?;
     }
-    let joint = requirement::flight_precision(&installation, &options, args.frames)?;
-    let with_prior = requirement::prior_precision(&installation, &options, frames)?;
-    let proposal = args
-        .want
-        .map(|sigma_m| requirement::answer_requirement(&installation, &options, sigma_m, frames))
-        .transpose()?;
+    let joint = flight_precision(&installation, &options, frames)?;
+    let with_prior = prior_precision(&installation, &options, frames)?;
+    let requirement = args.want.map(|sigma_m| Requirement { sigma_m, frames });
+    let proposal = requirement.map(|wanted| plan::check_requirement(setup, orientation, &options, &wanted));
+    let proposal = proposal.transpose().map_err(plan_failure)?;
     if let Some(folder) = &args.layout {
-        requirement::write_layout(folder, &installation, &options, proposal.as_ref())?;
+        match &proposal {
+            Some((_, setup, attitude)) => write_layout(folder, setup, attitude, options.tip_deflection_m)?,
+            None => {
+                let attitude = plan::assumed_attitude(setup, orientation, &options).map_err(plan_failure)?;
+                write_layout(folder, setup, &attitude, options.tip_deflection_m)?;
+            }
+        }
     }
     if args.json {
-        print_line(&requirement::plan_json(&plan, joint.as_ref(), with_prior.as_ref(), proposal.as_ref())?)?;
+        print_json(&requirement::plan_json(&plan, joint.as_ref(), with_prior.as_ref(), proposal.as_ref()))?;
     } else {
         let mut out = plan_text(&plan, args.wide);
         out.push_str(&requirement::precision_text(joint.as_ref(), with_prior.as_ref(), proposal.as_ref()));

@@ -1,19 +1,13 @@
-//! Simulated flight in gusts as a time series; its last frame is followed by the first.
+//! Options of a flight in gusts, and its frames.
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::writer::{FlightMoment, SetFrame};
-use super::{InvalidValue, SimulateArgs as Simulate, choose_hidden};
+use super::SimulateArgs as Simulate;
 use crate::cli::Failure;
-use crate::measure::render::{Light, Scene, SeededRandom};
+use crate::desk::simulation::{FlightMoment, SetFrame, choose_hidden};
+use crate::measure::render::{BendingMode, GustSeries, Light, Scene, SeededRandom};
 use crate::measure::setup::Width;
 
-/// Frequencies of the gusts, Hz, rounded to whole periods: a short gust, the wing's first bending mode, a patch of rough
-/// air.
-const GUSTS_HZ: [f64; 3] = [0.17, 0.6, 1.9];
-/// Relative variation of the fuel's bending relief with the fastest gust: the inertia of the fuel responds with its own
-/// phase.
-const RELIEF_VARIATION: f64 = 0.1;
 /// Time in which the mounting drifts by its standard deviation, s.
 const MOUNT_WALK_TIME_S: f64 = 60.0;
 
@@ -33,47 +27,17 @@ pub struct GustArgs {
     gust: f64,
     /// One or two bending modes excited at random by rough air: frequency, damping ratio, rms of the tip deflection. They
     /// do not end as they began
-    #[arg(long, value_delimiter = ',', value_name = "HZ:DAMPING:RMS_M", requires = "seconds", value_parser = BendingMode::parse)]
+    #[arg(long, value_delimiter = ',', value_name = "HZ:DAMPING:RMS_M", requires = "seconds", value_parser = parse_mode)]
     modes: Vec<BendingMode>,
 }
 
-/// A bending mode of the wing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct BendingMode {
-    hz: f64,
-    damping: f64,
-    rms_m: f64,
-}
-
-/// Maximum amplitude of a random vibration relative to its rms.
-const MAX_PEAK_TO_RMS: f64 = 4.0;
-
-impl BendingMode {
-    fn parse(text: &str) -> Result<Self, InvalidValue> {
-        let numbers: Vec<f64> = text.split(':').map_while(|number| number.parse().ok()).collect();
-        match numbers[..] {
-            [hz, damping, rms_m] if hz > 0.0 && damping > 0.0 && damping < 1.0 && (0.0..2.0).contains(&rms_m) => {
-                Ok(Self { hz, damping, rms_m })
-            }
-            _ => Err(InvalidValue("frequency, damping ratio below 1 and rms, such as 1.3:0.03:0.1".into())),
+fn parse_mode(text: &str) -> Result<BendingMode, String> {
+    let numbers: Vec<f64> = text.split(':').map_while(|number| number.parse().ok()).collect();
+    match numbers[..] {
+        [hz, damping, rms_m] if hz > 0.0 && damping > 0.0 && damping < 1.0 && (0.0..2.0).contains(&rms_m) => {
+            Ok(BendingMode { hz, damping, rms_m })
         }
-    }
-
-    /// Samples the mode's amplitude at each frame, m: a damped oscillator driven by white noise, in its steady state.
-    fn sample_amplitudes(self, rate_hz: f64, count: usize, random: &mut SeededRandom) -> Vec<f64> {
-        let omega = std::f64::consts::TAU * self.hz / rate_hz;
-        let decay = (-self.damping * omega).exp();
-        let first = 2.0 * decay * (omega * (1.0 - self.damping.powi(2)).sqrt()).cos();
-        let second = decay * decay;
-        let gain = (1.0 - second) * ((1.0 + second).powi(2) - first * first) / (1.0 + second);
-        let settled = (20.0 / (self.damping * omega)).ceil() as usize;
-        let (mut last, mut before) = (0.0, 0.0);
-        let mut next = || {
-            let now = first * last - second * before + self.rms_m * gain.sqrt() * random.normal();
-            (last, before) = (now, last);
-            now
-        };
-        (0..settled + count).map(|_| next()).skip(settled).collect()
+        _ => Err("frequency, damping ratio below 1 and rms, such as 1.3:0.03:0.1".into()),
     }
 }
 
@@ -97,20 +61,7 @@ impl GustArgs {
 
     /// Returns the maximum deflection added by gusts, m.
     pub fn max_added_deflection_m(&self) -> f64 {
-        let modes: f64 = self.modes.iter().map(|mode| MAX_PEAK_TO_RMS * mode.rms_m).sum();
-        self.seconds.map_or(0.0, |_| self.gust * GUSTS_HZ.len() as f64 + modes)
-    }
-}
-
-/// A gust with a whole number of periods in the flight.
-struct Gust {
-    hz: f64,
-    phase: f64,
-}
-
-impl Gust {
-    fn value_at(&self, time_s: f64) -> f64 {
-        (std::f64::consts::TAU * self.hz * time_s + self.phase).sin()
+        self.seconds.map_or(0.0, |_| GustSeries::max_deflection_m(self.gust, &self.modes))
     }
 }
 
@@ -118,20 +69,14 @@ impl Gust {
 pub(super) fn gust_frames(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFrame> {
     let mut random = SeededRandom::new(args.seed, 21);
     let mut mount = Rotation3::identity();
-    let quality = args.picture.quality;
-    let gusts = GUSTS_HZ.map(|hz| Gust {
-        hz: (hz * seconds).round().max(1.0) / seconds,
-        phase: random.uniform(0.0, std::f64::consts::TAU),
-    });
-    let (rate_hz, gust_m) = (args.gusts.rate_hz, args.gusts.gust);
+    let rate_hz = args.gusts.rate_hz;
+    let gusts = GustSeries::new(seconds, args.gusts.gust, &mut random);
     let level_m = args.tip_deflections.first().copied().unwrap_or(2.0);
     let light = args.lights.first().copied().unwrap_or(Light::Plain);
     let count = (seconds * rate_hz).round().max(1.0) as u64;
-    let digits = count.to_string().len();
     let seed = |i: u64| args.seed.wrapping_mul(1_000_000).wrapping_add(i);
     let hidden = choose_hidden(&mut random, args.hide, scene.markers.len());
-    let ground = args.picture.apply_to(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, moment: None }];
+    let mut frames = vec![args.picture.ground_frame(scene, seed(0))];
     let swings: Vec<Vec<f64>> =
         args.gusts.modes.iter().map(|mode| mode.sample_amplitudes(rate_hz, count as usize, &mut random)).collect();
     let walk = scene.setup.uncertainty[Width::MountDrift] * (1.0 / (rate_hz * MOUNT_WALK_TIME_S)).sqrt();
@@ -142,26 +87,23 @@ pub(super) fn gust_frames(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<S
         }
         let step = Vector3::from_fn(|_, _| walk * random.normal());
         mount = Rotation3::from_scaled_axis(step) * mount;
-        let swing: f64 = gusts.iter().map(|gust| gust_m * gust.value_at(time_s)).sum();
+        let swing = gusts.tip_deflection_m(time_s);
         let modes_m: Vec<f64> = swings.iter().filter_map(|swing| swing.get(i as usize).copied()).collect();
         let first = modes_m.first().copied().unwrap_or_default();
         let mut shot = args.picture.apply_to(scene.flight_shot(level_m + swing + first, light, seed(i + 1)));
         shot.state.second_mode_m = modes_m.get(1).copied().unwrap_or_default();
         shot.light_seed = seed(1);
-        if gust_m > 0.0 {
-            shot.state.load.relief *= 1.0 + RELIEF_VARIATION * gusts[2].value_at(time_s + 0.1);
-        }
+        shot.state.load.relief *= gusts.relief_factor(time_s);
         shot.mount = mount;
         shot.hidden = hidden.clone();
-        let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, moment: Some(FlightMoment { time_s, modes_m }) });
+        let moment = Some(FlightMoment { time_s, modes_m });
+        frames.push(args.picture.flight_frame(i as usize + 1, count as usize, shot, moment));
     }
     frames
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use clap::Parser;
 
@@ -184,7 +126,7 @@ mod tests {
         let scatter = (deflections.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
         // Three sines over whole periods.
         assert!((mean - 2.0).abs() < 1e-9 && (scatter - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9, "{mean} {scatter}");
-        let fastest = 0.1 * std::f64::consts::TAU * GUSTS_HZ.iter().sum::<f64>() * 1.1 / 50.0;
+        let fastest = 0.1 * std::f64::consts::TAU * (0.17 + 0.6 + 1.9) * 1.1 / 50.0;
         let steps = (0..1000).map(|i| (deflections[(i + 1) % 1000] - deflections[i]).abs());
         assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");
         assert!(flight.iter().all(|f| f.shot.light_seed == flight[0].shot.light_seed));
@@ -192,22 +134,10 @@ mod tests {
     }
 
     #[test]
-    fn a_mode_has_its_frequency_damping_and_rms() {
-        let mode = BendingMode::parse("1.3:0.03:0.1").unwrap();
-        let swing = mode.sample_amplitudes(10.0, 200_000, &mut SeededRandom::new(5, 1));
-        let mean =
-            |lag: usize| swing.iter().zip(&swing[lag..]).map(|(a, b)| a * b).sum::<f64>() / (swing.len() - lag) as f64;
-        assert!((mean(0).sqrt() / 0.1 - 1.0).abs() < 0.03, "{}", mean(0).sqrt());
-        // Yule and Walker: the recursion from its correlations.
-        let (zero, one, two) = (mean(0), mean(1), mean(2));
-        let (first, second) =
-            (one * (zero - two) / (zero * zero - one * one), (zero * two - one * one) / (zero * zero - one * one));
-        let decay = (-second).sqrt();
-        let (real, imaginary) = (decay.ln(), (0.5 * first / decay).acos());
-        let hz = real.hypot(imaginary) * 10.0 / std::f64::consts::TAU;
-        assert!((hz - 1.3).abs() < 0.01 && (-real / real.hypot(imaginary) - 0.03).abs() < 0.005, "{hz}");
+    fn a_mode_is_read_or_refused() {
+        assert_eq!(parse_mode("1.3:0.03:0.1"), Ok(BendingMode { hz: 1.3, damping: 0.03, rms_m: 0.1 }));
         for wrong in ["1.3", "1.3:0.03", "0:0.1:0.1", "1:1:0.1", "1:0.1:x"] {
-            assert!(BendingMode::parse(wrong).is_err(), "{wrong}");
+            assert!(parse_mode(wrong).is_err(), "{wrong}");
         }
     }
 }

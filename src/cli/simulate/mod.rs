@@ -1,20 +1,19 @@
 //! `wingd simulate` renders frames of a wing with known truth.
 
-mod boards;
 mod gusts;
-mod writer;
 
 use std::path::PathBuf;
 
 use nalgebra::Vector2;
 
-use super::{Completion, Failure, image_batch, print_line};
-use crate::installation;
+use super::{Completion, Failure, print_line, progress_bar};
+use crate::desk::simulation::{
+    FlightMoment, SetFrame, choose_hidden, sample_aircraft, with_default_priors, write_board_images, write_set,
+};
+use crate::installation::{self, Installation};
 use crate::measure::plan::{self, PlanOptions};
-use crate::measure::render::{Light, SampledAircraft, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom};
-use crate::measure::setup::{Orientation, Setup, SetupUncertainty, Thermal, Width, fixed_target};
+use crate::measure::render::{Light, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom};
 use crate::report::number::count_text;
-use writer::{SetFrame, write_set};
 
 /// Render frames of a wing, or images of a board, with known truth
 #[derive(clap::Args)]
@@ -138,21 +137,15 @@ struct PictureArgs {
     quality: u8,
 }
 
-/// Value of an option that is not accepted.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct InvalidValue(String);
-
-fn parse_light(name: &str) -> Result<Light, InvalidValue> {
-    let words = || InvalidValue(format!("one of {}", Light::ALL.map(Light::name).join(", ")));
-    Light::from_name(name).ok_or_else(words)
+fn parse_light(name: &str) -> Result<Light, String> {
+    Light::from_name(name).ok_or_else(|| format!("one of {}", Light::ALL.map(Light::name).join(", ")))
 }
 
-fn parse_side(name: &str) -> Result<SceneSide, InvalidValue> {
+fn parse_side(name: &str) -> Result<SceneSide, String> {
     match name {
         "left" => Ok(SceneSide::Left),
         "right" => Ok(SceneSide::Right),
-        _ => Err(InvalidValue("left or right".into())),
+        _ => Err("left or right".into()),
     }
 }
 
@@ -168,50 +161,19 @@ pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
         (specified, frames) = sample_aircraft(args.seed, &scene, frames);
     }
     let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
-    let bar = image_batch::progress_bar(frames.len(), "rendering");
+    let bar = progress_bar(frames.len(), "rendering");
     write_set(&args.output, &name, (&scene, &specified), &frames, || bar.inc(1))
         .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
     print_line(&format!("{} with truth in {}", count_text(frames.len(), "frame"), args.output.display()))?;
     if let Some(file) = &args.board.board {
-        let folder = args.output.join("board");
-        boards::write_board_images(
-            &folder,
-            file,
-            &scene.setup.lens,
-            usize::from(args.board.board_pictures),
-            args.seed,
-        )?;
-        let pictures = count_text(usize::from(args.board.board_pictures), "image");
-        print_line(&format!("{pictures} of the board in {}", folder.display()))?;
+        let (folder, count) = (args.output.join("board"), usize::from(args.board.board_pictures));
+        let bar = progress_bar(count, "rendering the board");
+        write_board_images(&folder, file, &scene.setup.lens, count, args.seed, || bar.inc(1))?;
+        bar.finish_and_clear();
+        print_line(&format!("{} of the board in {}", count_text(count, "image"), folder.display()))?;
     }
     Ok(Completion::All)
-}
-
-/// Returns the setup of a scene without sampled errors, with default priors. The prior of the skin height stays: it is that
-/// of the drawings.
-fn with_default_priors(setup: &Setup) -> Setup {
-    let skin_height_m = setup.uncertainty[Width::SkinHeight];
-    let uncertainty = SetupUncertainty::DEFAULT.with_width(Width::SkinHeight, skin_height_m);
-    let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
-    let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
-    specified.markers.iter_mut().filter(|m| m.fixed).for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);
-    specified
-}
-
-/// Samples an aircraft consistent with the installation; returns its frames and the setup as an installation specifies it.
-fn sample_aircraft(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setup, Vec<SetFrame>) {
-    let mut random = SeededRandom::new(seed, 21);
-    let aircraft = SampledAircraft::new(scene, &mut random);
-    let specified = SampledAircraft::perturbed_setup(scene, &mut random);
-    let shot = |(k, frame): (usize, SetFrame)| {
-        let shot = match k {
-            0 => aircraft.ground_shot(frame.shot),
-            _ => aircraft.flight_shot(frame.shot, &mut random),
-        };
-        SetFrame { shot, ..frame }
-    };
-    (specified, frames.into_iter().enumerate().map(shot).collect())
 }
 
 fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
@@ -221,26 +183,15 @@ fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
         check_options(&options)?;
         return Ok(Scene::random(args.seed, &options));
     };
-    let (setup, mut orientation) = load_setup(directory)?;
+    let Installation { setup, mut orientation, .. } = installation::load(directory)?;
     if args.drawn && orientation.is_none() {
         // Planned attitude: only there are targets in the corners of the image visible.
         let options = PlanOptions { tip_deflection_m: highest, ..PlanOptions::default() };
         let planned = plan::assumed_attitude(&setup, None, &options);
-        orientation = Some(planned.map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))?);
+        orientation = Some(planned.map_err(|e| Failure::from_path_error(directory, e))?);
     }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
-    Scene::from_setup(&setup, attitude, args.seed, highest)
-        .map_err(|e| Failure::Failed(format!("{}: {e}", directory.display())))
-}
-
-/// Loads a setup, and its orientation if there is one.
-fn load_setup(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Failure> {
-    let read = if directory.join(installation::ORIENTATION_FILE).exists() {
-        installation::load(directory)?
-    } else {
-        installation::load_without_orientation(directory)?
-    };
-    Ok((read.setup, read.orientation))
+    Scene::from_setup(&setup, attitude, args.seed, highest).map_err(|e| Failure::from_path_error(directory, e))
 }
 
 fn check_options(options: &SceneOptions) -> Result<(), Failure> {
@@ -269,14 +220,14 @@ impl WingArgs {
         let by_seed = if seed.is_multiple_of(2) { SceneSide::Right } else { SceneSide::Left };
         let mut options = SceneOptions::random(seed, self.side.unwrap_or(by_seed));
         options.tip_deflection_m = 1.03 * highest_deflection_m;
-        set_if_given(&mut options.length_m, self.length);
-        set_if_given(&mut options.markers, self.markers);
-        set_if_given(&mut options.quadrants, self.quadrants);
-        set_if_given(&mut options.diameter_m, self.diameter);
-        set_if_given(&mut options.camera_height_m, self.camera_height);
-        set_if_given(&mut options.survey_sigma_m, self.survey_sigma);
+        options.length_m = self.length.unwrap_or(options.length_m);
+        options.markers = self.markers.unwrap_or(options.markers);
+        options.quadrants = self.quadrants.unwrap_or(options.quadrants);
+        options.diameter_m = self.diameter.unwrap_or(options.diameter_m);
+        options.camera_height_m = self.camera_height.unwrap_or(options.camera_height_m);
+        options.survey_sigma_m = self.survey_sigma.unwrap_or(options.survey_sigma_m);
         options.fixed_targets = self.fixed_marks.map_or(0, usize::from);
-        set_if_given(&mut options.clutter, self.clutter);
+        options.clutter = self.clutter.unwrap_or(options.clutter);
         let lens = &mut options.lens;
         if let Some([width, height]) = self.size.as_deref() {
             let scale = f64::from(*width) / f64::from(lens.width);
@@ -294,21 +245,12 @@ impl WingArgs {
     }
 }
 
-fn set_if_given<T>(target: &mut T, value: Option<T>) {
-    if let Some(value) = value {
-        *target = value;
-    }
-}
-
 fn flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
     let mut random = SeededRandom::new(args.seed, 20);
     let mount = scene.remount(&mut random);
     let count = args.tip_deflections.len();
-    let digits = count.to_string().len();
-    let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
-    let ground = args.picture.apply_to(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, moment: None }];
+    let mut frames = vec![args.picture.ground_frame(scene, seed(0))];
     for (i, &deflection) in args.tip_deflections.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
         let mut shot = args.picture.apply_to(scene.flight_shot(deflection, light, seed(i + 1)));
@@ -320,18 +262,22 @@ fn flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
             shot.mount = mount;
         }
         shot.hidden = choose_hidden(&mut random, args.hide, scene.markers.len());
-        let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, moment: None });
+        frames.push(args.picture.flight_frame(i + 1, count, shot, None));
     }
     frames
 }
 
-fn choose_hidden(random: &mut SeededRandom, count: usize, of: usize) -> Vec<usize> {
-    let mut left: Vec<usize> = (0..of).collect();
-    (0..count.min(of)).map(|_| left.swap_remove(random.integer(0, left.len() - 1))).collect()
-}
-
 impl PictureArgs {
+    fn ground_frame(&self, scene: &Scene, seed: u64) -> SetFrame {
+        let shot = self.apply_to(scene.ground_shot(seed));
+        SetFrame { image: "ground.jpg".into(), shot, quality: self.quality, moment: None }
+    }
+
+    fn flight_frame(&self, number: usize, count: usize, shot: SceneShot, moment: Option<FlightMoment>) -> SetFrame {
+        let digits = count.to_string().len();
+        SetFrame { image: format!("flight-{number:0digits$}.jpg"), shot, quality: self.quality, moment }
+    }
+
     fn apply_to(&self, mut shot: SceneShot) -> SceneShot {
         shot.sensor.blur_px = self.blur.clamp(0.0, 20.0);
         shot.sensor.noise = self.noise.max(0.0);

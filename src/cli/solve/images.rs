@@ -3,32 +3,35 @@
 use std::path::PathBuf;
 
 use super::{ResultOutput, SolveArgs, report, solve_job};
-use crate::cli::manual_observations::ManualPoints;
-use crate::cli::{Completion, Failure, default_paths, image_batch, image_files, load_installation, print_flight_prior};
+use crate::cli::default_paths::{load_installation, resolve_installation};
+use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
+use crate::desk::image_names::{image_name, image_names};
+use crate::desk::manual_points::ManualPoints;
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
 use crate::record::Reason;
 
 pub(super) fn solve_images(args: &SolveArgs) -> Result<Completion, Failure> {
-    let directory = default_paths::resolve_installation(args.installation.as_deref())?;
+    let directory = resolve_installation(args.installation.as_deref())?;
     if args.images.is_empty() && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some()) {
         let what = "--flight, --mountings and --report need images in addition to --observations";
         return Err(Failure::Usage(what.into()));
     }
-    let files = image_files::expand_folders(&args.images)?;
+    let files = batch::expand_folders(&args.images)?;
     let mountings = read_mountings(args, &files)?;
     let installation = load_installation(&directory)?;
     print_flight_prior(&installation);
     let orientation = installation.require_orientation()?;
     let job = solve_job(args);
-    let mut output = ResultOutput::keeping_records(args);
+    let mut output = ResultOutput::new(args, args.report.is_some());
     let manual = args.observations.as_ref().map(|file| ManualPoints::read(file, &files, &installation.setup));
     let manual = manual.transpose()?.unwrap_or_default();
+    print_notes(&manual.note);
     let known = SolveInputs { installation: &installation, orientation, mountings, manual };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {
-            let processed = ProcessedFrame::from_manual(&image_batch::image_name(file), known.manual.iter());
+            let processed = ProcessedFrame::from_manual(&image_name(file), known.manual.iter());
             output.take_record(pipeline::solve_processed_frame(&processed, &installation, orientation, &job))
         }
         _ => solve_files(args, &files, &known, &job, &mut output),
@@ -74,21 +77,22 @@ fn solve_files(
         ProcessedFrame { mounting: mountings.as_ref().and_then(|m| m.find(name)), ..processed }
     };
     if args.adjusts_jointly() {
-        let processed_frames = image_batch::process_images(files, args.jobs, "measuring", process)?;
+        let mut processed_frames = Vec::with_capacity(files.len());
+        batch::for_each_image(files, args.jobs, "measuring", process, batch::collect_into(&mut processed_frames))?;
         let records = pipeline::solve_flight(&processed_frames, installation, orientation, job);
         return records.into_iter().try_for_each(|record| output.take_record(record));
     }
     let solve = |name: &str, bytes: Result<&[u8], Reason>| {
         pipeline::solve_processed_frame(&process(name, bytes), installation, orientation, job)
     };
-    image_batch::for_each_image(files, args.jobs, "solving", solve, |record| output.take_record(record))
+    batch::for_each_image(files, args.jobs, "solving", solve, |record| output.take_record(record))
 }
 
 /// Reads the mountings given by the user; each frame must have one.
 fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> Result<Option<Mountings>, Failure> {
     let Some(file) = &args.mountings else { return Ok(None) };
     let read = installation::read_mountings(file)?;
-    let names = image_batch::image_names(files);
+    let names = image_names(files);
     let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.find(n).is_none()).collect();
     let Some(first) = missing.first() else { return Ok(Some(read)) };
     let problem = match missing.len() {

@@ -1,7 +1,6 @@
 //! `wingd solve` gives one result per image.
 
 mod images;
-mod marks;
 mod report;
 mod store;
 
@@ -9,7 +8,8 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Completion, Failure, image_files, print_line};
+use super::{Completion, Failure, print_json, print_line};
+use crate::desk::image_files;
 use crate::measure::adjust::{AdjustmentMethod, Options, SigmaKind};
 use crate::pipeline::SolveJob;
 use crate::record::ImageRecord;
@@ -96,6 +96,11 @@ pub struct SolveArgs {
 }
 
 impl SolveArgs {
+    /// Returns the flight of a store that is named.
+    fn flight_name(&self) -> Option<&str> {
+        self.flight.as_ref()?.as_deref()
+    }
+
     /// Returns whether the frames of a flight are adjusted together.
     fn adjusts_jointly(&self) -> bool {
         self.together || self.flight == Some(None)
@@ -121,7 +126,7 @@ pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
         }
         return store::solve_store(args, store);
     }
-    if let Some(Some(flight)) = &args.flight {
+    if let Some(flight) = args.flight_name() {
         return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }
     images::solve_images(args)
@@ -159,12 +164,8 @@ struct ResultOutput<'a> {
 }
 
 impl<'a> ResultOutput<'a> {
-    fn new(args: &'a SolveArgs) -> Self {
-        Self { args, records: vec![], kept: None, all_solved: true }
-    }
-
-    fn keeping_records(args: &'a SolveArgs) -> Self {
-        Self { kept: args.report.as_ref().map(|_| vec![]), ..Self::new(args) }
+    fn new(args: &'a SolveArgs, keep_records: bool) -> Self {
+        Self { args, records: vec![], kept: keep_records.then(Vec::new), all_solved: true }
     }
 
     fn take_record(&mut self, record: ImageRecord) -> Result<(), Failure> {
@@ -176,10 +177,7 @@ impl<'a> ResultOutput<'a> {
             return print_line(&protocol::adjustment_protocol(&record));
         }
         if self.args.json {
-            let line = serde_json::to_string(&record).map_err(|error| {
-                Failure::Failed(format!("{}: result cannot be written as JSON: {error}", record.image))
-            })?;
-            return print_line(&line);
+            return print_json(&record);
         }
         // Fields that the table does not show are dropped: a store has thousands of records.
         let (model, quality) = Default::default();

@@ -4,13 +4,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::camera::replay::format_from_path;
-use crate::cli::image_files::{self, DatedImage, DatingOptions};
-use crate::cli::{CHECK_WRITE_ACCESS, Failure, image_batch, write_failure};
+use crate::cli::default_paths::load_setup;
+use crate::cli::{Failure, batch, print_notes, write_output};
 use crate::clock::Stamp;
-use crate::installation::{self, Installation};
+use crate::desk::CHECK_WRITE_ACCESS;
+use crate::desk::image_files::{DatedImage, DatingOptions};
+use crate::desk::image_names::image_names;
+use crate::installation::Installation;
 use crate::record::ImageRecord;
 use crate::report::source::{self, PICTURES_FLIGHT, ResultChoice};
-use crate::report::{ReportData, SeriesData, ShotData, html};
+use crate::report::{FramePicture, ReportData, SeriesData, ShotData, html};
 use crate::store::Store;
 
 /// Writes the report of a flight of the store, by default the newest.
@@ -20,12 +23,9 @@ pub(super) fn write_store_report(
     flight: Option<&str>,
     directory: Option<&Path>,
 ) -> Result<(), Failure> {
-    let installation = directory.map(installation::load_without_orientation).transpose()?;
     let choice = ResultChoice { flight, inputs: None };
-    let data = source::read_flight(store.root(), choice, installation.as_ref().map(|i| &i.setup))?;
-    for note in data.warnings.iter().chain(&data.notes) {
-        eprintln!("wingd: {note}");
-    }
+    let data = source::read_flight(store.root(), choice, load_setup(directory)?.as_ref())?;
+    print_notes(data.warnings.iter().chain(&data.notes));
     write_page(page, &data)
 }
 
@@ -36,14 +36,14 @@ pub(super) fn write_image_report(
     records: Vec<ImageRecord>,
     installation: &Installation,
 ) -> Result<(), Failure> {
-    let names: BTreeMap<&PathBuf, String> = files.iter().zip(image_batch::image_names(files)).collect();
+    let names: BTreeMap<&PathBuf, String> = files.iter().zip(image_names(files)).collect();
     let mut of_name: BTreeMap<String, ImageRecord> =
         records.into_iter().map(|record| (record.image.clone(), record)).collect();
-    let card = image_files::read_collection(files, &DatingOptions::default(), 0)?;
+    let card = batch::read_collection(files, &DatingOptions::default())?;
     let name = |picture: &DatedImage| names.get(&picture.file).cloned().unwrap_or_default();
     let series = card.series.iter().enumerate().map(|(k, pictures)| {
         let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
-        let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot_data(k, p, name(p))).collect();
+        let shots: Vec<ShotData> = (1..).zip(pictures).map(|(number, p)| shot_data(number, p, name(p))).collect();
         SeriesData {
             flight: PICTURES_FLIGHT.to_owned(),
             name: (k + 1).to_string(),
@@ -59,32 +59,29 @@ pub(super) fn write_image_report(
         let file = names.iter().find(|(_, name)| **name == image)?.0;
         let bytes = std::fs::read(file).ok()?;
         let format = shot.format.clone();
-        Some(crate::report::FramePicture { series: series.name.clone(), image, bytes, format, fault: None })
+        Some(FramePicture { series: series.name.clone(), image, bytes, format, fault: None })
     };
     let mut data = source::pictures_report(series.collect(), &installation.setup, of_shot);
     data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));
     write_page(page, &data)
 }
 
-fn shot_data(place: usize, picture: &DatedImage, name: String) -> ShotData {
-    let stamp = picture.utc.map(|utc| Stamp {
-        utc,
-        utc_synchronised: false,
-        boot_id: picture.digest.clone(),
-        since_boot_s: 0.0,
-    });
+fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
+    let digest = &picture.digest;
+    let stamp =
+        picture.utc.map(|utc| Stamp { utc, utc_synchronised: false, boot_id: digest.clone(), since_boot_s: 0.0 });
     ShotData {
-        number: u32::try_from(place + 1).unwrap_or(u32::MAX),
+        number,
         image: Some(name),
         stamp,
-        sha256: Some(picture.digest.clone()),
+        sha256: Some(digest.clone()),
         format: format_from_path(&picture.file),
         ..ShotData::default()
     }
 }
 
 fn write_page(page: &Path, data: &ReportData) -> Result<(), Failure> {
-    std::fs::write(page, html::report_page(data)).map_err(write_failure(page, CHECK_WRITE_ACCESS))?;
+    write_output(page, &html::report_page(data), CHECK_WRITE_ACCESS)?;
     eprintln!("wingd: report: {}", page.display());
     Ok(())
 }

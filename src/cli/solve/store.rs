@@ -1,71 +1,62 @@
 //! `wingd solve STORE` solves the frames of a store again and adds the results to the existing ones.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::marks::FlightMarks;
 use super::{ResultOutput, SolveArgs, report, solve_job};
-use crate::aircraft::AircraftTrack;
-use crate::cli::{Completion, Failure, image_batch, print_flight_prior, store_access, stored_frames};
-use crate::installation::{self, Installation};
-use crate::measure::setup::Orientation;
-use crate::pipeline::{self, ProcessedFrame, SolveJob};
+use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
+use crate::desk::flight_marks::FlightMarks;
+use crate::desk::stored_flights;
+use crate::desk::stored_frames::{self, FlightAircraftData, FlightInputs};
+use crate::installation;
+use crate::measure::adjust::AdjustmentMethod;
+use crate::pipeline::{self, SolveJob};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
 
 pub(super) fn solve_store(args: &SolveArgs, root: &Path) -> Result<Completion, Failure> {
     // Checked first, because opening would create a missing store.
-    let flights = store_access::select_flights(root, args.flight.clone().flatten().as_deref())?;
-    let (store, recovery) = store_access::open_store(root)?;
-    for remark in &recovery.remarks {
-        eprintln!("wingd: {remark}");
-    }
-    let mut output = ResultOutput::new(args);
+    let flights = stored_flights::select_flights(root, args.flight_name())?;
+    let (store, recovery) = stored_flights::open_store(root)?;
+    print_notes(&recovery.remarks);
+    let mut output = ResultOutput::new(args, false);
     let solved = flights.iter().try_for_each(|flight| solve_flight(args, &store, flight, &mut output));
     store.seal();
     let done = output.finish();
     solved?;
     if let Some(page) = &args.report {
-        report::write_store_report(
-            page,
-            &store,
-            args.flight.clone().flatten().as_deref(),
-            args.installation.as_deref(),
-        )?;
+        report::write_store_report(page, &store, args.flight_name(), args.installation.as_deref())?;
     }
     done
 }
 
-/// Loads the installation of the command line, or the kept one that the flight's last results came from.
-fn installation_for(args: &SolveArgs, store: &Store, flight: &FlightRef) -> Result<Installation, Failure> {
-    let directory = match &args.installation {
-        Some(directory) => directory.clone(),
-        None => store_access::flight_installation(store.root(), flight)?,
-    };
-    let installation = installation::load(&directory)?;
-    let files = installation.files()?;
-    store.keep_installation(&files)?;
-    Ok(installation)
-}
-
 fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mut ResultOutput) -> Result<(), Failure> {
-    let installation = installation_for(args, store, flight)?;
+    let directory = stored_flights::flight_installation(args.installation.as_deref(), store.root(), flight)?;
+    let installation = installation::load(&directory)?;
+    store.keep_installation(&installation.files()?)?;
     print_flight_prior(&installation);
     let orientation = installation.require_orientation()?;
     let job = solve_job(args);
-    let (track, digest) = match args.no_aircraft_data {
-        true => (AircraftTrack::default(), None),
-        false => stored_frames::read_aircraft_data(store.disk(), store.root(), flight)?,
+    let aircraft = match args.no_aircraft_data {
+        true => FlightAircraftData::default(),
+        false => FlightAircraftData::read(store.disk(), store.root(), flight)?,
     };
-    let marks = FlightMarks::read(args, store, flight, &installation)?;
-    let work =
-        FlightSolver { args, store, flight, installation: &installation, orientation, job: &job, track, digest, marks };
+    print_notes(&aircraft.notes);
+    let marks = match args.no_marks {
+        true => FlightMarks::default(),
+        false => FlightMarks::read(store.disk(), store.root(), flight, &installation.setup)?,
+    };
+    print_notes(&marks.notes);
+    let mountings = match args.adjusts_jointly() {
+        true => stored_frames::frame_mountings(store.disk(), flight)?,
+        false => BTreeMap::new(),
+    };
+    let known = FlightInputs { installation: &installation, orientation, aircraft, marks, mountings };
+    let work = FlightSolver { args, store, flight, job: &job, known };
     if args.adjusts_jointly() { work.solve_jointly(output) } else { work.solve_frames_singly(output) }?;
-    if let Some(warning) = result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None)
-    {
-        eprintln!("wingd: {warning}");
-    }
+    print_notes(result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None));
     Ok(())
 }
 
@@ -73,80 +64,56 @@ struct FlightSolver<'a> {
     args: &'a SolveArgs,
     store: &'a Store,
     flight: &'a FlightRef,
-    installation: &'a Installation,
-    orientation: &'a Orientation,
     job: &'a SolveJob,
-    /// Aircraft data, with their digest if there are any.
-    track: AircraftTrack,
-    digest: Option<String>,
-    marks: FlightMarks,
+    known: FlightInputs<'a>,
 }
 
 impl FlightSolver<'_> {
     fn solve_frames_singly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
-        let mut provenance = pipeline::provenance_map(self.installation, self.job);
-        self.add_input_digests(&mut provenance);
-        let inputs = Inputs::new(provenance);
-        let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
-        self.announce_count(frames.len());
+        let FlightInputs { installation, orientation, .. } = self.known;
+        let (inputs, frames) = self.unsolved_frames(pipeline::provenance_map(installation, self.job))?;
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
-            let processed = self.process_frame(frame, bytes);
-            let record = pipeline::solve_processed_frame(&processed, self.installation, self.orientation, self.job);
-            (frame.clone(), record)
+            let processed = self.known.process_frame(frame, bytes);
+            (frame.clone(), pipeline::solve_processed_frame(&processed, installation, orientation, self.job))
         };
         let take = |(frame, record)| self.add_result(&frame, &inputs, record, output);
-        image_batch::for_each_stored_frame(self.store, &frames, self.args.jobs, solve, take)
+        batch::for_each_stored_frame(&frames, self.args.jobs, "solving", solve, take)
     }
 
     /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its inputs.
     fn solve_jointly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
-        let frames = store_access::flight_frames(self.store.disk(), self.flight, None)?;
-        let job = SolveJob { method: crate::measure::adjust::AdjustmentMethod::Flight, ..self.job.clone() };
-        let mut provenance = pipeline::provenance_map(self.installation, &job);
+        let FlightInputs { installation, orientation, .. } = self.known;
+        let frames = stored_flights::flight_frames(self.store.disk(), self.flight, None)?;
+        let job = SolveJob { method: AdjustmentMethod::Flight, ..self.job.clone() };
+        let mut provenance = pipeline::provenance_map(installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
-        self.add_input_digests(&mut provenance);
-        let inputs = Inputs::new(provenance);
-        let left = self.store.unsolved_in_flight(self.flight, &inputs)?;
-        self.announce_count(left.len());
+        let (inputs, left) = self.unsolved_frames(provenance)?;
         if left.is_empty() {
             return Ok(());
         }
-        let mut processed_frames = Vec::with_capacity(frames.len());
-        let mountings = stored_frames::frame_mountings(self.store.disk(), self.flight)?;
-        let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
-            let mounting = mountings.get(&frame.entry.sha256).copied();
-            ProcessedFrame { mounting, ..self.process_frame(frame, bytes) }
-        };
-        image_batch::for_each_stored_frame(self.store, &frames, self.args.jobs, process, |processed| {
-            processed_frames.push(processed);
-            Ok(())
-        })?;
-        let records = pipeline::solve_flight(&processed_frames, self.installation, self.orientation, self.job);
+        let mut processed = Vec::with_capacity(frames.len());
+        let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| self.known.process_frame(frame, bytes);
+        let take = batch::collect_into(&mut processed);
+        batch::for_each_stored_frame(&frames, self.args.jobs, "solving", process, take)?;
+        let records = pipeline::solve_flight(&processed, installation, orientation, self.job);
         let mut pairs = frames.iter().zip(records).filter(|(frame, _)| left.contains(frame));
         pairs.try_for_each(|(frame, record)| self.add_result(frame, &inputs, record, output))
     }
 
-    /// Adds the digests of aircraft data and manual marks to the inputs of a result.
-    fn add_input_digests(&self, provenance: &mut Map<String, Value>) {
-        let named = [("aircraft_data", &self.digest), ("marks", &self.marks.digest)];
+    /// Adds the digests of aircraft data and manual marks to the inputs, and finds the frames without a result from them.
+    fn unsolved_frames(&self, mut provenance: Map<String, Value>) -> Result<(Inputs, Vec<FrameRef>), Failure> {
+        let named = [("aircraft_data", &self.known.aircraft.digest), ("marks", &self.known.marks.digest)];
         let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
         provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
-    }
-
-    fn announce_count(&self, count: usize) {
+        let inputs = Inputs::new(provenance);
+        let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
         let flight = &self.flight.id;
-        match count {
+        match frames.len() {
             0 => eprintln!("wingd: {flight}: every frame already has a result from these inputs"),
             n => eprintln!("wingd: {flight}: {n} frames to solve"),
         }
-    }
-
-    fn process_frame(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
-        let mut processed =
-            stored_frames::process_stored_frame(frame, bytes, self.installation, self.orientation, &self.track);
-        processed.add_manual(self.marks.for_frame(&store_access::frame_name(frame)));
-        processed
+        Ok((inputs, frames))
     }
 
     /// Adds a result to the store as the recorder writes it: under the frame's file name.

@@ -10,12 +10,14 @@
 //! | picture | camera | radiance of every pixel, anti-aliased | `picture` |
 //! | sensor | radiance | grey values | `sensor` |
 //! | board | camera, board's pose and bow | image of a checkerboard | `board` |
+//! | gusts | seed, duration | deflection over time | `gusts` |
 //! | scene, truth | seed, shot | frame; result of a perfect measurement | `scene`, `truth` |
 
 mod beam;
 mod board;
 mod clutter;
 mod fit_scene;
+mod gusts;
 mod layout;
 mod light;
 mod markers;
@@ -32,6 +34,7 @@ mod wing;
 pub use beam::{BentBeam, CantileverBeam, LoadShape};
 pub use board::RenderedBoard;
 pub use fit_scene::FitFault;
+pub use gusts::{BendingMode, GustSeries};
 pub use layout::SceneOptions;
 pub use light::Light;
 pub use markers::SceneMarker;

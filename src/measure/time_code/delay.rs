@@ -1,4 +1,7 @@
-//! Estimate of a camera's delay from the time differences of many images.
+//! Estimate of a camera's delay from the time differences of many images, and test of recorded times.
+
+use crate::adjust::GlobalTest;
+use crate::estimation::quality::global_test;
 
 /// Delay of a screen between reading the clock and its light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +72,40 @@ pub fn estimate_delay(images: &[(f64, f64)], systematic_s: f64) -> Option<DelayE
         read_sigma_s: read2.sqrt(),
         sigma_s: scatter2.map(|scatter2| excess2(scatter2).sqrt().hypot(mean_sigma_s)),
     })
+}
+
+/// Maximum mean difference between recorded and shown times, in standard deviations, for them to agree.
+const MAX_NORMALIZED: f64 = 3.0;
+/// Significance level of the test of the scatter.
+const SIGNIFICANCE: f64 = 0.001;
+
+/// Test of recorded times of exposure against those shown by a screen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExposureTest {
+    /// Recorded exposure minus screen.
+    pub difference: DelayEstimate,
+    /// Root mean square of the recorded standard deviations, s.
+    pub recorded_s: f64,
+    /// Mean difference divided by its standard deviation, including the recorded one.
+    pub normalised: f64,
+    pub agrees: bool,
+}
+
+impl ExposureTest {
+    /// Tests the mean with its standard deviation, assuming that the recorded ones, s, are one error common to all images,
+    /// and the scatter with both.
+    pub fn new(difference: DelayEstimate, recorded_sigmas_s: &[f64]) -> Self {
+        let recorded = recorded_sigmas_s.iter().map(|sigma_s| sigma_s.powi(2));
+        let recorded_variance = recorded.sum::<f64>() / recorded_sigmas_s.len().max(1) as f64;
+        let normalised = difference.mean_s.abs() / (difference.mean_sigma_s.powi(2) + recorded_variance).sqrt();
+        let freedom = difference.images.saturating_sub(1);
+        let scattered = difference.scatter_s.is_some_and(|scatter_s| {
+            let omega = freedom as f64 * scatter_s.powi(2) / (difference.read_sigma_s.powi(2) + recorded_variance);
+            global_test(omega, freedom, SIGNIFICANCE) == GlobalTest::Rejected
+        });
+        let agrees = normalised <= MAX_NORMALIZED && !scattered;
+        Self { difference, recorded_s: recorded_variance.sqrt(), normalised, agrees }
+    }
 }
 
 #[cfg(test)]

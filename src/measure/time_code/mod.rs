@@ -16,7 +16,7 @@ mod delay;
 mod picture;
 
 pub use decode::{DisplayedTime, decode_time, nearest_time};
-pub use delay::{DelayEstimate, Screen, estimate_delay};
+pub use delay::{DelayEstimate, ExposureTest, Screen, estimate_delay};
 pub use picture::{TimeCodeError, read_time};
 
 /// Tick of the code, ms. Longer than a frame of a screen at 60 Hz, so that no count is skipped; a prime number, so that

@@ -7,30 +7,11 @@ use anyhow::{Context, Result, anyhow};
 use nalgebra::{Rotation3, Vector2};
 use serde_json::{Value, json};
 
+use super::SetFrame;
 use crate::installation;
 use crate::measure::raster::Raster;
-use crate::measure::render::{FrameTruth, MarkerTruth, Scene, SceneShot};
+use crate::measure::render::{FrameTruth, MarkerTruth, Scene};
 use crate::measure::setup::Setup;
-
-/// A frame of an image set.
-pub struct SetFrame {
-    /// File name below `frames/`.
-    pub image: String,
-    /// Parameters of the rendering.
-    pub shot: SceneShot,
-    /// JPEG quality, 1 to 100.
-    pub quality: u8,
-    /// Time in the flight, for a time series.
-    pub moment: Option<FlightMoment>,
-}
-
-/// Time and bending modes of a frame in a time series.
-pub struct FlightMoment {
-    /// Time since the first frame of the flight, s.
-    pub time_s: f64,
-    /// Tip deflection of each bending mode, m.
-    pub modes_m: Vec<f64>,
-}
 
 /// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`; `done` is
 /// called after each frame.
@@ -53,7 +34,8 @@ pub fn write_set(
         done();
     }
     let truth = json!({ "set": name, "frames": entries });
-    write_text(&directory.join("truth.json"), &serde_json::to_string_pretty(&truth)?)
+    let file = directory.join("truth.json");
+    fs::write(&file, serde_json::to_string_pretty(&truth)?).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes a raster as a grey JPEG.
@@ -66,10 +48,6 @@ pub fn write_jpeg(path: &Path, raster: &Raster, quality: u8) -> Result<()> {
         .map_err(anyhow::Error::from)
         .and_then(|()| Ok(fs::write(path, &jpeg)?))
         .with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn write_text(path: &Path, text: &str) -> Result<()> {
-    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {

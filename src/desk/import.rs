@@ -6,10 +6,10 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::Value;
 
+use super::Failure;
+use super::image_files::{DatedImage, split_at_pauses};
 use crate::camera::file_extension;
 use crate::camera::replay::format_from_path;
-use crate::cli::image_files::DatedImage;
-use crate::cli::{Failure, image_batch};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::installation::printable_path;
@@ -18,7 +18,8 @@ use crate::store::{FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConf
 
 /// Outcome of a series of images.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct ImportedSeries {
+pub struct ImportedSeries {
+    pub pictures: Vec<DatedImage>,
     pub flight: String,
     /// Name of the series in the store; `None` if the store had all its images.
     pub series: Option<String>,
@@ -35,7 +36,7 @@ struct ExistingFlight {
 }
 
 /// Importer of images into a store.
-pub(super) struct Importer<'a> {
+pub struct Importer<'a> {
     store: &'a Store,
     /// Flight requested by the user.
     requested: Option<String>,
@@ -44,7 +45,8 @@ pub(super) struct Importer<'a> {
     flight_of_digest: BTreeMap<String, String>,
     flights: Vec<ExistingFlight>,
     pause: Duration,
-    bar: indicatif::ProgressBar,
+    /// Receives the number of images finished since the last call.
+    progress: &'a dyn Fn(u64),
 }
 
 impl<'a> Importer<'a> {
@@ -53,7 +55,7 @@ impl<'a> Importer<'a> {
         store: &'a Store,
         wanted: Option<String>,
         clock_sigma_s: Option<f64>,
-        pictures: usize,
+        progress: &'a dyn Fn(u64),
     ) -> Result<Self, Failure> {
         let mut import = Self {
             store,
@@ -62,7 +64,7 @@ impl<'a> Importer<'a> {
             flight_of_digest: BTreeMap::new(),
             flights: Vec::new(),
             pause: StoreConfig::new("").new_flight_after,
-            bar: image_batch::progress_bar(pictures, "copying"),
+            progress,
         };
         for flight in catalogue::list_flights(store.disk(), store.root())? {
             import.index_flight(&flight, wanted.as_deref())?;
@@ -71,7 +73,7 @@ impl<'a> Importer<'a> {
             if layout::flight_number(&name).is_some() {
                 let known: Vec<&str> = import.flights.iter().map(|f| f.id.as_str()).collect();
                 let what = format!("there is no flight {name}; available: {}", known.join(", "));
-                return Err(Failure::Failed(format!("{}: {what}", store.root().display())));
+                return Err(Failure::from_path_error(store.root(), what));
             }
             import.requested = Some(name);
         }
@@ -95,20 +97,23 @@ impl<'a> Importer<'a> {
         Ok(())
     }
 
-    /// Imports all series; `done` is called after each.
+    /// Imports all series; each is added to `imported` when it is complete.
+    ///
+    /// # Errors
+    /// Returns an error if an image or the store cannot be read or written; the next import resumes there.
     pub fn import_all(
         mut self,
         series: Vec<Vec<DatedImage>>,
-        mut done: impl FnMut(Vec<DatedImage>, ImportedSeries),
+        imported: &mut Vec<ImportedSeries>,
     ) -> Result<(), Failure> {
-        for flight in group_into_flights(series, self.pause) {
+        let begin = |series: &Vec<DatedImage>| series.first().and_then(|p| p.utc);
+        let end = |series: &Vec<DatedImage>| series.last().and_then(|p| p.utc);
+        for flight in split_at_pauses(series, self.pause, begin, end) {
             let mut id = self.find_flight(&flight)?;
             for pictures in flight {
-                let taken = self.import_series(&pictures, &mut id)?;
-                done(pictures, taken);
+                imported.push(self.import_series(pictures, &mut id)?);
             }
         }
-        self.bar.finish_and_clear();
         Ok(())
     }
 
@@ -130,16 +135,16 @@ impl<'a> Importer<'a> {
     /// Imports a series; its flight begins with the first image that the store does not have.
     fn import_series(
         &mut self,
-        pictures: &[DatedImage],
+        pictures: Vec<DatedImage>,
         flight: &mut Option<String>,
     ) -> Result<ImportedSeries, Failure> {
         let new: Vec<&DatedImage> =
             pictures.iter().filter(|p| !self.flight_of_digest.contains_key(&p.digest)).collect();
         let already = pictures.len() - new.len();
-        self.bar.inc(already as u64);
+        (self.progress)(already as u64);
         let Some(first) = new.first() else {
             let held = pictures.first().and_then(|p| self.flight_of_digest.get(&p.digest)).cloned();
-            return Ok(ImportedSeries { flight: held.unwrap_or_default(), series: None, taken: 0, already });
+            return Ok(ImportedSeries { pictures, flight: held.unwrap_or_default(), series: None, taken: 0, already });
         };
         let began = ImportClock::starting_with(first);
         let id = match flight {
@@ -166,7 +171,7 @@ impl<'a> Importer<'a> {
         self.store.close_series(open, state, &last, remark.into_iter().collect())?;
         copied?;
         self.flight_of_digest.extend(new.iter().map(|p| (p.digest.clone(), id.clone())));
-        Ok(ImportedSeries { flight: id, series: Some(name), taken: new.len(), already })
+        Ok(ImportedSeries { taken: new.len(), flight: id, series: Some(name), already, pictures })
     }
 
     fn copy_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> Result<(), Failure> {
@@ -200,7 +205,7 @@ impl<'a> Importer<'a> {
             };
             let shot = Shot { shot: number, stamp, duration_s: None, exposure, frame: None, failures: Vec::new() };
             open.add_shot(shot, Some(frame))?;
-            self.bar.inc(1);
+            (self.progress)(1);
         }
         Ok(())
     }
@@ -261,24 +266,4 @@ fn imported_span(manifest: &SeriesManifest) -> Option<TimeSpan> {
     let dated = |shot: &&Shot| manifest.cause == SeriesCause::Imported && shot.exposure.is_some();
     let times = manifest.shots.iter().filter(dated).map(|shot| shot.stamp.utc);
     times.fold(None, |span, t| merge_spans(span, Some((t, t))))
-}
-
-/// Groups series into flights at pauses longer than `pause`; series without a time form one flight.
-fn group_into_flights(series: Vec<Vec<DatedImage>>, pause: Duration) -> Vec<Vec<Vec<DatedImage>>> {
-    let end = |s: &[DatedImage]| s.last().and_then(|p| p.utc);
-    let begin = |s: &[DatedImage]| s.first().and_then(|p| p.utc);
-    let mut all: Vec<Vec<Vec<DatedImage>>> = Vec::new();
-    for one in series {
-        let last = all.last().and_then(|flight| flight.last());
-        let goes_on = last.is_some_and(|last| match (end(last), begin(&one)) {
-            (Some(a), Some(b)) => gap_between((a, a), (b, b)) <= pause,
-            (None, None) => true,
-            _ => false,
-        });
-        match all.last_mut() {
-            Some(open) if goes_on => open.push(one),
-            _ => all.push(vec![one]),
-        }
-    }
-    all
 }

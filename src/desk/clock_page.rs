@@ -4,10 +4,10 @@ use crate::measure::time_code::{
     BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell_rectangle,
 };
 
-const PAGE_TEMPLATE: &str = include_str!("page.html");
+const PAGE_TEMPLATE: &str = include_str!("clock_page.html");
 
 /// Returns the page, with the positions and numbers of the code filled in.
-pub(super) fn clock_page() -> String {
+pub fn clock_page() -> String {
     let discs = DISCS.map(|[x, y]| format!(r#"<circle cx="{x}" cy="{y}" r="{DISC_RADIUS}"/>"#)).join("\n  ");
     let rect = |(bit, opposite): (usize, bool)| {
         let [x, y, width, height] = cell_rectangle(bit, opposite);

@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Failure, image_batch};
+use super::{Failure, image_names};
 use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
 
 /// Manually measured points, by image.
 #[derive(Default)]
-pub(super) struct ManualPoints {
+pub struct ManualPoints {
     points: Vec<ManualObservation>,
+    /// Note on points that are not used.
+    pub note: Option<String>,
 }
 
 impl ManualPoints {
@@ -19,7 +21,7 @@ impl ManualPoints {
     /// Returns an error if a point names no image, or one that is not among the given.
     pub fn read(file: &Path, files: &[PathBuf], setup: &Setup) -> Result<Self, Failure> {
         let points = installation::read_observations(file, setup)?;
-        let names = image_batch::image_names(files);
+        let names = image_names::image_names(files);
         let fault = |place: &str, problem: String, remedy: &str| {
             Failure::from(Fault::new(file, place.to_owned(), problem, remedy.to_owned()))
         };
@@ -29,6 +31,7 @@ impl ManualPoints {
         }
         let is_unknown = |p: &&ManualObservation| p.image.as_ref().is_some_and(|name| !names.contains(name));
         let unknown: Vec<&ManualObservation> = points.iter().filter(is_unknown).collect();
+        let mut note = None;
         let first = unknown.first().and_then(|p| p.image.clone()).filter(|_| !files.is_empty());
         if let Some(name) = first {
             if unknown.len() == points.len() {
@@ -37,9 +40,9 @@ impl ManualPoints {
             }
             // One file may contain the marks of a whole folder of images.
             let count = unknown.len();
-            eprintln!("wingd: {}: {count} points are in images that were not given, first {name}", file.display());
+            note = Some(format!("{}: {count} points are in images that were not given, first {name}", file.display()));
         }
-        Ok(Self { points })
+        Ok(Self { points, note })
     }
 
     /// Iterates over all points.

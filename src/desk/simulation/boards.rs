@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{Failure, image_batch, writer};
+use super::files;
+use crate::desk::Failure;
 use crate::exchange::load_board;
 use crate::measure::calibrate::Board;
 use crate::measure::geometry::Lens;
@@ -11,24 +12,31 @@ use crate::measure::render::{RenderedBoard, SeededRandom};
 /// JPEG quality of board images: as high as a camera's best.
 const JPEG_QUALITY: u8 = 95;
 
-/// Writes `count` images of a flat checkerboard into a folder.
-pub fn write_board_images(folder: &Path, file: &Path, lens: &Lens, count: usize, seed: u64) -> Result<(), Failure> {
+/// Writes `count` images of the flat checkerboard in `file` into a folder; `done` is called after each.
+///
+/// # Errors
+/// Returns an error if the board cannot be read, or an image not written.
+pub fn write_board_images(
+    folder: &Path,
+    file: &Path,
+    lens: &Lens,
+    count: usize,
+    seed: u64,
+    done: impl Fn(),
+) -> Result<(), Failure> {
     let described = load_board(file)?;
     let Board::Checkerboard { columns, rows, square_m } = described.board else {
-        let what = format!("{}: pattern: only checkerboards are rendered", file.display());
-        return Err(Failure::Failed(what));
+        return Err(Failure::from_path_error(file, "pattern: only checkerboards are rendered"));
     };
-    std::fs::create_dir_all(folder).map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))?;
-    let bar = image_batch::progress_bar(count, "rendering the board");
+    std::fs::create_dir_all(folder).map_err(|e| Failure::from_path_error(folder, e))?;
     let digits = count.to_string().len();
     for k in 0..count {
         let mut random = SeededRandom::new(seed, 1000 + k as u64);
         let picture = RenderedBoard::calibration_image(lens, (columns, rows), square_m, [0.0, 0.0], k, &mut random);
         let path = folder.join(format!("{:0digits$}.jpg", k + 1));
-        let written = picture.render(&mut random).map(|raster| writer::write_jpeg(&path, &raster, JPEG_QUALITY));
+        let written = picture.render(&mut random).map(|raster| files::write_jpeg(&path, &raster, JPEG_QUALITY));
         written.transpose().map_err(|e| Failure::Failed(format!("{e:#}")))?;
-        bar.inc(1);
+        done();
     }
-    bar.finish_and_clear();
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Access to local stores, shared by several commands.
+//! Flights of a local store, picked by name, with their frames and the installation that they are solved with.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use crate::store::{
 };
 
 /// Selects the flights of a store: the one requested, or all.
-pub(super) fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, Failure> {
+pub fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, Failure> {
     catalogue::check_format(&RealDisk, root)?;
     let all = catalogue::list_flights(&RealDisk, root)?;
     let Some(wanted) = wanted else { return Ok(all) };
@@ -19,18 +19,13 @@ pub(super) fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<Fl
     let is_wanted = |flight: &&FlightRef| catalogue::is_called(&RealDisk, flight, wanted);
     let found: Vec<FlightRef> = all.iter().filter(is_wanted).cloned().collect();
     if found.is_empty() {
-        let root = root.display();
-        return Err(Failure::Failed(format!("{root}: there is no flight {wanted}; available: {known}")));
+        return Err(Failure::from_path_error(root, format!("there is no flight {wanted}; available: {known}")));
     }
     Ok(found)
 }
 
 /// Lists a flight's frames in order: those of the series requested, or all.
-pub(super) fn flight_frames(
-    disk: &dyn Disk,
-    flight: &FlightRef,
-    wanted: Option<&str>,
-) -> Result<Vec<FrameRef>, StoreError> {
+pub fn flight_frames(disk: &dyn Disk, flight: &FlightRef, wanted: Option<&str>) -> Result<Vec<FrameRef>, StoreError> {
     let mut frames = Vec::new();
     let is_wanted = |id: &str| wanted.is_none_or(|wanted| wanted == id);
     for series in catalogue::list_series(disk, flight)?.into_iter().filter(|series| is_wanted(&series.id)) {
@@ -40,19 +35,25 @@ pub(super) fn flight_frames(
 }
 
 /// Opens a store for writing, without disk reserve, because nothing is being recorded.
-pub(super) fn open_store(root: &Path) -> Result<(Store, Recovery), StoreError> {
+pub fn open_store(root: &Path) -> Result<(Store, Recovery), StoreError> {
     Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) })
 }
 
 /// Returns the kept installation that a flight's last results came from.
-pub(super) fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, StoreError> {
+pub fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, StoreError> {
     let last = installations::flight_installations(&RealDisk, flight)?.pop();
     Ok(last.map(|digest| installations::installation_folder(root, &digest)))
 }
 
-/// Returns the installation for solving a flight if none is given: the kept one that its last results came from, or the
-/// only one kept.
-pub(super) fn flight_installation(root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
+/// Returns the installation for solving a flight: the one named, else the kept one that its last results came from, else
+/// the only one kept.
+///
+/// # Errors
+/// Returns an error if none is named and the store keeps none or several.
+pub fn flight_installation(named: Option<&Path>, root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
+    if let Some(named) = named {
+        return Ok(named.to_owned());
+    }
     let of_results = kept_installation(root, flight)?;
     of_results.map_or_else(|| only_kept_installation(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {
         let (root, flight) = (root.display(), &flight.id);
@@ -61,7 +62,7 @@ pub(super) fn flight_installation(root: &Path, flight: &FlightRef) -> Result<Pat
 }
 
 /// Returns a frame's name within its flight, as used in results and marks.
-pub(super) fn frame_name(frame: &FrameRef) -> String {
+pub fn frame_name(frame: &FrameRef) -> String {
     format!("{}/{}", frame.series.id, frame.entry.file)
 }
 

@@ -5,9 +5,8 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
-use super::{BendingLine, Failure};
+use super::BendingLine;
 use crate::clock::Stamp;
-use crate::measure::stress::{BendingCurvature, DEFAULT_STEPS};
 use crate::report::stress::StressFrame;
 use crate::store::columns::{LiveBlock, LiveFile, LiveHead, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
@@ -18,7 +17,7 @@ fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
 }
 
 /// Returns the provenance of the last live results with a curvature; `None` if there are none.
-pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, Failure> {
+pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, StoreError> {
     let mut last = None;
     live::for_each_live_file(&RealDisk, store, flight, |file| {
         last = curvature_provenance(&file.head.table).or(last.take());
@@ -33,7 +32,7 @@ pub(super) fn live_frames(
     flight: &FlightRef,
     provenance: &Map<String, Value>,
     line: &BendingLine,
-) -> Result<(Vec<StressFrame>, Vec<String>), Failure> {
+) -> Result<(Vec<StressFrame>, Vec<String>), StoreError> {
     let (mut frames, mut without, mut others, mut foreign) = (Vec::new(), 0, 0, Vec::new());
     let notes = live::for_each_live_file(&RealDisk, store, flight, |mut file: LiveFile<'_>| {
         let head = file.head.clone();
@@ -92,13 +91,7 @@ fn block_frames(head: &LiveHead, block: &LiveBlock, line: &BendingLine) -> Optio
             series: "live".to_owned(),
             image: named.map_or_else(|| utc.to_string(), f64::to_string),
             stamp: Stamp { utc, since_boot_s: by_boot_s.copied().unwrap_or(by_utc_s), ..began.clone() },
-            curvature: BendingCurvature {
-                coefficients_per_m: DVector::from_column_slice(curvature),
-                covariance: symmetric_matrix(terms, covariance),
-                length_m: line.length_m,
-                root_sigma_m: line.root_sigma_m,
-                steps: DEFAULT_STEPS,
-            },
+            curvature: line.with_curvature(DVector::from_column_slice(curvature), symmetric_matrix(terms, covariance)),
         })
     };
     Some((0..block.len()).filter_map(frame).collect())

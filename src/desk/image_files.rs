@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use jiff::tz::Offset;
 use serde_json::{Map, Value};
 
-use super::{Failure, image_batch};
+use super::{Failure, image_names};
 use crate::camera::exif::{self, CaptureMetadata};
 use crate::camera::replay::format_from_path;
 use crate::installation::printable_path;
@@ -19,39 +19,22 @@ use crate::store::sha256_hex;
 const IMAGE_EXTENSIONS: &str = ".jpg, .png, .pgm, .ppm or .tif";
 
 /// Options for dating images and splitting them into series.
-#[derive(clap::Args, Clone, Debug)]
+#[derive(Clone, Debug)]
 pub struct DatingOptions {
-    /// Time zone of the camera's clock for images without one, for example +02:00 [default: UTC]
-    #[arg(long, value_name = "ZONE", value_parser = parse_zone, allow_hyphen_values = true)]
-    zone: Option<Offset>,
-    /// Time of the first image that has none, for example 2026-03-01T07:00:00Z
-    #[arg(long, value_name = "TIME")]
-    start: Option<Timestamp>,
-    /// Interval between images without a time
-    #[arg(long, value_name = "DURATION", default_value = "1s", value_parser = parse_duration)]
-    every: Duration,
-    /// Pause that begins a new series
-    #[arg(long, value_name = "DURATION", default_value = "60s", value_parser = parse_duration)]
-    gap: Duration,
+    /// Time zone of the camera's clock for images without one; UTC by default.
+    pub zone: Option<Offset>,
+    /// Time of the first image that has none.
+    pub start: Option<Timestamp>,
+    /// Interval between images without a time.
+    pub every: Duration,
+    /// Pause that begins a new series: a camera takes the images of a series within seconds of each other.
+    pub gap: Duration,
 }
 
 impl Default for DatingOptions {
     fn default() -> Self {
-        Self { zone: None, start: None, every: Duration::from_secs(1), gap: DEFAULT_SERIES_GAP }
+        Self { zone: None, start: None, every: Duration::from_secs(1), gap: Duration::from_secs(60) }
     }
-}
-
-/// Pause that begins a new series: a camera takes the images of a series within seconds of each other.
-const DEFAULT_SERIES_GAP: Duration = Duration::from_secs(60);
-
-fn parse_zone(text: &str) -> Result<Offset, String> {
-    exif::parse_offset(text).ok_or_else(|| "give the offset from UTC, for example +02:00".to_owned())
-}
-
-fn parse_duration(text: &str) -> Result<Duration, String> {
-    let fault = || "give a duration above 0, for example 60s or 5m".to_owned();
-    let read: jiff::SignedDuration = text.parse().map_err(|_| fault())?;
-    Duration::try_from(read).ok().filter(|d| !d.is_zero()).ok_or_else(fault)
 }
 
 /// An image file with its time.
@@ -78,18 +61,18 @@ impl DatedImage {
 
     /// Returns the file name given by the camera and the settings of the shot.
     pub fn settings(&self) -> Map<String, Value> {
-        let mut all = Map::from_iter([("source".to_owned(), image_batch::image_name(&self.file).into())]);
+        let mut all = Map::from_iter([("source".to_owned(), image_names::image_name(&self.file).into())]);
         all.extend(self.taken.local_time.map(|t| ("camera_time".to_owned(), t.to_string().into())));
         all.extend(self.taken.settings.iter().map(|(k, v)| ((*k).to_owned(), v.clone().into())));
         all
     }
 }
 
-/// Replaces each folder among the arguments by the images in it and below, ordered by name.
+/// Replaces each folder among the arguments by the images in it and below, ordered by name; `note` receives remarks.
 ///
 /// # Errors
 /// Returns an error if a folder cannot be read or has no images.
-pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> Result<Vec<PathBuf>, Failure> {
     let mut all = Vec::new();
     for argument in arguments {
         if !argument.is_dir() {
@@ -98,14 +81,12 @@ pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
         }
         let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
             list_files(argument)?.into_iter().partition(|f| format_from_path(f).is_some());
+        let folder = printable_path(argument);
         if let Some(what) = unsupported_images_note(&pictures, &others) {
-            eprintln!("wingd: {}: {what}", printable_path(argument));
+            note(format!("{folder}: {what}"));
         }
         if pictures.is_empty() {
-            let what = format!(
-                "{}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does",
-                printable_path(argument)
-            );
+            let what = format!("{folder}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does");
             return Err(Failure::Failed(what));
         }
         all.extend(pictures);
@@ -128,7 +109,7 @@ fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<S
             && !readable.contains(&file.with_extension(""))
     };
     let alone: Vec<&PathBuf> = others.iter().filter(alone).collect();
-    let first = image_batch::image_name(alone.first()?);
+    let first = image_names::image_name(alone.first()?);
     let count = alone.len();
     Some(format!("{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"))
 }
@@ -147,7 +128,7 @@ fn list_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         let entry = entry.map_err(unreadable)?;
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
         if !hidden {
-            entries.push((natural_sort_key(&image_batch::image_name(&entry.path())), entry));
+            entries.push((natural_sort_key(&image_names::image_name(&entry.path())), entry));
         }
     }
     entries.sort_by(|a, b| a.0.cmp(&b.0));
@@ -182,7 +163,7 @@ fn natural_sort_key(name: &str) -> Vec<(u64, String)> {
     parts
 }
 
-/// Images read from a command line.
+/// Images read from a card.
 #[derive(Debug, Default)]
 pub struct ImageCollection {
     /// Images by series, in the order taken.
@@ -195,31 +176,31 @@ pub struct ImageCollection {
     pub remarks: Vec<(String, &'static str)>,
 }
 
-/// Reads and dates the images of a command line and splits them into series.
-///
-/// # Errors
-/// Returns an error if there is nothing to read.
-pub fn read_collection(arguments: &[PathBuf], dating: &DatingOptions, jobs: usize) -> Result<ImageCollection, Failure> {
-    let files = expand_folders(arguments)?;
-    let mut card = ImageCollection::default();
-    let mut pictures: Vec<DatedImage> = Vec::new();
-    let read = |file: &PathBuf| (file.clone(), read_image(file));
-    image_batch::run_jobs(&files, jobs, "reading", read, |(file, read)| {
-        match read {
-            Err(why) => card.refused.push((file, why)),
-            Ok(one) => match pictures.iter().find(|known| known.digest == one.digest) {
-                Some(known) => card.duplicates.push((file, known.file.clone())),
-                None => pictures.push(one),
-            },
+impl ImageCollection {
+    /// Dates the images, each the result of [`read_image`], and splits them into series.
+    pub fn from_images(images: Vec<(PathBuf, Result<DatedImage, String>)>, dating: &DatingOptions) -> Self {
+        let mut card = Self::default();
+        let mut pictures: Vec<DatedImage> = Vec::new();
+        for (file, read) in images {
+            match read {
+                Err(why) => card.refused.push((file, why)),
+                Ok(one) => match pictures.iter().find(|known| known.digest == one.digest) {
+                    Some(known) => card.duplicates.push((file, known.file.clone())),
+                    None => pictures.push(one),
+                },
+            }
         }
-        Ok(())
-    })?;
-    card.remarks = date_images(&mut pictures, dating);
-    card.series = split_into_series(pictures, dating.gap);
-    Ok(card)
+        card.remarks = date_images(&mut pictures, dating);
+        card.series = split_into_series(pictures, dating.gap);
+        card
+    }
 }
 
-fn read_image(file: &Path) -> Result<DatedImage, String> {
+/// Reads an image and its metadata; it has no time yet.
+///
+/// # Errors
+/// Returns the reason why the file is not an image that can be imported.
+pub fn read_image(file: &Path) -> Result<DatedImage, String> {
     if format_from_path(file).is_none() {
         return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
     }
@@ -272,20 +253,32 @@ fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<(Stri
 fn split_into_series(mut pictures: Vec<DatedImage>, gap: Duration) -> Vec<Vec<DatedImage>> {
     // The sort is stable: images of the same second stay in the order of the files.
     pictures.sort_by_key(|p| (p.utc.is_none(), p.utc));
-    let mut series: Vec<Vec<DatedImage>> = Vec::new();
-    for picture in pictures {
-        let last = series.last().and_then(|s| s.last());
-        let goes_on = last.is_some_and(|last| match (last.utc, picture.utc) {
-            (Some(a), Some(b)) => b.duration_since(a) <= jiff::SignedDuration::try_from(gap).unwrap_or_default(),
+    split_at_pauses(pictures, gap, |picture| picture.utc, |picture| picture.utc)
+}
+
+/// Splits a sequence where the time from the end of an item to the beginning of the next exceeds `pause`. Items without
+/// times stay together.
+pub(super) fn split_at_pauses<T>(
+    items: Vec<T>,
+    pause: Duration,
+    begin: impl Fn(&T) -> Option<Timestamp>,
+    end: impl Fn(&T) -> Option<Timestamp>,
+) -> Vec<Vec<T>> {
+    let pause = jiff::SignedDuration::try_from(pause).unwrap_or_default();
+    let mut parts: Vec<Vec<T>> = Vec::new();
+    for item in items {
+        let last = parts.last().and_then(|part| part.last());
+        let goes_on = last.is_some_and(|last| match (end(last), begin(&item)) {
+            (Some(ended), Some(begun)) => begun.duration_since(ended).abs() <= pause,
             (None, None) => true,
             _ => false,
         });
-        match series.last_mut() {
-            Some(open) if goes_on => open.push(picture),
-            _ => series.push(vec![picture]),
+        match parts.last_mut() {
+            Some(open) if goes_on => open.push(item),
+            _ => parts.push(vec![item]),
         }
     }
-    series
+    parts
 }
 
 #[cfg(test)]
@@ -326,12 +319,5 @@ mod tests {
         let mut names = ["IMG_10.JPG", "IMG_9.JPG", "IMG_009b.JPG", "A.JPG", "99999999999999999999999.JPG"];
         names.sort_by_key(|n| natural_sort_key(n));
         assert_eq!(names, ["99999999999999999999999.JPG", "A.JPG", "IMG_9.JPG", "IMG_009b.JPG", "IMG_10.JPG"]);
-    }
-
-    #[test]
-    fn zones_and_durations_are_read_or_refused() {
-        assert_eq!(parse_zone("+02:00").unwrap().seconds(), 7200);
-        assert!(parse_zone("Berlin").is_err() && parse_duration("0s").is_err() && parse_duration("-5s").is_err());
-        assert_eq!(parse_duration("5m"), Ok(Duration::from_secs(300)));
     }
 }

@@ -1,0 +1,78 @@
+//! Output of all commands: results to standard output, notes and progress to standard error, files.
+
+use std::error::Error;
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::Failure;
+use crate::installation;
+
+/// Prints a line of results; a closed pipe (`| head`) is not an error.
+///
+/// # Errors
+/// Returns an error if the line cannot be written, because a lost result must not look like success.
+pub fn print_line(text: &str) -> Result<(), Failure> {
+    let mut output = std::io::stdout().lock();
+    match writeln!(output, "{}", installation::printable_text(text)).and_then(|()| output.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
+            "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Prints a result as a line of JSON.
+pub fn print_json(result: &impl Serialize) -> Result<(), Failure> {
+    let line = serde_json::to_string(result);
+    print_line(&line.map_err(|error| Failure::Failed(format!("the result cannot be written as JSON: {error}")))?)
+}
+
+/// Prints notes to standard error, a line each.
+pub fn print_notes<T: Display>(notes: impl IntoIterator<Item = T>) {
+    for note in notes {
+        eprintln!("wingd: {note}");
+    }
+}
+
+/// Writes an output file: a reader sees the old content or the new, never a part. Devices and links are written in place.
+///
+/// # Errors
+/// Returns an error with `remedy` if the file cannot be written.
+pub fn write_output(file: &Path, text: &str, remedy: &str) -> Result<(), Failure> {
+    let in_place = file.symlink_metadata().is_ok_and(|there| !there.is_file());
+    let written = if in_place { std::fs::write(file, text) } else { installation::write_atomically(file, text) };
+    written.map_err(|error| match error.source() {
+        // The error of the file beside it names that file, which nobody knows.
+        Some(cause) => Failure::from_write_error(file, &cause, remedy),
+        None => Failure::from_write_error(file, &error, remedy),
+    })
+}
+
+/// Creates a progress bar on standard error; invisible unless that is a terminal.
+pub fn progress_bar(total: usize, what: &str) -> ProgressBar {
+    styled_bar(ProgressBar::new(total as u64), "{msg} [{bar:30}] {pos}/{len} {eta}", what)
+}
+
+/// Creates a progress bar in bytes.
+pub fn byte_progress(bytes: u64, what: &str) -> ProgressBar {
+    styled_bar(ProgressBar::new(bytes), "{msg} [{bar:30}] {bytes}/{total_bytes} {eta}", what)
+}
+
+/// Runs a task and meanwhile shows it with its elapsed time on standard error.
+pub fn show_busy<T>(what: &str, task: impl FnOnce() -> T) -> T {
+    let bar = styled_bar(ProgressBar::new_spinner(), "{msg} {elapsed}", what);
+    bar.enable_steady_tick(Duration::from_secs(1));
+    let outcome = task();
+    bar.finish_and_clear();
+    outcome
+}
+
+fn styled_bar(bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style).with_message(what.to_owned())
+}

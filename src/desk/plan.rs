@@ -1,0 +1,127 @@
+//! Plan of an installation: that of a wing of which only the main dimensions are known, precision with several frames or
+//! a prior, and the layout to be written.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{CHECK_WRITE_ACCESS, Failure};
+use crate::installation::{self, Installation};
+use crate::measure::plan::{self, LayoutDraft, LayoutPrecision, PlanOptions};
+use crate::measure::setup::{Orientation, Setup, SetupUncertainty, WingSide};
+use crate::report::layout_figure;
+
+/// Creates the failure of a plan.
+pub fn plan_failure(error: impl std::fmt::Display) -> Failure {
+    Failure::Failed(format!("no plan: {error}"))
+}
+
+/// Predicted precision of several frames adjusted together, or of frames with the prior from earlier flights.
+#[derive(Serialize)]
+pub struct FlightPrecision {
+    /// Number of flights of the prior; `None` without a prior.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flights: Option<usize>,
+    pub frames: usize,
+    pub expected: LayoutPrecision,
+}
+
+/// Predicts the precision of several frames; `None` for a single frame.
+///
+/// # Errors
+/// Returns an error if the layout cannot be adjusted.
+pub fn flight_precision(
+    installation: &Installation,
+    options: &PlanOptions,
+    frames: usize,
+) -> Result<Option<FlightPrecision>, Failure> {
+    if frames == 1 {
+        return Ok(None);
+    }
+    let Installation { setup, orientation, .. } = installation;
+    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, None).map_err(plan_failure)?;
+    Ok(Some(FlightPrecision { flights: None, frames, expected }))
+}
+
+/// Predicts the precision with the flight prior; `None` without a prior, or if it has another number of curvature terms.
+///
+/// # Errors
+/// Returns an error if the layout cannot be adjusted.
+pub fn prior_precision(
+    installation: &Installation,
+    options: &PlanOptions,
+    frames: usize,
+) -> Result<Option<FlightPrecision>, Failure> {
+    let Installation { setup, orientation, flight_prior: stored, .. } = installation;
+    let Some(stored) = stored else { return Ok(None) };
+    let prior = stored.prior_without(&[], setup).filter(|t| t.matches_curvature_terms(options.curvature_terms));
+    let Some(prior) = prior else { return Ok(None) };
+    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&prior));
+    Ok(Some(FlightPrecision { flights: Some(stored.flights.len()), frames, expected: expected.map_err(plan_failure)? }))
+}
+
+/// Creates an installation of a wing with the best layout of those tried.
+///
+/// # Errors
+/// Returns an error if no layout can be adjusted.
+pub fn draft_installation(draft: &LayoutDraft, options: &PlanOptions, frames: usize) -> Result<Installation, Failure> {
+    let folder =
+        tempfile::tempdir().map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
+    let mut first = setup_without_markers(draft);
+    first.markers = plan::even_layout(draft, options.tip_deflection_m);
+    write_setup(folder.path(), &first)?;
+    let mut installation = installation::load(folder.path())?;
+    installation.setup = plan::best_layout(draft, &installation.setup, options, frames).map_err(plan_failure)?;
+    Ok(installation)
+}
+
+/// Returns the setup of the wing without its markers; other values are the defaults of an installation.
+fn setup_without_markers(draft: &LayoutDraft) -> Setup {
+    Setup {
+        name: format!("plan of a wing of {} m", draft.span_m),
+        lens: draft.lens,
+        projection_centre_m: nalgebra::Vector3::zeros(),
+        projection_centre_sigma_m: 0.002,
+        mount_repeatability_px: 10.0,
+        span_direction: nalgebra::Vector2::new(1.0, 0.0),
+        configured_side: Some(WingSide::Right),
+        root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
+        axis_chord_offset_m: None,
+        skin_height: None,
+        uncertainty: SetupUncertainty::DEFAULT,
+        thermal: None,
+        torsion: vec![],
+        markers: vec![],
+        tie_points: vec![],
+        cad_similarity: false,
+        window: None,
+    }
+}
+
+/// Distance from the camera to the bending root, as in the template of `wingd init`.
+const DEFAULT_ROOT_OFFSET_M: f64 = 0.6;
+
+/// Writes a layout: `installation.toml`, `camera.toml`, `survey.csv` to be replaced by the true survey, and the drawing.
+///
+/// # Errors
+/// Returns an error if a file cannot be written.
+pub fn write_layout(
+    folder: &Path,
+    setup: &Setup,
+    attitude: &Orientation,
+    tip_deflection_m: f64,
+) -> Result<(), Failure> {
+    write_setup(folder, setup)?;
+    let drawing = folder.join("layout.svg");
+    std::fs::write(&drawing, layout_figure::layout_svg(setup, attitude, tip_deflection_m))
+        .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
+}
+
+fn write_setup(folder: &Path, setup: &Setup) -> Result<(), Failure> {
+    let heads = [
+        "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up.\n",
+        "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n",
+    ];
+    installation::write_installation(folder, setup, heads)
+        .map_err(|(file, error)| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))
+}
