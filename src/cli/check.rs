@@ -11,7 +11,6 @@ use crate::camera::section::CameraSection;
 use crate::clock::SystemClock;
 use crate::config::{self, Config};
 use crate::daemon::{self, machine, memory};
-use crate::http::access;
 use crate::installation::{self, Fault};
 use crate::measure::setup::Setup;
 use crate::store::{self, RealDisk, is_vacant, unwritable_reason, verify};
@@ -218,16 +217,14 @@ impl Findings {
         let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
         self.faults.extend(serve.resolve(place).err().unwrap_or_default());
         let owner = store::service_owner(&config.store.path);
-        for (what, path) in [("token", &serve.token_file), ("key", &serve.key), ("certificate", &serve.certificate)] {
-            let Some(path) = path else { continue };
+        for path in [&serve.token_file, &serve.key, &serve.certificate].into_iter().flatten() {
             if owner.is_some_and(|owner| !owner.can_read(path)) {
                 let problem = "cannot be read by the owner of the store, who runs the recorder";
                 let remedy = "give it to that user: install -o wingd -m 600";
                 self.faults.push(Fault::new(path, "permissions", problem, remedy));
             }
-            let exposed = access::exposure_warning(path).filter(|_| what != "certificate");
-            self.reported.extend(exposed.map(|warning| (what, warning)));
         }
+        self.reported.extend(serve.exposure_warnings().into_iter().map(|warning| ("web page", warning)));
     }
 
     /// Checks that the frames in memory fit into the memory of the service.

@@ -10,7 +10,7 @@ use crate::config::{Config, SolveConfig};
 use crate::daemon::{
     self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver, StatusBoard,
 };
-use crate::http::access::{Access, exposure_warning};
+use crate::http::access::Access;
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault, Installation};
 use crate::measure::adjust::AdjustmentMethod;
@@ -126,17 +126,6 @@ struct RecorderPage {
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
-/// Error of the web page; only logged and reported in the status.
-#[derive(Debug, thiserror::Error)]
-enum PageError {
-    #[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
-    Faults(Vec<Fault>),
-    #[error("{0}: {1}")]
-    Bound(std::net::SocketAddr, std::io::Error),
-    #[error(transparent)]
-    Machine(#[from] std::io::Error),
-}
-
 /// Time allowed for open downloads when the page ends.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 /// Pause before a page that cannot be served is tried again: address, token or certificate may appear later.
@@ -151,38 +140,40 @@ struct PageSource {
 }
 
 impl PageSource {
-    /// Opens the page: reads its secrets and the installation, and binds its address.
-    fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), PageError> {
+    /// Opens the page: reads its secrets and the installation, and binds its address. The error is for the status.
+    fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), String> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let (address, access) = self.serve.resolve(place).map_err(PageError::Faults)?;
-        for warning in
-            [&self.serve.token_file, &self.serve.key].into_iter().flatten().filter_map(|f| exposure_warning(f))
-        {
+        let all = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
+        let (address, access) = self.serve.resolve(place).map_err(all)?;
+        for warning in self.serve.exposure_warnings() {
             tracing::warn!(warning, "web page");
         }
-        let listener = std::net::TcpListener::bind(address).map_err(|e| PageError::Bound(address, e))?;
-        listener.set_nonblocking(true)?;
+        let bound = std::net::TcpListener::bind(address).and_then(|listener| {
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        });
+        let listener = bound.map_err(|error| format!("{address}: {error}"))?;
         let setup = self.installation.as_deref().map(installation::load_without_orientation);
         self.site.setup = setup.and_then(Result::ok).map(|installation| installation.setup);
         Ok((self.site, access, listener))
     }
 
     /// Serves the page until `end`, retrying while it cannot be opened.
-    async fn serve_until(self, end: impl Future<Output = ()>) -> Result<(), PageError> {
+    async fn serve_until(self, end: impl Future<Output = ()>) -> std::io::Result<()> {
         let board = self.site.board.clone();
         let report = |fault: Option<String>| board.iter().for_each(|board| board.set_fault(PAGE_PART, fault.clone()));
         tokio::pin!(end);
         loop {
             let source = self.clone();
             let opening = tokio::task::spawn_blocking(move || source.open());
-            let opened = tokio::select! { opened = opening => opened, () = &mut end => return Ok(()) };
-            match opened.map_err(std::io::Error::from)? {
+            let opened = tokio::select! { opened = opening => opened?, () = &mut end => return Ok(()) };
+            match opened {
                 Ok((site, access, listener)) => {
                     report(None);
                     tracing::info!(address = self.serve.listen, "web page");
-                    return Ok(http::serve(site, access, tokio::net::TcpListener::from_std(listener)?, end).await?);
+                    return http::serve(site, access, tokio::net::TcpListener::from_std(listener)?, end).await;
                 }
-                Err(why) => report(Some(why.to_string())),
+                Err(why) => report(Some(why)),
             }
             tokio::select! { () = tokio::time::sleep(PAGE_RETRY_PAUSE) => {}, () = &mut end => return Ok(()) }
         }
@@ -191,35 +182,31 @@ impl PageSource {
 
 impl RecorderPage {
     fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
-        let source = PageSource {
-            serve: serve.clone(),
-            installation: config.installation.clone(),
-            site: http::Site {
-                root: config.store.path.clone(),
-                setup: None,
-                board: Some(board.clone()),
-                live: config.live.socket.clone(),
-            },
+        let site = http::Site {
+            root: config.store.path.clone(),
+            setup: None,
+            board: Some(board.clone()),
+            live: config.live.socket.clone(),
         };
+        let source = PageSource { serve: serve.clone(), installation: config.installation.clone(), site };
         let (stop, stopped) = tokio::sync::oneshot::channel();
         // The page ends with the recorder, or at the signal that stops it.
         let end = async {
             tokio::select! { _ = stopped => {}, () = stop_signal() => {} }
         };
-        let report = {
-            let board = board.clone();
-            move |error: &dyn std::fmt::Display| board.set_fault(PAGE_PART, Some(format!("{error}; restart wingd")))
+        let report = |board: &StatusBoard, error: std::io::Error| {
+            board.set_fault(PAGE_PART, Some(format!("{error}; restart wingd")));
         };
-        let failed = report.clone();
+        let page_board = board.clone();
         let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
-            let served = http::page_runtime().map_err(PageError::from).and_then(|runtime| {
+            let served = http::page_runtime().and_then(|runtime| {
                 let served = runtime.block_on(source.serve_until(end));
                 runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
                 served
             });
-            served.unwrap_or_else(|error| failed(&error));
+            served.unwrap_or_else(|error| report(&page_board, error));
         });
-        let thread = thread.map_err(|error| report(&error)).ok()?;
+        let thread = thread.map_err(|error| report(board, error)).ok()?;
         Some(Self { stop: Some(stop), thread: Some(thread) })
     }
 }

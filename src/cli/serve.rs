@@ -7,7 +7,7 @@ use std::time::Duration;
 use tracing::level_filters::LevelFilter;
 
 use super::{Completion, Failure, stop_signal};
-use crate::http::access::{Access, exposure_warning};
+use crate::http::access::Access;
 use crate::http::section::{self, ServeConfig};
 use crate::store::{RealDisk, catalogue};
 use crate::{http, installation};
@@ -44,9 +44,6 @@ pub struct ServeArgs {
 pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
     super::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
-    for warning in [&args.token_file, &args.key].into_iter().flatten().filter_map(|file| exposure_warning(file)) {
-        eprintln!("wingd: warning: {warning}");
-    }
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
@@ -81,6 +78,9 @@ fn open_access(args: &ServeArgs) -> Result<(SocketAddr, Access), Failure> {
         key: args.key.clone(),
     };
     let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
+    for warning in config.exposure_warnings() {
+        eprintln!("wingd: warning: {warning}");
+    }
     Ok(config.resolve(option)?)
 }
 

@@ -20,8 +20,8 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 struct BoundSocket {
     listener: UnixListener,
     path: PathBuf,
-    /// Device and inode of the file.
-    file: Option<(u64, u64)>,
+    /// Identity of the file.
+    file: Option<SocketFile>,
 }
 
 impl Drop for BoundSocket {
@@ -32,9 +32,12 @@ impl Drop for BoundSocket {
     }
 }
 
-/// Returns device and inode of a file.
-fn socket_file(path: &Path) -> Option<(u64, u64)> {
-    std::fs::symlink_metadata(path).ok().map(|meta| (meta.dev(), meta.ino()))
+/// Device, inode and time of creation, s and ns: an inode may be used again.
+type SocketFile = (u64, u64, i64, i64);
+
+fn socket_file(path: &Path) -> Option<SocketFile> {
+    let meta = std::fs::symlink_metadata(path).ok()?;
+    Some((meta.dev(), meta.ino(), meta.mtime(), meta.mtime_nsec()))
 }
 
 /// Returns the reason why a socket cannot be bound at a path: another kind of file is there.

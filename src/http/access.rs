@@ -152,7 +152,7 @@ pub fn read_token(file: &Path) -> Result<String, (String, String)> {
 }
 
 /// Returns a sentence if every user of this machine can read a secret.
-pub fn exposure_warning(secret: &Path) -> Option<String> {
+pub(super) fn exposure_warning(secret: &Path) -> Option<String> {
     use std::os::unix::fs::PermissionsExt;
     let mode = std::fs::metadata(secret).ok()?.permissions().mode();
     (mode & 0o004 != 0).then(|| format!("{}: every user of this machine can read it; chmod 600", secret.display()))

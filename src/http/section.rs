@@ -32,6 +32,11 @@ impl ServeConfig {
         [&mut self.token_file, &mut self.certificate, &mut self.key].into_iter().flatten()
     }
 
+    /// Returns a sentence for each secret that every user of this machine can read.
+    pub fn exposure_warnings(&self) -> Vec<String> {
+        [&self.token_file, &self.key].into_iter().flatten().filter_map(|file| access::exposure_warning(file)).collect()
+    }
+
     /// Resolves the listening address and the access rules, or returns every error. `place` gives file and location of a
     /// key.
     pub fn resolve(&self, place: impl Fn(&str) -> (PathBuf, String)) -> Result<(SocketAddr, Access), Vec<Fault>> {

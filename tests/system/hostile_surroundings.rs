@@ -9,6 +9,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use wingd::clock::{Clock, SystemClock};
 
 use super::recorder_survives::{FIRST_SERIES, Recorder, TOKEN, assert_sound, configure, free_address, page, series};
 use crate::common::report_store::{jpeg, solved, store_with};
@@ -30,7 +31,7 @@ fn a_flood_of_datagrams_costs_only_lines() {
             let _ = socket.send_to(junk.as_bytes(), ("127.0.0.1", port));
         }
         if sent < 10 * begun.elapsed().as_secs() {
-            let line = format!("IWG1,{},1,2\r\n", jiff::Timestamp::now().to_string().trim_end_matches('Z'));
+            let line = format!("IWG1,{},1,2\r\n", SystemClock::new().stamp().utc.to_string().trim_end_matches('Z'));
             let _ = socket.send_to(line.as_bytes(), ("127.0.0.1", port));
             sent += 1;
         }

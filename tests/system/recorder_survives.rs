@@ -330,12 +330,13 @@ fn series_that_cannot_be_closed_fail_health() {
     recorder.records();
     // A file in the place of the flight's folder: nobody can write to it, root neither.
     let (flights, away) = (store.join("flights"), store.join("away"));
-    std::fs::rename(&flights, &away).unwrap();
+    let rename = |from: &Path, to: &Path| assert!(Command::new("mv").args([from, to]).status().unwrap().success());
+    rename(&flights, &away);
     std::fs::write(&flights, "").unwrap();
     let status = recorder.wait("failed health", FIRST_SERIES, |status| status["store"]["unclosed"].is_string());
     assert_eq!(status["health"], "failed", "{status}");
     std::fs::remove_file(&flights).unwrap();
-    std::fs::rename(&away, &flights).unwrap();
+    rename(&away, &flights);
     recorder.wait("good health", FIRST_SERIES, |status| {
         status["store"]["unclosed"].is_null() && status["store"]["stranded"] == 0
     });

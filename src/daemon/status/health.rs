@@ -36,7 +36,8 @@ const MAX_SKIPPED: f64 = 0.25;
 const MIN_RESULTS: u64 = 3;
 /// Time within which live results must be stored, s: the disk's own time and some failed attempts.
 const LIVE_STORAGE_S: f64 = 30.0;
-/// Time within which one of the waiting frames of series must have a result, s: well above the solver's deadline.
+/// Time within which one of the waiting frames of series must have a result, s: well above the solver's deadline. With longer
+/// intervals of the series it is [`OVERDUE_INTERVALS`] of them.
 const SERIES_STORAGE_S: f64 = 300.0;
 /// Maximum time that is formatted with one decimal, s.
 const MAX_TENTHS_S: f64 = 9.95;
@@ -103,7 +104,8 @@ pub(super) struct StorageMonitor {
 }
 
 impl StorageMonitor {
-    fn add_reasons(&self, status: &DaemonStatus, now_s: f64, reasons: &mut HealthReasons) {
+    fn add_reasons(&self, status: &DaemonStatus, interval_s: f64, now_s: f64, reasons: &mut HealthReasons) {
+        let series_s = SERIES_STORAGE_S.max(OVERDUE_INTERVALS * interval_s);
         let store = &status.store;
         if let Some(why) = &store.unclosed {
             reasons.add_failed(format!("the last series could not be stored completely: {why}"));
@@ -119,7 +121,7 @@ impl StorageMonitor {
             reasons
                 .add_failed(format!("no live result was stored for {}; check the disk", format_span(waited_s.round())));
         }
-        if let Some(waited_s) = self.series.exceeds(SERIES_STORAGE_S, now_s) {
+        if let Some(waited_s) = self.series.exceeds(series_s, now_s) {
             let waited = format_span(waited_s.round());
             reasons.add_degraded(format!("{} frames wait to be solved, none was for {waited}", status.to_solve));
         }
@@ -228,7 +230,7 @@ pub(super) fn evaluate_health(
     if let Some(why) = &status.store.refuses {
         reasons.add_failed(format!("the store accepts no series: {why}"));
     }
-    storage.add_reasons(status, now_s, &mut reasons);
+    storage.add_reasons(status, frames.interval_s, now_s, &mut reasons);
     if let Some(live) = live {
         live.add_reasons(now_s, &mut reasons);
     }
