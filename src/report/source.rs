@@ -30,7 +30,7 @@ impl<'a> ResultChoice<'a> {
     }
 }
 
-/// Maximum number of frames with a full record in a report: about 3 MB of the page with 40 markers each.
+/// Maximum number of frames with a full record in a report: about 4 MB of the page with 40 markers each.
 const MAX_FULL_RECORDS: usize = 400;
 /// Default number of images in a report, about 200 kB of the page each.
 pub const DEFAULT_PICTURES: usize = 4;

@@ -118,7 +118,6 @@
   const style = (id, name) => mark(byId(id), name);
   const figures = new Map(["curve", "deflections", "twists"].map((id) => [id, new Figure(byId(id).querySelector("svg"))]));
   const ranges = new Map();
-  const GAP = [null, null, null];
 
   // Range that does not jump with each gust: a new one if a value leaves it, or less than half of it is used.
   const steady = (id, low, high) => {
@@ -130,7 +129,7 @@
     return ranges.get(id);
   };
 
-  // Draws points [x, y, sigma, doubt]; GAP ends a line, as does a change of `doubt`. `lost` is the time from which results are
+  // Draws points [x, y, sigma, doubt]; BREAK ends a line, as does a change of `doubt`. `lost` is the time from which results are
   // missing. Returns a sentence about the band, which is magnified to at most an eighth of the height.
   const plot = (id, points, xRange, { note = "", noteStyle = "", lost = null, low = Infinity }) => {
     const seen = points.filter(isPoint);
@@ -141,7 +140,7 @@
     const [bottom, top] = seen.length > 0 ? steady(id, Math.min(...values), Math.max(...values)) : [0, 1];
     const widest = Math.max(0, ...seen.map((p) => p[2] ?? 0));
     const enlarged = [50, 20, 10, 5, 2].find((factor) => widest * factor < 0.12 * (top - bottom)) ?? 1;
-    const ofKind = (doubt) => points.map((p) => (isPoint(p) && p[3] === doubt ? [p[0], p[1], isNumber(p[2]) ? enlarged * p[2] : null] : GAP));
+    const ofKind = (doubt) => points.map((p) => (isPoint(p) && p[3] === doubt ? [p[0], p[1], isNumber(p[2]) ? enlarged * p[2] : null] : BREAK));
     const figure = figures.get(id);
     figure.setPoints(0, ofKind(false));
     figure.setPoints(1, ofKind(true));
@@ -170,8 +169,8 @@
     for (const one of history) {
       const [value, sigma] = valueOf(one);
       // The line ends if results are missing or have no numbers.
-      if (last !== null && one.time - last > apart) points.push(GAP);
-      points.push(isNumber(value) ? [one.time - now, value, sigma, one.rejected] : GAP);
+      if (last !== null && one.time - last > apart) points.push(BREAK);
+      points.push(isNumber(value) ? [one.time - now, value, sigma, one.rejected] : BREAK);
       last = one.time;
     }
     const fresh = freshness(newest.came);

@@ -148,7 +148,8 @@ impl FigureTrack {
 /// Returns the path data of the line, the band, the bars, the dots and the single points of a track, in the units of the data.
 /// A point that is not finite ends a line.
 fn path_data(points: &[FigurePoint]) -> [String; 5] {
-    let at = |x: f64, y: f64| format!("{x:?},{y:?}");
+    let short = |value: f64| format!("{value:.5e}").parse().unwrap_or(value);
+    let at = |x: f64, y: f64| format!("{:?},{:?}", short(x), short(y));
     let [mut line, mut band, mut bars, mut dots, mut lone] = [const { String::new() }; 5];
     for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|run| !run.is_empty()) {
         let run_points: Vec<String> = run.iter().map(|(x, y, _)| at(*x, *y)).collect();

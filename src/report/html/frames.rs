@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use maud::{Markup, html};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::super::number::{format_fixed, format_measured};
 use super::super::summary::{self, SeriesSummary};
@@ -38,24 +38,29 @@ struct FrameValues<'a> {
     rows: Vec<Vec<String>>,
 }
 
-#[derive(Serialize)]
+/// Marker as read by the script, which gets the fields in this order without their names: a report has thousands.
 struct MarkerValues {
     used: bool,
-    /// Name and deflection.
-    text: String,
-    /// Image position, and the end of its magnified residual, px; v upwards.
-    seen: Option<[FigurePoint; 2]>,
+    /// Image position and its magnified residual, px; v upwards.
+    seen: Option<[f64; 4]>,
     /// Position on ground in the wing frame, m; the next field is the position in flight.
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
-    /// Deflection relative to the survey over the span, as in the curve; `None` without an installation, because the spans
-    /// then have a guessed origin.
-    deflection: Option<FigurePoint>,
+    /// Deflection relative to the survey and its standard deviation, m, as in the curve.
+    deflection: Option<(f64, Option<f64>)>,
+}
+
+impl Serialize for MarkerValues {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        (self.used, self.seen, self.ground, self.flight, self.deflection).serialize(serializer)
+    }
 }
 
 /// Values of the frames as read by the script.
 #[derive(Serialize)]
 struct FrameList<'a> {
+    /// The positions are in the wing frame, as the curves are.
+    surveyed: bool,
     /// Mean curve of each series.
     means: BTreeMap<&'a str, Vec<FigurePoint>>,
     frames: Vec<FrameValues<'a>>,
@@ -66,7 +71,7 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
     let magnified = residual_magnification(data);
     let means = summaries.iter().map(|s| (s.name.as_str(), deflection_points(&s.curve))).collect();
-    let list = FrameList { means, frames: frame_values(data, magnified) };
+    let list = FrameList { surveyed: data.site.is_some(), means, frames: frame_values(data, magnified) };
     let shown = data.frames.first().map(|frame| table::marker_table(&frame.record));
     html! {
         h2 id="frame" { "A frame and its markers" }
@@ -116,14 +121,16 @@ fn draw_first_frame(
     Figure { name: name.to_owned(), height: 320.0, x, y, tracks: frames.first().map(tracks).unwrap_or_default() }.draw()
 }
 
-/// Builds a track of the markers for which `point` returns one.
+/// Builds a track of the markers for which `point` returns one, with their names.
 fn marker_track(
-    (name, colour, style): (&str, &str, TrackStyle),
+    name: &str,
+    colour: &str,
     frame: &FrameValues,
     point: impl Fn(&MarkerValues) -> Option<FigurePoint>,
 ) -> FigureTrack {
-    let (points, texts) = frame.markers.iter().filter_map(|m| Some((point(m)?, m.text.clone()))).unzip();
-    FigureTrack { style, texts, ..FigureTrack::from_points(name, colour, points) }
+    let named = frame.markers.iter().zip(&frame.rows);
+    let (points, texts) = named.filter_map(|(m, row)| Some((point(m)?, row.first().cloned()?))).unzip();
+    FigureTrack { style: TrackStyle::Dots, texts, ..FigureTrack::from_points(name, colour, points) }
 }
 
 /// Builds a track of one line per marker.
@@ -138,12 +145,14 @@ fn line_track(
 }
 
 fn draw_positions(frames: &[FrameValues]) -> Markup {
-    let of_kind = |used: bool| move |m: &MarkerValues| m.seen.map(|seen| seen[0]).filter(|_| m.used == used);
+    let of_kind = |used: bool| move |m: &MarkerValues| m.seen.filter(|_| m.used == used).map(|[u, v, ..]| (u, v, None));
+    let residual =
+        |m: &MarkerValues| m.seen.filter(|_| m.used).map(|[u, v, du, dv]| [(u, v, None), (u + du, v + dv, None)]);
     let tracks = |frame: &FrameValues| {
         vec![
-            marker_track(("used", MAIN_COLOUR, TrackStyle::Dots), frame, of_kind(true)),
-            marker_track(("not used", UNUSED_COLOUR, TrackStyle::Dots), frame, of_kind(false)),
-            line_track("residuals", "#b3177f", frame, |m| m.seen.filter(|_| m.used)),
+            marker_track("used", MAIN_COLOUR, frame, of_kind(true)),
+            marker_track("not used", UNUSED_COLOUR, frame, of_kind(false)),
+            line_track("residuals", "#b3177f", frame, residual),
         ]
     };
     let axes = |all: &[FigureTrack]| {
@@ -156,10 +165,15 @@ fn draw_positions(frames: &[FrameValues]) -> Markup {
 fn draw_frame_curve(list: &FrameList) -> Markup {
     let tracks = |frame: &FrameValues| {
         let mean = list.means.get(frame.series).cloned().unwrap_or_default();
+        // Without an installation the spans of the markers have a guessed origin.
+        let deflected = |m: &MarkerValues| {
+            let ([span, ..], (value, sigma)) = m.ground.zip(m.deflection).filter(|_| list.surveyed)?;
+            Some((span, value, sigma))
+        };
         vec![
             FigureTrack::from_points("this frame", MAIN_COLOUR, frame.curve.clone()),
             FigureTrack { dashed: true, ..FigureTrack::from_points("mean of its series", "#8a4b00", mean) },
-            marker_track(("markers", "#1d6b4f", TrackStyle::Dots), frame, |m| m.deflection),
+            marker_track("markers", "#1d6b4f", frame, deflected),
         ]
     };
     let axes = |all: &[FigureTrack]| {
@@ -174,8 +188,8 @@ fn draw_wing(frames: &[FrameValues]) -> Markup {
     let flat = |[x, y, _]: [f64; 3]| (x, y, None);
     let tracks = |frame: &FrameValues| {
         vec![
-            marker_track(("on ground", GROUND_COLOUR, TrackStyle::Dots), frame, |m| m.ground.map(flat)),
-            marker_track(("in flight", MAIN_COLOUR, TrackStyle::Dots), frame, |m| m.flight.map(flat)),
+            marker_track("on ground", GROUND_COLOUR, frame, |m| m.ground.map(flat)),
+            marker_track("in flight", MAIN_COLOUR, frame, |m| m.flight.map(flat)),
             line_track("deflection", MAIN_COLOUR, frame, |m| Some([flat(m.ground?), flat(m.flight?)])),
         ]
     };
@@ -225,7 +239,7 @@ fn frame_with_record<'a>(
     let site = data.site.as_ref();
     let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
     let place = |id: &str| places.iter().find(|p| p.id == id);
-    let values = |m: &MarkerRecord| marker_values(m, place(&m.id), site.is_some(), magnified);
+    let values = |m: &MarkerRecord| marker_values(m, place(&m.id), magnified);
     FrameValues {
         series: &frame.series,
         image: &record.image,
@@ -260,20 +274,18 @@ fn result_sentence(record: &ImageRecord, reference: Reference) -> String {
     }
 }
 
-fn marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, surveyed: bool, magnified: f64) -> MarkerValues {
-    let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() / 1e4);
-    let ground = place.and_then(|p| p.ground);
+fn marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, magnified: f64) -> MarkerValues {
+    let round = |value: f64, parts: f64| (value * parts).round() / parts;
+    let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| round(v, 1e4));
     let at = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());
-    let (ru, rv) = (m.residual_u_px.unwrap_or(0.0), m.residual_v_px.unwrap_or(0.0));
-    let span_deflection = || Some((ground?.x, m.deflection_m?, m.sigma_deflection_m));
-    let remark = m.reason.as_deref().map_or(String::new(), |reason| format!(": {reason}"));
-    let deflection = format_measured(m.deflection_m, m.sigma_deflection_m, 3);
+    let [du, dv] = [m.residual_u_px, m.residual_v_px].map(|residual| round(magnified * residual.unwrap_or(0.0), 10.0));
     MarkerValues {
         used: m.used,
-        text: format!("{}, deflection {deflection} m{remark}", m.id),
-        seen: at.map(|(u, v)| [(u, -v, None), (u + magnified * ru, -v - magnified * rv, None)].map(rounded_point)),
-        ground: ground.map(metres),
+        seen: at.map(|(u, v)| [round(u, 1e3), -round(v, 1e3), du, -dv]),
+        ground: place.and_then(|p| p.ground).map(metres),
         flight: place.and_then(|p| p.flight).map(metres),
-        deflection: span_deflection().filter(|_| surveyed).map(rounded_point),
+        deflection: m
+            .deflection_m
+            .map(|value| (round(value, 1e6), m.sigma_deflection_m.map(|sigma| round(sigma, 1e6)))),
     }
 }

@@ -9,6 +9,8 @@ const addSvgElement = (parent, name, attributes, content) => {
 };
 
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+// Ends a line.
+const BREAK = [null, null, null];
 const isPoint = (p) => isNumber(p[0]) && isNumber(p[1]);
 
 // Text of a number with two significant digits of its standard deviation, and the text of the latter.

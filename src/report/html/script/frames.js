@@ -48,9 +48,10 @@ class WingView {
     const moved = ({ ground, flight }) => flat(flight.map((v, k) => ground[k] + this.times * (v - ground[k])));
     const flying = this.markers.filter((m) => m.flight !== null);
     const [ground, flight] = [this.markers.map((m) => flat(m.ground)), flying.map(moved)];
-    const lines = flying.flatMap((m) => [flat(m.ground), moved(m), [null, null, null]]);
-    this.figure.setPoints(0, ground, this.markers.map((m) => m.text));
-    this.figure.setPoints(1, flight, flying.map((m) => m.text));
+    const lines = flying.flatMap((m) => [flat(m.ground), moved(m), BREAK]);
+    const texts = (markers) => markers.map((m) => `${m.name}, deflection ${formatMeasured(...m.deflection, "m").join(" ")}`);
+    this.figure.setPoints(0, ground, texts(this.markers));
+    this.figure.setPoints(1, flight, texts(flying));
     this.figure.setPoints(2, lines);
     this.setScale([...ground, ...flight]);
     const scale = this.times === 1 ? "true scale" : `deflection enlarged ${this.times} times`;
@@ -71,6 +72,10 @@ class WingView {
 class FrameViewer {
   constructor(root, data, figures) {
     Object.assign(this, { root, data });
+    for (const frame of data.frames) {
+      frame.markers = frame.markers.map(([used, seen, ground, flight, deflection], k) =>
+        ({ name: frame.rows[k][0], used, seen, ground, flight, deflection: deflection ?? [null, null] }));
+    }
     [this.positions, this.curve, this.wing] = ["figure.positions", "figure.curve", "figure.wing"].map((name) => figures.get(root.querySelector(name)));
     this.wing = new WingView(this.wing);
     this.table = root.querySelector("table");
@@ -112,14 +117,14 @@ class FrameViewer {
     status.textContent = frame.said;
     status.classList.toggle("warning", frame.warned);
     for (const one of this.root.querySelectorAll("[data-frame]")) one.hidden = one.dataset.frame !== `${frame.series}/${frame.image}`;
+    const names = (markers) => markers.map((m) => m.name);
     const seen = (used) => frame.markers.filter((m) => m.seen !== null && m.used === used);
-    const texts = (markers) => markers.map((m) => m.text);
-    [true, false].forEach((used, k) => this.positions.setPoints(k, seen(used).map((m) => m.seen[0]), texts(seen(used))));
-    this.positions.setPoints(2, seen(true).flatMap((m) => [...m.seen, [null, null, null]]));
-    const deflected = frame.markers.filter((m) => m.deflection !== null);
+    [true, false].forEach((used, k) => this.positions.setPoints(k, seen(used).map((m) => [m.seen[0], m.seen[1], null]), names(seen(used))));
+    this.positions.setPoints(2, seen(true).flatMap(({ seen: [u, v, du, dv] }) => [[u, v, null], [u + du, v + dv, null], BREAK]));
+    const deflected = frame.markers.filter((m) => this.data.surveyed && m.ground !== null && isNumber(m.deflection[0]));
     this.curve.setPoints(0, frame.curve);
     this.curve.setPoints(1, this.data.means[frame.series] ?? []);
-    this.curve.setPoints(2, deflected.map((m) => m.deflection), texts(deflected));
+    this.curve.setPoints(2, deflected.map((m) => [m.ground[0], ...m.deflection]), names(deflected));
     this.positions.name = `Image positions ${name}`;
     this.curve.name = `Deflection of ${name}`;
     for (const figure of [this.positions, this.curve]) figure.resetZoom();
