@@ -17,13 +17,17 @@ export RAY_USAGE_STATS_ENABLED := 0
 ALONE := $(FLEET)/venv/bin/python -m demo.alone
 
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
-DEMO_FEATURES := --no-default-features
+DEMO_FEATURES := --no-default-features --features desk
+# The recorder's program, without the commands of the desk.
+BOARD := $(CURDIR)/target/board
+BOARD_FEATURES := --no-default-features --features board
 
 .PHONY: help demo test test-mutations table check lint bench compare docs test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
+	@echo 'make build-board   the program of the on-board package: target/board/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
@@ -31,8 +35,8 @@ help:
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
-	@echo 'make package       a Debian package in target/package'
-	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
+	@echo 'make package       the on-board Debian package, in target/package'
+	@echo 'make package-desk  the desk'"'"'s: the whole program with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
@@ -73,6 +77,12 @@ lint: dependencies
 build: dependencies
 	$(CARGO) build --release --locked --bins
 
+.PHONY: build-board
+build-board: dependencies
+	$(CARGO) build --release --locked --bin wingd $(BOARD_FEATURES)
+	mkdir -p $(BOARD)
+	cp target/release/wingd $(BOARD)/wingd
+
 bench: build
 	sh benches/run.sh
 
@@ -105,8 +115,8 @@ $(MDBOOK):
 compare: dependencies
 	python3 tests/compare/compare.py $(BASE)
 
-package: build
-	sh packaging/build.sh
+package: build-board
+	sh packaging/build.sh $(BOARD)/wingd
 
 package-desk: $(FLEET)/wingd
 	sh packaging/desk.sh $(FLEET)/wingd
@@ -114,7 +124,7 @@ package-desk: $(FLEET)/wingd
 package-aarch64: machine-dependencies
 	bash packaging/aarch64.sh
 
-test-machine: machine-dependencies build
+test-machine: machine-dependencies build-board build
 	bash tests/machine/run.sh $(MACHINE_OPTIONS)
 
 # See tests/soak/README.md.

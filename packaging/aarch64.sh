@@ -20,7 +20,7 @@ if [ ! -x "$binary" ]; then
     nice packaging/aarch64-run.sh env PKG_CONFIG_ALLOW_CROSS=1 \
         PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig \
         CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
-        cargo build --release --locked --offline --target $target --bin wingd >&2
+        cargo build --release --locked --offline --target $target --bin wingd --no-default-features --features board >&2
     built=$base/target/$target/release/wingd
     # Cargo's own list of its inputs.
     strange=$(tr ' ' '\n' <"$built.d" | grep "^$ROOT/" | grep -vE "^$ROOT/(src|config|fixtures/demo)/") && die "not in the key: $strange"

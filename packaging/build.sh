@@ -1,12 +1,12 @@
 #!/bin/sh
-# Builds the Debian package from an existing release build: target/package/wingd_VERSION_ARCH.deb
+# Builds the on-board Debian package from an existing build (make build-board): target/package/wingd_VERSION_ARCH.deb
 #   packaging/build.sh [BINARY [ARCHITECTURE]]
 set -eu
 cd "$(dirname "$0")/.."
-binary=${1:-target/release/wingd}
+binary=${1:-target/board/wingd}
 architecture=${2:-$(dpkg --print-architecture)}
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
-[ -x "$binary" ] || { echo "$binary is missing; run make build" >&2; exit 1; }
+[ -x "$binary" ] || { echo "$binary is missing; run make build-board" >&2; exit 1; }
 
 root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
@@ -26,8 +26,8 @@ done
 for schema in docs/schema/*.schema.json; do put 644 "$schema" "usr/share/doc/wingd/schema/$(basename "$schema")"; done
 # Man pages and completions come from the program itself, or for another processor from this machine's build.
 pages=$binary
-"$pages" --version >/dev/null 2>&1 || pages=target/release/wingd
-"$pages" --version >/dev/null 2>&1 || { echo "$binary does not run here and $pages is missing; run make build" >&2; exit 1; }
+"$pages" --version >/dev/null 2>&1 || pages=target/board/wingd
+"$pages" --version >/dev/null 2>&1 || { echo "$binary does not run here and $pages is missing; run make build-board" >&2; exit 1; }
 "$pages" man "$root/usr/share/man/man1"
 gzip -9n "$root"/usr/share/man/man1/*.1
 complete() { install -d "$root/$(dirname "$2")"; "$pages" completions "$1" >"$root/$2"; }
@@ -52,8 +52,9 @@ Installed-Size: $(du -ks "$root" | cut -f1)
 Depends: $needs, adduser
 Recommends: udev, systemd
 Description: measures the shape of a wing in flight
- A recorder and evaluation for one camera at a cabin window: deflection and
- torsion of the wing from markers on its upper surface, with uncertainties.
+ The recorder for one camera at a cabin window: deflection and torsion of the
+ wing from markers on its upper surface, with uncertainties. Calibration,
+ reports, exports and analyses are in wingd-desk.
 END
 (cd "$root" && find . -path ./DEBIAN -prune -o -type f -printf '%P\0' | sort -z | xargs -0 md5sum >DEBIAN/md5sums)
 mkdir -p target/package

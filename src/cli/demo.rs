@@ -129,7 +129,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Fa
         None => SimulatedClock::new("demo", take_off, Some(SPEED_UP)),
     });
     let origin = opened.store.series_starts_in_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
-    recorder::run_recorder(&config, clock, origin, opened, Some(solver), flight_progress())?;
+    recorder::run_recorder(&config, clock, origin, opened, Some(solver), flight_progress(), None)?;
     Ok(())
 }
 

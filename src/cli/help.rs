@@ -17,6 +17,26 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     ("Demo and utilities", &["demo", "simulate", "completions", "man"]),
 ];
 
+/// Commands of the desk, which the on-board build lacks.
+pub const DESK_COMMANDS: [&str; 16] = [
+    "aircraft-data",
+    "calibrate",
+    "compare",
+    "convert",
+    "demo",
+    "export",
+    "fetch",
+    "import",
+    "learn",
+    "mark",
+    "plan",
+    "report",
+    "simulate",
+    "stress",
+    "time-check",
+    "upload",
+];
+
 /// Examples by command. A test runs them in the folder that the tutorial creates (docs/tutorial.md).
 pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("init", &["wingd init aircraft --side left --root-offset 0.7"]),
@@ -91,7 +111,7 @@ const DESCRIPTION_COLUMN: usize = 17;
 pub fn with_groups_and_examples(mut command: Command) -> Command {
     let groups = command_listing(&command);
     for (name, lines) in EXAMPLES {
-        let found = command.find_subcommand(name).is_some();
+        let found = command.find_subcommand(name).is_some_and(|c| !c.is_hide_set());
         if found {
             let heading = if lines.len() == 1 { "Example:" } else { "Examples:" };
             let text = format!("{heading}\n  {}", lines.join("\n  "));
@@ -108,7 +128,7 @@ fn command_listing(command: &Command) -> String {
     for (heading, names) in COMMAND_GROUPS {
         text.push_str(&format!("{heading}:\n"));
         for name in names {
-            let about = command.find_subcommand(name).and_then(Command::get_about);
+            let about = command.find_subcommand(name).filter(|c| !c.is_hide_set()).and_then(Command::get_about);
             if let Some(about) = about {
                 text.push_str(&format!("  {name:<width$}{about}\n", width = DESCRIPTION_COLUMN - 2));
             }
@@ -136,6 +156,15 @@ mod tests {
         let text = command_listing(&command);
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
+    }
+
+    #[test]
+    fn the_commands_of_the_desk_are_listed() {
+        use clap::Subcommand;
+        let all = super::super::desk::DeskCommand::augment_subcommands(Command::new("desk"));
+        let mut names: Vec<&str> = all.get_subcommands().map(Command::get_name).collect();
+        names.sort_unstable();
+        assert_eq!(names, DESK_COMMANDS);
     }
 
     #[test]

@@ -8,44 +8,89 @@ macro_rules! eprintln {
     };
 }
 
+/// Declares commands: the words of the list, the arguments, and the function that runs them. `[name]` after a function names
+/// a value that all commands are given and this one takes.
+macro_rules! commands {
+    (
+        $list:ident($($value:ident: $kind:ty)?)
+        $($(#[doc = $about:literal])+ $(#[cfg($built:meta)])? $(#[command($hidden:ident = true)])?
+        $name:ident($args:ty) => $run:path $([$given:ident])?,)+
+    ) => {
+        // Only one value exists per run: its size does not matter.
+        #[allow(clippy::large_enum_variant)]
+        #[derive(clap::Subcommand)]
+        pub enum $list {
+            $($(#[doc = $about])+ $(#[cfg($built)])? $(#[command($hidden = true)])? $name($args),)+
+        }
+
+        impl $list {
+            /// Runs the command.
+            pub fn run(&self $(, $value: $kind)?) -> Result<Completion, Failure> {
+                match self {
+                    $($(#[cfg($built)])? Self::$name(args) => $run(args $(, $given)?),)+
+                }
+            }
+        }
+    };
+}
+
+#[cfg(feature = "desk")]
 mod aircraft_data;
 mod batch;
+mod board;
 #[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
 mod camera_child;
 mod camera_test;
 mod check;
+#[cfg(feature = "desk")]
 mod compare;
+#[cfg(feature = "desk")]
 mod convert;
 mod copy;
 mod default_paths;
+#[cfg(feature = "desk")]
 mod demo;
+#[cfg(feature = "desk")]
+mod desk;
 mod detect;
+#[cfg(feature = "desk")]
 mod export;
+#[cfg(feature = "desk")]
 mod fetch;
 pub mod help;
+#[cfg(feature = "desk")]
 mod import;
 mod init;
+#[cfg(feature = "desk")]
 mod learn;
 mod logging;
+#[cfg(feature = "desk")]
 mod mark;
 mod mount_check;
+#[cfg(not(feature = "desk"))]
+mod on_board;
 mod orient;
 mod output;
 mod pages;
+#[cfg(feature = "desk")]
 mod plan;
 mod prune;
 mod recorder;
+#[cfg(feature = "desk")]
 mod report;
 mod run;
 mod serve;
+#[cfg(feature = "desk")]
 mod simulate;
 mod solve;
 mod status;
+#[cfg(feature = "desk")]
 mod stress;
+#[cfg(feature = "desk")]
 mod time_check;
-#[cfg(any(not(feature = "boards"), not(feature = "upload")))]
+#[cfg(all(feature = "desk", not(all(feature = "boards", feature = "upload"))))]
 mod unavailable;
 #[cfg(feature = "upload")]
 mod upload;
@@ -58,12 +103,14 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::desk::Failure;
 use crate::installation::{self, Installation};
+use crate::report::ReportBuilder;
 use crate::store::layout;
+use board::BoardCommand;
+#[cfg(feature = "desk")]
+use desk::DeskCommand;
+#[cfg(not(feature = "desk"))]
+use on_board::AbsentCommand as DeskCommand;
 use output::{byte_progress, print_json, print_line, print_notes, progress_bar, show_busy, write_output};
-#[cfg(not(feature = "boards"))]
-use unavailable::calibrate;
-#[cfg(not(feature = "upload"))]
-use unavailable::upload;
 
 /// Measure the shape of a wing in flight with one camera at a cabin window.
 #[derive(Parser)]
@@ -75,95 +122,18 @@ struct Arguments {
     command: CliCommand,
 }
 
-/// Declares the commands in the order of their help: the words of the list, the arguments, and the function that runs them.
-macro_rules! commands {
-    ($($(#[doc = $about:literal])+ $(#[cfg($built:meta)])? $(#[command($hidden:ident = true)])? $name:ident($args:ty) => $run:path,)+) => {
-        // Only one value exists per run: its size does not matter.
-        #[allow(clippy::large_enum_variant)]
-        #[derive(Subcommand)]
-        enum CliCommand {
-            $($(#[doc = $about])+ $(#[cfg($built)])? $(#[command($hidden = true)])? $name($args),)+
-        }
-
-        impl CliCommand {
-            fn run(&self) -> Result<Completion, Failure> {
-                match self {
-                    $($(#[cfg($built)])? Self::$name(args) => $run(args),)+
-                }
-            }
-        }
-    };
-}
-
-commands! {
-    /// Run the camera process of a recorder
-    #[cfg(feature = "gphoto")]
-    #[command(hide = true)]
-    CameraChild(camera_child::CameraChildArgs) => camera_child::run,
-    /// Take shots with the configured camera, without the recorder
-    CameraTest(camera_test::CameraTestArgs) => camera_test::run,
-    /// Run a bundled flight through the real recorder
-    Demo(demo::DemoArgs) => demo::run,
-    /// Run the recorder: take series of frames and solve them
-    Run(run::RunArgs) => run::run,
-    /// Write a configuration, an installation and a board to fill in
-    Init(init::InitArgs) => init::run,
-    /// Check configuration, installation, store and camera
-    Check(check::CheckArgs) => check::run,
-    /// Estimate the interior orientation from images of a board
-    Calibrate(calibrate::CalibrateArgs) => calibrate::run,
-    /// Convert a camera from or to OpenCV, ROS, Kalibr and mrcal
-    Convert(convert::ConvertArgs) => convert::run,
-    /// Measure how far the camera moved between ground frames
-    MountCheck(mount_check::MountCheckArgs) => mount_check::run,
-    /// Check times of exposure with images of a clock on a screen
-    TimeCheck(time_check::TimeCheckArgs) => time_check::run,
-    /// Detect markers in images
-    Detect(detect::DetectArgs) => detect::run,
-    /// Estimate the camera's attitude from ground frames
-    Orient(orient::OrientArgs) => orient::run,
-    /// Predict resolution and standard deviations
-    Plan(plan::PlanArgs) => plan::run,
-    /// Import the images of a camera's card into a store
-    Import(import::ImportArgs) => import::run,
-    /// Mark undetected markers manually in a browser
-    Mark(mark::MarkArgs) => mark::run,
-    /// Estimate bending, torsion and positions for each image
-    Solve(solve::SolveArgs) => solve::run,
-    /// Estimate flight-invariant parameters from several flights
-    Learn(learn::LearnArgs) => learn::run,
-    /// Write a flight's figures and tables as one HTML file
-    Report(report::ReportArgs) => report::run,
-    /// Verify every checksum and every invariant of a store
-    Verify(verify::VerifyArgs) => verify::run,
-    /// Compare two solves of a store, or two stores
-    Compare(compare::CompareArgs) => compare::run,
-    /// Copy flights to another disk and verify the copy
-    Copy(copy::CopyArgs) => copy::run,
-    /// Download flights from a recorder or `wingd serve`
-    Fetch(fetch::FetchArgs) => fetch::run,
-    /// Upload flights to an object store (not in the on-board build)
-    Upload(upload::UploadArgs) => upload::run,
-    /// Delete flights of which a copy holds every byte
-    Prune(prune::PruneArgs) => prune::run,
-    /// Show the state of the running recorder
-    Status(status::StatusArgs) => status::print_status,
-    /// Ask the running recorder for an extra series
-    Trigger(status::TriggerArgs) => status::trigger_series,
-    /// Export results as CSV, Parquet, VTK or JSON lines
-    Export(export::ExportArgs) => export::run,
-    /// Add a table of the aircraft's own data to a flight
-    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,
-    /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs) => stress::run,
-    /// Serve the page of a store: flights, frames, downloads
-    Serve(serve::ServeArgs) => serve::run,
-    /// Render frames of a wing, or images of a board
-    Simulate(simulate::SimulateArgs) => simulate::run,
+// Only one value exists per run: its size does not matter.
+#[allow(clippy::large_enum_variant)]
+#[derive(Subcommand)]
+enum CliCommand {
+    #[command(flatten)]
+    Board(BoardCommand),
+    #[command(flatten)]
+    Desk(DeskCommand),
     /// Print completions for bash, zsh, fish, elvish or powershell
-    Completions(pages::CompletionsArgs) => pages::write_completions,
+    Completions(pages::CompletionsArgs),
     /// Write the man pages into a directory
-    Man(pages::ManArgs) => pages::write_man_pages,
+    Man(pages::ManArgs),
 }
 
 /// Success of a command: complete or in part.
@@ -187,7 +157,13 @@ pub fn main() -> ExitCode {
     let matches =
         help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    match arguments.command.run() {
+    let done = match &arguments.command {
+        CliCommand::Board(command) => command.run(REPORT_BUILDER),
+        CliCommand::Desk(command) => command.run(),
+        CliCommand::Completions(args) => pages::write_completions(args),
+        CliCommand::Man(args) => pages::write_man_pages(args),
+    };
+    match done {
         Ok(Completion::All) => ExitCode::SUCCESS,
         Ok(Completion::Partly) => ExitCode::from(1),
         Ok(Completion::Faulty) => ExitCode::from(78),
@@ -230,6 +206,17 @@ fn report_failure(failure: &Failure) -> ExitCode {
             ExitCode::from(78)
         }
     }
+}
+
+/// Builder of reports, if this build has it.
+#[cfg(feature = "desk")]
+const REPORT_BUILDER: Option<ReportBuilder> = Some(crate::report::html::REPORT_BUILDER);
+#[cfg(not(feature = "desk"))]
+const REPORT_BUILDER: Option<ReportBuilder> = None;
+
+/// Creates the failure for a part of the program that the on-board build lacks.
+fn not_on_board(part: &str) -> Failure {
+    Failure::Usage(format!("{part} is not in the on-board build; use the package wingd-desk, on a copy of the store"))
 }
 
 /// Prints to standard error that a prior from earlier flights is used.

@@ -16,6 +16,7 @@ use crate::installation::{self, Fault, Installation};
 use crate::measure::adjust::AdjustmentMethod;
 use crate::measure::setup::Orientation;
 use crate::pipeline::live::Tracker;
+use crate::report::ReportBuilder;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
 use crate::{http, pipeline};
 
@@ -94,6 +95,7 @@ pub fn run_recorder(
     opened: OpenedStore,
     solver: Option<Solver>,
     observer: Observer,
+    reports: Option<ReportBuilder>,
 ) -> Result<DaemonStatus, Failure> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
@@ -101,7 +103,7 @@ pub fn run_recorder(
         let what = "frames are recorded but not solved, because the installation has errors; run `wingd check`";
         board.set_fault(SOLVER_PART, Some(what.to_owned()));
     }
-    let page = config.serve.as_ref().and_then(|serve| RecorderPage::start(serve, config, &board));
+    let page = config.serve.as_ref().and_then(|serve| RecorderPage::start(serve, config, &board, reports));
     let parts = DaemonParts {
         series: config.series.clone(),
         power: config.power.clone(),
@@ -181,12 +183,13 @@ impl PageSource {
 }
 
 impl RecorderPage {
-    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard, reports: Option<ReportBuilder>) -> Option<Self> {
         let site = http::Site {
             root: config.store.path.clone(),
             setup: None,
             board: Some(board.clone()),
             live: config.live.socket.clone(),
+            reports,
         };
         let source = PageSource { serve: serve.clone(), installation: config.installation.clone(), site };
         let (stop, stopped) = tokio::sync::oneshot::channel();

@@ -8,6 +8,7 @@ use tracing::level_filters::LevelFilter;
 use super::{Completion, Failure, recorder};
 use crate::clock::{Clock, SystemClock};
 use crate::config;
+use crate::report::ReportBuilder;
 
 /// Record series of frames and solve them until stopped.
 #[derive(clap::Args)]
@@ -17,7 +18,7 @@ pub struct RunArgs {
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &RunArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
     super::logging::start_logging(LevelFilter::INFO);
     let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
@@ -36,6 +37,6 @@ pub(super) fn run(args: &RunArgs) -> Result<Completion, Failure> {
         recorder::keep_installation(&opened.store, directory);
     }
     let origin = clock.since_boot();
-    recorder::run_recorder(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;
+    recorder::run_recorder(&config, clock, origin, opened, solver, Arc::new(|_| ()), reports)?;
     Ok(Completion::All)
 }

@@ -9,6 +9,7 @@ use tracing::level_filters::LevelFilter;
 use super::{Completion, Failure, stop_signal};
 use crate::http::access::Access;
 use crate::http::section::{self, ServeConfig};
+use crate::report::ReportBuilder;
 use crate::store::{RealDisk, catalogue};
 use crate::{http, installation};
 
@@ -41,13 +42,14 @@ pub struct ServeArgs {
     live_socket: PathBuf,
 }
 
-pub(super) fn run(args: &ServeArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
     super::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
-    let site = http::Site { root: args.store.clone(), setup, board: None, live: Some(args.live_socket.clone()) };
+    let live = Some(args.live_socket.clone());
+    let site = http::Site { root: args.store.clone(), setup, board: None, live, reports };
     let runtime = http::page_runtime();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve_store(site, access, address));

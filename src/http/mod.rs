@@ -54,7 +54,7 @@ use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::daemon::StatusBoard;
 use crate::measure::setup::Setup;
-use crate::report::html;
+use crate::report::ReportBuilder;
 use crate::report::overview;
 use crate::report::source::{self, ResultChoice};
 use crate::store::bundle::{self, FlightBundle};
@@ -75,6 +75,8 @@ pub struct Site {
     pub board: Option<StatusBoard>,
     /// Socket on which a recorder in live mode publishes its results.
     pub live: Option<PathBuf>,
+    /// Builder of reports; without one there is no such page.
+    pub reports: Option<ReportBuilder>,
 }
 
 /// Maximum number of threads that read files and the store for pages: the recorder's service may have 128 tasks.
@@ -125,6 +127,7 @@ type RequestHead = (Method, HeaderMap);
 #[derive(Debug)]
 enum Refusal {
     NotFound,
+    NoReport,
     Busy,
     /// The page would need too much memory.
     TooLarge(String),
@@ -141,6 +144,10 @@ impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let (status, text) = match self {
             Self::NotFound => (StatusCode::NOT_FOUND, "This page or file does not exist.".to_owned()),
+            Self::NoReport => (
+                StatusCode::NOT_FOUND,
+                "The recorder writes no reports: download the flight, and run wingd report on it.".to_owned(),
+            ),
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "Other downloads are running; try again later.".to_owned()),
             Self::TooLarge(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
@@ -242,7 +249,7 @@ async fn flight_page(
     run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let overview = overview::read_overview(&RealDisk, &found)?;
-        Ok(Html(pages::flight_page(&overview, &address).into_string()))
+        Ok(Html(pages::flight_page(&overview, &address, site.reports.is_some()).into_string()))
     })
     .await
 }
@@ -319,13 +326,14 @@ async fn send_listing(State(shared): ServerContext, Path(name): Path<String>) ->
 
 /// Sends the report. Its policy allows only the report's own script, by hash.
 async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -> Result<Response, Refusal> {
+    let builder = shared.site.reports.ok_or(Refusal::NoReport)?;
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
     run_blocking(shared.clone(), move |site| {
         let found = files::check_flight(site, &flight)?;
         refuse_large_report(&found)?;
         let data = source::read_flight(&site.root, ResultChoice::for_flight(&flight), site.setup.as_ref())?;
-        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report_policy())];
-        Ok((policy, Html(html::report_page(&data))).into_response())
+        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report_policy(builder.script))];
+        Ok((policy, Html((builder.page)(&data))).into_response())
     })
     .await
 }

@@ -203,3 +203,12 @@ pub struct ReportData {
     /// Warnings about the results shown, such as results from other inputs.
     pub warnings: Vec<String>,
 }
+
+/// Builder of reports. Pages and commands of the recorder get it as a value, so that the on-board build needs none.
+#[derive(Clone, Copy)]
+pub struct ReportBuilder {
+    /// Builds the page, without external resources.
+    pub page: fn(&ReportData) -> String,
+    /// The page's own script.
+    pub script: &'static str,
+}

@@ -8,7 +8,7 @@ need mke2fs e2fsprogs; need gcc gcc
 [ "$(id -u)" = 0 ] || { echo "failed: boot: needs root for a chroot"; exit 1; }
 kernel=$("$MACHINE/kernel.sh") || { echo "failed: boot: no kernel for the virtual machine"; exit 1; }
 tar=$("$MACHINE/rootfs.sh") || { echo "failed: boot: no root file system"; exit 1; }
-package=$(cd "$ROOT" && sh packaging/build.sh "$WINGD") || { echo "failed: boot: no package"; exit 1; }
+package=$(cd "$ROOT" && sh packaging/build.sh "$BOARD") || { echo "failed: boot: no package"; exit 1; }
 work=${BOOT_WORK:-$(mktemp -d)}; [ -n "${BOOT_WORK:-}" ] || trap 'rm -rf "$work"' EXIT
 root=$work/root; mkdir "$root"
 tar -C "$root" -xf "$tar" --exclude='./dev/*'

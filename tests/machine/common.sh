@@ -5,6 +5,8 @@ MACHINE=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 ROOT=$(cd "$MACHINE/../.." && pwd)
 CACHE=${WINGD_CACHE:-$HOME/.cache/wingd-machine}
 JOBS=${JOBS:-2}
+# The program of the on-board package.
+BOARD=${BOARD:-$ROOT/target/board/wingd}
 mkdir -p "$CACHE"
 
 say() { printf '%s\n' "$*" >&2; }

@@ -2,11 +2,10 @@
 # The Debian package in a root of its own: install, upgrade, remove, purge; the store stays.
 . "$(dirname "$0")/common.sh"
 set +e
-WINGD=${WINGD:-$ROOT/target/release/wingd}
 verdict() { if [ "$1" = 0 ]; then echo "passed: package: $2"; else echo "failed: package: $2"; [ ! -e "$log" ] || tail -n 5 "$log"; fi; }
 log=$(mktemp)
 [ "$(id -u)" = 0 ] || { echo "failed: package: needs root for a chroot"; exit 1; }
-package=$(cd "$ROOT" && sh packaging/build.sh "$WINGD" 2>"$log"); status=$?; verdict $status "built"
+package=$(cd "$ROOT" && sh packaging/build.sh "$BOARD" 2>"$log"); status=$?; verdict $status "built"
 [ $status = 0 ] || exit 1
 tar=$("$MACHINE/rootfs.sh") || { echo "failed: package: no root file system"; exit 1; }
 root=$(mktemp -d); trap 'rm -rf "$root" "$log"' EXIT

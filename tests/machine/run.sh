@@ -9,6 +9,7 @@ FRAMES=${FRAMES:-$ROOT/fixtures/dev/frames}; export FRAMES
 FEED=${FEED:-$ROOT/target/release/examples/feed}; export FEED
 FAULT_ROUNDS=${FAULT_ROUNDS:-2}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
+[ -x "$BOARD" ] || die "$BOARD is missing; run make build-board"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
 [ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release power boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT

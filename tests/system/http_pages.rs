@@ -8,6 +8,7 @@ use std::time::Duration;
 use crate::common::report_store::{jpeg, solved, store_with};
 use wingd::http::access::Access;
 use wingd::http::{Site, serve};
+use wingd::report::html::REPORT_BUILDER;
 
 /// A server for one test; stops when dropped.
 pub(crate) struct Server {
@@ -22,7 +23,10 @@ impl Server {
     }
 
     pub(crate) fn guarded(root: &Path, access: Access) -> Self {
-        Self::serve(Site { root: root.to_owned(), setup: None, board: None, live: None }, access)
+        Self::serve(
+            Site { root: root.to_owned(), setup: None, board: None, live: None, reports: Some(REPORT_BUILDER) },
+            access,
+        )
     }
 
     pub(crate) fn serve(site: Site, access: Access) -> Self {

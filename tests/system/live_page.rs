@@ -15,7 +15,7 @@ use crate::http_pages::Server;
 
 fn server(store: &Path, socket: &Path) -> Server {
     let live = Some(socket.to_owned());
-    Server::serve(Site { root: store.to_owned(), setup: None, board: None, live }, Access::default())
+    Server::serve(Site { root: store.to_owned(), setup: None, board: None, live, reports: None }, Access::default())
 }
 
 /// The stream of events, until it contains these words.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{ResultOutput, SolveArgs, report, solve_job};
+use super::{ReportFile, ResultOutput, SolveArgs, report, solve_job};
 use crate::cli::default_paths::{load_installation, resolve_installation};
 use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
 use crate::desk::image_names::{image_name, image_names};
@@ -12,7 +12,7 @@ use crate::measure::setup::Orientation;
 use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
 use crate::record::Reason;
 
-pub(super) fn solve_images(args: &SolveArgs) -> Result<Completion, Failure> {
+pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> Result<Completion, Failure> {
     let directory = resolve_installation(args.installation.as_deref())?;
     if args.images.is_empty() && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some()) {
         let what = "--flight, --mountings and --report need images in addition to --observations";
@@ -40,8 +40,8 @@ pub(super) fn solve_images(args: &SolveArgs) -> Result<Completion, Failure> {
     // Finished results are kept even if the others fail.
     let done = output.finish();
     outcome?;
-    if let (Some(page), Some(records)) = (&args.report, kept) {
-        report::write_image_report(page, &files, records, &installation)?;
+    if let (Some(page), Some(records)) = (report, kept) {
+        report::write_image_report(&page, &files, records, &installation)?;
     }
     done
 }

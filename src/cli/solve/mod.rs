@@ -13,8 +13,9 @@ use crate::desk::image_files;
 use crate::measure::adjust::{AdjustmentMethod, Options, SigmaKind};
 use crate::pipeline::SolveJob;
 use crate::record::ImageRecord;
-use crate::report::{protocol, table};
+use crate::report::{ReportBuilder, protocol, table};
 use crate::store::layout;
+use report::ReportFile;
 
 #[derive(Clone, Copy, ValueEnum)]
 enum MethodName {
@@ -60,7 +61,7 @@ pub struct SolveArgs {
     /// Use only the manually measured points of the images; nothing is detected
     #[arg(long, requires_all = ["observations", "images"])]
     observations_only: bool,
-    /// Write figures and tables as one HTML file
+    /// Write figures and tables as one HTML file (not in the on-board build)
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Kind of standard deviations [default: posterior if the global test rejects]
@@ -107,10 +108,11 @@ impl SolveArgs {
     }
 }
 
-pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
     if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
         return Err(Failure::Usage("--flight needs the spatial method; omit --method profile".into()));
     }
+    let report = ReportFile::from_option(args.report.as_deref(), reports)?;
     if let [store] = args.images.as_slice()
         && is_store(store)
     {
@@ -124,12 +126,12 @@ pub(super) fn run(args: &SolveArgs) -> Result<Completion, Failure> {
         if args.observations.is_some() {
             return Err(Failure::Usage("--observations is only for images, not for a store".into()));
         }
-        return store::solve_store(args, store);
+        return store::solve_store(args, store, report);
     }
     if let Some(flight) = args.flight_name() {
         return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }
-    images::solve_images(args)
+    images::solve_images(args, report)
 }
 
 /// Returns whether a folder is to be treated as a store: it is one, or has no images.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::camera::replay::format_from_path;
 use crate::cli::default_paths::load_setup;
-use crate::cli::{Failure, batch, print_notes, write_output};
+use crate::cli::{Failure, batch, not_on_board, print_notes, write_output};
 use crate::clock::Stamp;
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::image_files::{DatedImage, DatingOptions};
@@ -13,12 +13,31 @@ use crate::desk::image_names::image_names;
 use crate::installation::Installation;
 use crate::record::ImageRecord;
 use crate::report::source::{self, PICTURES_FLIGHT, ResultChoice};
-use crate::report::{FramePicture, ReportData, SeriesData, ShotData, html};
+use crate::report::{FramePicture, ReportBuilder, ReportData, SeriesData, ShotData};
 use crate::store::Store;
+
+/// File for a report, with the builder.
+#[derive(Clone, Copy)]
+pub(super) struct ReportFile<'a> {
+    file: &'a Path,
+    builder: ReportBuilder,
+}
+
+impl<'a> ReportFile<'a> {
+    /// Returns the file of the option `--report`, if it is given.
+    ///
+    /// # Errors
+    /// Returns an error if this program builds no reports.
+    pub(super) fn from_option(file: Option<&'a Path>, reports: Option<ReportBuilder>) -> Result<Option<Self>, Failure> {
+        let Some(file) = file else { return Ok(None) };
+        let builder = reports.ok_or_else(|| not_on_board("`wingd solve --report`"))?;
+        Ok(Some(Self { file, builder }))
+    }
+}
 
 /// Writes the report of a flight of the store, by default the newest.
 pub(super) fn write_store_report(
-    page: &Path,
+    page: &ReportFile,
     store: &Store,
     flight: Option<&str>,
     directory: Option<&Path>,
@@ -31,7 +50,7 @@ pub(super) fn write_store_report(
 
 /// Writes the report of images that are in no store, in series by their own times.
 pub(super) fn write_image_report(
-    page: &Path,
+    page: &ReportFile,
     files: &[PathBuf],
     records: Vec<ImageRecord>,
     installation: &Installation,
@@ -80,8 +99,8 @@ fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
     }
 }
 
-fn write_page(page: &Path, data: &ReportData) -> Result<(), Failure> {
-    write_output(page, &html::report_page(data), CHECK_WRITE_ACCESS)?;
-    eprintln!("wingd: report: {}", page.display());
+fn write_page(page: &ReportFile, data: &ReportData) -> Result<(), Failure> {
+    write_output(page.file, &(page.builder.page)(data), CHECK_WRITE_ACCESS)?;
+    eprintln!("wingd: report: {}", page.file.display());
     Ok(())
 }

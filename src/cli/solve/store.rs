@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::{ResultOutput, SolveArgs, report, solve_job};
+use super::{ReportFile, ResultOutput, SolveArgs, report, solve_job};
 use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
 use crate::desk::flight_marks::FlightMarks;
 use crate::desk::stored_flights;
@@ -16,7 +16,7 @@ use crate::pipeline::{self, SolveJob};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
 
-pub(super) fn solve_store(args: &SolveArgs, root: &Path) -> Result<Completion, Failure> {
+pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFile>) -> Result<Completion, Failure> {
     // Checked first, because opening would create a missing store.
     let flights = stored_flights::select_flights(root, args.flight_name())?;
     let (store, recovery) = stored_flights::open_store(root)?;
@@ -26,7 +26,7 @@ pub(super) fn solve_store(args: &SolveArgs, root: &Path) -> Result<Completion, F
     store.seal();
     let done = output.finish();
     solved?;
-    if let Some(page) = &args.report {
+    if let Some(page) = &report {
         report::write_store_report(page, &store, args.flight_name(), args.installation.as_deref())?;
     }
     done

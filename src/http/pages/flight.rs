@@ -7,15 +7,16 @@ use crate::report::number::format_rounded;
 use crate::report::overview::{FlightOverview, SeriesOverview};
 use crate::report::table;
 
-/// Renders a flight's page. `address` is the URL by which the client addresses this server, for the download commands.
-pub fn flight_page(overview: &FlightOverview, address: &str) -> Markup {
+/// Renders a flight's page. `address` is the URL by which the client addresses this server, for the download commands;
+/// `with_report`: whether the server has the page of the report.
+pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) -> Markup {
     let id = &overview.flight;
     let missing: Vec<&SeriesOverview> = overview.series.iter().filter(|line| !line.problems().is_empty()).collect();
     let content = html! {
         @if let Some(warning) = &overview.warning { p.warning { (warning) } }
         @for note in &overview.notes { p.warning { (note) } }
         p {
-            a href={ "/report/" (id) } { "Report" } ", "
+            @if with_report { a href={ "/report/" (id) } { "Report" } ", " }
             a href={ "/tar/" (id) ".tar" } { "full flight (tar)" } ", "
             a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }

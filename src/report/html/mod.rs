@@ -17,7 +17,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::number::{count_text, decimals_for, format_fixed, format_measured};
 use super::source::PICTURES_FLIGHT;
 use super::summary::{Mean, SeriesSummary, summarise_series};
-use super::{ReportData, SeriesData, distinct_values, table};
+use super::{ReportBuilder, ReportData, SeriesData, distinct_values, table};
 use crate::record::ImageRecord;
 
 pub use flights::flights_page;
@@ -36,6 +36,9 @@ pub const SCRIPT: &str = concat!(
     include_str!("script/frames.js"),
     include_str!("script/start.js")
 );
+
+/// Builder of reports.
+pub const REPORT_BUILDER: ReportBuilder = ReportBuilder { page: report_page, script: SCRIPT };
 
 /// Builds a self-contained page; `units` describes its units.
 pub fn standalone_page(title: &str, main: &Markup, units: &str) -> String {
