@@ -183,7 +183,12 @@ impl PageSource {
 }
 
 impl RecorderPage {
-    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard, reports: Option<ReportBuilder>) -> Option<Self> {
+    fn start(
+        serve: &ServeConfig,
+        config: &Config,
+        board: &StatusBoard,
+        reports: Option<ReportBuilder>,
+    ) -> Option<Self> {
         let site = http::Site {
             root: config.store.path.clone(),
             setup: None,
