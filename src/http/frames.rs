@@ -14,12 +14,12 @@ use crate::report::html::picture;
 use crate::report::source::SeriesIndex;
 use crate::store::{Disk, RealDisk, layout};
 
-/// State of the files of a series: changes with each result.
-type SeriesState = (PathBuf, [Option<(u64, SystemTime)>; 2]);
+/// State of the files of a series, which changes with each result.
+type SeriesFiles = (PathBuf, [Option<(u64, SystemTime)>; 2]);
 
 /// The series that was read last: a page, its frames and their drawings read the store once.
 #[derive(Default)]
-pub(super) struct SeriesCache(Mutex<Option<(SeriesState, Arc<SeriesIndex>)>>);
+pub(super) struct SeriesCache(Mutex<Option<(SeriesFiles, Arc<SeriesIndex>)>>);
 
 impl SeriesCache {
     /// Returns a series as it is now.

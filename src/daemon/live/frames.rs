@@ -20,7 +20,7 @@ use crate::store::{OpenSeries, SeriesPlan, StoreError};
 const MAX_NTH_WAITING: usize = 4;
 /// Number of every-n-th frames in a series; then the next series begins.
 const NTH_SERIES_FRAMES: usize = 500;
-/// Multiple of `after` by which further events prolong an event at most: a camera that is jolted all the time must not fill
+/// Multiple of `after` by which further events prolong an event at most: a camera that is disturbed all the time must not fill
 /// the disk.
 const MAX_PROLONGATION: u32 = 3;
 /// Share of the disk for raw frames of live mode.
