@@ -50,6 +50,7 @@ pub use maintenance::{prune, receive, verify};
 pub use read::catalogue::{FlightRef, SeriesRef};
 pub use read::frames::{FrameRef, read_frame, series_frames};
 pub use read::{aircraft, bundle, catalogue, installations, live, manual_marks, result_sets};
+#[cfg(feature = "desk")]
 pub(crate) use write::opening::random_id;
 pub use write::opening::{is_vacant, unwritable_reason};
 pub use write::recover::Recovery;

@@ -60,7 +60,7 @@ pub(super) type FileMetadata = Vec<(String, String)>;
 
 /// Output of rows.
 pub(super) enum RowSink {
-    Csv(CsvWriter<Box<dyn Write>>),
+    Csv(Box<CsvWriter<Box<dyn Write>>>),
     Lines(Box<dyn Write>),
     #[cfg(feature = "parquet")]
     Parquet(export::ParquetFile<BufWriter<File>>),
@@ -87,7 +87,7 @@ impl RowSink {
                 Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
             }
             FormatName::Csv | FormatName::Vtk => {
-                Ok(Self::Csv(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error)?))
+                Ok(Self::Csv(Box::new(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error)?)))
             }
         }
     }
