@@ -46,11 +46,12 @@
 //! | 3 | [`aircraft`], [`exchange`] | the aircraft's own data, assigned by time tag; camera and board files of other programs |
 //! | 4 | [`camera`], [`store`] | shots; durable storage |
 //! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
-//! | 6 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
-//! | 7 | [`http`], `upload` | read-only download page; upload of flights to an object store (a feature) |
-//! | 8 | [`config`] | configuration, composed of the modules' sections |
-//! | 9 | [`desk`] | work beside the recorder: import, calibration, plans, learning, load evaluation, simulation |
-//! | 10 | [`cli`] | one file per command: arguments, words, exit status |
+//! | 6 | [`quantities`] | the quantities of the results, from which tables and live rows follow |
+//! | 7 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
+//! | 8 | [`http`], `upload` | read-only download page; upload of flights to an object store (a feature) |
+//! | 9 | [`config`] | configuration, composed of the modules' sections |
+//! | 10 | [`desk`] | work beside the recorder: import, calibration, plans, learning, load evaluation, simulation |
+//! | 11 | [`cli`] | one file per command: arguments, words, exit status |
 
 pub use wingd_measure as measure;
 
@@ -65,6 +66,7 @@ pub mod exchange;
 pub mod http;
 pub mod installation;
 pub mod pipeline;
+pub mod quantities;
 pub mod record;
 pub mod report;
 pub mod store;

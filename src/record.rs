@@ -11,12 +11,16 @@ mod quality;
 mod reason;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
+pub use crate::measure::adjust::{
+    AdjustmentMethod, DeflectionReference, Estimate, GlobalTest, SigmaKind, VarianceComponent, VarianceShare,
+};
 pub use crate::measure::setup::Shape;
-pub use deflection::{BudgetShare, Reference, Tip};
-pub use model::{Measured, Model, Term};
+pub use deflection::Tip;
+pub use model::{Model, Term};
 pub use provenance::{Parameters, Provenance, Timing};
-pub use quality::{CadFit, Correlation, Panes, Quality, VarianceComponentRecord};
+pub use quality::{CadFit, Correlation, Panes, Quality};
 pub use reason::Reason;
 
 /// Status of an image: solved or failed.
@@ -30,38 +34,39 @@ pub enum RecordStatus {
     Failed,
 }
 
-/// Deflection model.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Published method: a parabola in the vertical plane.
-    Profile,
-    /// Beam of rigid sections in space.
-    Spatial,
-    /// Frame that was never solved; written as an empty string.
-    #[default]
-    #[serde(rename = "")]
-    None,
+/// Serialization of a method: an empty string for none.
+mod blank_method {
+    use serde::de::IntoDeserializer;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use super::AdjustmentMethod;
+
+    /// Writes the method, or an empty string.
+    pub fn serialize<S: Serializer>(method: &Option<AdjustmentMethod>, output: S) -> Result<S::Ok, S::Error> {
+        match method {
+            Some(method) => method.serialize(output),
+            None => output.serialize_str(""),
+        }
+    }
+
+    /// Reads a method as written by [`serialize`].
+    pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<AdjustmentMethod>, D::Error> {
+        let word = String::deserialize(input)?;
+        (!word.is_empty()).then(|| AdjustmentMethod::deserialize(word.into_deserializer())).transpose()
+    }
 }
 
-/// Verdict of the global test; only with redundancy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum GlobalTestVerdict {
-    /// The variance factor is compatible with 1.
-    Passed,
-    /// The variance factor is not compatible with 1.
-    Rejected,
+/// Formats a JSON value; strings without quotes.
+pub fn json_text(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// Kind of the standard deviations in a result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ReportedSigma {
-    /// Derived from the a-priori standard deviations of the observations.
-    Prior,
-    /// Scaled by the square root of the variance factor.
-    Posterior,
+/// Returns the JSON fields of a part of a record; empty if it is not an object.
+pub fn json_fields(part: &impl Serialize) -> Map<String, Value> {
+    match serde_json::to_value(part) {
+        Ok(Value::Object(map)) => map,
+        _ => Map::new(),
+    }
 }
 
 /// Returns the string that an enum of unit variants is serialized as.
@@ -79,8 +84,9 @@ pub struct ImageRecord {
     /// Sentence that says what to do; only with `failed`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Deflection model that was used.
-    pub method: Method,
+    /// Deflection model that was used; `None` for a frame that was never solved, written as an empty string.
+    #[serde(with = "blank_method")]
+    pub method: Option<AdjustmentMethod>,
     /// True if the frames of a flight were adjusted jointly.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flight: bool,
@@ -89,9 +95,9 @@ pub struct ImageRecord {
     /// Number of conditions minus number of parameters.
     pub redundancy: Option<usize>,
     /// Verdict of the global test; `None` without redundancy.
-    pub global_test: Option<GlobalTestVerdict>,
+    pub global_test: Option<GlobalTest>,
     /// Kind of the standard deviations; `None` without a solution.
-    pub sigma_kind: Option<ReportedSigma>,
+    pub sigma_kind: Option<SigmaKind>,
     /// Model parameters.
     pub model: Model,
     /// Deflection of the outermost marker.
@@ -99,7 +105,7 @@ pub struct ImageRecord {
     /// Variance budget of the tip's deflection relative to [`Tip::reference`], largest contribution first; empty in results
     /// of older programs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub budget: Vec<BudgetShare>,
+    pub budget: Vec<VarianceShare>,
     /// Results of the survey's markers.
     pub markers: Vec<MarkerRecord>,
     /// Torsion of the installation's pairs.
@@ -122,8 +128,8 @@ pub struct ImageRecord {
 
 impl ImageRecord {
     /// Creates the record of an image without numbers, with the sentence that says what to do.
-    pub fn failed(image: &str, method: Method, reason: impl Into<String>) -> Self {
-        Self { image: image.into(), method, reason: Some(reason.into()), ..Self::default() }
+    pub fn failed(image: &str, reason: impl Into<String>) -> Self {
+        Self { image: image.into(), reason: Some(reason.into()), ..Self::default() }
     }
 
     /// Returns whether the image is solved.
@@ -138,7 +144,7 @@ impl ImageRecord {
 }
 
 /// Result of one survey marker in one image.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MarkerRecord {
     pub id: String,
     /// Kind of target.

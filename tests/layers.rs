@@ -25,7 +25,7 @@ mod texts;
 use named::{Named, Place, place};
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 16] = [
+const LAYERS: [(&str, usize); 17] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
@@ -35,13 +35,14 @@ const LAYERS: [(&str, usize); 16] = [
     ("camera", 4),
     ("store", 4),
     ("pipeline", 5),
-    ("report", 6),
-    ("daemon", 6),
-    ("http", 7),
-    ("upload", 7),
-    ("config", 8),
-    ("desk", 9),
-    ("cli", 10),
+    ("quantities", 6),
+    ("report", 7),
+    ("daemon", 7),
+    ("http", 8),
+    ("upload", 8),
+    ("config", 9),
+    ("desk", 10),
+    ("cli", 11),
 ];
 
 /// What `measure` may not touch.

@@ -6,9 +6,10 @@ use serde_json::json;
 
 use super::{Completion, Failure, print_json, print_line};
 use crate::desk::stored_flights::select_flights;
+use crate::record::json_fields;
 use crate::report::compare::{self, ChangeSummary, ComparedFlight, FrameChange};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, format_fixed, json_fields};
+use crate::report::number::{NONE, format_fixed};
 use crate::store::result_sets::{self, ResultSet, ResultSets};
 use crate::store::{FlightRef, RealDisk};
 

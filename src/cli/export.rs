@@ -14,8 +14,9 @@ use self::sink::{ExportEnd, FileMetadata, RowSink, finish_export, write_failure}
 use super::{Completion, Failure, print_line, print_notes};
 use crate::desk::stored_flights;
 use crate::installation;
+use crate::quantities::{ResultTable, SCHEMA_VERSION};
 use crate::record::TorsionRecord;
-use crate::report::export::{self, ExportContext, ExportTable};
+use crate::report::export::{self, ExportContext};
 use crate::report::source::{self, ResultChoice};
 use crate::report::{GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary};
 use crate::store::{FlightRef, RealDisk, catalogue, layout, result_sets, result_summary};
@@ -32,33 +33,6 @@ enum FormatName {
     Jsonl,
 }
 
-#[derive(Clone, Copy, Default, ValueEnum)]
-enum TableName {
-    /// Row per marker and image
-    #[default]
-    Markers,
-    /// Row per point of the span curve and image
-    Span,
-    /// Row per model parameter and image
-    Parameters,
-    /// Row per shot, including shots without a frame
-    Shots,
-    /// Row per result of live mode; also as jsonl
-    Live,
-}
-
-impl From<TableName> for Option<ExportTable> {
-    fn from(name: TableName) -> Self {
-        match name {
-            TableName::Markers => Some(ExportTable::Markers),
-            TableName::Span => Some(ExportTable::Span),
-            TableName::Parameters => Some(ExportTable::Parameters),
-            TableName::Shots => Some(ExportTable::Shots),
-            TableName::Live => None,
-        }
-    }
-}
-
 /// Export a store's results for other tools.
 #[derive(clap::Args)]
 pub struct ExportArgs {
@@ -69,7 +43,7 @@ pub struct ExportArgs {
     format: FormatName,
     /// Rows of csv and parquet output
     #[arg(long, value_enum, default_value = "markers")]
-    table: TableName,
+    table: ResultTable,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
@@ -92,9 +66,9 @@ impl ExportArgs {
 }
 
 pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
-    let Some(table) = Option::<ExportTable>::from(args.table) else { return live::export_live_results(args) };
     let data = match args.format {
-        FormatName::Csv | FormatName::Parquet => export_rows(args, table)?,
+        _ if args.table == ResultTable::Live => return live::export_live_results(args),
+        FormatName::Csv | FormatName::Parquet => export_rows(args)?,
         FormatName::Vtk => export_vtk(args)?,
         FormatName::Jsonl => export_jsonl(args)?,
     };
@@ -121,13 +95,13 @@ fn read_common_facts(args: &ExportArgs) -> Result<ExportContext, Failure> {
 }
 
 /// Exports a table, series by series.
-fn export_rows(args: &ExportArgs, table: ExportTable) -> Result<ReportData, Failure> {
+fn export_rows(args: &ExportArgs) -> Result<ReportData, Failure> {
     let common = read_common_facts(args)?;
-    let empty = export::table_columns(table, &SeriesData::default(), &common);
+    let empty = export::table_columns(args.table, &SeriesData::default(), &common);
     let written = || {
         let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
         let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            sink.add_rows(export::table_columns(table, &series, &common)).map_err(ExportEnd::from)
+            sink.add_rows(export::table_columns(args.table, &series, &common)).map_err(ExportEnd::from)
         })?;
         sink.finish()?;
         Ok::<_, ExportEnd>(data)
@@ -153,7 +127,7 @@ fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
     let units = "m, deg, px, s by the suffix of the column name; columns: docs/tables.md";
     vec![
         ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
-        ("schema_version".to_owned(), export::SCHEMA_VERSION.to_string()),
+        ("schema_version".to_owned(), SCHEMA_VERSION.to_string()),
         ("recorder_id".to_owned(), store_id.unwrap_or_default().to_owned()),
         ("units".to_owned(), units.to_owned()),
     ]

@@ -9,8 +9,9 @@ use crate::desk::stored_flights::select_flights;
 use crate::desk::stress::{ResultOrigin, StressRequest};
 use crate::installation;
 use crate::measure::setup::StiffnessSection;
+use crate::record::json_fields;
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, count_text, format_fixed, format_general, format_rounded, json_fields};
+use crate::report::number::{NONE, count_text, format_fixed, format_general, format_rounded};
 use crate::report::stress::{self, FlightLoad, StationLoad, StressFrame};
 use crate::store::FlightRef;
 

@@ -96,6 +96,16 @@ pub enum ExposureSource {
 }
 
 impl ExposureSource {
+    /// All sources.
+    pub const ALL: [Self; 6] = [
+        Self::StartOfExposure,
+        Self::EndOfFrame,
+        Self::ReleaseEdge,
+        Self::TriggerAndEvent,
+        Self::AskedAndDelivered,
+        Self::CameraClock,
+    ];
+
     /// Returns the word used in files.
     pub fn name(self) -> &'static str {
         match self {

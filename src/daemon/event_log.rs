@@ -4,7 +4,7 @@ use super::capture::STALE;
 use super::core::Core;
 use super::event::Event;
 use super::status::{Activity, SIGNING_PART};
-use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus};
+use crate::record::{GlobalTest, ImageRecord, RecordStatus};
 use crate::store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
 use crate::store::{FrameRef, OpenSeries, StoreError};
 
@@ -96,7 +96,7 @@ impl Core {
         }
         let ok = record.status == RecordStatus::Ok;
         if new {
-            self.board.add_series_result(ok, record.global_test == Some(GlobalTestVerdict::Rejected));
+            self.board.add_series_result(ok, record.global_test == Some(GlobalTest::Rejected));
         }
         let waiting = self.board.update(|status| {
             let count = if ok { &mut status.counts.solved } else { &mut status.counts.unsolvable };

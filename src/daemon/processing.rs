@@ -10,7 +10,7 @@ use super::solver::Solver;
 use super::status::{Activity, RESULTS_PART};
 use super::worker::{CallError, Worker};
 use crate::camera::Format;
-use crate::record::{ImageRecord, Method, Reason};
+use crate::record::{ImageRecord, Reason};
 use crate::store::{FrameRef, StoreError};
 
 /// Number of attempts at one frame after which it is assumed to crash the program.
@@ -86,17 +86,17 @@ impl Processing {
                 let reason = format!(
                     "wingd ended {MAX_ATTEMPTS} times while solving this frame; run `wingd solve` on it for details"
                 );
-                ImageRecord::failed(&frame.entry.file, Method::None, reason)
+                ImageRecord::failed(&frame.entry.file, reason)
             }
             Ok(bytes) => match self.compute_result(frame, bytes) {
                 Some(record) => record,
                 None => return self.core.store.cancel_solving(),
             },
-            Err(error) => ImageRecord::failed(&frame.entry.file, Method::None, error.to_string()),
+            Err(error) => ImageRecord::failed(&frame.entry.file, error.to_string()),
         };
         let value = serde_json::to_value(&record).unwrap_or_else(|error| {
             let reason = format!("the result cannot be written as JSON: {error}");
-            serde_json::to_value(ImageRecord::failed(&frame.entry.file, Method::None, reason)).unwrap_or(Value::Null)
+            serde_json::to_value(ImageRecord::failed(&frame.entry.file, reason)).unwrap_or(Value::Null)
         });
         let new = self.core.store.add_result(frame, &self.solver.inputs, value)?;
         self.core.log_frame_solved(frame, &record, new);
@@ -110,7 +110,7 @@ impl Processing {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
-        Some(ImageRecord::failed(&file, Method::None, why.text()))
+        Some(ImageRecord::failed(&file, why.text()))
     }
 
     /// Returns the solver's record, or the reason for its absence; without a reason if work is to be abandoned.

@@ -1,6 +1,7 @@
 //! Observations of markers, and estimates of quantities: plain data shared by adjustment and environment.
 
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Image of a marker's centre in one frame, or the mean of several ground frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,10 +34,16 @@ impl Observation {
 }
 
 /// An estimated number with its standard deviation; `None` for a fixed one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Value, in the unit of the field's name.
+    /// Value, in the unit of the field's name; a value that is not finite is written as `null` and read as NaN.
+    #[serde(deserialize_with = "deserialize_or_nan")]
     pub value: f64,
     /// Standard deviation, in the unit of the value.
     pub sigma: Option<f64>,
+}
+
+/// Reads a number that is written as `null` if it is not finite.
+pub(crate) fn deserialize_or_nan<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
 }

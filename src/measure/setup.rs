@@ -8,10 +8,11 @@ pub use super::uncertainty::{SetupUncertainty, Vibration};
 pub use super::widths::Width;
 
 /// Kind of marker (docs/model.md).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Four alternating quadrants, near the fuselage.
+    #[default]
     Quadrant,
     /// Black disc, seen as a flat ellipse near the tip.
     Circle,

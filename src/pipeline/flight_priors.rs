@@ -6,7 +6,7 @@ use super::{
 };
 use crate::installation::Installation;
 use crate::measure::adjust::flight_prior::FlightContribution;
-use crate::measure::adjust::{self, AdjustmentMethod, Observation, Options};
+use crate::measure::adjust::{self, Observation, Options};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::Reason;
@@ -84,9 +84,8 @@ pub fn learn_flight(
     orientation: &Orientation,
     job: &SolveJob,
 ) -> Result<FlightContribution, Reason> {
-    let job = SolveJob { method: AdjustmentMethod::Flight, ..job.clone() };
     let PreparedFlight { setup, frames, options, .. } =
-        PreparedFlight::new(processed_frames, installation, orientation, &job);
+        PreparedFlight::new(processed_frames, installation, orientation, job);
     if frames.is_empty() {
         return Err("no frame of the flight shows enough markers".into());
     }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::stages::{ProcessedFrame, StageTime, Work};
 use super::{SolveJob, correct_refraction, decode, flight_priors, recording};
 use crate::camera::Format;
+use crate::clock::exposure::Exposure;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, LiveAdjustment, Parameter, Solution};
 use crate::measure::detect::{self, Detection, MarkerPrediction};
@@ -16,7 +17,7 @@ use crate::measure::setup::Orientation;
 use crate::measure::tiles::Tiles;
 use crate::measure::view::{self, FrameView, SearchMode};
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
-use crate::record::{ImageRecord, Provenance, Reason};
+use crate::record::{GlobalTest, ImageRecord, Provenance, Reason};
 
 /// Image of a marker, as an ellipse in the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,11 +34,9 @@ pub struct Outline {
 }
 
 /// Result of tracking in one frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrackedFrame {
-    /// Result, solved or failed.
-    pub record: ImageRecord,
-    /// Extent of the search.
+    /// Search of the full frame, or guided by the preceding frame.
     pub search: SearchMode,
     /// Number of the camera's mounting, from 1; each mount disturbance begins the next one. 0 before the first solution.
     pub mounting: usize,
@@ -45,8 +44,13 @@ pub struct TrackedFrame {
     pub mount_disturbed: bool,
     /// Outlines of the detected markers.
     pub outlines: Vec<Outline>,
-    /// Curvature of the wing, if the frame is solved.
+    /// Curvature of the wing with its covariance, if the frame is solved, stored for bending moments; the line of JSON omits
+    /// it, because its record has the coefficients.
+    #[serde(skip)]
     pub curvature: Option<CurvatureEstimate>,
+    /// Result, solved or failed, without provenance and correlations.
+    #[serde(flatten)]
+    pub record: ImageRecord,
 }
 
 impl TrackedFrame {
@@ -54,6 +58,39 @@ impl TrackedFrame {
     pub fn failed(record: ImageRecord) -> Self {
         let (outlines, curvature) = (vec![], None);
         Self { record, search: SearchMode::Full, mounting: 0, mount_disturbed: false, outlines, curvature }
+    }
+}
+
+/// Result of a live frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LiveResult {
+    /// Number of the frame since the start, from 1.
+    pub number: u64,
+    /// Time of exposure.
+    #[serde(flatten)]
+    pub exposure: Exposure,
+    /// Time from the middle of the exposure to this result, ms.
+    pub latency_ms: f64,
+    /// Frames skipped since the start.
+    pub skipped: u64,
+    #[serde(flatten)]
+    pub tracked: TrackedFrame,
+}
+
+impl LiveResult {
+    /// Returns whether the result has numbers.
+    pub fn is_solved(&self) -> bool {
+        self.tracked.record.is_solved()
+    }
+
+    /// Returns the number of curvature coefficients.
+    pub fn curvature_terms(&self) -> usize {
+        self.tracked.curvature.as_ref().map_or(0, |curvature| curvature.per_m.len())
+    }
+
+    /// Returns whether the global test rejects, so that the standard deviations are doubtful.
+    pub fn is_rejected(&self) -> bool {
+        self.tracked.record.global_test == Some(GlobalTest::Rejected)
     }
 }
 

@@ -86,7 +86,7 @@ impl MarkingSession {
             Self::Ground(frame) => solve_on_ground(frame, manual, installation),
         };
         catch_panic(solve).unwrap_or_else(|| MarkingResult {
-            record: ImageRecord::failed("", crate::record::Method::None, PANIC_REASON),
+            record: ImageRecord::failed("", PANIC_REASON),
             observations: vec![],
             predicted: vec![],
             orientation: None,

@@ -46,7 +46,7 @@ pub use stages::{ProcessedFrame, StageTime, Work};
 /// Method and options of a computation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolveJob {
-    /// Profile or spatial method; [`solve_flight`] sets the flight method itself.
+    /// Deflection model; a flight's frames are adjusted jointly with the spatial one.
     pub method: AdjustmentMethod,
     /// Options of the adjustment.
     pub options: Options,
@@ -61,7 +61,7 @@ impl Default for SolveJob {
 impl SolveJob {
     /// Returns the parameters for the provenance.
     fn parameters(&self) -> Parameters {
-        Parameters::new(recording::record_method(self.method), &self.options)
+        Parameters::new(Some(self.method), &self.options)
     }
 }
 
@@ -173,9 +173,7 @@ fn adjust_one(
     let setup = &installation.setup;
     match job.method {
         AdjustmentMethod::Profile => adjust::solve_profile(setup, orientation, observations, &job.options),
-        AdjustmentMethod::Spatial | AdjustmentMethod::Flight => {
-            adjust::solve_spatial(setup, orientation, observations, &job.options)
-        }
+        AdjustmentMethod::Spatial => adjust::solve_spatial(setup, orientation, observations, &job.options),
     }
 }
 
@@ -188,7 +186,7 @@ pub fn solve_flight(
     job: &SolveJob,
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
-    let job = SolveJob { method: AdjustmentMethod::Flight, ..job.clone() };
+    let job = SolveJob { method: AdjustmentMethod::Spatial, ..job.clone() };
     let together = PreparedFlight::new(processed_frames, installation, orientation, &job);
     let PreparedFlight { setup, installations, corrected, frames, options, remarks } = together;
     let solved = catch_panic(|| adjust::solve_flight(&setup, orientation, &frames, &options));

@@ -7,24 +7,14 @@ use nalgebra::Matrix3;
 use super::{ProcessedFrame, SolveJob, StageTime, Work, provenance};
 use crate::aircraft;
 use crate::installation::Installation;
-use crate::measure::adjust::{
-    self, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution,
-};
+use crate::measure::adjust::{CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution};
 use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
 use crate::record::{
-    CadFit, Correlation, CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
-    Provenance, Quality, Reason, RecordStatus, ReportedSigma, Timing, Tip, TorsionRecord, VarianceComponentRecord,
+    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Model, Panes, Provenance, Quality, Reason,
+    RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
 };
-
-/// Returns the method as results name it; a flight's frames are solved with the spatial method.
-pub fn record_method(method: adjust::AdjustmentMethod) -> Method {
-    match method {
-        adjust::AdjustmentMethod::Profile => Method::Profile,
-        adjust::AdjustmentMethod::Spatial | adjust::AdjustmentMethod::Flight => Method::Spatial,
-    }
-}
 
 /// Rounds milliseconds to 0.001.
 pub fn round_ms(ms: f64) -> f64 {
@@ -51,7 +41,7 @@ pub fn build_record(
     let frame_sha256 = Some(frame.digest.clone()).filter(|digest| !digest.is_empty());
     let mut record = ImageRecord {
         image: frame.image.clone(),
-        method: record_method(job.method),
+        method: Some(job.method),
         markers: markers_of_unsolved_frame(frame, installation),
         provenance: Provenance { frame_sha256, ..provenance(installation, job) },
         timing_ms: stage_timing(&frame.stages),
@@ -80,12 +70,8 @@ fn fill_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation:
     record.status = RecordStatus::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
-    record.global_test = match s.global_test {
-        adjust::GlobalTest::Passed => Some(GlobalTestVerdict::Passed),
-        adjust::GlobalTest::Rejected => Some(GlobalTestVerdict::Rejected),
-        adjust::GlobalTest::NotPossible => None,
-    };
-    record.sigma_kind = Some(if s.posterior { ReportedSigma::Posterior } else { ReportedSigma::Prior });
+    record.global_test = s.global_test;
+    record.sigma_kind = Some(if s.posterior { SigmaKind::Posterior } else { SigmaKind::Prior });
     record.model = model_record(s);
     let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
     let mut missing = missing_reasons(frame);
@@ -98,7 +84,7 @@ fn fill_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation:
         }
     }
     record.tip = tip_record(installation, s);
-    record.budget = s.budget.iter().flat_map(|budget| &budget.shares).map(Into::into).collect();
+    record.budget = s.budget.as_ref().map_or(vec![], |budget| budget.shares.clone());
     record.torsion = s.torsion.iter().map(torsion_record).collect();
     record.curve = s.curve.iter().map(curve_record).collect();
     record.remarks = s.remarks.clone();
@@ -132,7 +118,7 @@ fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
 /// Converts the model parameters; radians become degrees.
 fn model_record(s: &Solution) -> Model {
     let of = |name: &str, factor: f64| {
-        let scaled = |e: &Estimate| Measured {
+        let scaled = |e: &Estimate| Estimate {
             value: e.value * factor,
             sigma: e.sigma.map(|s| s * factor).filter(|s| s.is_finite()),
         };
@@ -201,28 +187,8 @@ fn blank_marker(marker: &SurveyMarker, seen: Option<&Observation>, reason: Optio
         v_px: seen.map(|o| o.pixel.y),
         sigma_u_px: seen.map(|o| o.covariance_px2[(0, 0)].sqrt()),
         sigma_v_px: seen.map(|o| o.covariance_px2[(1, 1)].sqrt()),
-        used: false,
-        manual: false,
         reason,
-        residual_u_px: None,
-        residual_v_px: None,
-        redundancy_u: None,
-        redundancy_v: None,
-        w_test: None,
-        mdb_u_px: None,
-        mdb_v_px: None,
-        distance_m: None,
-        sigma_distance_m: None,
-        position_m: None,
-        sigma_position_m: None,
-        position_cad_m: None,
-        sigma_position_cad_m: None,
-        deflection_m: None,
-        sigma_deflection_m: None,
-        deflection_ground_m: None,
-        sigma_deflection_ground_m: None,
-        deflection_root_m: None,
-        sigma_deflection_root_m: None,
+        ..MarkerRecord::default()
     }
 }
 
@@ -281,7 +247,7 @@ fn window_panes(installation: &Installation) -> Option<Panes> {
 
 /// Returns the quality of the CAD transform, as written in every result.
 fn cad_fit(fit: &TransformFit) -> CadFit {
-    let verdict = |passed| if passed { GlobalTestVerdict::Passed } else { GlobalTestVerdict::Rejected };
+    let verdict = |passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected };
     CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
@@ -315,7 +281,7 @@ fn tip_record(installation: &Installation, s: &Solution) -> Option<Tip> {
         sigma_deflection_ground_m: estimate_sigma(ground),
         deflection_root_m: estimate_value(root),
         sigma_deflection_root_m: estimate_sigma(root),
-        reference: s.budget.as_ref().map(|budget| budget.reference.into()),
+        reference: s.budget.as_ref().map(|budget| budget.reference),
     })
 }
 
@@ -351,17 +317,11 @@ fn curve_record(p: &CurvePoint) -> CurveRecord {
 }
 
 fn quality_record(installation: &Installation, s: &Solution) -> Quality {
-    let component = |c: &adjust::VarianceComponent| VarianceComponentRecord {
-        group: c.group.into(),
-        factor: c.factor.map(|f| f.value),
-        sigma_factor: c.factor.and_then(|f| f.sigma),
-        redundancy: Some(c.redundancy),
-    };
     Quality {
         iterations: Some(s.iterations),
         pitch_bending_correlation: s.pitch_bending_correlation,
         correlation: correlation_record(s),
-        variance_components: s.variance_components.iter().map(component).collect(),
+        variance_components: s.variance_components.clone(),
         window: window_panes(installation),
         cad: installation.cad.as_ref().map(cad_fit),
         ..Quality::default()

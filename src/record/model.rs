@@ -1,20 +1,9 @@
 //! Estimated model parameters, written under their names with their standard deviations.
 
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-/// Value with its standard deviation, in the unit that the field's name has as its suffix.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
-    /// Estimated value; a value that is not finite is written as `null` and read as NaN.
-    #[serde(deserialize_with = "deserialize_or_nan")]
-    pub value: f64,
-    /// Standard deviation; `null` for a parameter that was held fixed.
-    pub sigma: Option<f64>,
-}
-
-fn deserialize_or_nan<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
-    Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
-}
+use super::{Estimate, json_fields};
 
 /// Model parameters; those that a method does not have are omitted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,84 +11,69 @@ fn deserialize_or_nan<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Err
 pub struct Model {
     /// Coefficients of the curvature along the span, 1/m.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub curvature_per_m: Vec<Measured>,
+    pub curvature_per_m: Vec<Estimate>,
     /// Coefficients of the twist, nose up positive, degrees; an empty list, written as `null`, if the direction of the nose
     /// is not known.
     #[serde(with = "terms", skip_serializing_if = "Option::is_none")]
-    pub twist_deg: Option<Vec<Measured>>,
+    pub twist_deg: Option<Vec<Estimate>>,
     /// Rotation of the mounting relative to the ground frames, about the camera's axes, degrees.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub mount_rotation_deg: Vec<Measured>,
+    pub mount_rotation_deg: Vec<Estimate>,
     /// Coefficient of the published parabola, 1/m; with the spatial method it is fitted to the curve.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub a_per_m: Option<Measured>,
+    pub a_per_m: Option<Estimate>,
     /// Height of the bending axis above the configured one, mean along the span, m.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub axis_raise_m: Option<Measured>,
+    pub axis_raise_m: Option<Estimate>,
     /// Relative departure of the deflection shapes of a flight's frames from each other.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_departure: Option<Measured>,
+    pub shape_departure: Option<Estimate>,
     /// Rotation of the mounting between two frames of a flight, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub mount_drift_deg: Option<Measured>,
+    pub mount_drift_deg: Option<Estimate>,
 }
 
 /// Single number of the model.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Term {
     /// Name of the parameter.
-    pub name: &'static str,
+    pub name: String,
     /// Index in a list, from 0; `None` for a scalar.
     pub index: Option<usize>,
     /// Value and standard deviation; `None` for a parameter that could not be determined.
-    pub measured: Option<Measured>,
+    pub estimate: Option<Estimate>,
 }
 
 impl Model {
     /// Lists all numbers in the order in which they are written.
     pub fn terms(&self) -> Vec<Term> {
-        let single = |name, one: Option<Measured>| {
-            one.map(|one| Term { name, index: None, measured: Some(one) }).into_iter().collect::<Vec<_>>()
+        let estimate = |value: Value| serde_json::from_value(value).ok();
+        let terms = |(name, value): (String, Value)| match value {
+            Value::Array(list) => {
+                let term = |(k, value)| Term { name: name.clone(), index: Some(k), estimate: estimate(value) };
+                list.into_iter().enumerate().map(term).collect()
+            }
+            value => vec![Term { name, index: None, estimate: estimate(value) }],
         };
-        let twist = match self.twist_deg.as_deref() {
-            None => vec![],
-            Some([]) => vec![Term { name: "twist_deg", index: None, measured: None }],
-            Some([one]) => single("twist_deg", Some(*one)),
-            Some(many) => list_terms("twist_deg", many),
-        };
-        [
-            list_terms("curvature_per_m", &self.curvature_per_m),
-            twist,
-            list_terms("mount_rotation_deg", &self.mount_rotation_deg),
-            single("a_per_m", self.a_per_m),
-            single("axis_raise_m", self.axis_raise_m),
-            single("shape_departure", self.shape_departure),
-            single("mount_drift_deg", self.mount_drift_deg),
-        ]
-        .concat()
+        json_fields(self).into_iter().flat_map(terms).collect()
     }
-}
-
-fn list_terms(name: &'static str, values: &[Measured]) -> Vec<Term> {
-    let term = |(k, one): (usize, &Measured)| Term { name, index: Some(k), measured: Some(*one) };
-    values.iter().enumerate().map(term).collect()
 }
 
 /// Serialization of a list of terms: `null` for an empty one, one value without brackets.
 mod terms {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    use super::Measured;
+    use super::Estimate;
 
     #[derive(Deserialize)]
     #[serde(untagged)]
     enum WrittenTerms {
-        One(Measured),
-        Many(Vec<Measured>),
+        One(Estimate),
+        Many(Vec<Estimate>),
     }
 
     /// Writes one term as an object, several as an array, none as `null`.
-    pub fn serialize<S: Serializer>(terms: &Option<Vec<Measured>>, output: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(terms: &Option<Vec<Estimate>>, output: S) -> Result<S::Ok, S::Error> {
         match terms.as_deref() {
             None | Some([]) => output.serialize_none(),
             Some([one]) => one.serialize(output),
@@ -108,7 +82,7 @@ mod terms {
     }
 
     /// Reads terms as written by [`serialize`].
-    pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<Vec<Measured>>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<Vec<Estimate>>, D::Error> {
         Ok(Some(match Option::deserialize(input)? {
             None => vec![],
             Some(WrittenTerms::One(one)) => vec![one],
@@ -136,7 +110,8 @@ mod tests {
             assert_eq!(serde_json::to_string(&model).unwrap(), text);
         }
         let hidden: Model = serde_json::from_str(texts[2]).unwrap();
-        let names: Vec<_> = hidden.terms().iter().map(|term| (term.name, term.index)).collect();
+        let terms = hidden.terms();
+        let names: Vec<_> = terms.iter().map(|term| (term.name.as_str(), term.index)).collect();
         assert_eq!(names, [("curvature_per_m", Some(0)), ("twist_deg", None), ("axis_raise_m", None)]);
     }
 }

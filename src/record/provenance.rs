@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::Method;
-use crate::measure::adjust::{Options, SigmaKind};
+use super::{AdjustmentMethod, SigmaKind};
+use crate::measure::adjust::Options;
 
 /// Inputs that a result was computed from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -36,7 +36,8 @@ impl Provenance {
 #[serde(default)]
 pub struct Parameters {
     /// Deflection model.
-    pub method: Method,
+    #[serde(with = "super::blank_method")]
+    pub method: Option<AdjustmentMethod>,
     /// Number of curvature terms; `null`: chosen by a significance test.
     pub curvature_terms: Option<usize>,
     /// Number of twist terms.
@@ -53,7 +54,7 @@ pub struct Parameters {
 
 impl Parameters {
     /// Creates the parameters of a method with its options.
-    pub fn new(method: Method, options: &Options) -> Self {
+    pub fn new(method: Option<AdjustmentMethod>, options: &Options) -> Self {
         Self {
             method,
             curvature_terms: options.curvature_terms,
@@ -68,7 +69,7 @@ impl Parameters {
 
 impl Default for Parameters {
     fn default() -> Self {
-        Self::new(Method::default(), &Options::default())
+        Self::new(None, &Options::default())
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::GlobalTestVerdict;
+use super::{GlobalTest, VarianceComponent};
 use crate::measure::environment::RefractionReport;
 
 /// Quality figures of an adjustment and the corrections applied; absent values are omitted.
@@ -21,7 +21,7 @@ pub struct Quality {
     pub correlation: Option<Correlation>,
     /// Variance components, if they were estimated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub variance_components: Vec<VarianceComponentRecord>,
+    pub variance_components: Vec<VarianceComponent>,
     /// Panes of the cabin window.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub window: Option<Panes>,
@@ -68,19 +68,6 @@ impl Correlation {
     }
 }
 
-/// Variance component of a group of observations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct VarianceComponentRecord {
-    /// Name of the group: `image`, `survey` and the like.
-    pub group: String,
-    /// Variance component; the configured standard deviations are scaled by its square root.
-    pub factor: Option<f64>,
-    /// Standard deviation of the component.
-    pub sigma_factor: Option<f64>,
-    /// Redundancy of the group.
-    pub redundancy: Option<f64>,
-}
-
 /// Panes of a cabin window.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Panes {
@@ -103,7 +90,7 @@ pub struct CadFit {
     /// Number of conditions minus number of parameters.
     pub redundancy: usize,
     /// Verdict of the global test at a level of 1 %; `null` without redundancy.
-    pub global_test: Option<GlobalTestVerdict>,
+    pub global_test: Option<GlobalTest>,
     /// Ratio of CAD lengths to survey lengths.
     pub scale: f64,
     /// Residuals of each tie point in the CAD frame, m.

@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::number::json_text;
-use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, variant_name};
+use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, json_text, variant_name};
 use crate::store::result_sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 

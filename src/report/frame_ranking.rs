@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use super::FullRecord;
-use crate::record::{GlobalTestVerdict, ImageRecord};
+use crate::record::{GlobalTest, ImageRecord};
 
 /// Counts the markers that were detected but not used.
 fn count_rejected_markers(record: &ImageRecord) -> usize {
@@ -12,7 +12,7 @@ fn count_rejected_markers(record: &ImageRecord) -> usize {
 
 /// Returns the warning for a frame; `None` if there is none.
 pub fn frame_warning(record: &ImageRecord) -> Option<String> {
-    if record.global_test == Some(GlobalTestVerdict::Rejected) {
+    if record.global_test == Some(GlobalTest::Rejected) {
         return Some("global test rejected".to_owned());
     }
     match count_rejected_markers(record) {
@@ -28,7 +28,7 @@ fn ranking_order(a: &FullRecord, b: &FullRecord) -> Ordering {
     let key = |w: &FullRecord| {
         let r = &w.record;
         let factor = r.variance_factor.filter(|f| f.is_finite()).unwrap_or(0.0);
-        (r.is_solved(), r.global_test == Some(GlobalTestVerdict::Rejected), count_rejected_markers(r), factor)
+        (r.is_solved(), r.global_test == Some(GlobalTest::Rejected), count_rejected_markers(r), factor)
     };
     let ((s, t, n, f), (s2, t2, n2, f2)) = (key(a), key(b));
     (s2, t2, n2).cmp(&(s, t, n)).then(f2.total_cmp(&f))
@@ -71,7 +71,7 @@ mod tests {
     fn a_rejected_frame_is_first_and_a_failed_one_last() {
         let mut ranked = FrameRanking::new(3);
         let mut rejected = sample::record("rejected.jpg", 2.0);
-        rejected.global_test = Some(GlobalTestVerdict::Rejected);
+        rejected.global_test = Some(GlobalTest::Rejected);
         let mut strained = sample::record("strained.jpg", 2.0);
         strained.variance_factor = Some(1.4);
         let failed = sample::failed("failed.jpg", "dark");

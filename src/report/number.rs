@@ -1,8 +1,5 @@
 //! Formatting of numbers for people, rounded according to their standard deviation; missing numbers are shown as such.
 
-use serde::Serialize;
-use serde_json::{Map, Value};
-
 /// Text of a missing number.
 pub const NONE: &str = "-";
 
@@ -63,19 +60,6 @@ pub fn format_general(value: f64) -> String {
 pub fn count_text(number: usize, noun: &str) -> String {
     let plural = if number == 1 || noun.ends_with("series") { "" } else { "s" };
     format!("{number} {noun}{plural}")
-}
-
-/// Formats a JSON value; strings without quotes.
-pub fn json_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-}
-
-/// Returns the JSON fields of a part of a record; empty if it is not an object.
-pub fn json_fields(part: &impl Serialize) -> Map<String, Value> {
-    match serde_json::to_value(part) {
-        Ok(Value::Object(map)) => map,
-        _ => Map::new(),
-    }
 }
 
 fn without_negative_zero(text: String) -> String {

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::summary::{FrameDeflection, Mean};
 use crate::clock::Stamp;
-use crate::record::{RecordStatus, Reference, Tip};
+use crate::record::{DeflectionReference, RecordStatus, Tip};
 use crate::store::manifest::{SeriesManifest, SeriesState};
 use crate::store::result_sets::{ResultGrouper, ResultSets};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
@@ -58,7 +58,7 @@ impl SeriesOverview {
 pub struct FlightOverview {
     pub flight: String,
     /// Reference of the deflections.
-    pub reference: Reference,
+    pub reference: DeflectionReference,
     /// Series in order.
     pub series: Vec<SeriesOverview>,
     /// Unreadable files.
@@ -129,7 +129,7 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightOvervi
     overview.warning = sets.mixed_inputs_warning(&flight.id, None);
     let of_set = |results: &&FrameResult| results.ok && Some(results.set) == chosen;
     let tips = all.iter().flat_map(|(_, results)| results).filter(of_set).filter_map(|results| results.tip.as_ref());
-    overview.reference = Reference::most_precise(tips);
+    overview.reference = Tip::most_precise_reference(tips);
     let counted = all.into_iter().map(|(line, results)| add_results(line, &results, chosen, overview.reference));
     overview.series = counted.collect();
     Ok(overview)
@@ -169,7 +169,7 @@ fn add_results(
     line: SeriesOverview,
     results: &[FrameResult],
     chosen: Option<usize>,
-    reference: Reference,
+    reference: DeflectionReference,
 ) -> SeriesOverview {
     let mut latest = std::collections::BTreeMap::new();
     for one in results.iter().filter(|one| Some(one.set) == chosen) {

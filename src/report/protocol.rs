@@ -5,11 +5,11 @@ use serde_json::{Map, Value};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::grid::Grid;
-use super::number::{NONE, format_fixed, format_general, format_rounded, json_fields, json_text};
+use super::number::{NONE, format_fixed, format_general, format_rounded};
 use super::table;
 use crate::record::{
-    GlobalTestVerdict, ImageRecord, MarkerRecord, Measured, Method, Parameters, Quality, RecordStatus, ReportedSigma,
-    Term, TorsionRecord, VarianceComponentRecord,
+    AdjustmentMethod, Estimate, GlobalTest, ImageRecord, MarkerRecord, Parameters, Quality, RecordStatus, SigmaKind,
+    Term, TorsionRecord, VarianceComponent, json_fields, json_text,
 };
 
 /// Correlations of at least this magnitude are listed as strong.
@@ -56,12 +56,12 @@ fn join_lines(texts: &[String]) -> String {
 
 fn overview_text(record: &ImageRecord) -> String {
     let method = match (record.method, record.flight) {
-        (Method::Profile, _) => "profile (the wing bends as a parabola in the vertical plane)",
+        (Some(AdjustmentMethod::Profile), _) => "profile (the wing bends as a parabola in the vertical plane)",
         (_, true) => "spatial (a beam of rigid sections), joint adjustment of the flight's frames",
         _ => "spatial (a beam of rigid sections), single frame",
     };
     let kind = match record.sigma_kind {
-        Some(ReportedSigma::Posterior) => "a posteriori (scaled by the square root of the variance factor)",
+        Some(SigmaKind::Posterior) => "a posteriori (scaled by the square root of the variance factor)",
         _ => "a priori (propagated from observations and priors)",
     };
     let iterations = record.quality.iterations.map_or(NONE.to_owned(), |count| count.to_string());
@@ -88,11 +88,11 @@ fn global_test_text(record: &ImageRecord) -> String {
     };
     let factor = format_fixed(record.variance_factor, 3);
     let verdict = match record.global_test {
-        Some(GlobalTestVerdict::Passed) => {
+        Some(GlobalTest::Passed) => {
             "passed: the residuals are consistent with the model and the specified standard deviations; errors that \
              leave no residuals, such as a wrong root, axis, lens or window, cannot be ruled out"
         }
-        Some(GlobalTestVerdict::Rejected) => {
+        Some(GlobalTest::Rejected) => {
             "rejected: the residuals are larger than the specified standard deviations allow; check for a wrong survey \
              point, a wrong identity, standard deviations that are too small, or a model that does not fit"
         }
@@ -107,14 +107,14 @@ fn significance_level(record: &ImageRecord, parameter: fn(&Parameters) -> f64) -
 }
 
 fn parameter_table(record: &ImageRecord) -> Grid {
-    let name = |term: &Term| term.index.map_or(term.name.to_owned(), |k| format!("{}[{k}]", term.name));
-    let sigma = |one: &Measured| one.sigma.filter(|s| *s > 0.0);
-    let ratio = |term: &Term| term.measured.and_then(|m| Some(m.value.abs() / sigma(&m)?));
+    let name = |term: &Term| term.index.map_or(term.name.clone(), |k| format!("{}[{k}]", term.name));
+    let sigma = |one: &Estimate| one.sigma.filter(|s| *s > 0.0);
+    let ratio = |term: &Term| term.estimate.and_then(|m| Some(m.value.abs() / sigma(&m)?));
     let format_value = |value: Option<f64>, none: &str| value.map_or(none.to_owned(), format_general);
     Grid::for_rows(&record.model.terms()).columns(&[
         ("<parameter", &name),
-        ("value", &|term| format_value(term.measured.map(|m| m.value), NONE)),
-        ("sigma", &|term| format_value(term.measured.and_then(|m| m.sigma), "fixed")),
+        ("value", &|term| format_value(term.estimate.map(|m| m.value), NONE)),
+        ("sigma", &|term| format_value(term.estimate.and_then(|m| m.sigma), "fixed")),
         ("value / sigma", &|term| format_fixed(ratio(term), 1)),
     ])
 }
@@ -166,14 +166,14 @@ fn variance_components(record: &ImageRecord) -> String {
     if record.quality.variance_components.is_empty() {
         return String::new();
     }
-    let root = |one: &VarianceComponentRecord| one.factor.filter(|f| *f >= 0.0).map(f64::sqrt);
+    let root = |one: &VarianceComponent| one.factor.filter(|f| *f >= 0.0).map(f64::sqrt);
     Grid::for_rows(&record.quality.variance_components)
         .columns(&[
-            ("<group", &|one| one.group.clone()),
+            ("<group", &|one| one.group.to_string()),
             ("component", &|one| format_fixed(one.factor, 3)),
             ("sigma", &|one| format_fixed(one.sigma_factor, 3)),
             ("sigma scaled by", &|one| format_fixed(root(one), 3)),
-            ("redundancy", &|one| format_fixed(one.redundancy, 2)),
+            ("redundancy", &|one| format_fixed(Some(one.redundancy), 2)),
         ])
         .text()
 }
@@ -350,9 +350,9 @@ mod tests {
     #[test]
     fn a_rejected_model_is_called_so() {
         let mut record = full();
-        record.global_test = Some(GlobalTestVerdict::Rejected);
+        record.global_test = Some(GlobalTest::Rejected);
         record.variance_factor = Some(14.2);
-        record.sigma_kind = Some(ReportedSigma::Posterior);
+        record.sigma_kind = Some(SigmaKind::Posterior);
         let text = adjustment_protocol(&record);
         assert!(text.contains("Verdict rejected") && text.contains("a posteriori"), "{text}");
     }

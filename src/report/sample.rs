@@ -5,22 +5,22 @@ use jiff::{SignedDuration, Timestamp};
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
 use crate::record::{
-    CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Measured, Method, Model, Provenance, RecordStatus,
-    ReportedSigma, Shape, Tip, TorsionRecord,
+    AdjustmentMethod, CurveRecord, Estimate, GlobalTest, ImageRecord, MarkerRecord, Model, Provenance, RecordStatus,
+    Shape, SigmaKind, Tip, TorsionRecord,
 };
 
 /// Returns the record of a solved image of a wing along +y with four markers, the last one hidden.
 pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
     let markers = (1..=4).map(|i| marker(i, tip_deflection_m)).collect();
-    let a_per_m = Some(Measured { value: 0.00219, sigma: Some(5.9e-6) });
+    let a_per_m = Some(Estimate { value: 0.00219, sigma: Some(5.9e-6) });
     ImageRecord {
         image: image.to_owned(),
         status: RecordStatus::Ok,
-        method: Method::Spatial,
+        method: Some(AdjustmentMethod::Spatial),
         variance_factor: Some(0.97),
         redundancy: Some(33),
-        global_test: Some(GlobalTestVerdict::Passed),
-        sigma_kind: Some(ReportedSigma::Prior),
+        global_test: Some(GlobalTest::Passed),
+        sigma_kind: Some(SigmaKind::Prior),
         model: Model { a_per_m, ..Model::default() },
         tip: Some(Tip {
             marker: "M03".to_owned(),
@@ -66,7 +66,6 @@ fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
         v_px: some(1500.0 - 10.0 * deflection_m),
         sigma_u_px: some(0.03),
         sigma_v_px: some(0.02),
-        manual: false,
         used: !hidden,
         reason: hidden.then(|| "hidden by glare".to_owned()),
         residual_u_px: some(0.01),
@@ -80,20 +79,16 @@ fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
         sigma_distance_m: some(0.004),
         position_m: (!hidden).then_some([1.0, span_m, 3.0 + deflection_m]),
         sigma_position_m: (!hidden).then_some([0.002, 0.004, 0.006]),
-        position_cad_m: None,
-        sigma_position_cad_m: None,
         deflection_m: some(deflection_m),
         sigma_deflection_m: some(0.006),
-        deflection_ground_m: None,
-        sigma_deflection_ground_m: None,
-        deflection_root_m: None,
-        sigma_deflection_root_m: None,
+        ..MarkerRecord::default()
     }
 }
 
 /// Returns the record of an image without a solution.
 pub fn failed(image: &str, reason: &str) -> ImageRecord {
-    ImageRecord { provenance: record(image, 0.0).provenance, ..ImageRecord::failed(image, Method::Spatial, reason) }
+    let (method, provenance) = (Some(AdjustmentMethod::Spatial), record(image, 0.0).provenance);
+    ImageRecord { method, provenance, ..ImageRecord::failed(image, reason) }
 }
 
 /// Returns a series that began `after_s` seconds after the first one, with one shot per deflection.
@@ -101,24 +96,18 @@ pub fn series(name: &str, after_s: i64, deflections_m: &[f64]) -> SeriesData {
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {
         image: Some(image(i)),
-        source: None,
         number: i as u32 + 1,
         stamp: Some(stamp(after_s + 2 * i as i64)),
-        exposure: None,
-        aircraft: Default::default(),
-        format: None,
         sha256: Some("ab".repeat(32)),
-        failures: Vec::new(),
+        ..ShotData::default()
     };
     SeriesData {
         flight: "flight-0001".to_owned(),
         name: name.to_owned(),
         begun: Some(stamp(after_s)),
-        interrupted: false,
         planned: deflections_m.len(),
         records: deflections_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
         shots: (0..deflections_m.len()).map(shot).collect(),
-        remarks: Vec::new(),
         ..SeriesData::default()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{SeriesData, distinct_values};
 use crate::clock::Stamp;
-use crate::record::{CurveRecord, GlobalTestVerdict, ImageRecord, Reference, Tip};
+use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, Tip};
 
 /// Mean over the shots of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,10 @@ pub struct FrameDeflection {
 
 impl FrameDeflection {
     /// Returns the largest tip deflection relative to a reference.
-    pub fn greatest<'a>(tips: impl Iterator<Item = (&'a str, &'a Tip)>, reference: Reference) -> Option<Self> {
+    pub fn greatest<'a>(
+        tips: impl Iterator<Item = (&'a str, &'a Tip)>,
+        reference: DeflectionReference,
+    ) -> Option<Self> {
         let frame_deflection = |(image, tip): (&str, &Tip)| {
             let (deflection_m, sigma_m) = tip.deflection(reference).filter(|(deflection, _)| deflection.is_finite())?;
             Some(Self { image: image.to_owned(), deflection_m, sigma_m })
@@ -85,7 +88,7 @@ pub struct SeriesSummary {
     /// Number of solved frames.
     pub solved: usize,
     /// Reference of the deflections.
-    pub reference: Reference,
+    pub reference: DeflectionReference,
     /// Mean deflection of the tip marker.
     pub tip_deflection_m: Option<Mean>,
     /// Largest tip deflection of a single frame.
@@ -104,12 +107,12 @@ pub struct SeriesSummary {
 
 impl SeriesSummary {
     /// Summarises one series; `hour` is its entry of [`series_hours`].
-    pub fn from_series(series: &SeriesData, hour: f64, reference: Reference) -> Self {
+    pub fn from_series(series: &SeriesData, hour: f64, reference: DeflectionReference) -> Self {
         let solved = solved_records(series);
         let tips = || solved.iter().filter_map(|r| Some((r.image.as_str(), r.tip.as_ref()?)));
         let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();
         let factors: Vec<f64> = solved.iter().filter_map(|r| r.variance_factor).filter(|f| f.is_finite()).collect();
-        let tests: Vec<GlobalTestVerdict> = solved.iter().filter_map(|r| r.global_test).collect();
+        let tests: Vec<GlobalTest> = solved.iter().filter_map(|r| r.global_test).collect();
         Self {
             name: series.name.clone(),
             begun: series.begun.clone(),
@@ -121,7 +124,7 @@ impl SeriesSummary {
             greatest: FrameDeflection::greatest(tips(), reference),
             torsion: torsion_means(&solved),
             variance_factor: factors.iter().copied().fold(None, extend_range),
-            tests_passed: tests.iter().filter(|t| **t == GlobalTestVerdict::Passed).count(),
+            tests_passed: tests.iter().filter(|t| **t == GlobalTest::Passed).count(),
             tests_made: tests.len(),
             curve: if series.curve.is_empty() { mean_curve(&solved) } else { series.curve.clone() },
         }
@@ -149,8 +152,8 @@ pub fn summarise_series(series: &[SeriesData]) -> Vec<SeriesSummary> {
 }
 
 /// Returns the reference of the deflections that all frames of the series have in common.
-pub fn common_reference(series: &[SeriesData]) -> Reference {
-    Reference::most_precise(series.iter().flat_map(solved_records).filter_map(|r| r.tip.as_ref()))
+pub fn common_reference(series: &[SeriesData]) -> DeflectionReference {
+    Tip::most_precise_reference(series.iter().flat_map(solved_records).filter_map(|r| r.tip.as_ref()))
 }
 
 /// Returns the hours of each series since the first one; if a start time is unknown, the number of the series.
@@ -248,7 +251,7 @@ mod tests {
     fn failed_frames_do_not_enter_the_means() {
         let mut series = sample::series("s1", 0, &[2.9, 3.1]);
         series.records.push(sample::failed("x.jpg", "dark"));
-        let summary = SeriesSummary::from_series(&series, 0.0, Reference::Survey);
+        let summary = SeriesSummary::from_series(&series, 0.0, DeflectionReference::Survey);
         let greatest = summary.greatest.unwrap();
         assert_eq!((greatest.image.as_str(), greatest.deflection_m), ("s1-01.jpg", 3.1));
         assert_eq!((summary.shots, summary.solved, summary.tests_passed), (3, 2, 2));

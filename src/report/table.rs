@@ -5,12 +5,12 @@ use super::grid::Grid;
 use super::number::{NONE, count_text, decimals_for, format_fixed, format_rounded};
 use super::summary::{Mean, SeriesSummary};
 use crate::measure::detect::{Detection, Detections};
-use crate::record::{BudgetShare, ImageRecord, MarkerRecord, Reference, Tip, TorsionRecord, variant_name};
+use crate::record::{DeflectionReference, ImageRecord, MarkerRecord, Tip, TorsionRecord, VarianceShare, variant_name};
 
 /// Formats one line per image, then the markers if there is a single image, otherwise the unused markers, then failures and
 /// remarks.
 pub fn results_text(records: &[ImageRecord], wide: bool) -> String {
-    let reference = Reference::most_precise(records.iter().filter_map(|r| r.tip.as_ref()));
+    let reference = Tip::most_precise_reference(records.iter().filter_map(|r| r.tip.as_ref()));
     let mut out = image_table(records, reference).text_with_width(wide);
     let notes = image_notes(records);
     out.push_str(&deflection_text(records, reference));
@@ -34,7 +34,7 @@ pub fn results_text(records: &[ImageRecord], wide: bool) -> String {
 }
 
 /// Describes the reference of the table's deflections; for a single image lists all three deflections and the budget.
-fn deflection_text(records: &[ImageRecord], reference: Reference) -> String {
+fn deflection_text(records: &[ImageRecord], reference: DeflectionReference) -> String {
     match records {
         [ImageRecord { tip: Some(tip), budget, .. }] if tip.reference.is_some() => {
             format!("\n{}{}", self::tip_table(tip).text(), budget_text(budget))
@@ -49,7 +49,8 @@ fn deflection_text(records: &[ImageRecord], reference: Reference) -> String {
 /// Lists the three deflections of the tip.
 pub fn tip_table(tip: &Tip) -> Grid {
     let reported = tip.reference.unwrap_or_default();
-    let deflections: Vec<_> = Reference::ALL.iter().filter_map(|one| Some((*one, tip.deflection(*one)?))).collect();
+    let deflections: Vec<_> =
+        DeflectionReference::ALL.iter().filter_map(|one| Some((*one, tip.deflection(*one)?))).collect();
     let pair = |deflection: &(f64, Option<f64>)| format_rounded(Some(deflection.0), deflection.1, 4);
     Grid::for_rows(&deflections).columns(&[
         ("<deflection of", &|_| tip.marker.clone()),
@@ -64,7 +65,7 @@ pub fn tip_table(tip: &Tip) -> Grid {
 const MIN_NAMED_SHARE: f64 = 0.02;
 
 /// Describes a variance budget in a sentence; empty without one.
-pub fn budget_text(budget: &[BudgetShare]) -> String {
+pub fn budget_text(budget: &[VarianceShare]) -> String {
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let (large, small): (Vec<_>, Vec<_>) = budget.iter().partition(|one| one.share >= MIN_NAMED_SHARE);
     let mut parts: Vec<String> = large.iter().map(|one| format!("{} {}", one.source, percent(one.share))).collect();
@@ -84,9 +85,9 @@ pub fn budget_text(budget: &[BudgetShare]) -> String {
 }
 
 /// Builds the table of a variance budget.
-pub fn budget_table(shares: &[BudgetShare]) -> Grid {
+pub fn budget_table(shares: &[VarianceShare]) -> Grid {
     Grid::for_rows(shares).columns(&[
-        ("<source", &|one| one.source.clone()),
+        ("<source", &|one| one.source.to_string()),
         ("contribution / %", &|one| format_fixed(Some(100.0 * one.share), 1)),
         ("sigma of the deflection if known / mm", &|one| {
             format_fixed(one.sigma_if_known_m.map(|sigma| 1e3 * sigma), 2)
@@ -164,16 +165,20 @@ pub fn scatter_text(value: Option<Mean>) -> String {
 }
 
 /// Builds the table of the images, for the terminal and the report.
-pub fn image_table(records: &[ImageRecord], reference: Reference) -> Grid {
+pub fn image_table(records: &[ImageRecord], reference: DeflectionReference) -> Grid {
     image_rows(&records.iter().map(|r| (r, MarkerCount::from_record(r))).collect::<Vec<_>>(), reference)
 }
 
 /// Builds the table of the images from records without markers, with their marker counts.
-pub fn image_table_with_counts(records: &[ImageRecord], counts: &[MarkerCount], reference: Reference) -> Grid {
+pub fn image_table_with_counts(
+    records: &[ImageRecord],
+    counts: &[MarkerCount],
+    reference: DeflectionReference,
+) -> Grid {
     image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>(), reference)
 }
 
-fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Grid {
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReference) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
     let deflection = |r: &ImageRecord| {
         let (deflection_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();

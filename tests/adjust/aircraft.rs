@@ -72,7 +72,7 @@ pub struct EffectErrors {
     /// Tip deflection errors relative to survey, ground frame and root, m.
     pub tip_errors_m: [Vec<f64>; 3],
     /// For each source of the tip's variance: its fraction, and the standard deviation if the source were known, m.
-    budget: BTreeMap<&'static str, Vec<(f64, f64)>>,
+    budget: BTreeMap<String, Vec<(f64, f64)>>,
 }
 
 impl EffectErrors {
@@ -95,7 +95,7 @@ impl EffectErrors {
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
         self.moments.extend(moments(aircraft, when, solution, setup));
-        self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
+        self.passed.push(f64::from(solution.global_test == Some(GlobalTest::Passed)));
     }
 }
 
@@ -110,7 +110,7 @@ impl EffectErrors {
         self.moments.extend(&other.moments);
         self.passed.extend(&other.passed);
         for (source, parts) in &other.budget {
-            self.budget.entry(source).or_default().extend(parts);
+            self.budget.entry(source.clone()).or_default().extend(parts);
         }
     }
 
@@ -118,7 +118,7 @@ impl EffectErrors {
         let Some(budget) = &solution.budget else { return };
         for part in &budget.shares {
             let known_m = part.sigma_if_known_m.unwrap_or(f64::NAN);
-            self.budget.entry(part.source).or_default().push((part.share, known_m));
+            self.budget.entry(part.source.to_string()).or_default().push((part.share, known_m));
         }
         let tip = &solution.markers[budget.marker];
         for (k, deflection) in
@@ -130,7 +130,7 @@ impl EffectErrors {
 
     /// Sources, largest first: mean fraction in percent, and median tip standard deviation if the source were known, mm.
     pub fn budget(&self) -> String {
-        let part = |(name, all): (&&str, &Vec<(f64, f64)>)| {
+        let part = |(name, all): (&String, &Vec<(f64, f64)>)| {
             let share = all.iter().map(|(share, _)| share).sum::<f64>() / self.passed.len() as f64;
             let known = median(&all.iter().map(|(_, known_m)| 1e3 * known_m).collect::<Vec<_>>());
             (share, format!("{name} {:.0} % ({known:.1})", 100.0 * share))
@@ -217,7 +217,7 @@ fn is_reported(solution: &Solution) -> bool {
     const WORDS: [&str; 6] =
         ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause"];
     let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
-    remarked || solution.global_test == GlobalTest::Rejected
+    remarked || solution.global_test == Some(GlobalTest::Rejected)
 }
 
 /// Samples wings or flights of the given number of frames with one effect each.

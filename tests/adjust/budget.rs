@@ -240,7 +240,7 @@ fn contributions_add_up_with_every_method() {
     solved.push(adjust::solve_profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap());
     for solution in &solved {
         let budget = solution.budget.as_ref().unwrap();
-        println!("{:?} {:?}: {:.3?}", solution.method, budget.reference, budget.shares);
+        println!("{:?}: {:.3?}", budget.reference, budget.shares);
         assert!((sum(&budget.shares) - 1.0).abs() < 1e-9);
         assert!(budget.shares.iter().all(|one| (0.0..=1.0).contains(&one.share)));
         let shown = solution.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
@@ -267,7 +267,7 @@ fn plan_predicts_the_contributions_of_the_adjustment() {
     let budget = exact.solve().budget.unwrap();
     assert_eq!(planned.tip.as_ref().unwrap().reference, budget.reference);
     for one in &budget.shares {
-        let there = fraction_of(&planned.budget, one.source);
+        let there = fraction_of(&planned.budget, &one.source);
         println!("{}: {:.3}, planned {there:.3}", one.source, one.share);
         // The simulated frame bends by one term of the curvature, so small contributions differ.
         let allowed = if one.share > 0.1 { 0.1 * one.share } else { 0.02 };

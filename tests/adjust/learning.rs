@@ -185,7 +185,7 @@ fn have_remark(solutions: &[Solution], words: &str) -> bool {
 
 /// Whether the flight prior is contradicted or the global test rejects.
 fn is_noticed(solutions: &[Solution]) -> bool {
-    have_remark(solutions, "is inconsistent") || solutions.iter().all(|s| s.global_test == GlobalTest::Rejected)
+    have_remark(solutions, "is inconsistent") || solutions.iter().all(|s| s.global_test == Some(GlobalTest::Rejected))
 }
 
 /// Counts single frames and flights of eight aircraft whose installation changed after three flights.

@@ -95,7 +95,7 @@ fn variance_components_of_the_spatial_method_are_recovered() {
         seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
         let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
         let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
-        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor.unwrap().value;
+        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor.unwrap();
         image.push(of("image"));
         survey.push(of("survey"));
     }

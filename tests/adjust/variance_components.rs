@@ -35,10 +35,10 @@ impl Errors {
                 assert!(reported, "{:?} {:?}", solution.remarks, solution.variance_components);
                 continue;
             };
-            assert!(factor.value > 0.0);
-            let sigma = factor.sigma.unwrap() / factor.value;
+            assert!(factor > 0.0);
+            let sigma = component.sigma_factor.unwrap() / factor;
             let list = if name == "image" { &mut self.image } else { &mut self.survey };
-            list.push((factor.value / truth).ln() / sigma);
+            list.push((factor / truth).ln() / sigma);
             self.sigma.push(sigma);
         }
     }
@@ -125,8 +125,9 @@ fn a_component_without_evidence_is_reported_and_keeps_its_configured_value() {
         let s = adjust::solve_profile(&setup, &orientation, &seen, &options()).unwrap();
         let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap();
         assert!(of("image").factor.is_none() && of("image").redundancy < 0.1);
-        let factor = of("survey").factor.unwrap_or_else(|| panic!("{:?} {:?}", s.remarks, s.variance_components));
-        survey.push((factor.value / (SURVEY * SURVEY)).ln() / (factor.sigma.unwrap() / factor.value));
+        let survey_component = of("survey");
+        let factor = survey_component.factor.unwrap_or_else(|| panic!("{:?} {:?}", s.remarks, s.variance_components));
+        survey.push((factor / (SURVEY * SURVEY)).ln() / (survey_component.sigma_factor.unwrap() / factor));
         let sentences: Vec<_> = s.remarks.iter().filter(|r| r.contains("variance component")).collect();
         assert_eq!(sentences.len(), 1, "{:?}", s.remarks);
         assert!(sentences[0].contains("of image cannot be estimated") && sentences[0].contains("stay as given"));

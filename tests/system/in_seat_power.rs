@@ -14,7 +14,7 @@ use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SimulatedClock, Stamp};
 use wingd::daemon::{self, DaemonParts, Event, PowerConfig, SeriesConfig, Solver, StatusBoard};
-use wingd::record::{ImageRecord, Method};
+use wingd::record::ImageRecord;
 use wingd::store::verify::verify_path;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
 
@@ -69,7 +69,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs: Inputs::new(Map::new()),
-            solve: Arc::new(|name, _, _| ImageRecord::failed(name, Method::None, "a test")),
+            solve: Arc::new(|name, _, _| ImageRecord::failed(name, "a test")),
             deadline: Duration::from_secs(60),
             track: None,
         }),

@@ -42,6 +42,7 @@ mod power_fails;
 mod program;
 mod recorder_survives;
 mod report_html;
+mod result_tables;
 mod shipped_configuration;
 mod solve_again;
 mod store_copy;

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use rand::rngs::StdRng;
 use serde_json::{Value, json};
+use wingd::quantities;
 use wingd::store::columns::UTC;
 use wingd::store::verify::verify_path;
 use wingd::store::{
@@ -30,16 +31,16 @@ fn table() -> LiveTable {
         LiveColumn { name, unit, kind, width }
     };
     let mut columns = vec![
-        column(live::names::UTC, UTC, ValueKind::U64, 1),
-        column(live::names::SINCE_BOOT, "s", ValueKind::F64, 1),
-        column(live::names::NUMBER, "", ValueKind::U32, 1),
+        column(quantities::UTC.name, UTC, ValueKind::U64, 1),
+        column(quantities::SINCE_BOOT.name, "s", ValueKind::F64, 1),
+        column(quantities::NUMBER.name, "", ValueKind::U32, 1),
         column("status", "", ValueKind::U8, 1),
         column("latency", "ms", ValueKind::F32, 1),
         column("variance_factor", "", ValueKind::F32, 1),
         column("mounting", "mrad", ValueKind::F32, 6),
         column("pairs.twist", "deg", ValueKind::F32, 4),
-        column(live::names::CURVATURE, "1/m", ValueKind::F32, TERMS),
-        column(live::names::CURVATURE_COVARIANCE, "1/m2", ValueKind::F32, TERMS * (TERMS + 1) / 2),
+        column(quantities::CURVATURE.name, "1/m", ValueKind::F32, TERMS),
+        column(quantities::CURVATURE_COVARIANCE.name, "1/m2", ValueKind::F32, TERMS * (TERMS + 1) / 2),
     ];
     for (name, unit) in MARKER {
         columns.push(column(&format!("markers.{name}"), unit, ValueKind::F32, MARKERS));

@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use wingd::store::{LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, ValueKind, catalogue, live};
+use wingd::quantities;
+use wingd::store::{LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, ValueKind, catalogue};
 
 use crate::common::report_store::stamp;
 use crate::program::{run, stdout};
@@ -22,11 +23,11 @@ fn table(provenance: &Value) -> LiveTable {
         LiveColumn { name, unit, kind, width }
     };
     let columns = vec![
-        column(live::names::UTC, wingd::store::columns::UTC, ValueKind::U64, 1),
-        column(live::names::SINCE_BOOT, "s", ValueKind::F64, 1),
-        column(live::names::NUMBER, "", ValueKind::U32, 1),
-        column(live::names::CURVATURE, "1/m", ValueKind::F64, 2),
-        column(live::names::CURVATURE_COVARIANCE, "1/m2", ValueKind::F64, 3),
+        column(quantities::UTC.name, wingd::store::columns::UTC, ValueKind::U64, 1),
+        column(quantities::SINCE_BOOT.name, "s", ValueKind::F64, 1),
+        column(quantities::NUMBER.name, "", ValueKind::U32, 1),
+        column(quantities::CURVATURE.name, "1/m", ValueKind::F64, 2),
+        column(quantities::CURVATURE_COVARIANCE.name, "1/m2", ValueKind::F64, 3),
     ];
     LiveTable { source: json!({"provenance": provenance}), columns }
 }

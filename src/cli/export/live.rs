@@ -1,11 +1,10 @@
 //! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
 
-use serde_json::Value;
-
 use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
 use super::{ExportArgs, FormatName, add_provenance, recorder_metadata};
 use crate::cli::{Completion, Failure, byte_progress, print_notes};
-use crate::report::export::{LiveColumns, LiveFacts};
+use crate::quantities::LiveSource;
+use crate::report::export::LiveColumns;
 use crate::report::{aircraft, source};
 use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
 
@@ -30,9 +29,7 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
     let columns = LiveColumns::from_tables(&tables, store_id.clone());
     let bar = byte_progress(bytes, "live results");
     let mut notes = Vec::new();
-    let mut empty = columns.empty_columns();
-    empty.extend(LiveFacts::empty_columns());
-    let sink = RowSink::begin(args, empty, || Ok(live_metadata(&tables, store_id.as_deref())));
+    let sink = RowSink::begin(args, columns.empty_columns(), || Ok(live_metadata(&tables, store_id.as_deref())));
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
             notes.extend(write_flight_rows(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
@@ -50,10 +47,10 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
 fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
     let mut notes = recorder_metadata(store_id);
     for table in tables {
-        let Some(inputs) = table.source.get(live::names::PROVENANCE).and_then(Value::as_object) else {
-            continue;
-        };
-        add_provenance(&mut notes, &Inputs::new(inputs.clone()).key(""), inputs);
+        let inputs = LiveSource::from_table(table).provenance;
+        if !inputs.is_empty() {
+            add_provenance(&mut notes, &Inputs::new(inputs.clone()).key(""), &inputs);
+        }
     }
     notes
 }
@@ -67,16 +64,12 @@ fn write_flight_rows(
     read: impl Fn(u64),
 ) -> Result<Vec<String>, ExportEnd> {
     let (track, mut notes) = aircraft::read_track(&RealDisk, &args.store, flight)?;
-    let facts = LiveFacts { track };
     let files = live::for_each_live_file(&RealDisk, &args.store, flight, |mut file| {
         read(file.length() as u64);
         let head = file.head.clone();
         while let Some(block) = file.next_block() {
-            match columns.block_columns(&head, &block) {
-                Some(mut rows) => {
-                    rows.extend(facts.block_columns(&head, &block));
-                    sink.add_rows(rows)?;
-                }
+            match columns.block_columns(&head, &block, &track) {
+                Some(rows) => sink.add_rows(rows)?,
                 None => return Ok(file.torn_length().max(1)),
             }
         }

@@ -14,7 +14,7 @@ use crate::measure::plan::{
     self, AlternativeLayout, InstallationPlan, LayoutPrecision, LayoutPrediction, MarkerPlan, Optics, PlanOptions,
     Requirement, TipSigma,
 };
-use crate::record::{BudgetShare, Reference};
+use crate::record::DeflectionReference;
 use crate::report::grid::Grid;
 use crate::report::number::format_fixed;
 use crate::report::{plan_figure, table};
@@ -122,8 +122,8 @@ fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
     out.push_str(&format!("\n{}", marker_table(&plan.markers).text_with_width(wide)));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", prediction_text(prediction)));
-        let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
-        out.push_str(&format!("\nVariance budget of that deflection\n{}", table::budget_table(&shares).text()));
+        let budget = table::budget_table(&prediction.budget);
+        out.push_str(&format!("\nVariance budget of that deflection\n{}", budget.text()));
         out.push_str(&format!("\nOne marker removed or added\n{}", marker_change_table(prediction).text()));
         let marks = alternative_table(prediction, &prediction.fixed_marks);
         out.push_str(&format!(
@@ -203,14 +203,14 @@ fn prediction_text(prediction: &LayoutPrediction) -> String {
 
 /// Lists the standard deviation of the tip marker's deflection for each reference; that of the results comes first.
 fn tip_deflection_text(tip: &TipSigma) -> String {
-    let shown = Reference::from(tip.reference);
-    let sigma = |reference: Reference| match reference {
-        Reference::Survey => tip.deflection_m,
-        Reference::Ground => tip.deflection_ground_m,
-        Reference::Root => tip.deflection_root_m,
+    let shown = tip.reference;
+    let sigma = |reference: DeflectionReference| match reference {
+        DeflectionReference::Survey => tip.deflection_m,
+        DeflectionReference::Ground => tip.deflection_ground_m,
+        DeflectionReference::Root => tip.deflection_root_m,
     };
-    let text = |one: Reference| Some(format!("{} {:.1} mm", one.description(), 1e3 * sigma(one)?));
-    let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
+    let text = |one: DeflectionReference| Some(format!("{} {:.1} mm", one.description(), 1e3 * sigma(one)?));
+    let others = DeflectionReference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
     let all: Vec<String> = text(shown).into_iter().chain(others).collect();
     format!("Deflection of {}, first that reported in results: {}\n", tip.marker, all.join("; "))
 }

@@ -5,8 +5,9 @@ use serde_json::{Map, Value, json};
 use crate::desk::plan::FlightPrecision;
 use crate::measure::plan::{InstallationPlan, RequirementResult};
 use crate::measure::setup::{Orientation, Setup};
+use crate::record::json_fields;
 use crate::report::grid::Grid;
-use crate::report::number::{count_text, format_fixed, json_fields};
+use crate::report::number::{count_text, format_fixed};
 
 /// Parses a length with its unit and returns it in metres.
 pub fn parse_length(text: &str) -> Result<f64, String> {

@@ -84,7 +84,7 @@ impl FlightSolver<'_> {
     fn solve_jointly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
         let FlightInputs { installation, orientation, .. } = self.known;
         let frames = stored_flights::flight_frames(self.store.disk(), self.flight, None)?;
-        let job = SolveJob { method: AdjustmentMethod::Flight, ..self.job.clone() };
+        let job = SolveJob { method: AdjustmentMethod::Spatial, ..self.job.clone() };
         let mut provenance = pipeline::provenance_map(installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());

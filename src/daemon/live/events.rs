@@ -1,7 +1,7 @@
 //! Detects events in the results, whose raw frames are kept. Pure.
 
 use super::config::KeepConfig;
-use super::result::LiveResult;
+use crate::pipeline::live::LiveResult;
 
 /// Time constant of the mean from which a departure counts, s.
 const MEAN_TIME_S: f64 = 60.0;
@@ -29,7 +29,7 @@ impl EventDetector {
     pub fn detect(&mut self, result: &LiveResult) -> Option<String> {
         let at_s = result.exposure.exposure_since_boot_s;
         let gust = result.tip_deflection_m().and_then(|deflection_m| self.detect_gust(at_s, deflection_m));
-        if result.mount_disturbed && self.keep.mount_disturbed {
+        if result.tracked.mount_disturbed && self.keep.mount_disturbed {
             return Some("the camera mount was disturbed".to_owned());
         }
         if result.is_rejected() && self.keep.rejected {

@@ -36,7 +36,7 @@ use std::time::Duration;
 use serde_json::{Map, Value};
 
 pub use config::{KeepConfig, LiveConfig};
-pub use result::{DATAGRAM_POINTS, LiveResult};
+pub use result::DATAGRAM_POINTS;
 
 use super::core::{Core, DrainedThreads};
 use super::memory;

@@ -2,14 +2,10 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
-
-use crate::clock::exposure::Exposure;
 use crate::daemon::capture::CapturedFrame;
 use crate::daemon::status::Health;
-use crate::measure::view::SearchMode;
-use crate::pipeline::live::{CurvatureEstimate, Outline, TrackedFrame};
-use crate::record::{GlobalTestVerdict, ImageRecord, RecordStatus, variant_name};
+use crate::pipeline::live::{LiveResult, TrackedFrame};
+use crate::record::variant_name;
 
 /// A frame on its way to be solved.
 pub(crate) struct LiveFrame {
@@ -32,58 +28,17 @@ impl LiveFrame {
     }
 }
 
-/// Result of a live frame.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LiveResult {
-    /// Number of the frame since the start, from 1.
-    pub number: u64,
-    /// Time of exposure.
-    #[serde(flatten)]
-    pub exposure: Exposure,
-    /// Time from the middle of the exposure to this result, ms.
-    pub latency_ms: f64,
-    /// Frames skipped since the start.
-    pub skipped: u64,
-    /// Search of the full frame, or guided by the preceding frame.
-    pub search: SearchMode,
-    /// Number of the camera mounting, from 1; 0 before the first solution.
-    pub mounting: usize,
-    /// True if this frame showed a mount disturbance.
-    pub mount_disturbed: bool,
-    /// Outlines of the detected markers.
-    pub outlines: Vec<Outline>,
-    /// Curvature with covariance, stored for bending moments; the line of JSON omits it, because its record has the
-    /// coefficients.
-    #[serde(skip)]
-    pub curvature: Option<CurvatureEstimate>,
-    /// Result record without provenance and correlations.
-    #[serde(flatten)]
-    pub record: ImageRecord,
-}
-
 /// Number of points of the curve in a datagram.
 pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
     pub(crate) fn new(frame: &LiveFrame, tracked: TrackedFrame, latency_ms: f64, skipped: u64) -> Self {
-        let TrackedFrame { record, search, mounting, mount_disturbed, outlines, curvature } = tracked;
-        let (number, exposure) = (frame.number, frame.taken.exposure.clone());
-        Self { number, exposure, latency_ms, skipped, search, mounting, mount_disturbed, outlines, curvature, record }
-    }
-
-    /// Returns whether the result has numbers.
-    pub fn is_solved(&self) -> bool {
-        self.record.status == RecordStatus::Ok
-    }
-
-    /// Returns whether the global test rejects, so that the standard deviations are doubtful.
-    pub fn is_rejected(&self) -> bool {
-        self.record.global_test == Some(GlobalTestVerdict::Rejected)
+        Self { number: frame.number, exposure: frame.taken.exposure.clone(), latency_ms, skipped, tracked }
     }
 
     /// Returns the deflection of the outermost marker, m.
     pub fn tip_deflection_m(&self) -> Option<f64> {
-        self.record.tip.as_ref().filter(|_| self.is_solved()).map(|tip| tip.deflection_m)
+        self.tracked.record.tip.as_ref().filter(|_| self.is_solved()).map(|tip| tip.deflection_m)
     }
 
     /// Returns the result as one JSON object without a line end.
@@ -104,13 +59,13 @@ impl LiveResult {
                 let _ = write!(text, "{value:.digits$}");
             }
         };
-        let record = &self.record;
+        let record = &self.tracked.record;
         let flag = |yes: bool| Some(f64::from(u8::from(yes)));
         field(self.exposure.utc_sigma_s(), 4);
         field(Some(self.number as f64), 0);
         field(flag(self.is_solved()), 0);
-        field(flag(self.mount_disturbed), 0);
-        field(Some(self.mounting as f64), 0);
+        field(flag(self.tracked.mount_disturbed), 0);
+        field(Some(self.tracked.mounting as f64), 0);
         field(Some(self.skipped as f64), 0);
         field(Some(self.latency_ms), 1);
         field(record.variance_factor, 3);

@@ -10,13 +10,13 @@ use super::frames::RawFrameBuffer;
 use super::mailbox::{Delivery, Mailbox};
 use super::meter::Meter;
 use super::publisher::ResultPublisher;
-use super::result::{LiveFrame, LiveMessage, LiveResult};
+use super::result::{LiveFrame, LiveMessage};
 use crate::camera::CameraFrame;
 use crate::daemon::solver::{FrameTracker, FrameTrackerFactory};
 use crate::daemon::worker::{CallError, Worker};
 use crate::measure::view::SearchMode;
-use crate::pipeline::live::TrackedFrame;
-use crate::record::{ImageRecord, Method};
+use crate::pipeline::live::{LiveResult, TrackedFrame};
+use crate::record::{AdjustmentMethod, ImageRecord};
 
 /// Time after which a frame is abandoned with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
@@ -93,7 +93,8 @@ impl LiveSolver {
         self.shared.set_fault("solver", &why);
         let hangs = self.worker.given_up();
         self.shared.update(|live| live.solver_hangs = hangs);
-        Some(TrackedFrame::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
+        let method = Some(AdjustmentMethod::Spatial);
+        Some(TrackedFrame::failed(ImageRecord { method, ..ImageRecord::failed(&frame.name(), why) }))
     }
 
     fn publish_result(
@@ -129,8 +130,8 @@ impl LiveSolver {
         self.shared.update(|live| {
             live.results += 1;
             live.unsolvable += u64::from(!result.is_solved());
-            live.full_searches += u64::from(result.search == SearchMode::Full);
-            live.mount_disturbances += u64::from(result.mount_disturbed);
+            live.full_searches += u64::from(result.tracked.search == SearchMode::Full);
+            live.mount_disturbances += u64::from(result.tracked.mount_disturbed);
             live.dropped += u64::from(lost);
             live.rate_hz = meter.rate_hz(now_s);
             if live.results % LATENCY_UPDATE_RESULTS == 1 {

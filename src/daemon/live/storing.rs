@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value};
 
 use super::context::LiveContext;
-use super::result::LiveResult;
-use super::table::{RowLayout, WordCodes};
+use super::table::{ReasonWords, RowLayout};
+use crate::pipeline::live::LiveResult;
 
 /// Maximum time from a result until it is durable, apart from the disk's own time.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
@@ -24,12 +24,12 @@ pub(super) struct LiveResultWriter {
 impl LiveResultWriter {
     /// Stores results until the sender ends.
     pub fn run(self, inbox: &Receiver<Arc<LiveResult>>) {
-        let (mut table, mut words) = (None, WordCodes::default());
+        let (mut layout, mut reasons) = (None, ReasonWords::default());
         let mut waiting = Vec::new();
         let mut open = true;
         while open {
             open = gather_results(inbox, &mut waiting);
-            self.flush(&mut table, &mut words, &mut waiting);
+            self.flush(&mut layout, &mut reasons, &mut waiting);
         }
         if let Err(error) = self.shared.core.store.close_live_file() {
             tracing::warn!(%error, "the file of live results cannot be closed; this will be done at the next start");
@@ -37,30 +37,27 @@ impl LiveResultWriter {
     }
 
     /// Stores the waiting results; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
-    fn flush(&self, table: &mut Option<RowLayout>, words: &mut WordCodes, waiting: &mut Vec<Arc<LiveResult>>) {
+    fn flush(&self, layout: &mut Option<RowLayout>, reasons: &mut ReasonWords, waiting: &mut Vec<Arc<LiveResult>>) {
         let mut changed = false;
-        waiting.iter().for_each(|result| changed |= words.register(result));
-        match table.as_mut() {
-            Some(table) if changed => table.set_words(words),
-            Some(_) => {}
-            None => {
-                let first = waiting.iter().find(|result| result.is_solved());
-                *table = first.map(|result| RowLayout::from_result(result, &self.source, words));
-            }
+        waiting.iter().for_each(|result| changed |= reasons.register(result));
+        if changed || layout.is_none() {
+            let solved = || waiting.iter().find(|result| result.is_solved()).cloned();
+            let first = layout.take().map(|layout| layout.first).or_else(solved);
+            *layout = first.map(|first| RowLayout::from_result(first, &self.source, reasons));
         }
-        let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else {
+        let Some(layout) = layout.as_ref().filter(|_| !waiting.is_empty()) else {
             return self.drop_excess(waiting);
         };
         let core = &self.shared.core;
         core.board.note_live_storage(true);
-        let mut rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
+        let mut rows: Vec<_> = waiting.iter().map(|result| layout.row(result)).collect();
         // A value that its column cannot hold costs its own row only.
-        rows.retain(|row| table.table.accepts(row));
+        rows.retain(|row| layout.table.accepts(row));
         let refused = (waiting.len() - rows.len()) as u64;
         if refused > 0 {
             self.shared.set_fault("rows", &format!("{refused} live results have a value that the store cannot hold"));
         }
-        match self.shared.core.store.append_live_rows(&table.table, &rows, &core.clock.stamp()) {
+        match self.shared.core.store.append_live_rows(&layout.table, &rows, &core.clock.stamp()) {
             Ok(()) => {
                 core.board.note_live_storage(false);
                 core.board.update(|status| status.flight = core.store.current_flight());

@@ -6,14 +6,14 @@ use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
 use super::BendingLine;
-use crate::clock::Stamp;
+use crate::quantities::{CURVATURE, CURVATURE_COVARIANCE, LiveSource, NUMBER, StoredTimes, finite_value};
 use crate::report::stress::StressFrame;
 use crate::store::columns::{LiveBlock, LiveFile, LiveHead, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
 
 fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
-    let is_there = table.columns.iter().any(|column| column.name == live::names::CURVATURE);
-    is_there.then(|| table.source.get(live::names::PROVENANCE)?.as_object().cloned()).flatten()
+    let is_there = table.columns.iter().any(|column| column.name == CURVATURE.name);
+    is_there.then(|| LiveSource::from_table(table).provenance).filter(|provenance| !provenance.is_empty())
 }
 
 /// Returns the provenance of the last live results with a curvature; `None` if there are none.
@@ -67,30 +67,22 @@ pub(super) fn live_frames(
 
 /// Returns the solved results of a block; `None` if columns are missing.
 fn block_frames(head: &LiveHead, block: &LiveBlock, line: &BendingLine) -> Option<Vec<StressFrame>> {
-    let column = |name: &str| block.column_values(head.table.find_column(name)?.0);
-    let curvature = column(live::names::CURVATURE)?;
-    let covariance = column(live::names::CURVATURE_COVARIANCE)?;
-    let utc = column(live::names::UTC)?;
-    let since_boot_s = column(live::names::SINCE_BOOT);
-    let number = column(live::names::NUMBER);
+    let curvature = block.named_values(CURVATURE.name)?;
+    let covariance = block.named_values(CURVATURE_COVARIANCE.name)?;
+    let (times, number) = (StoredTimes::from_block(block)?, block.named_values(NUMBER.name));
     let (terms, entries) = (curvature.len() / block.len().max(1), covariance.len() / block.len().max(1));
     if terms == 0 || entries != terms * (terms + 1) / 2 {
         return None;
     }
     let frame = |row: usize| {
-        let utc = *utc.get(row)?;
         let curvature = curvature.get(row * terms..(row + 1) * terms)?;
         let covariance = covariance.get(row * entries..(row + 1) * entries)?;
-        let known = utc.is_finite() && curvature.iter().chain(covariance).all(|value| value.is_finite());
-        let utc = jiff::Timestamp::from_microsecond(utc as i64).ok().filter(|_| known)?;
-        let began = &head.began;
-        let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
-        let by_boot_s = since_boot_s.as_ref().and_then(|all| all.get(row)).filter(|s| s.is_finite());
-        let named = number.as_ref().and_then(|all| all.get(row)).filter(|n| n.is_finite());
+        let known = curvature.iter().chain(covariance).all(|value| value.is_finite());
+        let stamp = times.stamp(&head.began, row).filter(|_| known)?;
         Some(StressFrame {
             series: "live".to_owned(),
-            image: named.map_or_else(|| utc.to_string(), f64::to_string),
-            stamp: Stamp { utc, since_boot_s: by_boot_s.copied().unwrap_or(by_utc_s), ..began.clone() },
+            image: finite_value(&number, row).map_or_else(|| stamp.utc.to_string(), |number| number.to_string()),
+            stamp,
             curvature: line.with_curvature(DVector::from_column_slice(curvature), symmetric_matrix(terms, covariance)),
         })
     };

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::{Refusal, Site};
 use crate::daemon::{DaemonStatus, Health, StatusBoard};
-use crate::record::Reference;
+use crate::record::DeflectionReference;
 use crate::report::html::FIGURE_STYLE;
 use crate::report::number::{count_text, format_fixed, format_rounded};
 use crate::report::overview::{self, FlightOverview};
@@ -123,7 +123,11 @@ fn flight_card(one: &FlightOverview) -> Markup {
 }
 
 /// Describes the greatest tip deflection of a single frame.
-fn greatest_deflection(line: &overview::SeriesOverview, deflection: &FrameDeflection, reference: Reference) -> String {
+fn greatest_deflection(
+    line: &overview::SeriesOverview,
+    deflection: &FrameDeflection,
+    reference: DeflectionReference,
+) -> String {
     let (value, sigma) = format_rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
     let at = line.begun.as_ref().map_or(String::new(), |b| format!(", started {}", format_minute(b.utc)));
     let (image, words) = (&deflection.image, reference.description());

@@ -6,9 +6,6 @@ use super::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
 use crate::estimation::{AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources};
 use crate::widths::Unknown;
 
-/// Ratio of standard deviations below which another reference replaces the survey. A difference below 1 % is invisible in
-/// two significant digits.
-const PREFERENCE_RATIO: f64 = 0.99;
 /// Source name of a frame's image coordinates.
 pub const IMAGE: &str = "image";
 /// Source name of the survey.
@@ -73,24 +70,6 @@ pub fn attribute_information(
     AttributedInformation::from_solution(problem, fit, invariant, blocks.members.len(), &naming)
 }
 
-impl MarkerSolution {
-    /// Returns the reference for which the deflection is most precise. The survey is preferred unless another reference has
-    /// a standard deviation that is smaller by more than 1 %. `None` without a deflection.
-    fn most_precise_reference(&self) -> Option<DeflectionReference> {
-        let sigma = |reference| self.deflection_against(reference).and_then(|deflection| deflection.sigma);
-        self.deflection_m?;
-        let better = |best: DeflectionReference, other: DeflectionReference| {
-            let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < PREFERENCE_RATIO * best);
-            if smaller { other } else { best }
-        };
-        Some(
-            [DeflectionReference::Ground, DeflectionReference::Root]
-                .into_iter()
-                .fold(DeflectionReference::Survey, better),
-        )
-    }
-}
-
 impl FrameOutcome<'_> {
     /// Computes the budget for the outermost used marker; `None` if there is no such marker.
     pub fn variance_budget(&self, markers: &[MarkerSolution], sources: &VarianceSources) -> Option<VarianceBudget> {
@@ -98,11 +77,11 @@ impl FrameOutcome<'_> {
         let span = |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
         let deflected = markers.iter().filter(|m| m.used && m.deflection_m.is_some());
         let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
-        let reference = tip.most_precise_reference()?;
+        let reference = DeflectionReference::most_precise(|reference| tip.deflection_against(reference)?.sigma);
         let parts = sources.contributions(self.group, &self.deflection_gradient(tip.marker, reference)?);
         let total: f64 = parts.iter().map(|part| part.variance).sum();
         let share = |part: &crate::estimation::VarianceContribution| VarianceShare {
-            source: part.source,
+            source: part.source.into(),
             share: part.variance / total,
             sigma_if_known_m: part.if_known.map(|variance| self.scale() * variance.sqrt()),
         };

@@ -44,7 +44,7 @@ use super::input::AdjustmentInput;
 use super::outcome::with_prior_if_consistent;
 use super::scene::WingScene;
 use super::terms::MIN_DRIFT_RAD;
-use super::{AdjustError, AdjustmentMethod, Observation, Options, Solution};
+use super::{AdjustError, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Adjusts all frames of a flight jointly with the rigid-section beam; returns one solution per frame.
@@ -79,7 +79,7 @@ pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) ->
         let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
         hyperparameters.drift_rad = MIN_DRIFT_RAD;
         let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
-        Ok(joint.single_solution(AdjustmentMethod::Spatial))
+        Ok(joint.first_solution(false))
     };
     with_prior_if_consistent(input.options, solve, std::slice::from_mut)
 }

@@ -32,10 +32,11 @@ pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
 pub use profile::solve_profile;
 pub use spatial::solve_spatial;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use self::flight_prior::FlightPrior;
 
@@ -99,15 +100,14 @@ impl Default for Options {
     }
 }
 
-/// Method of a solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Deflection model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum AdjustmentMethod {
-    /// Method of the paper (docs/model.md).
+    /// Method of the paper (docs/model.md): a parabola in the vertical plane.
     Profile,
-    /// Rigid-section beam, single frame.
+    /// Beam of rigid sections in space.
     Spatial,
-    /// Rigid-section beam, frames of a flight adjusted jointly.
-    Flight,
 }
 
 /// Named parameter of the model; the name includes the unit.
@@ -120,7 +120,7 @@ pub struct Parameter {
 }
 
 /// Result of one marker of the survey.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct MarkerSolution {
     /// Index in [`Setup::markers`].
     pub marker: usize,
@@ -156,35 +156,49 @@ pub struct MarkerSolution {
 impl MarkerSolution {
     /// Creates the result of a marker that was not used.
     pub fn unused(marker: usize, reason: String) -> Self {
-        Self {
-            marker,
-            used: false,
-            reason: Some(reason),
-            residual_px: None,
-            redundancy: None,
-            w_test: None,
-            minimal_detectable_bias_px: None,
-            minimal_detectable_bias_m: None,
-            distance_m: None,
-            position_m: None,
-            covariance_m2: None,
-            deflection_m: None,
-            deflection_ground_m: None,
-            deflection_root_m: None,
-        }
+        Self { marker, reason: Some(reason), ..Self::default() }
     }
 }
 
 /// Reference of a deflection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeflectionReference {
     /// Surveyed shape.
+    #[default]
     Survey,
     /// Shape in the ground frame, which may be bent relative to the survey.
     Ground,
     /// Tangent of the root, which may have rotated and moved since the ground frame.
     Root,
+}
+
+/// Ratio of standard deviations below which another reference replaces the survey. A difference below 1 % is invisible in
+/// two significant digits.
+const PREFERENCE_RATIO: f64 = 0.99;
+
+impl DeflectionReference {
+    /// References in order of preference if their standard deviations are equal.
+    pub const ALL: [Self; 3] = [Self::Survey, Self::Ground, Self::Root];
+
+    /// Returns the reference in words, for a caption.
+    pub fn description(self) -> &'static str {
+        match self {
+            Self::Survey => "against the survey",
+            Self::Ground => "against the ground frame",
+            Self::Root => "from the root's tangent",
+        }
+    }
+
+    /// Selects the reference with the smallest standard deviation. An earlier one of [`Self::ALL`] is preferred unless the
+    /// standard deviation of a later one is smaller by more than 1 %.
+    pub fn most_precise(sigma: impl Fn(Self) -> Option<f64>) -> Self {
+        let better = |best: Self, other: Self| {
+            let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < PREFERENCE_RATIO * best);
+            if smaller { other } else { best }
+        };
+        Self::ALL.into_iter().reduce(better).unwrap_or_default()
+    }
 }
 
 impl MarkerSolution {
@@ -199,14 +213,14 @@ impl MarkerSolution {
 }
 
 /// Contribution of one source to the variance of the tip deflection.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VarianceShare {
     /// Name of the source (docs/adjustment/standard-deviations.md).
-    pub source: &'static str,
+    pub source: Cow<'static, str>,
     /// Fraction of the variance, 0 to 1; the shares of a budget add up to 1.
     pub share: f64,
     /// Standard deviation of the deflection if the source had no error, m; `None` for observations.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma_if_known_m: Option<f64>,
 }
 
@@ -247,13 +261,12 @@ pub struct CurvePoint {
 /// Result of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
-    pub method: AdjustmentMethod,
     /// A-posteriori variance factor; `None` at redundancy 0.
     pub variance_factor: Option<f64>,
     /// Number of conditions minus number of parameters.
     pub redundancy: usize,
-    /// Result of the global test of the variance factor.
-    pub global_test: GlobalTest,
+    /// Result of the global test of the variance factor; `None` at redundancy 0.
+    pub global_test: Option<GlobalTest>,
     /// True if the standard deviations are a posteriori.
     pub posterior: bool,
     pub parameters: Vec<Parameter>,

@@ -17,7 +17,7 @@ use super::marker_state::MarkerState;
 use super::scene::BentWing;
 use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
-use super::{AdjustmentMethod, CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
+use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
 use crate::estimation::quality::Reliability;
 use crate::estimation::{Fit, Gradient, Problem, VarianceSources};
 
@@ -36,7 +36,7 @@ pub struct FrameOutcome<'a> {
     pub members: &'a [BlockMember],
     values: UnknownValues,
     bent: BentWing,
-    global_test: GlobalTest,
+    global_test: Option<GlobalTest>,
     posterior: bool,
     /// Factor of the standard deviations: 1 if they are a priori.
     scale: f64,
@@ -52,7 +52,7 @@ impl<'a> FrameOutcome<'a> {
         let SolvedGroup { input, problem, fit, group, members } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend_frame(&values);
-        let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
+        let (global_test, posterior, scale) = (None, false, 1.0);
         let (tested_sum, before_removal) = (ResidualSum::from_fit(fit), false);
         let new = Self {
             input,
@@ -74,12 +74,7 @@ impl<'a> FrameOutcome<'a> {
 
     /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
     /// given as the reason of its marker.
-    pub fn solution<'s>(
-        &self,
-        method: AdjustmentMethod,
-        removed: impl Iterator<Item = &'s Suspect>,
-        sources: &VarianceSources,
-    ) -> Solution {
+    pub fn solution<'s>(&self, removed: impl Iterator<Item = &'s Suspect>, sources: &VarianceSources) -> Solution {
         let (curve, parabola, a) = self.deflection_curve();
         let (mut parameters, correlation, pitch_bending_correlation) = self.parameters(&parabola, a);
         parameters.push(self.axis_raise());
@@ -94,7 +89,6 @@ impl<'a> FrameOutcome<'a> {
         remarks.extend(self.removal_remark());
         let budget = self.variance_budget(&markers, sources);
         Solution {
-            method,
             variance_factor: self.variance_factor(),
             redundancy: self.tested_sum.redundancy,
             global_test: self.global_test,

@@ -16,8 +16,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
 use super::snooping;
 use super::{
-    AdjustError, AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution,
-    VarianceComponent,
+    AdjustError, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution, VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{Block, Fit, Group, Problem, SolveOptions, VarianceGroup, solve_groups, variance_components};
@@ -235,7 +234,6 @@ impl ProfileAdjustment<'_> {
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
         let a = Estimate { value: self.a_per_m(), sigma: Some(sigma_a) };
         Ok(Solution {
-            method: AdjustmentMethod::Profile,
             variance_factor: self.fit.variance_factor(),
             redundancy: self.fit.redundancy,
             global_test,

@@ -269,7 +269,8 @@ pub fn fixed_target_remark(factor: f64) -> Option<String> {
 
 /// Square root of the variance factor without the suspect, at least 1.
 pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
-    if fit.redundancy < 2 || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
+    if fit.redundancy < 2
+        || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == Some(GlobalTest::Passed)
     {
         return 1.0;
     }

@@ -15,7 +15,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::{AdjustError, AdjustmentMethod, Observation, Options, Solution, VarianceComponent};
+use super::{AdjustError, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
@@ -219,9 +219,8 @@ pub fn solve_spatial(
     let SolvedFrame { frame, fit, .. } = &solved;
     let outcome = FrameOutcome::new(solved.group(&input), &frame.layout).judged_before_removal(tested_sum);
     let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
-    let solution = with_variance_sources(blocks, &frame.problem, fit, None, |sources| {
-        outcome.solution(AdjustmentMethod::Spatial, removed.iter(), sources)
-    });
+    let solution =
+        with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
     remarks.extend(solution.remarks);
     remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
     remarks.extend(

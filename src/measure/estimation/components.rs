@@ -9,23 +9,29 @@
 //! The logarithm keeps components positive, and the inverse of `F` is their covariance. If the observations
 //! do not determine a component, the given standard deviations are kept.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::error::EstimationError;
 use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::{SolveOptions, solve_groups};
-use crate::observation::Estimate;
+use crate::observation::deserialize_or_nan;
 
 /// Variance component of one group.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VarianceComponent {
     /// Name of the group: `image` or `survey`.
-    pub group: &'static str,
-    /// Component (1: the group's standard deviations are right); `None` if the observations do not determine it and the
-    /// given standard deviations were kept.
-    pub factor: Option<Estimate>,
+    pub group: Cow<'static, str>,
+    /// Component (1: the group's standard deviations are right), by whose square root they are scaled; `None` if the
+    /// observations do not determine it and the given standard deviations were kept.
+    pub factor: Option<f64>,
+    /// Standard deviation of the component.
+    pub sigma_factor: Option<f64>,
     /// Contribution of the group to the redundancy.
+    #[serde(deserialize_with = "deserialize_or_nan")]
     pub redundancy: f64,
 }
 
@@ -205,8 +211,9 @@ impl ScoringEquations {
         let one = |i: usize| {
             let value = logs[i].exp();
             VarianceComponent {
-                group: groups[i].name,
-                factor: free[i].then(|| Estimate { value, sigma: Some(value * sigmas[i]) }),
+                group: groups[i].name.into(),
+                factor: free[i].then_some(value),
+                sigma_factor: free[i].then(|| value * sigmas[i]),
                 redundancy: self.redundancy[i],
             }
         };

@@ -24,14 +24,13 @@ pub enum SigmaKind {
 }
 
 /// Verdict of the chi-square test on the variance factor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum GlobalTest {
     /// The variance factor is compatible with 1.
     Passed,
     /// The variance factor is significantly larger than 1.
     Rejected,
-    /// The redundancy is 0.
-    NotPossible,
 }
 
 /// Probability of finding a bias as large as the minimal detectable one (Baarda).
@@ -39,19 +38,11 @@ const DETECTION_POWER: f64 = 0.8;
 /// Redundancy number below which an observation is uncontrolled.
 const MIN_REDUNDANCY: f64 = 1e-6;
 
-/// Tests the variance factor against 1 by chi-square, one-sided.
-pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
-    match ChiSquared::new(redundancy as f64) {
-        // The tail's probability instead of its quantile, which is found by bisection.
-        Ok(law) if redundancy > 0 => {
-            if law.sf(omega) >= alpha {
-                GlobalTest::Passed
-            } else {
-                GlobalTest::Rejected
-            }
-        }
-        _ => GlobalTest::NotPossible,
-    }
+/// Tests the variance factor against 1 by chi-square, one-sided; `None` without redundancy.
+pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> Option<GlobalTest> {
+    // The tail's probability instead of its quantile, which is found by bisection.
+    let law = ChiSquared::new(redundancy as f64).ok().filter(|_| redundancy > 0)?;
+    Some(if law.sf(omega) >= alpha { GlobalTest::Passed } else { GlobalTest::Rejected })
 }
 
 /// Returns the limit that a chi-square variable of `freedom` degrees of freedom exceeds with probability `alpha`; infinite
@@ -61,11 +52,11 @@ pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
 }
 
 /// Returns true if standard deviations are scaled by the root of the variance factor.
-pub fn is_posterior(kind: SigmaKind, test: GlobalTest) -> bool {
+pub fn is_posterior(kind: SigmaKind, test: Option<GlobalTest>) -> bool {
     match kind {
-        SigmaKind::ByTest => test == GlobalTest::Rejected,
+        SigmaKind::ByTest => test == Some(GlobalTest::Rejected),
         SigmaKind::Prior => false,
-        SigmaKind::Posterior => test != GlobalTest::NotPossible,
+        SigmaKind::Posterior => test.is_some(),
     }
 }
 

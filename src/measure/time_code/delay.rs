@@ -101,7 +101,7 @@ impl ExposureTest {
         let freedom = difference.images.saturating_sub(1);
         let scattered = difference.scatter_s.is_some_and(|scatter_s| {
             let omega = freedom as f64 * scatter_s.powi(2) / (difference.read_sigma_s.powi(2) + recorded_variance);
-            global_test(omega, freedom, SIGNIFICANCE) == GlobalTest::Rejected
+            global_test(omega, freedom, SIGNIFICANCE) == Some(GlobalTest::Rejected)
         });
         let agrees = normalised <= MAX_NORMALIZED && !scattered;
         Self { difference, recorded_s: recorded_variance.sqrt(), normalised, agrees }

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::super::SeriesData;
 use crate::aircraft::state_to_json;
+use crate::quantities::SCHEMA_VERSION;
 
 /// Writes the shots of a series, including those without a frame or result (`record` is `null`).
 pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
@@ -13,8 +14,8 @@ pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: O
         let record = series.record_for_shot(shot);
         let stamp = shot.stamp.as_ref();
         let line = json!({
-            "schema_version": super::columns::SCHEMA_VERSION,
-            "result_id": super::columns::result_id(&series.name, shot.number),
+            "schema_version": SCHEMA_VERSION,
+            "result_id": format!("{}/{}", series.name, shot.number),
             "recorder_id": store_id,
             "flight": series.flight,
             "series": series.name,

@@ -3,7 +3,6 @@
 mod columns;
 mod lines;
 mod live;
-mod live_facts;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod vtk;
@@ -12,10 +11,9 @@ use std::io::Write;
 
 use crate::installation::text_cell;
 
-pub use columns::{ColumnValues, ExportColumn, ExportContext, ExportTable, SCHEMA_VERSION, table_columns};
+pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
 pub use lines::write_json_lines;
 pub use live::{LiveColumns, write_json_rows};
-pub use live_facts::LiveFacts;
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
@@ -37,7 +35,7 @@ impl<W: Write> CsvWriter<W> {
     pub fn add(&mut self, columns: &[ExportColumn]) -> Result<(), csv::Error> {
         let rows = columns.first().map_or(0, |c| c.values.len());
         let cell = |values: &ColumnValues, row| match (values, values.value_text(row)) {
-            (ColumnValues::Text(_), text) => text_cell(&text).into_owned(),
+            (ColumnValues::Texts(_), text) => text_cell(&text).into_owned(),
             (_, text) => text,
         };
         (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| cell(&c.values, row))))
@@ -54,9 +52,10 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::{SeriesData, sample};
     use super::*;
+    use crate::quantities::ResultTable;
 
-    fn text(table: ExportTable, series: &[SeriesData]) -> String {
-        let common = ExportContext::from_series(Some("ab".to_owned()), series);
+    fn text(table: ResultTable, series: &[SeriesData]) -> String {
+        let common = ExportContext { store_id: Some("ab".to_owned()), pairs: vec!["tip".to_owned()] };
         let mut bytes = Vec::new();
         let mut csv = CsvWriter::begin(&mut bytes, &table_columns(table, &SeriesData::default(), &common)).unwrap();
         for one in series {
@@ -76,7 +75,7 @@ mod tests {
     fn csv_reads_back_with_every_marker_of_every_image() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
         series.records.push(sample::failed("=x.jpg", "dark, \"quoted\"\nand broken"));
-        let text = text(ExportTable::Markers, &[series]);
+        let text = text(ResultTable::Markers, &[series]);
         let (heading, rows) = rows(&text);
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!(rows.len(), 2 * 4 + 1, "four markers twice, and the failed image");
@@ -99,13 +98,13 @@ mod tests {
         let lost = super::super::ShotData { number: 2, failures: vec!["gone: unplugged".into()], ..Default::default() };
         series.shots.push(lost);
         let series = [series];
-        let (heading, span) = rows(&text(ExportTable::Span, &series));
+        let (heading, span) = rows(&text(ResultTable::Span, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("deflection_m")]), (13, "36", "2.9"));
-        let (heading, parameters) = rows(&text(ExportTable::Parameters, &series));
+        let (heading, parameters) = rows(&text(ResultTable::Parameters, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((&parameters[0][at("parameter")], &parameters[0][at("value")]), ("a_per_m", "0.00219"));
-        let (heading, shots) = rows(&text(ExportTable::Shots, &series));
+        let (heading, shots) = rows(&text(ResultTable::Shots, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((shots.len(), &shots[1][at("status")]), (2, "no frame"));
         assert_eq!(&shots[1][at("camera_failures")], "gone: unplugged");
@@ -113,6 +112,6 @@ mod tests {
 
     #[test]
     fn an_empty_store_gives_the_heading_alone() {
-        assert_eq!(text(ExportTable::Markers, &[]).lines().count(), 1);
+        assert_eq!(text(ResultTable::Markers, &[]).lines().count(), 1);
     }
 }

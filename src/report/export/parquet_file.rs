@@ -11,7 +11,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type};
 
-use super::columns::{ColumnValues, ExportColumn};
+use super::columns::{ColumnValues, ExportColumn, NumberType};
 
 /// Approximate maximum number of rows of a row group. A group is kept in memory, about 1 kB per row, until it is written.
 const MAX_GROUP_ROWS: usize = 16_384;
@@ -34,7 +34,10 @@ impl<W: Write + Send> ParquetFile<W> {
             .set_created_by(format!("wingd {}", env!("CARGO_PKG_VERSION")))
             .set_key_value_metadata(Some(notes));
         // Measured numbers hardly repeat: a dictionary would hold the full column, plus an index per value.
-        for column in columns.iter().filter(|c| matches!(c.values, ColumnValues::Number(_) | ColumnValues::Single(_))) {
+        for column in columns
+            .iter()
+            .filter(|c| matches!(c.values, ColumnValues::Numbers(NumberType::Double | NumberType::Single, _)))
+        {
             let path = ColumnPath::from(column.name.as_str());
             properties = properties.set_column_dictionary_enabled(path, false);
         }
@@ -73,12 +76,12 @@ impl<W: Write + Send> ParquetFile<W> {
 fn schema_field(column: &ExportColumn) -> Result<Type, ParquetError> {
     let utc = LogicalType::timestamp(true, TimeUnit::MICROS);
     let (physical, logical) = match column.values {
-        ColumnValues::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-        ColumnValues::Number(_) => (Physical::DOUBLE, None),
-        ColumnValues::Single(_) => (Physical::FLOAT, None),
-        ColumnValues::Count(_) => (Physical::INT64, None),
-        ColumnValues::Flag(_) => (Physical::BOOLEAN, None),
-        ColumnValues::Time(_) => (Physical::INT64, Some(utc)),
+        ColumnValues::Texts(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        ColumnValues::Numbers(NumberType::Double, _) => (Physical::DOUBLE, None),
+        ColumnValues::Numbers(NumberType::Single, _) => (Physical::FLOAT, None),
+        ColumnValues::Numbers(NumberType::Count, _) => (Physical::INT64, None),
+        ColumnValues::Numbers(NumberType::Flag, _) => (Physical::BOOLEAN, None),
+        ColumnValues::Numbers(NumberType::Time, _) => (Physical::INT64, Some(utc)),
     };
     let builder = Type::primitive_type_builder(&column.name, physical);
     builder.with_repetition(Repetition::OPTIONAL).with_logical_type(logical).build()
@@ -87,24 +90,30 @@ fn schema_field(column: &ExportColumn) -> Result<Type, ParquetError> {
 type ParquetRowGroup<'a, W> = SerializedRowGroupWriter<'a, W>;
 
 fn write_column<W: Write + Send>(group: &mut ParquetRowGroup<W>, values: &ColumnValues) -> Result<(), ParquetError> {
-    match values {
-        ColumnValues::Text(v) => {
-            write_values::<W, ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str()))
+    let (kind, numbers) = match values {
+        ColumnValues::Texts(texts) => {
+            let texts = texts.iter().map(|text| text.as_deref().map(ByteArray::from));
+            return write_values::<W, ByteArrayType>(group, texts);
         }
-        ColumnValues::Number(v) => write_values::<W, DoubleType, _>(group, v, |n| *n),
-        ColumnValues::Single(v) => write_values::<W, FloatType, _>(group, v, |n| *n),
-        ColumnValues::Count(v) | ColumnValues::Time(v) => write_values::<W, Int64Type, _>(group, v, |n| *n),
-        ColumnValues::Flag(v) => write_values::<W, BoolType, _>(group, v, |b| *b),
+        ColumnValues::Numbers(kind, numbers) => (kind, numbers),
+    };
+    let present = numbers.iter().map(|number| Some(*number).filter(|number| !number.is_nan()));
+    match kind {
+        NumberType::Double => write_values::<W, DoubleType>(group, present),
+        NumberType::Single => write_values::<W, FloatType>(group, present.map(|n| n.map(|n| n as f32))),
+        NumberType::Count | NumberType::Time => {
+            write_values::<W, Int64Type>(group, present.map(|n| n.map(|n| n as i64)))
+        }
+        NumberType::Flag => write_values::<W, BoolType>(group, present.map(|n| n.map(|n| n != 0.0))),
     }
 }
 
-fn write_values<W: Write + Send, T: DataType, V>(
+fn write_values<W: Write + Send, T: DataType>(
     group: &mut ParquetRowGroup<W>,
-    values: &[Option<V>],
-    convert: impl Fn(&V) -> T::T,
+    values: impl Iterator<Item = Option<T::T>> + Clone,
 ) -> Result<(), ParquetError> {
-    let present: Vec<T::T> = values.iter().flatten().map(convert).collect();
-    let levels: Vec<i16> = values.iter().map(|v| i16::from(v.is_some())).collect();
+    let levels: Vec<i16> = values.clone().map(|value| i16::from(value.is_some())).collect();
+    let present: Vec<T::T> = values.flatten().collect();
     let missing = || ParquetError::General("the schema has fewer columns than the table".to_owned());
     let mut column = group.next_column()?.ok_or_else(missing)?;
     column.typed::<T>().write_batch(&present, Some(&levels), None)?;
@@ -118,11 +127,12 @@ mod tests {
     use parquet::record::Field;
 
     use super::super::super::{SeriesData, sample};
-    use super::super::{ExportContext, ExportTable, table_columns};
+    use super::super::{ExportContext, table_columns};
     use super::*;
+    use crate::quantities::ResultTable;
 
-    fn file(table: ExportTable, series: &[SeriesData]) -> SerializedFileReader<axum::body::Bytes> {
-        let common = ExportContext::from_series(Some("ab".to_owned()), series);
+    fn file(table: ResultTable, series: &[SeriesData]) -> SerializedFileReader<axum::body::Bytes> {
+        let common = ExportContext { store_id: Some("ab".to_owned()), pairs: vec!["tip".to_owned()] };
         let empty = SeriesData::default();
         let notes = [("store_id".to_owned(), "ab".to_owned())];
         let mut file = ParquetFile::begin(Vec::new(), table_columns(table, &empty, &common), &notes).unwrap();
@@ -137,7 +147,7 @@ mod tests {
         let mut series = sample::series("s000001", 0, &[2.9]);
         series.records.push(sample::failed("x.jpg", "dark"));
         let utc = series.shots[0].stamp.as_ref().unwrap().utc;
-        let reader = file(ExportTable::Markers, &[series]);
+        let reader = file(ResultTable::Markers, &[series]);
         let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
         assert_eq!(rows.len(), 5);
         let value = |row: usize, name: &str| {
@@ -160,10 +170,11 @@ mod tests {
         let rows = 10_000_u32;
         let noise = |k: u32| f64::from(k.wrapping_mul(2_654_435_761)) / f64::from(k + 3);
         let number = |k| (k % 10 != 0).then_some(noise(k));
+        let numbers: Vec<f64> = (0..rows).map(|k| number(k).unwrap_or(f64::NAN)).collect();
         let column = |name: &str, values| ExportColumn { name: name.to_owned(), values };
         let columns = vec![
-            column("deflection_m", ColumnValues::Number((0..rows).map(number).collect())),
-            column("sigma_m", ColumnValues::Single((0..rows).map(|k| number(k).map(|v| v as f32)).collect())),
+            column("deflection_m", ColumnValues::Numbers(NumberType::Double, numbers.clone())),
+            column("sigma_m", ColumnValues::Numbers(NumberType::Single, numbers)),
         ];
         let bytes = ParquetFile::begin(Vec::new(), columns, &[]).unwrap().end().unwrap();
         let plain = 0.9 * f64::from(rows) * (8.0 + 4.0);
@@ -178,13 +189,13 @@ mod tests {
 
     #[test]
     fn an_empty_table_is_a_readable_file() {
-        assert_eq!(file(ExportTable::Span, &[]).metadata().file_metadata().num_rows(), 0);
+        assert_eq!(file(ResultTable::Span, &[]).metadata().file_metadata().num_rows(), 0);
     }
 
     #[test]
     fn row_groups_are_bounded() {
         let series: Vec<SeriesData> = (0..40).map(|k| sample::series("s", k, &[2.9; 150])).collect();
-        let reader = file(ExportTable::Markers, &series);
+        let reader = file(ResultTable::Markers, &series);
         assert_eq!(reader.metadata().file_metadata().num_rows(), 40 * 150 * 4);
         assert!(reader.num_row_groups() == 2, "{}", reader.num_row_groups());
     }

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::super::number::{count_text, format_fixed};
 use super::super::{ReportData, distinct_values, summary, table};
-use crate::record::{BudgetShare, GlobalTestVerdict, ImageRecord, Tip};
+use crate::record::{GlobalTest, ImageRecord, Tip, VarianceShare};
 
 /// Returns the section; a sentence if no result has a budget.
 pub fn budget_section(data: &ReportData) -> Markup {
@@ -34,22 +34,22 @@ pub fn budget_section(data: &ReportData) -> Markup {
 /// Returns the frames not rejected by the global test, or all if there are none. A rejected frame's standard deviations are
 /// scaled by its residuals, which no source explains.
 fn accepted_frames<'a>(all: &[&'a ImageRecord]) -> Vec<&'a ImageRecord> {
-    let passed: Vec<_> = all.iter().filter(|r| r.global_test != Some(GlobalTestVerdict::Rejected)).copied().collect();
+    let passed: Vec<_> = all.iter().filter(|r| r.global_test != Some(GlobalTest::Rejected)).copied().collect();
     if passed.is_empty() { all.to_vec() } else { passed }
 }
 
 /// Averages the budgets over frames; a source missing in a frame contributes 0 there.
-fn mean_budget(records: &[&ImageRecord]) -> Vec<BudgetShare> {
+fn mean_budget(records: &[&ImageRecord]) -> Vec<VarianceShare> {
     let n = records.len().max(1) as f64;
-    let names = distinct_values(records.iter().flat_map(|r| &r.budget).map(|one| one.source.as_str()));
+    let names = distinct_values(records.iter().flat_map(|r| &r.budget).map(|one| one.source.as_ref()));
     let one = |name: &str| {
         let share_of_source = |r: &&ImageRecord| r.budget.iter().find(|one| one.source == name).cloned();
         let own = |r: &&ImageRecord| r.tip.as_ref().and_then(sigma_shown_m);
         let measured = records.iter().filter_map(share_of_source).any(|one| one.sigma_if_known_m.is_some());
         let known = |r: &&ImageRecord| share_of_source(r).and_then(|one| one.sigma_if_known_m).or_else(|| own(r));
         let squares: Option<f64> = records.iter().map(|r| known(r).map(|sigma| sigma * sigma)).sum();
-        BudgetShare {
-            source: name.to_owned(),
+        VarianceShare {
+            source: name.to_owned().into(),
             share: records.iter().filter_map(share_of_source).map(|one| one.share).sum::<f64>() / n,
             sigma_if_known_m: squares.filter(|_| measured).map(|sum| (sum / n).sqrt()),
         }
@@ -65,7 +65,7 @@ fn sigma_shown_m(tip: &Tip) -> Option<f64> {
 }
 
 /// Describes the source whose perfect knowledge would reduce the standard deviation most.
-fn largest_gain_text(records: &[&ImageRecord], shares: &[BudgetShare]) -> String {
+fn largest_gain_text(records: &[&ImageRecord], shares: &[VarianceShare]) -> String {
     let sigmas = records.iter().filter_map(|r| r.tip.as_ref().and_then(sigma_shown_m));
     let (sum, count) = sigmas.fold((0.0, 0.0), |(sum, count), sigma| (sum + sigma * sigma, count + 1.0));
     let mm = |metres: f64| format_fixed(Some(1e3 * metres), 1);

@@ -16,7 +16,7 @@ use super::figures::{SPAN_LABEL, curve_points};
 use super::picture;
 use super::plot::{Axis, round_step};
 use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
-use crate::record::{CurveRecord, GlobalTestVerdict, ImageRecord, MarkerRecord, Reference, variant_name};
+use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, variant_name};
 
 const UNUSED_COLOUR: &str = "#b3541e";
 /// Length of the longest residual in the figure, as a fraction of the width covered by the markers.
@@ -232,7 +232,7 @@ fn frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_>> {
 fn frame_with_record<'a>(
     frame: &'a FullRecord,
     data: &ReportData,
-    reference: Reference,
+    reference: DeflectionReference,
     magnified: f64,
 ) -> FrameValues<'a> {
     let record = &frame.record;
@@ -245,7 +245,7 @@ fn frame_with_record<'a>(
         image: &record.image,
         doubt: frame_ranking::frame_warning(record),
         said: result_sentence(record, reference),
-        warned: !record.is_solved() || record.global_test == Some(GlobalTestVerdict::Rejected),
+        warned: !record.is_solved() || record.global_test == Some(GlobalTest::Rejected),
         curve: deflection_points(&record.curve),
         markers: record.markers.iter().map(values).collect(),
         rows: table::marker_table(record).rows,
@@ -253,7 +253,7 @@ fn frame_with_record<'a>(
 }
 
 /// Describes the result of a frame: its tip deflection, variance factor and global test, or the reason why it has none.
-fn result_sentence(record: &ImageRecord, reference: Reference) -> String {
+fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> String {
     if !record.is_solved() {
         return format!("No result: {}", record.reason.as_deref().unwrap_or_default());
     }
@@ -267,7 +267,7 @@ fn result_sentence(record: &ImageRecord, reference: Reference) -> String {
         text.push_str(&format!(", global test {}", variant_name(verdict)));
     }
     match frame_ranking::frame_warning(record) {
-        Some(doubt) if record.global_test != Some(GlobalTestVerdict::Rejected) => {
+        Some(doubt) if record.global_test != Some(GlobalTest::Rejected) => {
             format!("{text}. Check this frame: {doubt}.")
         }
         _ => format!("{text}."),

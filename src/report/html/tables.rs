@@ -4,11 +4,11 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::super::grid::Grid;
-use super::super::number::{self, NONE, count_text, format_fixed, format_general, json_fields, json_text};
+use super::super::number::{self, NONE, count_text, format_fixed, format_general};
 use super::super::summary::SeriesSummary;
 use super::super::{ReportData, SeriesData, ShotData, protocol, summary, table};
 use crate::clock::Stamp;
-use crate::record::{GlobalTestVerdict, ImageRecord, Provenance, Quality};
+use crate::record::{GlobalTest, ImageRecord, Provenance, Quality, json_fields, json_text};
 
 /// Returns the section of the series means.
 pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
@@ -47,9 +47,9 @@ pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
     let Some((name, record)) = shown else { return html! {} };
     let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
     for term in record.model.terms() {
-        let name = term.index.map_or(term.name.to_owned(), |k| format!("{} [{}]", term.name, k + 1));
+        let name = term.index.map_or(term.name.clone(), |k| format!("{} [{}]", term.name, k + 1));
         let format_value = |value: Option<f64>| value.map_or(NONE.to_owned(), format_general);
-        let measured = term.measured;
+        let measured = term.estimate;
         grid.push(vec![name, format_value(measured.map(|m| m.value)), format_value(measured.and_then(|m| m.sigma))]);
     }
     let quality = Quality { correlation: None, ..record.quality.clone() };
@@ -148,8 +148,8 @@ fn titled_table(title: &str, none: &str, grid: &Grid) -> Markup {
 fn global_test_text<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
     let (mut passed, mut rejected) = (0, 0);
     for verdict in records.filter_map(|r| r.global_test) {
-        passed += usize::from(verdict == GlobalTestVerdict::Passed);
-        rejected += usize::from(verdict == GlobalTestVerdict::Rejected);
+        passed += usize::from(verdict == GlobalTest::Passed);
+        rejected += usize::from(verdict == GlobalTest::Rejected);
     }
     html! {
         @if passed + rejected == 0 {

@@ -64,7 +64,7 @@ impl Rendered {
         let error = |(k, deflection): (usize, Estimate)| {
             (deflection.value - self.flight.markers[k].deflection_m) / deflection.sigma.unwrap()
         };
-        (deflections.map(error).collect(), solution.global_test != GlobalTest::Rejected)
+        (deflections.map(error).collect(), solution.global_test != Some(GlobalTest::Rejected))
     }
 }
 

@@ -29,7 +29,7 @@ pub fn learn_from_flight(
     let JointSolution { solved, .. } = JointSolution::new(input, frames)?;
     let SolvedFlight { flight_problem, fit, tested_sum } = &solved;
     let (omega, redundancy) = tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
-    if global_test(omega, redundancy, options.global_alpha) == GlobalTest::Rejected {
+    if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected) {
         let given = if options.flight_prior.is_some() { " given the prior from other flights" } else { "" };
         return Err(AdjustError::Input(format!(
             "the global test rejects the flight{given} (variance factor {:.1}): it contradicts the model or was flown with \

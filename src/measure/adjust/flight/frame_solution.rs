@@ -8,7 +8,7 @@ use crate::adjust::budget;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
 use crate::adjust::terms::mount_drift_rad;
-use crate::adjust::{AdjustmentMethod, Estimate, Parameter, Solution};
+use crate::adjust::{Estimate, Parameter, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
 
 /// Ratio of the estimated to the configured drift from which a remark is added.
@@ -20,7 +20,8 @@ pub fn frame_solution(
     flight: &Flight,
     solved: &SolvedFlight,
     removed: &[RemovedObservation],
-    (frame, method): (usize, AdjustmentMethod),
+    frame: usize,
+    of_flight: bool,
     mut remarks: Vec<String>,
     sources: &VarianceSources,
 ) -> Solution {
@@ -28,8 +29,8 @@ pub fn frame_solution(
     let outcome = FrameOutcome::new(solved.group(&flight.input, frame), &flight_problem.layouts[frame])
         .judged_before_removal(*tested_sum);
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
-    let mut solution = outcome.solution(method, of_frame.map(|r| &r.suspect), sources);
-    if method == AdjustmentMethod::Flight {
+    let mut solution = outcome.solution(of_frame.map(|r| &r.suspect), sources);
+    if of_flight {
         let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
         solution.parameters.push(unmeasured("shape_departure", flight.hyperparameters.departure));
         solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));

@@ -7,7 +7,7 @@ use super::mountings::FrameMountings;
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
 use crate::adjust::input::AdjustmentInput;
-use crate::adjust::{AdjustError, AdjustmentMethod, Observation, Solution};
+use crate::adjust::{AdjustError, Observation, Solution};
 
 /// Number of rounds in which departure and drift settle after the mountings are determined.
 const DEPARTURE_ROUNDS: usize = 3;
@@ -56,17 +56,17 @@ impl<'a> JointSolution<'a> {
         with_flight_sources(solved, None, |sources| {
             let one = |frame: usize| {
                 let remarks = [prior_remarks(flight, solved), flight_remarks(flight, frame)].concat();
-                frame_solution(flight, solved, removed, (frame, AdjustmentMethod::Flight), remarks, sources)
+                frame_solution(flight, solved, removed, frame, true, remarks, sources)
             };
             (0..flight.frames.len()).map(one).collect()
         })
     }
 
-    /// Result of the first frame, for a flight of one frame.
-    pub fn single_solution(&self, method: AdjustmentMethod) -> Solution {
+    /// Result of the first frame. `of_flight` adds the parameters that only several frames determine.
+    pub fn first_solution(&self, of_flight: bool) -> Solution {
         let Self { flight, solved, removed } = self;
         with_flight_sources(solved, None, |sources| {
-            frame_solution(flight, solved, removed, (0, method), prior_remarks(flight, solved), sources)
+            frame_solution(flight, solved, removed, 0, of_flight, prior_remarks(flight, solved), sources)
         })
     }
 }

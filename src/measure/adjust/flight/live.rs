@@ -26,7 +26,7 @@ use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::scene::WingScene;
 use crate::adjust::shapes::bounded_amplitude;
-use crate::adjust::{AdjustError, AdjustmentMethod, Observation, Options, Solution};
+use crate::adjust::{AdjustError, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Minimum time between frames, s; process noise must not be 0.
@@ -126,7 +126,7 @@ impl LiveAdjustment {
                     *mount_disturbed,
                 );
                 let solution = with_flight_sources(solved, Some(&state.attributed), |sources| {
-                    frame_solution(&flight, solved, removed, (0, AdjustmentMethod::Flight), remarks, sources)
+                    frame_solution(&flight, solved, removed, 0, true, remarks, sources)
                 });
                 return Ok((next, solution));
             }

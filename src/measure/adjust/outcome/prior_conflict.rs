@@ -14,7 +14,7 @@ pub fn with_prior_if_consistent<T>(
     solutions: impl Fn(&mut T) -> &mut [Solution],
 ) -> Result<T, AdjustError> {
     let mut with = solve(options);
-    let is_rejected = |solved: &mut T| solutions(solved).iter().any(|s| s.global_test == GlobalTest::Rejected);
+    let is_rejected = |solved: &mut T| solutions(solved).iter().any(|s| s.global_test == Some(GlobalTest::Rejected));
     if options.flight_prior.is_none() || with.as_mut().is_ok_and(|with| !is_rejected(with)) {
         return with;
     }

@@ -1,5 +1,7 @@
 //! Variance budget of the tip deflection with the paper's method, whose only error sources are images and survey.
 
+use std::borrow::Cow;
+
 use super::{ProfileAdjustment, ProfileMarker};
 use crate::adjust::budget::{IMAGE, SURVEY};
 use crate::adjust::{DeflectionReference, VarianceBudget, VarianceShare};
@@ -12,7 +14,8 @@ impl ProfileAdjustment<'_> {
         let tip = (0..self.observations.len()).max_by(|a, b| span(a).total_cmp(&span(b)))?;
         let parts = self.response.variance_parts(&placed.get(tip)?.deflection);
         let total: f64 = parts.iter().sum();
-        let share = |(source, part)| VarianceShare { source, share: part / total, sigma_if_known_m: None };
+        let share =
+            |(source, part)| VarianceShare { source: Cow::from(source), share: part / total, sigma_if_known_m: None };
         let mut shares: Vec<_> = [SURVEY, IMAGE].into_iter().zip(parts).map(share).collect();
         shares.sort_by(|a, b| b.share.total_cmp(&a.share));
         let marker = self.observations[tip].marker;

@@ -116,6 +116,11 @@ impl LiveBlock<'_> {
         Some(plain.chunks_exact(column.kind.byte_size()).map(|bytes| column.kind.decode(bytes)).collect())
     }
 
+    /// Decodes the column of a name; `None` if there is no such column or its encoding is unknown.
+    pub fn named_values(&self, name: &str) -> Option<Vec<f64>> {
+        self.column_values(self.columns.iter().position(|column| column.name == name)?)
+    }
+
     /// Decodes all rows; `None` if a column cannot be decoded.
     pub fn rows(&self) -> Option<Vec<LiveRow>> {
         let mut rows = vec![LiveRow::new(); self.rows];

@@ -65,13 +65,13 @@ impl FrameAttempt {
         let solved = SolvedFlight { tested_sum, ..frame.solve_with(Some(&solved), false)? };
         let removed = removed.into_iter().map(|suspect| RemovedObservation { group: 0, suspect });
         let removed = everywhere.into_iter().chain(removed).collect();
-        Ok(Self { solved, removed, passed: test != GlobalTest::Rejected })
+        Ok(Self { solved, removed, passed: test != Some(GlobalTest::Rejected) })
     }
 
     /// Returns whether the residuals are consistent with standard deviations increased by the square root of `factor`.
     pub fn is_explained(&self, factor: f64) -> bool {
         let fit = &self.solved.fit;
-        quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA) != GlobalTest::Rejected
+        quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA) != Some(GlobalTest::Rejected)
     }
 
     /// Sum of squares, plus the required gain for each removed marker.

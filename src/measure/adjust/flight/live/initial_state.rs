@@ -13,7 +13,7 @@ use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::with_prior_if_consistent;
 use crate::adjust::shapes::TYPICAL_CURVATURE_PER_M;
 use crate::adjust::snooping::SuspectTarget;
-use crate::adjust::{AdjustError, AdjustmentMethod, GlobalTest, Options, Solution};
+use crate::adjust::{AdjustError, GlobalTest, Options, Solution};
 use crate::estimation::AttributedInformation;
 
 /// State after one frame, with the frame's result.
@@ -39,9 +39,9 @@ pub fn start_state(flight: &Flight) -> Result<InitialState, AdjustError> {
 
 fn state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
     let joint = JointSolution::for_single_frame(flight)?;
-    let solution = joint.single_solution(AdjustmentMethod::Flight);
+    let solution = joint.first_solution(true);
     let JointSolution { solved, removed, .. } = joint;
-    let is_sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
+    let is_sound = removed.is_empty() && solution.global_test != Some(GlobalTest::Rejected);
     let attributed = retained_information(&solved);
     let SolvedFlight { flight_problem, fit, .. } = solved;
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == SuspectTarget::Survey).collect();
