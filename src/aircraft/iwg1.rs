@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::Quantity;
 use super::layout::IWG1;
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// First field of a record.
 pub(super) const KEYWORD: &str = "IWG1,";
@@ -18,7 +18,7 @@ pub(super) type NumberedLine = (u64, String);
 ///
 /// # Errors
 /// Returns an error if no line is one of IWG1.
-pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String>), LineFault> {
+pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String>), KeyFault> {
     let (mut found, mut glued, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
     for (k, line) in text.lines().enumerate() {
         let number = k as u64 + 1;
@@ -35,7 +35,7 @@ pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String
     found.retain(|(_, line): &NumberedLine| !line.trim().is_empty());
     if !found.iter().any(|(_, line)| is_record(line)) {
         let remedy = "delete format = \"iwg1\" from the mapping, and name the columns";
-        return Err(LineFault::new(0, "", "has no line of IWG1", remedy));
+        return Err(KeyFault::on_line(0, "", "has no line of IWG1", remedy));
     }
     if let Some(line) = glued.first() {
         let glued = glued.len();

@@ -6,7 +6,7 @@ use super::layout::{Cell, Layout, LineFormat, QuantityColumn};
 use super::mapping::{MappedColumn, Mapping};
 use super::units::{self, UnitAgreement};
 use super::{Quantity, iwg1};
-use crate::installation::{LineFault, Row, RowsError, parse_rows, separator_line};
+use crate::installation::{KeyFault, Row, RowsError, parse_rows, separator_line};
 
 /// Table that can be imported into a flight.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +54,7 @@ impl AircraftTable {
     ///
     /// # Errors
     /// Returns the first error of the table; a key without a line belongs to the mapping.
-    pub fn parse(mapping: &Mapping, text: &str) -> Result<Self, LineFault> {
+    pub fn parse(mapping: &Mapping, text: &str) -> Result<Self, KeyFault> {
         match mapping.format {
             LineFormat::Iwg1 => {
                 let (lines, remarks) = iwg1::split_records(text)?;
@@ -175,7 +175,7 @@ fn split_by(mapping: &Mapping, text: &str, separator: char) -> Result<Option<Spl
 
 /// Splits a text by the separator of the mapping or of a first line `sep=;`, or else by the one that yields most of the
 /// columns.
-fn detect_separator(mapping: &Mapping, text: &str) -> Result<(SplitTable, bool), LineFault> {
+fn detect_separator(mapping: &Mapping, text: &str) -> Result<(SplitTable, bool), KeyFault> {
     let given = mapping.separator.or_else(|| text.lines().next().and_then(separator_line));
     let (mut best, mut error): (Option<SplitTable>, _) = (None, None);
     for separator in given.map_or(SEPARATORS.to_vec(), |s| vec![s]) {
@@ -187,12 +187,12 @@ fn detect_separator(mapping: &Mapping, text: &str) -> Result<(SplitTable, bool),
     }
     match (best, error) {
         (Some(best), _) => Ok((best, given.is_some())),
-        (None, Some(error)) => Err(LineFault::new(error.line(), "", error.to_string(), "correct the line")),
+        (None, Some(error)) => Err(KeyFault::on_line(error.line(), "", error.to_string(), "correct the line")),
         (None, None) => Err(missing_header_fault(text, mapping.time.as_deref().unwrap_or_default(), given)),
     }
 }
 
-fn read_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable, LineFault> {
+fn read_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable, KeyFault> {
     let (SplitTable { separator, rows, header: at, .. }, given) = detect_separator(mapping, text)?;
     let mut remarks: Vec<String> = vec![];
     if !given && separator != ',' {
@@ -214,11 +214,11 @@ fn count_text(count: usize, what: &str) -> String {
 }
 
 /// Returns why no line is the header.
-fn missing_header_fault(text: &str, time: &str, given: Option<char>) -> LineFault {
+fn missing_header_fault(text: &str, time: &str, given: Option<char>) -> KeyFault {
     let first = text.lines().find(|l| !l.trim().is_empty()).unwrap_or_default();
     let shown: String = first.chars().take(80).collect();
     if first.trim_start_matches('"').starts_with(iwg1::KEYWORD) {
-        return LineFault::new(1, "", "is a line of IWG1, not a header", "write format = \"iwg1\" in the mapping");
+        return KeyFault::on_line(1, "", "is a line of IWG1, not a header", "write format = \"iwg1\" in the mapping");
     }
     let has = |separator: &char| {
         let found = parse_rows(text, *separator).unwrap_or_default();
@@ -227,32 +227,32 @@ fn missing_header_fault(text: &str, time: &str, given: Option<char>) -> LineFaul
     let words = |line: &str| line.split_whitespace().any(|word| word == time);
     if !time.is_empty() && text.lines().take(MAX_HEADER_ROW).any(words) && !SEPARATORS.iter().any(has) {
         let remedy = "save it with commas, semicolons or tabs between its columns";
-        return LineFault::new(1, "", "has columns that are separated by blanks", remedy);
+        return KeyFault::on_line(1, "", "has columns that are separated by blanks", remedy);
     }
     match SEPARATORS.iter().find(|s| Some(**s) != given && has(s)) {
         Some(other) => {
             let problem = format!("the table is separated by {other:?}, not by {:?}", given.unwrap_or(','));
-            LineFault::new(0, "separator", problem, format!("write separator = {other:?}, or delete it"))
+            KeyFault::on_line(0, "separator", problem, format!("write separator = {other:?}, or delete it"))
         }
         None => {
             let problem = format!("no line has the column {time}");
-            LineFault::new(0, "time", problem, format!("the first line is: {shown}"))
+            KeyFault::on_line(0, "time", problem, format!("the first line is: {shown}"))
         }
     }
 }
 
 /// Locates the mapping's columns; units in their names must be those of the mapping.
-fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<Layout, LineFault> {
+fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<Layout, KeyFault> {
     let place = |name: &str| {
         let mut found = header.cells.iter().enumerate().filter(|(_, cell)| *cell == name).map(|(k, _)| k + 1);
         match (found.next(), found.next()) {
             (Some(field), None) => Ok(field),
             (Some(_), Some(_)) => {
-                Err(LineFault::new(header.line, name, "occurs twice in the header", "keep the valid column"))
+                Err(KeyFault::on_line(header.line, name, "occurs twice in the header", "keep the valid column"))
             }
             (None, _) => {
                 let remedy = format!("its header has {}", header.cells.join(", "));
-                Err(LineFault::new(0, name, "is not a column of the table", remedy))
+                Err(KeyFault::on_line(0, name, "is not a column of the table", remedy))
             }
         }
     };
@@ -271,7 +271,7 @@ fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<La
 }
 
 /// Checks the unit that a table names against the mapping; `false` if the unit is unknown.
-fn check_unit(named: &MappedColumn, unit: &str, line: u64) -> Result<bool, LineFault> {
+fn check_unit(named: &MappedColumn, unit: &str, line: u64) -> Result<bool, KeyFault> {
     let name = named.name.as_deref().unwrap_or_default();
     let quantity = named.quantity.name();
     match units::compare_unit(named.quantity, unit, named.scale, named.offset) {
@@ -282,11 +282,11 @@ fn check_unit(named: &MappedColumn, unit: &str, line: u64) -> Result<bool, LineF
                 "is in {unit}, but the mapping converts it to {quantity} by scale = {}, offset = {}",
                 named.scale, named.offset
             );
-            Err(LineFault::new(line, name, problem, format!("write scale = {scale}, offset = {offset}")))
+            Err(KeyFault::on_line(line, name, problem, format!("write scale = {scale}, offset = {offset}")))
         }
         UnitAgreement::WrongDimension => {
             let problem = format!("is in {unit}, which is not a unit of {quantity}");
-            Err(LineFault::new(line, name, problem, "name the column of that quantity"))
+            Err(KeyFault::on_line(line, name, problem, "name the column of that quantity"))
         }
     }
 }
@@ -298,12 +298,12 @@ fn select_records(
     header: &Row,
     data: Vec<Row>,
     remarks: &mut Vec<String>,
-) -> Result<Vec<(u64, String)>, LineFault> {
+) -> Result<Vec<(u64, String)>, KeyFault> {
     let width = header.cells.len();
     if let Some(row) = data.iter().find(|row| row.exceeds(width)) {
         let problem = format!("has {} cells under a header of {width}", row.cells.len());
         let remedy = "put quotes around a text with a separator, and a line end between two records";
-        return Err(LineFault::new(row.line, "", problem, remedy));
+        return Err(KeyFault::on_line(row.line, "", problem, remedy));
     }
     let (data, short): (Vec<Row>, Vec<Row>) = data.into_iter().partition(|row| row.cells.len() >= width);
     if let Some(first) = short.first() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::keyed::{self, Node, Syntax};
-use crate::installation::{Fault, LineFault, Reader};
+use crate::installation::{Fault, KeyFault, Reader};
 use crate::measure::calibrate::Board;
 
 /// Key that determines the other keys; it is read first, so that errors of the others keep their lines.
@@ -94,7 +94,7 @@ fn read_kalibr_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Board
     match keyed::parse_keyed(&text, Syntax::Yaml).and_then(|tree| parse_kalibr_target(&tree)) {
         Ok(table) => Some((file, table)),
         Err(fault) => {
-            reader.add_line_fault(&file, fault);
+            reader.add_key_fault(&file, fault);
             None
         }
     }
@@ -102,13 +102,13 @@ fn read_kalibr_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, Board
 
 /// Parses a target of Kalibr (github.com/ethz-asl/kalibr/wiki/calibration-targets), whose checkerboards are also described
 /// by inner corners.
-fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, LineFault> {
+fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, KeyFault> {
     let need = |key: &str| tree.require(key, "add it as described in Kalibr's wiki");
     let count = |key: &str| {
         let (node, number) = (need(key)?, need(key)?.number(key)?);
         let whole = number >= 0.0 && number.fract() == 0.0 && number <= MAX_COUNT as f64;
         let remedy = "give a whole number of tags, or of inner corners";
-        if whole { Ok(number as usize) } else { Err(LineFault::new(node.line, key, format!("is {number}"), remedy)) }
+        if whole { Ok(number as usize) } else { Err(KeyFault::on_line(node.line, key, format!("is {number}"), remedy)) }
     };
     let kind = need("target_type")?;
     let table = match kind.text().unwrap_or("a list") {
@@ -128,7 +128,7 @@ fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, LineFault> {
                 let problem = format!("is {across} m, colSpacingMeters {along} m");
                 let remedy =
                     "only squares are supported: measure both spacings, and describe other boards by scale_sigma";
-                return Err(LineFault::new(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, remedy));
+                return Err(KeyFault::on_line(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, remedy));
             }
             let (columns, rows) = (count("targetCols")?, count("targetRows")?);
             let _pattern = Pattern::Checkerboard;
@@ -142,7 +142,7 @@ fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, LineFault> {
         }
         other => {
             let problem = format!("\"{other}\" is not a supported target");
-            Err(LineFault::new(kind.line, "target_type", problem, "use an aprilgrid or a checkerboard"))
+            Err(KeyFault::on_line(kind.line, "target_type", problem, "use an aprilgrid or a checkerboard"))
         }
     }?;
     check_known_keys(tree)?;
@@ -164,7 +164,7 @@ const KALIBR_KEYS: [&str; 9] = [
 const OFFSET_KEY: &str = "codeOffset";
 
 /// Rejects unknown keys, which may describe the board.
-fn check_known_keys(tree: &Node) -> Result<(), LineFault> {
+fn check_known_keys(tree: &Node) -> Result<(), KeyFault> {
     for entry in tree.entries() {
         let (line, key) = (entry.node.line, entry.key.as_str());
         if KALIBR_KEYS.contains(&key) || (key == OFFSET_KEY && entry.node.number(key)? == 0.0) {
@@ -174,7 +174,7 @@ fn check_known_keys(tree: &Node) -> Result<(), LineFault> {
             OFFSET_KEY => ("is not 0", "print the grid with tags numbered from 0"),
             _ => ("is not a known key of a target", "delete it if it does not affect the board's geometry"),
         };
-        return Err(LineFault::new(line, key, problem, remedy));
+        return Err(KeyFault::on_line(line, key, problem, remedy));
     }
     Ok(())
 }

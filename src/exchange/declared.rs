@@ -2,7 +2,7 @@
 
 use super::interior::MODEL_REMEDY;
 use super::keyed::{KeyedEntry, KeyedValue, Node};
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// Unsupported lens models, as files name them, normalized by [`normalize_model_name`], without the number of terms.
 ///
@@ -65,8 +65,8 @@ pub(super) fn is_brown_model(name: &str) -> bool {
 }
 
 /// Creates the error for an unsupported model.
-pub(super) fn foreign_model_fault(node: &Node, key: &str, name: &str) -> LineFault {
-    LineFault::new(node.line, key, format!("\"{name}\" is not a supported lens model"), MODEL_REMEDY)
+pub(super) fn foreign_model_fault(node: &Node, key: &str, name: &str) -> KeyFault {
+    KeyFault::on_line(node.line, key, format!("\"{name}\" is not a supported lens model"), MODEL_REMEDY)
 }
 
 /// Checks that every key that may declare a model names a supported one.
@@ -79,7 +79,7 @@ pub(super) fn check_declared_models(
     map: &Node,
     known: &[&str],
     ignored: &[&str],
-) -> Result<(Vec<String>, Vec<String>), LineFault> {
+) -> Result<(Vec<String>, Vec<String>), KeyFault> {
     let (mut left, mut remarks) = (vec![], vec![]);
     for entry in map.entries() {
         let is = |list: &[&str]| list.iter().any(|k| k.eq_ignore_ascii_case(&entry.key));
@@ -117,7 +117,7 @@ fn names_no_foreign_model(node: &Node) -> bool {
 }
 
 /// Rejects an unknown key, or one within its value, that names an unsupported model.
-fn check_nested_models(entry: &KeyedEntry) -> Result<(), LineFault> {
+fn check_nested_models(entry: &KeyedEntry) -> Result<(), KeyFault> {
     let (key, node) = (&entry.key, &entry.node);
     let by_key = key_declares_model(key, &["fisheye", "omni"]) && !names_no_foreign_model(node);
     if by_key || node.text().is_some_and(is_foreign_model) {

@@ -1,10 +1,8 @@
 //! Interior orientation of a camera file, and its conversion into a supported lens.
 
-use nalgebra::Vector2;
-
 use super::keyed::Node;
-use crate::installation::LineFault;
-use crate::measure::geometry::Lens;
+use crate::installation::KeyFault;
+use crate::measure::geometry::{Lens, LensError};
 
 /// Interior orientation in a file.
 pub(super) struct Interior {
@@ -45,7 +43,7 @@ const OWN_TERMS: usize = 8;
 
 impl Interior {
     /// Checks the values and returns the lens; unusual values are added to the remarks.
-    pub fn check_lens(&mut self, map: &Node) -> Result<Lens, LineFault> {
+    pub fn check_lens(&mut self, map: &Node) -> Result<Lens, KeyFault> {
         self.check_size(map)?;
         self.check_core(map)?;
         self.check_terms(map)?;
@@ -60,13 +58,13 @@ impl Interior {
     }
 
     /// Returns the error of a key, with its line in the file.
-    fn key_fault<T>(&self, map: &Node, key: usize, problem: String, remedy: &str) -> Result<T, LineFault> {
+    fn key_fault<T>(&self, map: &Node, key: usize, problem: String, remedy: &str) -> Result<T, KeyFault> {
         let key = self.keys[key];
         let line = map.get(key)?.map_or(map.line, |node| node.line);
-        Err(LineFault::new(line, key, problem, remedy))
+        Err(KeyFault::on_line(line, key, problem, remedy))
     }
 
-    fn check_size(&self, map: &Node) -> Result<(), LineFault> {
+    fn check_size(&self, map: &Node) -> Result<(), KeyFault> {
         let [width, height] = self.size;
         let whole = |side: f64| side.fract() == 0.0 && (1.0..=MAX_SIDE).contains(&side);
         if whole(width) && whole(height) {
@@ -76,7 +74,7 @@ impl Interior {
         self.key_fault(map, 0, problem, "give the size of the images in whole pixels")
     }
 
-    fn check_core(&self, map: &Node) -> Result<(), LineFault> {
+    fn check_core(&self, map: &Node) -> Result<(), KeyFault> {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         if fx == 0.0 && fy == 0.0 {
             let problem = "is zero: this camera was never calibrated".to_owned();
@@ -99,7 +97,7 @@ impl Interior {
     }
 
     /// Rejects thin prism and tilt terms other than 0, whose models are not supported.
-    fn check_terms(&self, map: &Node) -> Result<(), LineFault> {
+    fn check_terms(&self, map: &Node) -> Result<(), KeyFault> {
         let other = self.terms.iter().enumerate().skip(OWN_TERMS).find(|(_, value)| **value != 0.0);
         let Some((k, value)) = other else { return Ok(()) };
         let model = if k < 12 { "thin prism" } else { "tilt" };
@@ -108,17 +106,12 @@ impl Interior {
     }
 
     /// Checks that the distortion is invertible over the full image.
-    fn check_inverse(&self, map: &Node, lens: &Lens) -> Result<(), LineFault> {
-        let [w, h] = self.size;
-        let steps = (0..=20).map(|k| f64::from(k) / 20.0);
-        let edge = steps.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
-        for (u, v) in edge {
-            if lens.ray(&Vector2::new(u - 0.5, v - 0.5)).is_err() {
-                let problem = format!("is not invertible: no ray belongs to the pixel ({u:.0}, {v:.0})");
-                return self.key_fault(map, 2, problem, "calibrate again with the board up to the corners");
-            }
-        }
-        Ok(())
+    fn check_inverse(&self, map: &Node, lens: &Lens) -> Result<(), KeyFault> {
+        let Err(LensError::NoInverse { u_px, v_px }) = lens.check_edge() else { return Ok(()) };
+        // Messages count pixels from the edge of the image.
+        let (u, v) = (u_px + 0.5, v_px + 0.5);
+        let problem = format!("is not invertible: no ray belongs to the pixel ({u:.0}, {v:.0})");
+        self.key_fault(map, 2, problem, "calibrate again with the board up to the corners")
     }
 
     /// Adds remarks on possible but rare values: a unit, an order or a size may be wrong.

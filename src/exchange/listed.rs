@@ -3,32 +3,32 @@
 use super::declared::{self, foreign_model_fault};
 use super::interior::Interior;
 use super::keyed::Node;
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 pub(super) const INTRINSICS_KEY: &str = "intrinsics";
 const COEFFICIENTS_KEY: &str = "distortion_coeffs";
 const EXPORT_REMEDY: &str = "export the calibration again, or name its format with --from";
 
 /// Reads `count` numbers of a key.
-fn read_numbers(map: &Node, key: &str, count: usize) -> Result<Vec<f64>, LineFault> {
+fn read_numbers(map: &Node, key: &str, count: usize) -> Result<Vec<f64>, KeyFault> {
     let node = map.require(key, EXPORT_REMEDY)?;
     let values = node.numbers(key)?;
     if values.len() != count {
         let problem = format!("has {} numbers, not {count}", values.len());
-        return Err(LineFault::new(node.line, key, problem, EXPORT_REMEDY));
+        return Err(KeyFault::on_line(node.line, key, problem, EXPORT_REMEDY));
     }
     Ok(values)
 }
 
 /// Reads the text of a key.
-fn read_name<'a>(map: &'a Node, key: &str) -> Result<(&'a Node, &'a str), LineFault> {
+fn read_name<'a>(map: &'a Node, key: &str) -> Result<(&'a Node, &'a str), KeyFault> {
     let node = map.require(key, EXPORT_REMEDY)?;
-    let text = node.text().ok_or_else(|| LineFault::new(node.line, key, "is not a name", EXPORT_REMEDY))?;
+    let text = node.text().ok_or_else(|| KeyFault::on_line(node.line, key, "is not a name", EXPORT_REMEDY))?;
     Ok((node, text))
 }
 
 /// Reads a camera of Kalibr, which declares projection and distortion separately.
-pub(super) fn read_kalibr(map: &Node) -> Result<Interior, LineFault> {
+pub(super) fn read_kalibr(map: &Node) -> Result<Interior, KeyFault> {
     let known = ["camera_model", "distortion_model", INTRINSICS_KEY, COEFFICIENTS_KEY, "resolution"];
     let ignored = [
         "rostopic",
@@ -65,7 +65,7 @@ pub(super) fn read_kalibr(map: &Node) -> Result<Interior, LineFault> {
 }
 
 /// Reads a camera of mrcal, whose lens model implies the number of terms after fx fy cx cy.
-pub(super) fn read_mrcal(map: &Node) -> Result<Interior, LineFault> {
+pub(super) fn read_mrcal(map: &Node) -> Result<Interior, KeyFault> {
     let known = ["lensmodel", INTRINSICS_KEY, "imagersize"];
     let ignored = [
         "extrinsics",

@@ -3,7 +3,7 @@
 use super::declared::{self, foreign_model_fault, is_brown_model, normalize_model_name};
 use super::interior::Interior;
 use super::keyed::{KeyedValue, Node};
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 pub(super) const SIZE_KEYS: [&str; 2] = ["image_width", "image_height"];
 pub(super) const MATRIX_KEY: &str = "camera_matrix";
@@ -42,7 +42,7 @@ const NO_MODEL: &str = "none";
 const EXPORT_REMEDY: &str = "export the calibration again, or name its format with --from";
 
 /// Reads a camera's map. ROS declares its model; OpenCV's calibration writes none and has its own order of terms.
-pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, LineFault> {
+pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, KeyFault> {
     let known = [SIZE_KEYS[0], SIZE_KEYS[1], MATRIX_KEY, TERMS_KEY, MODEL_KEY];
     let (left, mut remarks) = declared::check_declared_models(map, &known, &IGNORED_KEYS)?;
     let model = read_model(map, of_ros, &mut remarks)?;
@@ -61,17 +61,17 @@ pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, L
     };
     if let Some(problem) = problem {
         let line = map.require(TERMS_KEY, EXPORT_REMEDY)?.line;
-        return Err(LineFault::new(line, TERMS_KEY, problem, "name the model that was calibrated"));
+        return Err(KeyFault::on_line(line, TERMS_KEY, problem, "name the model that was calibrated"));
     }
     let keys = [SIZE_KEYS[0], MATRIX_KEY, TERMS_KEY];
     Ok(Interior { size, core, terms, model, keys, remarks, left })
 }
 
-fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, LineFault> {
+fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, KeyFault> {
     let Some(node) = map.get(MODEL_KEY)? else {
         if of_ros {
             let remedy = "name the model that was calibrated: plumb_bob or rational_polynomial";
-            return Err(LineFault::new(map.line, MODEL_KEY, "is missing", remedy));
+            return Err(KeyFault::on_line(map.line, MODEL_KEY, "is missing", remedy));
         }
         remarks.push("no lens model is declared: assumed to be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
         return Ok("no model declared".into());
@@ -82,14 +82,14 @@ fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<Str
         "rationalpolynomial" => Ok("rational_polynomial".into()),
         "none" => Ok(NO_MODEL.into()),
         "" | "null" => {
-            Err(LineFault::new(node.line, MODEL_KEY, "is empty: this camera was never calibrated", EXPORT_REMEDY))
+            Err(KeyFault::on_line(node.line, MODEL_KEY, "is empty: this camera was never calibrated", EXPORT_REMEDY))
         }
         _ => Err(foreign_model_fault(node, MODEL_KEY, name)),
     }
 }
 
 /// Returns the numbers of a matrix and its shape; their number must agree with rows and columns.
-fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>), LineFault> {
+fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>), KeyFault> {
     if !matches!(node.value, KeyedValue::Map(_)) {
         return Ok((flatten_rows(node, key)?, None));
     }
@@ -99,25 +99,25 @@ fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>),
     let shape = sides[0].zip(sides[1]).map(|(rows, cols)| [rows, cols]);
     if let Some([rows, cols]) = shape.filter(|[rows, cols]| rows * cols != values.len() as f64) {
         let problem = format!("has {} numbers for {rows} rows of {cols}", values.len());
-        return Err(LineFault::new(node.line, key, problem, EXPORT_REMEDY));
+        return Err(KeyFault::on_line(node.line, key, problem, EXPORT_REMEDY));
     }
     Ok((values, shape))
 }
 
 /// Returns the numbers of a list, or of rows that are lists.
-fn flatten_rows(node: &Node, key: &str) -> Result<Vec<f64>, LineFault> {
+fn flatten_rows(node: &Node, key: &str) -> Result<Vec<f64>, KeyFault> {
     let KeyedValue::List(items) = &node.value else { return node.numbers(key) };
     if !items.iter().all(|item| matches!(item.value, KeyedValue::List(_))) {
         return node.numbers(key);
     }
-    let rows: Result<Vec<Vec<f64>>, LineFault> = items.iter().map(|item| item.numbers(key)).collect();
+    let rows: Result<Vec<Vec<f64>>, KeyFault> = items.iter().map(|item| item.numbers(key)).collect();
     Ok(rows?.concat())
 }
 
 /// Returns fx, fy, cx, cy of a 3 x 3 matrix; its other elements must be those of a camera without skew.
-fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], LineFault> {
+fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], KeyFault> {
     let (m, shape) = matrix_values(node, MATRIX_KEY)?;
-    let fault = |problem: String, remedy: &str| Err(LineFault::new(node.line, MATRIX_KEY, problem, remedy));
+    let fault = |problem: String, remedy: &str| Err(KeyFault::on_line(node.line, MATRIX_KEY, problem, remedy));
     if m.len() != 9 || shape.is_some_and(|s| s != [3.0, 3.0]) {
         return fault(format!("has {} numbers", m.len()), "give 3 rows of 3 numbers");
     }
@@ -144,12 +144,12 @@ fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], LineFault> {
 }
 
 /// Returns the distortion coefficients in OpenCV's order.
-fn parse_distortion(node: &Node) -> Result<Vec<f64>, LineFault> {
+fn parse_distortion(node: &Node) -> Result<Vec<f64>, KeyFault> {
     let (values, shape) = matrix_values(node, TERMS_KEY)?;
     let line = shape.is_none_or(|s| s.contains(&1.0));
     if [4, 5, 8, 12, 14].contains(&values.len()) && line {
         return Ok(values);
     }
     let problem = format!("has {} numbers", values.len());
-    Err(LineFault::new(node.line, TERMS_KEY, problem, "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6"))
+    Err(KeyFault::on_line(node.line, TERMS_KEY, problem, "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6"))
 }

@@ -6,7 +6,7 @@ use super::format::{self, CameraFormat};
 use super::interior::Interior;
 use super::keyed::{self, Node, Syntax};
 use super::{listed, matrix};
-use crate::installation::{self, CameraFile, Fault, LineFault, Reader};
+use crate::installation::{self, CameraFile, Fault, KeyFault, Reader};
 use crate::measure::geometry::Lens;
 
 /// Camera read from a file, with remarks for the user.
@@ -63,7 +63,7 @@ fn read_foreign_format(
     match parse_exchange(&file, &text, format, camera) {
         Ok(read) => Some(read),
         Err(fault) => {
-            reader.add_line_fault(&file, fault);
+            reader.add_key_fault(&file, fault);
             None
         }
     }
@@ -74,16 +74,16 @@ fn parse_exchange(
     text: &str,
     format: Option<CameraFormat>,
     camera: Option<&str>,
-) -> Result<ReadCamera, LineFault> {
+) -> Result<ReadCamera, KeyFault> {
     let (named, syntax) = format::format_from_name(file);
     let tree = keyed::parse_keyed(text, syntax.unwrap_or_else(|| guess_syntax(text, format))).map_err(|fault| {
         // If the file's name does not imply a syntax, the syntax is a guess.
         let guessed = syntax.is_none() && format.is_none();
-        if guessed { LineFault::new(0, "", format!("{NO_CAMERA} ({fault})"), FORMAT_REMEDY) } else { fault }
+        if guessed { KeyFault::on_line(0, "", format!("{NO_CAMERA} ({fault})"), FORMAT_REMEDY) } else { fault }
     })?;
     let by_syntax = named.filter(|_| syntax == Some(Syntax::Literal));
     let format = format.or(by_syntax).or_else(|| format::format_from_keys(&tree)).or(named);
-    let format = format.ok_or_else(|| LineFault::new(0, "", NO_CAMERA, FORMAT_REMEDY))?;
+    let format = format.ok_or_else(|| KeyFault::on_line(0, "", NO_CAMERA, FORMAT_REMEDY))?;
     let (name, map) = choose_camera(&tree, format, camera)?;
     let mut interior = read_interior(map, format)?;
     let lens = interior.check_lens(map)?;
@@ -103,7 +103,7 @@ fn guess_syntax(text: &str, format: Option<CameraFormat>) -> Syntax {
     }
 }
 
-fn read_interior(map: &Node, format: CameraFormat) -> Result<Interior, LineFault> {
+fn read_interior(map: &Node, format: CameraFormat) -> Result<Interior, KeyFault> {
     match format {
         CameraFormat::Ros => matrix::read_matrix_camera(map, true),
         CameraFormat::Opencv | CameraFormat::Wingd => matrix::read_matrix_camera(map, false),
@@ -117,7 +117,7 @@ fn choose_camera<'a>(
     tree: &'a Node,
     format: CameraFormat,
     camera: Option<&str>,
-) -> Result<(Option<String>, &'a Node), LineFault> {
+) -> Result<(Option<String>, &'a Node), KeyFault> {
     let keys: &[&str] = match format {
         CameraFormat::Kalibr | CameraFormat::Mrcal => &[listed::INTRINSICS_KEY],
         _ => &[matrix::MATRIX_KEY, matrix::TERMS_KEY, matrix::SIZE_KEYS[0]],
@@ -130,24 +130,24 @@ fn choose_camera<'a>(
         (true, None, _) => Ok((None, tree)),
         (true, Some(camera), _) => {
             let problem = format!("has one camera, not named {camera}");
-            Err(LineFault::new(0, "", problem, "omit --camera"))
+            Err(KeyFault::on_line(0, "", problem, "omit --camera"))
         }
         (false, None, [one]) => Ok((Some(one.key.clone()), &one.node)),
         (false, _, []) => {
             let there: Vec<&str> = tree.entries().iter().map(|e| e.key.as_str()).take(MAX_KEYS_NAMED).collect();
             let problem = format!("is missing; the file has {}", there.join(", "));
-            Err(LineFault::new(0, keys[0], problem, FORMAT_REMEDY))
+            Err(KeyFault::on_line(0, keys[0], problem, FORMAT_REMEDY))
         }
         (false, None, _) => {
             let problem = format!("has {} cameras: {}", parts.len(), names.join(", "));
-            Err(LineFault::new(0, "", problem, format!("select one: --camera {}", names[0])))
+            Err(KeyFault::on_line(0, "", problem, format!("select one: --camera {}", names[0])))
         }
         (false, Some(camera), _) => {
             let found = parts.iter().find(|e| e.key == camera);
             let found = found.map(|e| (Some(e.key.clone()), &e.node));
             found.ok_or_else(|| {
                 let problem = format!("has no camera {camera}");
-                LineFault::new(0, "", problem, format!("its cameras are {}", names.join(", ")))
+                KeyFault::on_line(0, "", problem, format!("its cameras are {}", names.join(", ")))
             })
         }
     }

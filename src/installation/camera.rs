@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use nalgebra::{SMatrix, Vector2};
+use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::{Fault, Reader, printable_path, write_atomically};
@@ -113,24 +113,6 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
             reader.fault(&file, key, format!("is {f} px"), "give the camera constant in pixels, above 0");
         }
     }
-    let rest = [
-        ("cx", table.cx),
-        ("cy", table.cy),
-        ("k1", table.k1),
-        ("k2", table.k2),
-        ("k3", table.k3),
-        ("p1", table.p1),
-        ("p2", table.p2),
-        ("k4", table.k4),
-        ("k5", table.k5),
-        ("k6", table.k6),
-    ];
-    for (key, value) in rest.into_iter().filter(|(_, v)| !v.is_finite()) {
-        reader.fault(&file, key, format!("is {value}"), "give a finite number");
-    }
-    if reader.faults.len() > before {
-        return None;
-    }
     let lens = Lens {
         width: table.width as u32,
         height: table.height as u32,
@@ -145,7 +127,18 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
         p2: table.p2,
         denominator: [table.k4, table.k5, table.k6],
     };
-    check_inverse(reader, &file, &lens);
+    let parameters = lens.parameters();
+    let named = Lens::PARAMETERS.into_iter().chain(["k4", "k5", "k6"]);
+    let values = parameters.iter().copied().chain(lens.denominator);
+    for (key, value) in named.zip(values).skip(2).filter(|(_, value)| !value.is_finite()) {
+        reader.fault(&file, key, format!("is {value}"), "give a finite number");
+    }
+    if reader.faults.len() > before {
+        return None;
+    }
+    if let Err(error) = lens.check_edge() {
+        reader.fault(&file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
+    }
     let (of_calibration, accepted) = table.calibration.map_or((None, None), |c| (c.covariance, c.accepted));
     let given = table.covariance.or(of_calibration);
     let covariance = given.and_then(|rows| parse_covariance(reader, &file, &rows));
@@ -180,21 +173,6 @@ fn parse_covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Opti
         return None;
     }
     matrix
-}
-
-/// Checks that the distortion is invertible over the full image.
-fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
-    let (w, h) = (f64::from(lens.width), f64::from(lens.height));
-    for k in 0..=20 {
-        let t = f64::from(k) / 20.0;
-        let edge = [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)];
-        for (u, v) in edge {
-            if let Err(error) = lens.ray(&Vector2::new(u - 0.5, v - 0.5)) {
-                reader.fault(file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
-                return;
-            }
-        }
-    }
 }
 
 /// Writes `camera.toml` with the result of a calibration.

@@ -95,7 +95,7 @@ impl InstallationDocument {
 
 fn setup_uncertainty(document: &InstallationDocument) -> SetupUncertainty {
     let mut uncertainty = SetupUncertainty::DEFAULT;
-    document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.stored_value(value));
+    document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.factor * value);
     uncertainty.skin_scaled_by_frames = document.width(Width::SkinMotion).is_none();
     uncertainty.vibration = document.wing.vibration.as_deref().map_or(uncertainty.vibration, combine_modes);
     uncertainty
@@ -160,7 +160,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
     camera.projection_centre_m.into_iter().for_each(|v| check(CENTRE_KEY, v, -1e6..=1e6, "m"));
     for (width, value) in document.widths() {
         let row = width.row();
-        check(&format!("{}.{}", row.section, row.key), value, 0.0..=row.max, row.unit.name());
+        check(&format!("{}.{}", row.section, row.key), value, 0.0..=row.max, row.unit.name);
     }
     for mode in wing.vibration.iter().flatten() {
         check("wing.vibration.frequency_hz", mode.frequency_hz, 0.0..=1000.0, "Hz");

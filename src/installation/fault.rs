@@ -30,11 +30,13 @@ impl Fault {
     }
 }
 
-/// Error of a key, as the section of the key reports it; the reader adds the file.
+/// Error of a key or line, as its section or parser reports it; the reader adds the file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{key}: {problem}; {remedy}")]
+#[error("{}: {problem}; {remedy}", place_in_file(*.line, .key))]
 pub struct KeyFault {
-    /// Key with its section, such as `series.interval`.
+    /// Line, from 1; 0 if the key alone names the place.
+    pub line: u64,
+    /// Key with its section, such as `series.interval`; empty for the whole line or file.
     pub key: String,
     /// Problem, with the value.
     pub problem: String,
@@ -42,10 +44,24 @@ pub struct KeyFault {
     pub remedy: String,
 }
 
+fn place_in_file(line: u64, key: &str) -> String {
+    match (line, key) {
+        (0, "") => "file".to_owned(),
+        (0, key) => key.to_owned(),
+        (line, "") => format!("line {line}"),
+        (line, key) => format!("line {line}, {key}"),
+    }
+}
+
 impl KeyFault {
     /// Creates the error of a key.
     pub fn new(key: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { key: key.into(), problem: problem.into(), remedy: remedy.into() }
+        Self { line: 0, key: key.into(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// Creates the error of a key on a line; line 0 and an empty key are those of the whole file.
+    pub fn on_line(line: u64, key: &str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { line, ..Self::new(key, problem, remedy) }
     }
 
     /// Returns errors for the violated rules of a section, each given as (holds, key, problem, remedy).
@@ -61,38 +77,6 @@ impl KeyFault {
 
     /// Converts it into an error of the file that contains the key.
     pub fn into_fault(self, file: &Path) -> Fault {
-        Fault::new(file, self.key, self.problem, self.remedy)
-    }
-}
-
-/// Error at a line and key of a file.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, {key}: {problem}; {remedy}")]
-pub struct LineFault {
-    /// Line, from 1; 0 for the whole file.
-    pub line: u64,
-    /// Key; empty if there is none.
-    pub key: String,
-    /// Problem, with the value.
-    pub problem: String,
-    /// Remedy: the action to take.
-    pub remedy: String,
-}
-
-impl LineFault {
-    /// Creates an error at a line and key.
-    pub fn new(line: u64, key: &str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { line, key: key.into(), problem: problem.into(), remedy: remedy.into() }
-    }
-
-    /// Converts it into an error of `file`.
-    pub fn into_fault(self, file: &Path) -> Fault {
-        let place = match (self.line, self.key.is_empty()) {
-            (0, true) => "file".to_owned(),
-            (0, false) => self.key,
-            (line, true) => format!("line {line}"),
-            (line, false) => format!("line {line}, {}", self.key),
-        };
-        Fault::new(file, place, self.problem, self.remedy)
+        Fault::new(file, place_in_file(self.line, &self.key), self.problem, self.remedy)
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use super::fault::{Fault, LineFault};
+use super::fault::{Fault, KeyFault};
 use super::fold::fold_repeated;
 use super::text::{decode_text, printable_path};
 use super::toml_fault::toml_fault;
@@ -34,7 +34,7 @@ impl Reader {
         found.filter(|_| reader.faults.is_empty()).ok_or_else(|| fold_repeated(reader.faults))
     }
 
-    pub fn add_line_fault(&mut self, file: &Path, fault: LineFault) {
+    pub fn add_key_fault(&mut self, file: &Path, fault: KeyFault) {
         self.faults.push(fault.into_fault(file));
     }
 

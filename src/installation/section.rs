@@ -3,6 +3,7 @@
 
 use std::marker::PhantomData;
 
+use serde::de::value::MapAccessDeserializer;
 use serde::de::{DeserializeSeed, Deserializer, Error, IntoDeserializer, MapAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -62,50 +63,26 @@ impl<'de, T: Deserialize<'de> + SectionTable> Visitor<'de> for SectionVisitor<T>
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
         let mut widths = GivenWidths::default();
-        let table = T::deserialize(SectionReader { map, section: T::NAME, fields: &[], widths: &mut widths })?;
+        let own = SectionKeys { map, section: T::NAME, widths: &mut widths };
+        let table = T::deserialize(MapAccessDeserializer::new(own))?;
         Ok(Section { table, widths })
     }
 }
 
-/// Source of a section's own table, which takes the widths out.
-struct SectionReader<'a, A> {
+/// Keys of a section without its widths, which are collected.
+struct SectionKeys<'a, A> {
     map: A,
     section: &'static str,
-    /// Own keys.
-    fields: &'static [&'static str],
     widths: &'a mut GivenWidths,
 }
 
-impl<'de, A: MapAccess<'de>> Deserializer<'de> for SectionReader<'_, A> {
-    type Error = A::Error;
-
-    fn deserialize_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        fields: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, A::Error> {
-        visitor.visit_map(SectionReader { fields, ..self })
-    }
-
-    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, A::Error> {
-        visitor.visit_map(self)
-    }
-
-    serde::forward_to_deserialize_any! {
-        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
-        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
-    }
-}
-
-impl<'de, A: MapAccess<'de>> MapAccess<'de> for SectionReader<'_, A> {
+impl<'de, A: MapAccess<'de>> MapAccess<'de> for SectionKeys<'_, A> {
     type Error = A::Error;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, A::Error> {
         let mut seed = Some(seed);
         loop {
-            let reader = KeyReader { section: self.section, fields: self.fields, seed: &mut seed };
-            match self.map.next_key_seed(reader)? {
+            match self.map.next_key_seed(KeyReader { section: self.section, seed: &mut seed })? {
                 Some(SectionKey::Width(width)) => self.widths.0.push((width, self.map.next_value()?)),
                 Some(SectionKey::Own(key)) => return Ok(Some(key)),
                 None => return Ok(None),
@@ -123,10 +100,9 @@ enum SectionKey<T> {
     Own(T),
 }
 
-/// Reader of one key; the seed for an own key remains until it is used.
+/// Reader of one key; the seed remains until it reads an own key.
 struct KeyReader<'a, K> {
     section: &'static str,
-    fields: &'static [&'static str],
     seed: &'a mut Option<K>,
 }
 
@@ -134,28 +110,22 @@ impl<'de, K: DeserializeSeed<'de>> DeserializeSeed<'de> for KeyReader<'_, K> {
     type Value = SectionKey<K::Value>;
 
     fn deserialize<D: Deserializer<'de>>(self, source: D) -> Result<Self::Value, D::Error> {
-        source.deserialize_str(self)
-    }
-}
-
-impl<'de, K: DeserializeSeed<'de>> Visitor<'de> for KeyReader<'_, K> {
-    type Value = SectionKey<K::Value>;
-
-    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str("a key")
-    }
-
-    fn visit_str<E: Error>(self, key: &str) -> Result<Self::Value, E> {
-        if let Some(width) = Width::from_key(self.section, key) {
+        let key = String::deserialize(source)?;
+        if let Some(width) = Width::from_key(self.section, &key) {
             return Ok(SectionKey::Width(width));
         }
-        match self.seed.take().filter(|_| self.fields.contains(&key)) {
-            Some(seed) => Ok(SectionKey::Own(seed.deserialize(key.into_deserializer())?)),
-            None => {
-                let widths = Width::ROWS.iter().filter(|row| row.section == self.section).map(|row| row.key);
-                let known: Vec<String> = self.fields.iter().copied().chain(widths).map(|k| format!("`{k}`")).collect();
-                Err(E::custom(format!("unknown field `{key}`, expected one of {}", known.join(", "))))
-            }
-        }
+        let seed = self.seed.take().ok_or_else(|| D::Error::custom("has a key after an error"))?;
+        // The error of an unknown key lists the own keys.
+        let unknown = |error: D::Error| {
+            let rows = Width::ROWS.iter().filter(|row| row.section == self.section);
+            let widths = rows.map(|row| format!("`{}`", row.key)).collect::<Vec<_>>().join(", ");
+            let text = error.to_string();
+            let text = text.trim_end();
+            D::Error::custom(match text.strip_suffix("there are no fields") {
+                Some(begin) => format!("{begin}expected one of {widths}"),
+                None => format!("{text}, {widths}"),
+            })
+        };
+        seed.deserialize(key.into_deserializer()).map(SectionKey::Own).map_err(unknown)
     }
 }

@@ -21,6 +21,7 @@ pub(super) struct InstallationDocument {
 }
 
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct CameraTable {
     pub calibration: String,
     #[serde(deserialize_with = "or_blank")]
@@ -44,6 +45,7 @@ pub struct OpticsTable {
 }
 
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct WingTable {
     pub survey: String,
     #[serde(deserialize_with = "or_blank")]
@@ -57,6 +59,7 @@ pub(super) struct WingTable {
 
 /// Table `[survey]`, whose keys are all widths.
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct SurveyTable {}
 
 impl SectionTable for CameraTable {

@@ -88,7 +88,7 @@ fn section<T: SectionTable>(setup: &Setup, table: T) -> Section<T> {
     let given = |row: &WidthRow| match row.width {
         // A configured motion of the skin is not estimated from the frames.
         Width::SkinMotion => Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames),
-        width => nondefault(row.unit.key_value(uncertainty[width]), row.default),
+        width => nondefault(uncertainty[width] / row.unit.factor, row.default),
     };
     let rows = Width::ROWS.iter().filter(|row| row.section == T::NAME);
     Section { table, widths: GivenWidths(rows.filter_map(|row| Some((row.width, given(row)?))).collect()) }
@@ -190,7 +190,7 @@ mod tests {
         let back = read_back(&setup);
         assert_eq!(back, setup);
         for row in Width::ROWS {
-            setup.uncertainty[row.width] = row.unit.stored_value(0.3 * row.max);
+            setup.uncertainty[row.width] = row.unit.factor * 0.3 * row.max;
         }
         let back = read_back(&setup).uncertainty;
         assert!(Width::ROWS.iter().all(|row| near(back[row.width], setup.uncertainty[row.width])), "{back:?}");

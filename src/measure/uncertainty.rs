@@ -2,7 +2,7 @@
 
 use nalgebra::SMatrix;
 
-use super::widths::{Width, WidthValues};
+use super::widths::Width;
 
 /// A vibration that the rows of a frame sample at different times.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,17 +14,15 @@ pub struct Vibration {
     pub scaled_by_frames: bool,
 }
 
-impl Vibration {
-    /// No vibration.
-    pub const NONE: Self = Self { amplitude: 0.0, frequency_hz: 0.0, scaled_by_frames: false };
-}
+/// Number of widths.
+const WIDTHS: usize = Width::ROWS.len();
 
 /// Prior standard deviations of quantities that a user can only estimate (reasons in docs/adjustment/installation.md). The
-/// index of a width is [`Width`].
+/// index of a width is its [`Width`]; its value is in radians, metres, pixels or seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetupUncertainty {
-    /// Widths that keys of the installation state.
-    pub widths: WidthValues,
+    /// Values of the widths, in the order of their rows.
+    pub widths: [f64; WIDTHS],
     /// Whether the frames of a flight may estimate the motion of the skin: it is a default, not configured.
     pub skin_scaled_by_frames: bool,
     /// Vibration of the wing.
@@ -38,7 +36,15 @@ pub struct SetupUncertainty {
 impl SetupUncertainty {
     /// Defaults of an installation, for an airliner.
     pub const DEFAULT: Self = Self {
-        widths: WidthValues::DEFAULT,
+        widths: {
+            let mut widths = [0.0; WIDTHS];
+            let mut k = 0;
+            while k < WIDTHS {
+                widths[k] = Width::ROWS[k].unit.factor * Width::ROWS[k].default;
+                k += 1;
+            }
+            widths
+        },
         skin_scaled_by_frames: true,
         // An airliner's first mode in light turbulence.
         vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0, scaled_by_frames: true },
@@ -47,27 +53,24 @@ impl SetupUncertainty {
         lens: None,
     };
 
-    /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps, without effects
-    /// of flight, for rendered scenes.
+    /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps,
+    /// without effects of flight, for rendered scenes.
     pub const fn from_drawings() -> Self {
-        Self {
-            widths: WidthValues::NONE.with_value(Width::SkinHeight, 0.003),
-            skin_scaled_by_frames: false,
-            vibration: Vibration::NONE,
-            shake: Vibration::NONE,
-            lens: None,
-        }
+        let none = Vibration { amplitude: 0.0, frequency_hz: 0.0, scaled_by_frames: false };
+        Self { widths: [0.0; WIDTHS], skin_scaled_by_frames: false, vibration: none, shake: none, lens: None }
+            .with_width(Width::SkinHeight, 0.003)
     }
 
     /// Returns the priors with another value of one width.
     pub const fn with_width(mut self, width: Width, value: f64) -> Self {
-        self.widths = self.widths.with_value(width, value);
+        self.widths[width as usize] = value;
         self
     }
 
     /// Returns the priors with the effects of flight of `other`.
-    pub fn with_flight_effects(self, other: &Self) -> Self {
-        Self { widths: self.widths.with_flight_effects(&other.widths), lens: self.lens, ..*other }
+    pub fn with_flight_effects(mut self, other: &Self) -> Self {
+        Width::ROWS.iter().filter(|row| row.of_flight).for_each(|row| self[row.width] = other[row.width]);
+        Self { widths: self.widths, lens: self.lens, ..*other }
     }
 
     /// Returns the priors without effects of flight on wing, cabin and camera, which a laboratory does not have.
@@ -87,12 +90,12 @@ impl std::ops::Index<Width> for SetupUncertainty {
     type Output = f64;
 
     fn index(&self, width: Width) -> &f64 {
-        &self.widths[width]
+        &self.widths[width as usize]
     }
 }
 
 impl std::ops::IndexMut<Width> for SetupUncertainty {
     fn index_mut(&mut self, width: Width) -> &mut f64 {
-        &mut self.widths[width]
+        &mut self.widths[width as usize]
     }
 }

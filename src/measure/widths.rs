@@ -9,11 +9,11 @@
 macro_rules! unknowns {
     (@lasting lasting) => { true };
     (@lasting) => { false };
-    ($($(#[doc = $doc:literal])+ $unknown:ident = $name:literal, $source:literal $($lasting:ident)?;)+) => {
+    ($($unknown:ident = $name:literal, $source:literal $($lasting:ident)?;)+) => {
         /// Kind of unknown of the adjustment.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         pub enum Unknown {
-            $($(#[doc = $doc])+ #[serde(rename = $name)] $unknown),+
+            $(#[doc = $name] #[serde(rename = $name)] $unknown),+
         }
 
         impl Unknown {
@@ -36,124 +36,57 @@ macro_rules! unknowns {
 }
 
 unknowns! {
-    /// Coefficients of the curvature.
     Bending = "bending", "bending";
-    /// Coefficients of the twist.
     Twist = "twist", "twist";
-    /// Ratios of the curvature coefficients to the first.
     Shape = "shape of bending", "shape of bending" lasting;
-    /// Changes of these ratios from the heaviest frame of a flight to the lightest.
     FuelBurn = "burning of fuel", "shape of bending";
-    /// Fraction of the load that stays vertical while the wing bends.
     VerticalLoad = "load's turning", "shape of bending";
-    /// Bend that is equal in all frames of a flight.
     ConstantBend = "bend that does not go with the load", "constant bend";
-    /// Bend between survey and ground frame.
     GroundBend = "bend between survey and ground frame", "ground bend" lasting;
-    /// Bending in the wing's plane.
     InPlane = "bending in the wing's plane", "in-plane";
-    /// Torques of control surfaces.
     Torque = "torque of control surfaces", "torque";
-    /// Height of the bending axis.
     AxisHeight = "height of the bending axis", "axis" lasting;
-    /// Start of the bending.
     RootOffset = "root offset", "root" lasting;
-    /// Chordwise position of the bending axis.
     ChordOffset = "chord offset of the bending axis", "chord offset" lasting;
-    /// Horizontal direction of the span.
     SpanDirection = "direction of the span", "span direction" lasting;
-    /// Thermal scale.
     ThermalScale = "thermal scale", "temperature";
-    /// Positions of the markers on the ground.
     Survey = "survey", "survey" lasting;
-    /// Direction of the survey's vertical.
     Vertical = "vertical of the survey", "vertical" lasting;
-    /// Motion of each marker with the skin in flight.
     SkinMotion = "motion of the skin", "skin" lasting;
-    /// Motion of neighbouring markers with the skin in flight.
     SkinBulges = "bulges of the skin", "skin";
-    /// Motion of the fixed targets in flight.
     FixedTargetMotion = "motion of the fixed marks", "fixed targets" lasting;
-    /// Motion of a control surface or other moving part.
     MovingPart = "moving part", "moving parts";
-    /// Displacement common to several markers.
     CommonDisplacement = "common cause", "common cause";
-    /// Rotation of the root relative to the cabin.
     RootRotation = "rotation of the root", "root motion";
-    /// Shift of the root relative to the cabin.
     RootShift = "shift of the root", "root motion";
-    /// Vibration of the wing during readout.
     WingVibration = "vibration of the wing", "rolling shutter";
-    /// Shake of the camera during readout.
     CameraShake = "shake of the camera", "rolling shutter";
-    /// Rotation of the camera in the ground frame.
     GroundRotation = "rotation on ground", "rotation on ground" lasting;
-    /// Rotation of a mounting since the ground frame.
     MountingRotation = "rotation of the mounting", "mounting";
-    /// Shift of the projection centre of a mounting since the ground frame.
     MountingShift = "shift of the mounting", "mounting";
-    /// Projection centre in the ground frame.
     ProjectionCentre = "projection centre", "projection centre" lasting;
-    /// Interior orientation.
     InteriorOrientation = "interior orientation", "lens" lasting;
-    /// Change of the camera constant in flight.
     FlightScale = "scale of the camera in flight", "camera in flight";
-    /// Change of the principal point in flight.
     FlightPrincipalPoint = "principal point in flight", "camera in flight";
-    /// Shift of rays by the panes.
     PaneShift = "panes' shift", "window" lasting;
-    /// Bow of the panes in flight.
     PaneBow = "panes' bow", "window";
 }
 
-/// Unit of a key, which its name includes; values are stored in radians, metres, pixels and seconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyUnit {
-    /// Ratio.
-    Ratio,
-    /// Length.
-    Metre,
-    /// Angle, stored in radians.
-    Milliradian,
-    /// Angle, stored in radians.
-    Degree,
-    /// Length in the image.
-    Pixel,
-    /// Time.
-    Second,
+/// Unit of a key, which its name includes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyUnit {
+    /// Name in messages and documentation; empty for a ratio.
+    pub name: &'static str,
+    /// Value of the unit in radians, metres, pixels or seconds, in which values are stored.
+    pub factor: f64,
 }
 
-impl KeyUnit {
-    /// Returns the unit in messages and documentation; empty for a ratio.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ratio => "",
-            Self::Metre => "m",
-            Self::Milliradian => "mrad",
-            Self::Degree => "degrees",
-            Self::Pixel => "px",
-            Self::Second => "s",
-        }
-    }
-
-    /// Converts the value of a key to the stored unit.
-    pub const fn stored_value(self, value: f64) -> f64 {
-        match self {
-            Self::Milliradian => 1e-3 * value,
-            Self::Degree => value.to_radians(),
-            _ => value,
-        }
-    }
-
-    /// Converts a stored value to the unit of the key.
-    pub const fn key_value(self, stored: f64) -> f64 {
-        match self {
-            Self::Milliradian => 1e3 * stored,
-            Self::Degree => stored.to_degrees(),
-            _ => stored,
-        }
-    }
-}
+const RATIO: KeyUnit = KeyUnit { name: "", factor: 1.0 };
+const METRE: KeyUnit = KeyUnit { name: "m", factor: 1.0 };
+const MILLIRADIAN: KeyUnit = KeyUnit { name: "mrad", factor: 1e-3 };
+const DEGREE: KeyUnit = KeyUnit { name: "degrees", factor: std::f64::consts::PI / 180.0 };
+const PIXEL: KeyUnit = KeyUnit { name: "px", factor: 1.0 };
+const SECOND: KeyUnit = KeyUnit { name: "s", factor: 1.0 };
 
 /// Row of the registry of widths.
 #[derive(Clone, Copy, Debug)]
@@ -199,7 +132,7 @@ macro_rules! widths {
                 width: Self::$width,
                 section: $section,
                 key: $key,
-                unit: KeyUnit::$unit,
+                unit: $unit,
                 default: $default,
                 max: $max,
                 of_flight: widths!(@flight $where),
@@ -214,59 +147,59 @@ macro_rules! widths {
 widths! {
     /// standard deviation of that height, its mean along the span. Markers on the skin move inboard by height times slope
     /// when the wing bends
-    SkinHeight = "wing" "skin_height_sigma_m", Metre, 0.1, max 5.0, laboratory,
+    SkinHeight = "wing" "skin_height_sigma_m", METRE, 0.1, max 5.0, laboratory,
         Some("height of the bending axis"), [AxisHeight];
     /// its standard deviation
-    RootOffset = "wing" "root_offset_sigma_m", Metre, 0.3, max 5.0, laboratory, Some("root offset"), [RootOffset];
+    RootOffset = "wing" "root_offset_sigma_m", METRE, 0.3, max 5.0, laboratory, Some("root offset"), [RootOffset];
     /// its standard deviation
-    ChordOffset = "wing" "axis_chord_offset_sigma_m", Metre, 0.3, max 5.0, laboratory,
+    ChordOffset = "wing" "axis_chord_offset_sigma_m", METRE, 0.3, max 5.0, laboratory,
         Some("chord offset of the axis"), [ChordOffset];
     /// its standard deviation
-    SpanDirection = "wing" "span_direction_sigma_deg", Degree, 1.0, max 20.0, laboratory,
+    SpanDirection = "wing" "span_direction_sigma_deg", DEGREE, 1.0, max 20.0, laboratory,
         Some("span direction"), [SpanDirection];
     /// standard deviation of the projection centre's shift between two mountings. The largest contribution to a single
     /// frame's deflection; 0 if the camera was not removed since the ground frame
-    MountShift = "camera" "mount_shift_m", Metre, 0.002, max 0.5, laboratory,
+    MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory,
         Some("shift of the mounting"), [MountingShift];
     /// standard deviation of the bending between survey and ground frame (fuel, jacks, sun), at the tip
-    GroundBend = "survey" "bend_sigma_m", Metre, 0.010, max 5.0, flight, Some("bend since the survey"), [GroundBend];
+    GroundBend = "survey" "bend_sigma_m", METRE, 0.010, max 5.0, flight, Some("bend since the survey"), [GroundBend];
     /// standard deviation of a bending offset common to all frames of a flight, independent of the load, at the tip
-    ConstantBend = "wing" "constant_bend_sigma_m", Metre, 0.015, max 5.0, flight,
+    ConstantBend = "wing" "constant_bend_sigma_m", METRE, 0.015, max 5.0, flight,
         Some("constant bend"), [ConstantBend];
     /// standard deviation of the skin's motion along its normal at each marker in flight, constant over a flight's frames.
     /// The common motion of neighbouring markers is 2.5 times as large. A configured value is not estimated
-    SkinMotion = "wing" "skin_motion_m", Metre, 3e-4, max 0.1, flight,
+    SkinMotion = "wing" "skin_motion_m", METRE, 3e-4, max 0.1, flight,
         Some("motion of the skin"), [SkinMotion, SkinBulges];
     /// standard deviation of the root's rotation against the cabin since the ground frame, each axis
-    RootRotation = "wing" "root_rotation_sigma_mrad", Milliradian, 0.5, max 100.0, flight,
+    RootRotation = "wing" "root_rotation_sigma_mrad", MILLIRADIAN, 0.5, max 100.0, flight,
         Some("motion of the root"), [RootRotation];
     /// standard deviation of the root's shift against the cabin since the ground frame, each axis
-    RootTranslation = "wing" "root_translation_sigma_m", Metre, 1e-3, max 1.0, flight,
+    RootTranslation = "wing" "root_translation_sigma_m", METRE, 1e-3, max 1.0, flight,
         Some("motion of the root"), [RootShift];
     /// standard deviation of the bending in the wing's plane, at the tip (0.9 of it common to a flight's frames, 0.436
     /// independent per frame)
-    InPlane = "wing" "in_plane_sigma_m", Metre, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
+    InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
     /// relative standard deviation of the camera constant in flight over that on ground: cold and focus
-    FlightScale = "camera" "flight_scale_sigma", Ratio, 2e-4, max 0.1, flight,
+    FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight,
         Some("interior orientation in flight"), [FlightScale];
     /// standard deviation of the principal point in flight against that on ground
-    PrincipalPoint = "camera" "flight_principal_point_sigma_px", Pixel, 0.3, max 1000.0, flight,
+    PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
     /// standard deviation of the twist caused by a control surface's torque, at its position: four positions from 0.45 to
     /// 0.9 of the length (0.9 of it common to a flight's frames, 0.436 independent per frame)
-    Torque = "wing" "torque_sigma_deg", Degree, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];
+    Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];
     /// from the exposure of the first row to that of the last (rolling shutter); 0 for a global shutter. Positions refer
     /// to the time of the middle row
-    Readout = "camera" "readout_s", Second, 0.03, max 1.0, flight,
+    Readout = "camera" "readout_s", SECOND, 0.03, max 1.0, flight,
         Some("rolling shutter"), [WingVibration, CameraShake];
     /// standard deviation of the camera's rotation between two frames of one mounting
-    MountDrift = "camera" "mount_drift_mrad", Milliradian, 0.05, max 100.0, laboratory, None, [MountingRotation];
+    MountDrift = "camera" "mount_drift_mrad", MILLIRADIAN, 0.05, max 100.0, laboratory, None, [MountingRotation];
     /// standard deviation of the survey's vertical about each horizontal axis; deflections are measured along the vertical
-    Vertical = "survey" "vertical_sigma_deg", Degree, 0.1, max 20.0, flight, None, [Vertical];
+    Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
 }
 
 impl Width {
-    /// Returns the width's row of the registry.
+    /// Returns the row of the width in the registry.
     pub const fn row(self) -> &'static WidthRow {
         &Self::ROWS[self as usize]
     }
@@ -274,51 +207,5 @@ impl Width {
     /// Finds the width of a key in a section of `installation.toml`.
     pub fn from_key(section: &str, key: &str) -> Option<Self> {
         Self::ROWS.iter().find(|row| row.section == section && row.key == key).map(|row| row.width)
-    }
-}
-
-/// Value of each [`Width`], in the stored unit of [`KeyUnit`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WidthValues([f64; Width::ROWS.len()]);
-
-impl WidthValues {
-    /// Widths of 0, which fix all unknowns.
-    pub const NONE: Self = Self([0.0; Width::ROWS.len()]);
-
-    /// Defaults of an installation.
-    pub const DEFAULT: Self = {
-        let mut values = Self::NONE;
-        let mut k = 0;
-        while k < Width::ROWS.len() {
-            values.0[k] = Width::ROWS[k].unit.stored_value(Width::ROWS[k].default);
-            k += 1;
-        }
-        values
-    };
-
-    /// Returns the values with another value of one width.
-    pub const fn with_value(mut self, width: Width, value: f64) -> Self {
-        self.0[width as usize] = value;
-        self
-    }
-
-    /// Returns the values with the effects of flight of `other`.
-    pub fn with_flight_effects(mut self, other: &Self) -> Self {
-        Width::ROWS.iter().filter(|row| row.of_flight).for_each(|row| self[row.width] = other[row.width]);
-        self
-    }
-}
-
-impl std::ops::Index<Width> for WidthValues {
-    type Output = f64;
-
-    fn index(&self, width: Width) -> &f64 {
-        &self.0[width as usize]
-    }
-}
-
-impl std::ops::IndexMut<Width> for WidthValues {
-    fn index_mut(&mut self, width: Width) -> &mut f64 {
-        &mut self.0[width as usize]
     }
 }

@@ -3,9 +3,9 @@
 //! it).
 
 use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
-pub(super) fn parse_literal(text: &str) -> Result<Node, LineFault> {
+pub(super) fn parse_literal(text: &str) -> Result<Node, KeyFault> {
     let mut scanner = Scanner { rest: text, line: 1, nodes: 0 };
     let node = scanner.value(0)?;
     scanner.skip_blanks();
@@ -22,8 +22,8 @@ struct Scanner<'a> {
 }
 
 impl<'a> Scanner<'a> {
-    fn fault_here(&self, problem: String) -> LineFault {
-        LineFault::new(self.line, "", problem, "write it as mrcal does: {'key': [ 1.0, 2.0, ], }")
+    fn fault_here(&self, problem: String) -> KeyFault {
+        KeyFault::on_line(self.line, "", problem, "write it as mrcal does: {'key': [ 1.0, 2.0, ], }")
     }
 
     /// Consumes the next `length` bytes.
@@ -56,7 +56,7 @@ impl<'a> Scanner<'a> {
         there
     }
 
-    fn value(&mut self, depth: usize) -> Result<Node, LineFault> {
+    fn value(&mut self, depth: usize) -> Result<Node, KeyFault> {
         self.skip_blanks();
         let line = self.line;
         self.nodes += 1;
@@ -81,7 +81,7 @@ impl<'a> Scanner<'a> {
         Ok(Node { line, tag: None, value })
     }
 
-    fn map(&mut self, depth: usize) -> Result<KeyedValue, LineFault> {
+    fn map(&mut self, depth: usize) -> Result<KeyedValue, KeyFault> {
         self.take_sign('{');
         let mut entries = vec![];
         while !self.take_sign('}') {
@@ -98,7 +98,7 @@ impl<'a> Scanner<'a> {
         Ok(KeyedValue::Map(entries))
     }
 
-    fn list(&mut self, open: char, close: char, depth: usize) -> Result<KeyedValue, LineFault> {
+    fn list(&mut self, open: char, close: char, depth: usize) -> Result<KeyedValue, KeyFault> {
         self.take_sign(open);
         let mut items = vec![];
         while !self.take_sign(close) {
@@ -109,7 +109,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Expects a comma or the closing character after an element.
-    fn expect_comma_or(&mut self, close: char) -> Result<(), LineFault> {
+    fn expect_comma_or(&mut self, close: char) -> Result<(), KeyFault> {
         if self.take_sign(',') || self.rest.starts_with(close) {
             return Ok(());
         }
@@ -117,7 +117,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Parses a quoted string without resolving escapes: keys and numbers of a camera have none.
-    fn string(&mut self) -> Result<String, LineFault> {
+    fn string(&mut self) -> Result<String, KeyFault> {
         let quote = self.take(1);
         let mut length = 0;
         let mut escaped = false;
@@ -138,7 +138,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Parses a number, or a word of Python.
-    fn word(&mut self) -> Result<String, LineFault> {
+    fn word(&mut self) -> Result<String, KeyFault> {
         let end = self.rest.find(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c)));
         let word = self.take(end.unwrap_or(self.rest.len()));
         if word.parse::<f64>().is_ok() || ["None", "True", "False"].contains(&word) {

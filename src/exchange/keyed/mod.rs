@@ -8,7 +8,7 @@ mod yaml;
 
 pub use tree::{KeyedEntry, KeyedValue, Node};
 
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// Syntax of a keyed file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub enum Syntax {
 ///
 /// # Errors
 /// Returns an error at the first violation of the syntax, with the remedy.
-pub fn parse_keyed(text: &str, syntax: Syntax) -> Result<Node, LineFault> {
+pub fn parse_keyed(text: &str, syntax: Syntax) -> Result<Node, KeyFault> {
     let tree = match syntax {
         Syntax::Yaml => yaml::parse_yaml(text)?,
         Syntax::Json => yaml::parse_yaml(&yaml::strip_comments(text))?,

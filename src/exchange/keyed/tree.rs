@@ -1,6 +1,6 @@
 //! Tree of a keyed file; each value has its line number.
 
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// Value and its position in the file.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,7 +41,7 @@ impl Node {
     ///
     /// # Errors
     /// Returns an error if two keys differ only in case.
-    pub fn get(&self, key: &str) -> Result<Option<&Self>, LineFault> {
+    pub fn get(&self, key: &str) -> Result<Option<&Self>, KeyFault> {
         let mut found = self.entries().iter().filter(|e| e.key.eq_ignore_ascii_case(key));
         let first = found.next();
         match found.next() {
@@ -54,8 +54,8 @@ impl Node {
     ///
     /// # Errors
     /// Returns an error if the key is missing.
-    pub fn require(&self, key: &str, remedy: &str) -> Result<&Self, LineFault> {
-        self.get(key)?.ok_or_else(|| LineFault::new(self.line, key, "is missing", remedy))
+    pub fn require(&self, key: &str, remedy: &str) -> Result<&Self, KeyFault> {
+        self.get(key)?.ok_or_else(|| KeyFault::on_line(self.line, key, "is missing", remedy))
     }
 
     /// Returns a number or text as text.
@@ -67,12 +67,12 @@ impl Node {
     ///
     /// # Errors
     /// Returns an error if an element is not a finite number.
-    pub fn numbers(&self, key: &str) -> Result<Vec<f64>, LineFault> {
+    pub fn numbers(&self, key: &str) -> Result<Vec<f64>, KeyFault> {
         match &self.value {
             KeyedValue::List(items) => items.iter().map(|item| item.number(key)).collect(),
             KeyedValue::Text(_) => Ok(vec![self.number(key)?]),
             KeyedValue::Map(_) => {
-                Err(LineFault::new(self.line, key, "has keys, not numbers", "give a list of numbers"))
+                Err(KeyFault::on_line(self.line, key, "has keys, not numbers", "give a list of numbers"))
             }
         }
     }
@@ -81,8 +81,8 @@ impl Node {
     ///
     /// # Errors
     /// Returns an error, with the likely cause, if the value is not a finite number.
-    pub fn number(&self, key: &str) -> Result<f64, LineFault> {
-        let fault = |problem: String, remedy: &str| Err(LineFault::new(self.line, key, problem, remedy));
+    pub fn number(&self, key: &str) -> Result<f64, KeyFault> {
+        let fault = |problem: String, remedy: &str| Err(KeyFault::on_line(self.line, key, problem, remedy));
         let Some(text) = self.text() else {
             return fault("has a list or keys where a number is expected".into(), "give a number");
         };
@@ -98,7 +98,7 @@ impl Node {
     }
 
     /// Rejects maps that have a key twice, since it is unknown which of the two is valid.
-    pub(super) fn check_duplicate_keys(&self) -> Result<(), LineFault> {
+    pub(super) fn check_duplicate_keys(&self) -> Result<(), KeyFault> {
         for (k, entry) in self.entries().iter().enumerate() {
             if self.entries()[..k].iter().any(|other| other.key == entry.key) {
                 return Err(duplicate_key(entry));
@@ -121,8 +121,8 @@ impl Node {
     }
 }
 
-fn duplicate_key(entry: &KeyedEntry) -> LineFault {
-    LineFault::new(entry.node.line, &entry.key, "occurs twice", "keep the valid one")
+fn duplicate_key(entry: &KeyedEntry) -> KeyFault {
+    KeyFault::on_line(entry.node.line, &entry.key, "occurs twice", "keep the valid one")
 }
 
 /// Largest number of values in a file, and largest depth: a calibration has some hundreds, in five levels. A few lines of
@@ -130,10 +130,10 @@ fn duplicate_key(entry: &KeyedEntry) -> LineFault {
 pub(super) const MAX_NODES: usize = 200_000;
 pub(super) const MAX_DEPTH: usize = 64;
 
-pub(super) fn too_deep(line: u64) -> LineFault {
-    LineFault::new(line, "", format!("is more than {MAX_DEPTH} levels deep"), "name a camera file")
+pub(super) fn too_deep(line: u64) -> KeyFault {
+    KeyFault::on_line(line, "", format!("is more than {MAX_DEPTH} levels deep"), "name a camera file")
 }
 
-pub(super) fn too_many(line: u64) -> LineFault {
-    LineFault::new(line, "", format!("has more than {MAX_NODES} values"), "name a camera file")
+pub(super) fn too_many(line: u64) -> KeyFault {
+    KeyFault::on_line(line, "", format!("has more than {MAX_NODES} values"), "name a camera file")
 }

@@ -3,7 +3,7 @@
 use roxmltree::{Document, Node as Element};
 
 use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// Outermost element.
 const ROOT: &str = "opencv_storage";
@@ -11,19 +11,19 @@ const ROOT: &str = "opencv_storage";
 /// Maximum number of attributes: the parser compares those of an element with each other.
 const MAX_ATTRIBUTES: usize = 10_000;
 
-pub(super) fn parse_xml(text: &str) -> Result<Node, LineFault> {
+pub(super) fn parse_xml(text: &str) -> Result<Node, KeyFault> {
     if text.matches('=').count() > MAX_ATTRIBUTES {
         let remedy = "give the XML of OpenCV's FileStorage, which has few";
-        return Err(LineFault::new(0, "", format!("has more than {MAX_ATTRIBUTES} attributes"), remedy));
+        return Err(KeyFault::on_line(0, "", format!("has more than {MAX_ATTRIBUTES} attributes"), remedy));
     }
     let document = Document::parse(text).map_err(|error| {
-        LineFault::new(error.pos().row as u64, "", format!("is not XML ({error})"), "export it again")
+        KeyFault::on_line(error.pos().row as u64, "", format!("is not XML ({error})"), "export it again")
     })?;
     let root = document.root_element();
     if root.tag_name().name() != ROOT {
         let problem = format!("begins with <{}>", root.tag_name().name());
         let remedy = format!("give the XML of OpenCV's FileStorage, which begins with <{ROOT}>");
-        return Err(LineFault::new(element_line(&document, &root), "", problem, remedy));
+        return Err(KeyFault::on_line(element_line(&document, &root), "", problem, remedy));
     }
     let tree = parse_element(&document, &root, 0)?;
     if tree.size() > MAX_NODES { Err(too_many(0)) } else { Ok(tree) }
@@ -33,7 +33,7 @@ fn element_line(document: &Document<'_>, element: &Element<'_, '_>) -> u64 {
     document.text_pos_at(element.range().start).row as u64
 }
 
-fn parse_element(document: &Document<'_>, element: &Element<'_, '_>, depth: usize) -> Result<Node, LineFault> {
+fn parse_element(document: &Document<'_>, element: &Element<'_, '_>, depth: usize) -> Result<Node, KeyFault> {
     let line = element_line(document, element);
     if depth > MAX_DEPTH {
         return Err(too_deep(line));
@@ -48,7 +48,7 @@ fn parse_element(document: &Document<'_>, element: &Element<'_, '_>, depth: usiz
         KeyedValue::List(children.iter().map(within).collect::<Result<_, _>>()?)
     } else {
         let entry = |c: &Element<'_, '_>| Ok(KeyedEntry { key: c.tag_name().name().to_owned(), node: within(c)? });
-        KeyedValue::Map(children.iter().map(entry).collect::<Result<_, LineFault>>()?)
+        KeyedValue::Map(children.iter().map(entry).collect::<Result<_, KeyFault>>()?)
     };
     Ok(Node { line, tag, value })
 }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use saphyr_parser::{Event, Parser};
 
 use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, too_many};
-use crate::installation::LineFault;
+use crate::installation::KeyFault;
 
 /// First line of OpenCV's files, which is not valid YAML.
 const OPENCV_DIRECTIVE: &str = "%YAML:";
@@ -13,14 +13,14 @@ const OPENCV_DIRECTIVE: &str = "%YAML:";
 /// Key by which YAML 1.1 merges another map.
 const MERGE_KEY: &str = "<<";
 
-pub(super) fn parse_yaml(text: &str) -> Result<Node, LineFault> {
+pub(super) fn parse_yaml(text: &str) -> Result<Node, KeyFault> {
     // As a comment, the line stays, and line numbers do not change.
     let text = text.strip_prefix(OPENCV_DIRECTIVE).map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
     let mut builder = TreeBuilder::default();
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
             let remedy = "write it as YAML: keys aligned, blanks instead of tabs, lists in brackets or with dashes";
-            LineFault::new(error.marker().line() as u64, "", format!("is not YAML ({})", error.info()), remedy)
+            KeyFault::on_line(error.marker().line() as u64, "", format!("is not YAML ({})", error.info()), remedy)
         })?;
         builder.handle_event(event, span.start.line() as u64)?;
     }
@@ -29,10 +29,10 @@ pub(super) fn parse_yaml(text: &str) -> Result<Node, LineFault> {
     let mut documents = builder.documents.into_iter().filter(|document| !nothing(document));
     match (documents.next(), documents.next()) {
         (Some(document), None) => Ok(document),
-        (None, _) => Err(LineFault::new(0, "", "is empty", "export it again")),
+        (None, _) => Err(KeyFault::on_line(0, "", "is empty", "export it again")),
         (Some(_), Some(second)) => {
             let problem = "has several documents (---)";
-            Err(LineFault::new(second.line, "", problem, "keep only the document of the camera"))
+            Err(KeyFault::on_line(second.line, "", problem, "keep only the document of the camera"))
         }
     }
 }
@@ -79,7 +79,7 @@ struct TreeBuilder {
 }
 
 impl TreeBuilder {
-    fn handle_event(&mut self, event: Event<'_>, line: u64) -> Result<(), LineFault> {
+    fn handle_event(&mut self, event: Event<'_>, line: u64) -> Result<(), KeyFault> {
         match event {
             Event::Scalar(text, _, anchor, tag) => {
                 let tag = tag.map(|t| t.suffix.clone());
@@ -88,7 +88,7 @@ impl TreeBuilder {
             Event::Alias(anchor) => {
                 let again = self.anchors.get(&anchor).cloned();
                 let remedy = "write the value out";
-                let node = again.ok_or_else(|| LineFault::new(line, "", "refers to an incomplete value", remedy))?;
+                let node = again.ok_or_else(|| KeyFault::on_line(line, "", "refers to an incomplete value", remedy))?;
                 self.nodes += node.size();
                 self.add_node(node, 0)
             }
@@ -105,7 +105,7 @@ impl TreeBuilder {
         anchor: usize,
         tag: Option<String>,
         entries: Option<Vec<KeyedEntry>>,
-    ) -> Result<(), LineFault> {
+    ) -> Result<(), KeyFault> {
         if self.open.len() >= MAX_DEPTH {
             return Err(too_deep(line));
         }
@@ -113,7 +113,7 @@ impl TreeBuilder {
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), LineFault> {
+    fn end(&mut self) -> Result<(), KeyFault> {
         let Some(OpenCollection { line, tag, anchor, entries, items, .. }) = self.open.pop() else {
             return Ok(());
         };
@@ -122,7 +122,7 @@ impl TreeBuilder {
     }
 
     /// Adds a complete value to the collection that contains it.
-    fn add_node(&mut self, node: Node, anchor: usize) -> Result<(), LineFault> {
+    fn add_node(&mut self, node: Node, anchor: usize) -> Result<(), KeyFault> {
         self.nodes += 1;
         if self.nodes > MAX_NODES {
             return Err(too_many(node.line));
@@ -143,11 +143,16 @@ impl TreeBuilder {
             (Some(key), _) => entries.push(KeyedEntry { key, node }),
             (None, KeyedValue::Text(key)) if key == MERGE_KEY => {
                 let problem = "merges keys from elsewhere, which is not supported";
-                return Err(LineFault::new(node.line, MERGE_KEY, problem, "write the merged keys out"));
+                return Err(KeyFault::on_line(node.line, MERGE_KEY, problem, "write the merged keys out"));
             }
             (None, KeyedValue::Text(key)) => open.key = Some(key.clone()),
             (None, _) => {
-                return Err(LineFault::new(node.line, "", "has a list as a key", "give every value a name as its key"));
+                return Err(KeyFault::on_line(
+                    node.line,
+                    "",
+                    "has a list as a key",
+                    "give every value a name as its key",
+                ));
             }
         }
         Ok(())

@@ -102,6 +102,11 @@ impl Displacement {
 }
 
 impl ParameterTerm {
+    /// Priors of `count` columns with mean 0 and this standard deviation.
+    pub fn equal_priors(unknown: Unknown, count: usize, sigma: f64) -> Vec<Prior> {
+        (0..count).map(|k| Prior::scalar(unknown, k, 0.0, sigma)).collect()
+    }
+
     /// d position of a marker in flight, wing frame, m per unit of the unknown.
     pub fn position_derivative(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {

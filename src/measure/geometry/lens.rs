@@ -206,6 +206,17 @@ impl Lens {
         Ok(Vector3::new(n.x, n.y, 1.0).normalize())
     }
 
+    /// Checks that a ray belongs to every pixel on the edge of the image.
+    ///
+    /// # Errors
+    /// Returns an error for the first pixel without a ray.
+    pub fn check_edge(&self) -> Result<(), LensError> {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let steps = (0..=20).map(|k| f64::from(k) / 20.0);
+        let mut edge = steps.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
+        edge.try_for_each(|(u, v)| self.ray(&Vector2::new(u - 0.5, v - 0.5)).map(|_| ()))
+    }
+
     /// Returns the ray and its Jacobian d(unit direction)/d(pixel), 1/px, including the distortion.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::SeededRandom;
 use super::scene::{Scene, SceneShot};
 use super::wing::SceneMotion;
-use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, Vibration, Width};
+use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, Width};
 
 /// Aircraft sampled from an installation's priors, in one flight.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ impl SampledAircraft {
     pub fn without_unsampled(mut priors: SetupUncertainty) -> SetupUncertainty {
         let unsampled = [Width::ConstantBend, Width::SkinMotion, Width::InPlane, Width::Torque, Width::Readout];
         unsampled.into_iter().for_each(|width| priors[width] = 0.0);
-        let none = Vibration::NONE;
-        SetupUncertainty { skin_scaled_by_frames: false, vibration: none, shake: none, ..priors }
+        let SetupUncertainty { vibration, shake, .. } = SetupUncertainty::from_drawings();
+        SetupUncertainty { skin_scaled_by_frames: false, vibration, shake, ..priors }
     }
 }

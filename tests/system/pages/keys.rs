@@ -183,7 +183,7 @@ fn the_rows_of_widths_are_those_of_the_registry() {
     let page = std::fs::read_to_string(Path::new(ROOT).join("docs/reference/installation-toml.md")).unwrap();
     for row in Width::ROWS {
         let section = page.split("\n## ").find(|part| part.starts_with(&format!("`[{}]`", row.section))).unwrap();
-        let unit = if row.unit.name().is_empty() { String::new() } else { format!(" {},", row.unit.name()) };
+        let unit = if row.unit.name.is_empty() { String::new() } else { format!(" {},", row.unit.name) };
         let begin = format!("| `{}` | number,{unit} 0 to {} | ", row.key, row.max);
         let end = format!(" | {} |", row.meaning.trim());
         let found = section.lines().any(|line| line.starts_with(&begin) && line.ends_with(&end));

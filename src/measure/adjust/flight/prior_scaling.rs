@@ -66,19 +66,18 @@ impl Flight<'_> {
         if !self.hyperparameters.mountings.are_assigned() {
             return true;
         }
-        let SetupUncertainty { widths, skin_scaled_by_frames: skin_by_frames, vibration, shake, .. } =
-            self.input.setup.uncertainty;
-        let skin_motion_m = widths[Width::SkinMotion];
+        let priors = &self.input.setup.uncertainty;
+        let skin_motion_m = priors[Width::SkinMotion];
         let before = self.prior_scales;
-        if skin_by_frames && skin_motion_m > 0.0 {
+        if priors.skin_scaled_by_frames && skin_motion_m > 0.0 {
             self.prior_scales.skin =
                 tuned_prior_scale(before.skin, solved.skin_evidence(self, before.skin * skin_motion_m));
         }
-        if vibration.scaled_by_frames {
+        if priors.vibration.scaled_by_frames {
             self.prior_scales.vibration =
                 tuned_prior_scale(before.vibration, solved.unknown_evidence(Unknown::WingVibration));
         }
-        if shake.scaled_by_frames {
+        if priors.shake.scaled_by_frames {
             self.prior_scales.shake = tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
         }
         let PriorScales { skin, vibration, shake, .. } = self.prior_scales;
@@ -87,8 +86,9 @@ impl Flight<'_> {
 
     /// Remarks about motions that are much larger than the default.
     pub fn exceedance_remarks(&self) -> impl Iterator<Item = String> {
-        let SetupUncertainty { widths, vibration, shake, .. } = self.input.setup.uncertainty;
-        let skin_motion_m = widths[Width::SkinMotion];
+        let priors = &self.input.setup.uncertainty;
+        let SetupUncertainty { vibration, shake, .. } = *priors;
+        let skin_motion_m = priors[Width::SkinMotion];
         let PriorScales { skin, vibration: wing, shake: camera, .. } = self.prior_scales;
         let skin = (skin > REMARKED_SCALE).then(|| {
             format!(

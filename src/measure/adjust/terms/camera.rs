@@ -28,11 +28,6 @@ fn to_matrix(matrix: &Matrix3<f64>) -> DMatrix<f64> {
     DMatrix::from_column_slice(3, 3, matrix.as_slice())
 }
 
-/// Priors of three coordinates, each with this standard deviation.
-fn equal_priors(unknown: Unknown, sigma_m: f64) -> Vec<Prior> {
-    (0..3).map(|k| Prior::scalar(unknown, k, 0.0, sigma_m)).collect()
-}
-
 /// Configured drift of a mounting per axis, rad; greater than 0.
 pub fn mount_drift_rad(setup: &Setup) -> f64 {
     setup.uncertainty[Width::MountDrift].max(MIN_DRIFT_RAD)
@@ -94,7 +89,7 @@ pub fn projection_centre(sigma_m: f64) -> ParameterTerm {
         unknown: Unknown::ProjectionCentre,
         missing: "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
         size: 3,
-        priors: equal_priors(Unknown::ProjectionCentre, sigma_m),
+        priors: ParameterTerm::equal_priors(Unknown::ProjectionCentre, 3, sigma_m),
         add_values: |x, values| values.pose.centre_m += to_vector(x),
         effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: true },
     }
@@ -106,7 +101,7 @@ pub fn mounting_shift(sigma_m: f64) -> ParameterTerm {
         unknown: Unknown::MountingShift,
         missing: "the mounting's shift cannot be determined; give camera.mount_shift_m",
         size: 3,
-        priors: equal_priors(Unknown::MountingShift, sigma_m),
+        priors: ParameterTerm::equal_priors(Unknown::MountingShift, 3, sigma_m),
         add_values: |x, values| values.pose.shift_m += to_vector(x),
         effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: false },
     }
@@ -181,7 +176,7 @@ fn flight_principal_point(sigma_px: f64) -> ParameterTerm {
         unknown: Unknown::FlightPrincipalPoint,
         missing: "the principal point in flight cannot be determined; give camera.flight_principal_point_sigma_px",
         size: 2,
-        priors: (0..2).map(|k| Prior::scalar(Unknown::FlightPrincipalPoint, k, 0.0, sigma_px)).collect(),
+        priors: ParameterTerm::equal_priors(Unknown::FlightPrincipalPoint, 2, sigma_px),
         add_values: |x, values| values.pose.flight_principal_px += Vector2::new(x[0], x[1]),
         effect: TermEffect::Image { pixel: |_, k| Vector2::ith(k, 1.0), on_ground: false },
     }

@@ -272,11 +272,6 @@ pub fn row_terms(
     terms.into_iter().flatten().collect()
 }
 
-/// Priors of three unknowns with mean 0 and this standard deviation.
-fn vector_priors(unknown: Unknown, sigma: f64) -> Vec<Prior> {
-    (0..3).map(|k| Prior::scalar(unknown, k, 0.0, sigma)).collect()
-}
-
 /// Rotation of the root relative to the cabin since the ground frame, about the wing frame's axes, rad. Targets fixed to
 /// the cabin do not move.
 fn root_rotation(sigma_rad: f64) -> ParameterTerm {
@@ -284,7 +279,7 @@ fn root_rotation(sigma_rad: f64) -> ParameterTerm {
         unknown: Unknown::RootRotation,
         missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
         size: 3,
-        priors: vector_priors(Unknown::RootRotation, sigma_rad),
+        priors: ParameterTerm::equal_priors(Unknown::RootRotation, 3, sigma_rad),
         add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| {
@@ -305,7 +300,7 @@ fn root_shift(sigma_m: f64) -> ParameterTerm {
         unknown: Unknown::RootShift,
         missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
         size: 3,
-        priors: vector_priors(Unknown::RootShift, sigma_m),
+        priors: ParameterTerm::equal_priors(Unknown::RootShift, 3, sigma_m),
         add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
@@ -336,7 +331,7 @@ fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
         unknown: Unknown::Vertical,
         missing: "the survey's vertical cannot be determined; give survey.vertical_sigma_deg",
         size: 2,
-        priors: (0..2).map(|k| Prior::scalar(Unknown::Vertical, k, 0.0, sigma_rad)).collect(),
+        priors: ParameterTerm::equal_priors(Unknown::Vertical, 2, sigma_rad),
         add_values: |x, values| values.plane_rad = Some(x[0]),
         effect: TermEffect::Vertical {
             deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },

@@ -56,7 +56,7 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
         unknown: Unknown::Torque,
         missing: "the torque of control surfaces cannot be determined; give wing.torque_sigma_deg",
         size: TORQUE_POSITIONS.len(),
-        priors: (0..TORQUE_POSITIONS.len()).map(|k| Prior::scalar(Unknown::Torque, k, 0.0, sigma_rad)).collect(),
+        priors: ParameterTerm::equal_priors(Unknown::Torque, TORQUE_POSITIONS.len(), sigma_rad),
         add_values: |x, values| {
             values.twist_rad.resize(MAX_TWIST_TERMS + TORQUE_POSITIONS.len(), 0.0);
             values.twist_rad.iter_mut().skip(MAX_TWIST_TERMS).zip(x).for_each(|(twist, x)| *twist += x);
