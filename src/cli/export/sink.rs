@@ -63,7 +63,7 @@ pub(super) enum RowSink {
     Csv(Box<CsvWriter<Box<dyn Write>>>),
     Lines(Box<dyn Write>),
     #[cfg(feature = "parquet")]
-    Parquet(export::ParquetFile<BufWriter<File>>),
+    Parquet(Box<export::ParquetFile<BufWriter<File>>>),
 }
 
 impl RowSink {
@@ -79,7 +79,7 @@ impl RowSink {
             FormatName::Parquet => {
                 let output = BufWriter::new(File::create(args.output_file().unwrap_or(Path::new("")))?);
                 let begun = export::ParquetFile::begin(output, columns, &notes()?);
-                Ok(Self::Parquet(begun.map_err(io::Error::other)?))
+                Ok(Self::Parquet(Box::new(begun.map_err(io::Error::other)?)))
             }
             #[cfg(not(feature = "parquet"))]
             FormatName::Parquet => {

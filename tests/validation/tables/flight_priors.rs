@@ -6,12 +6,12 @@ use crate::aircraft::{EffectErrors, SET_UPS};
 use crate::common::beam_truth::{median, rng};
 use crate::learning::{FRAMES, SampledAircraft, SampledFlight, bound_m, combine_flights, print_errors};
 
-fn budgets(all: &[Solution]) -> Vec<(&'static str, f64)> {
-    let mut sum: Vec<(&'static str, f64)> = vec![];
+fn budgets(all: &[Solution]) -> Vec<(String, f64)> {
+    let mut sum: Vec<(String, f64)> = vec![];
     for share in all.iter().filter_map(|s| s.budget.as_ref()).flat_map(|b| &b.shares) {
         match sum.iter_mut().find(|(source, _)| *source == share.source) {
             Some((_, total)) => *total += share.share / all.len() as f64,
-            None => sum.push((share.source, share.share / all.len() as f64)),
+            None => sum.push((share.source.to_string(), share.share / all.len() as f64)),
         }
     }
     sum.sort_by(|a, b| b.1.total_cmp(&a.1));
