@@ -34,10 +34,12 @@ impl Reader {
         found.filter(|_| reader.faults.is_empty()).ok_or_else(|| fold_repeated(reader.faults))
     }
 
+    /// Reports an error of a key or line.
     pub fn add_key_fault(&mut self, file: &Path, fault: KeyFault) {
         self.faults.push(fault.into_fault(file));
     }
 
+    /// Reports an error of a file.
     pub fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, remedy: impl Into<String>) {
         self.faults.push(Fault::new(file, place, problem, remedy));
     }
