@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::bundle::{BoardBundle, BundleSolution, ScalarPrior};
+use super::bundle::{BoardBundle, BundleSolution};
 use super::model::{
-    BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, add_common_variance, board_form, lens_from_parameters,
-    pack_parameters,
+    BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, ScalarPrior, add_common_variance, board_form,
+    lens_from_parameters, pack_parameters,
 };
 use super::shape::BoardShape;
 use super::{BoardPoint, BoardView, CalibrateError, start};

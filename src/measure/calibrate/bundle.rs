@@ -7,7 +7,7 @@
 use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector6};
 
 use super::model::{
-    BoardPose, FORM, GLOBAL, GlobalCovariance, GlobalParameters, INTERIOR, ImageSize, ProjectionJacobians,
+    BoardPose, FORM, GLOBAL, GlobalCovariance, GlobalParameters, INTERIOR, ImageSize, ProjectionJacobians, ScalarPrior,
     add_common_variance, board_form, lens_from_parameters, projection_jacobians,
 };
 use super::shape::BoardShape;
@@ -32,17 +32,6 @@ const MIN_DAMPING: f64 = 1e-12;
 const MAX_DAMPING: f64 = 1e12;
 /// Number of parameters of a pose.
 const POSE: usize = 6;
-
-/// Prior on one shared parameter.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ScalarPrior {
-    /// Index of the parameter.
-    pub index: usize,
-    /// Expected value.
-    pub mean: f64,
-    /// Standard deviation of the expected value.
-    pub sigma: f64,
-}
 
 /// Observations and priors of one bundle adjustment.
 pub(super) struct BoardBundle<'a> {

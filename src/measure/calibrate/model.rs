@@ -24,6 +24,17 @@ pub(super) type BoardForm = SVector<f64, FORM>;
 /// Derivatives of a pixel by the interior parameters.
 pub(super) type InteriorJacobian = SMatrix<f64, 2, INTERIOR>;
 
+/// Prior on one shared parameter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ScalarPrior {
+    /// Index of the parameter.
+    pub index: usize,
+    /// Expected value.
+    pub mean: f64,
+    /// Standard deviation of the expected value.
+    pub sigma: f64,
+}
+
 /// Image size, px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ImageSize {

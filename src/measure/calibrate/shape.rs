@@ -10,8 +10,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::bundle::ScalarPrior;
-use super::model::{BoardForm, DISTANCES_M};
+use super::model::{BoardForm, DISTANCES_M, ScalarPrior};
 use super::{BoardView, T_LIMIT_95};
 
 /// Height of the board's middle over the chord between two of its sides.
