@@ -85,23 +85,23 @@ impl Clock for SystemClock {
     }
 
     fn since_boot(&self) -> Duration {
-        read_clock(rustix::time::ClockId::Boottime)
+        read_kernel_clock(rustix::time::ClockId::Boottime)
     }
 }
 
-fn read_clock(clock: rustix::time::ClockId) -> Duration {
+fn read_kernel_clock(clock: rustix::time::ClockId) -> Duration {
     let time = rustix::time::clock_gettime(clock);
     Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 /// Returns the machine's time since boot, s, the time base of cameras.
 pub fn since_boot_s() -> f64 {
-    read_clock(rustix::time::ClockId::Boottime).as_secs_f64()
+    read_kernel_clock(rustix::time::ClockId::Boottime).as_secs_f64()
 }
 
 /// Returns the machine's monotonic time, s, used in driver stamps: it stops while the machine sleeps.
 pub fn monotonic_s() -> f64 {
-    read_clock(rustix::time::ClockId::Monotonic).as_secs_f64()
+    read_kernel_clock(rustix::time::ClockId::Monotonic).as_secs_f64()
 }
 
 /// Converts a monotonic time to time since boot, s.

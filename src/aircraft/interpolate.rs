@@ -58,7 +58,7 @@ fn interpolate_between(
     outer: (Option<&TaggedValue>, Option<&TaggedValue>),
 ) -> Interpolated {
     let motion = quantity.motion();
-    let rate = change_rate(b, a);
+    let rate = rate_between_tags(b, a);
     let value = b.1 + rate * (time_s - b.0);
     let triples =
         [outer.0.map(|far| TagTriple::from_points(*far, b, a)), outer.1.map(|far| TagTriple::from_points(b, a, *far))];
@@ -83,13 +83,13 @@ fn extrapolate(quantity: Quantity, time_s: f64, last: TaggedValue, next: Option<
     let Some(next) = next else {
         return Interpolated { value, rate: motion.rate, sigma: (motion.rate * apart_s).min(most), apart_s };
     };
-    let rate = change_rate(last, *next);
+    let rate = rate_between_tags(last, *next);
     // The rate applies to the middle between the two tags.
     let turned = motion.acceleration * apart_s * 0.5 * (apart_s + (next.0 - last.0).abs());
     Interpolated { value, rate, sigma: (rate * apart_s).hypot(turned.min(most)), apart_s }
 }
 
-fn change_rate(a: TaggedValue, b: TaggedValue) -> f64 {
+fn rate_between_tags(a: TaggedValue, b: TaggedValue) -> f64 {
     (b.1 - a.1) / (b.0 - a.0)
 }
 
@@ -104,8 +104,9 @@ struct TagTriple {
 }
 
 impl TagTriple {
+    /// Returns the acceleration over three tagged values and the deviation of the middle one from a straight line.
     fn from_points(a: TaggedValue, b: TaggedValue, c: TaggedValue) -> Self {
-        let bend = 2.0 * (change_rate(b, c) - change_rate(a, b)) / (c.0 - a.0);
+        let bend = 2.0 * (rate_between_tags(b, c) - rate_between_tags(a, b)) / (c.0 - a.0);
         let apart_per_bend = 0.5 * (b.0 - a.0) * (c.0 - b.0);
         Self {
             acceleration: bend,

@@ -133,7 +133,7 @@ impl Quantity {
         absolute.hypot(share * value)
     }
 
-    /// Returns the typical change.
+    /// Returns the standard deviations of the quantity's rate, its change of rate, and its value.
     ///
     /// Assumptions: climbs of 3000 ft/min with level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on
     /// temperatures and pressures down to the ground, two large engines, turns and gusts, flaps in motion.

@@ -58,12 +58,12 @@ impl AircraftTable {
         match mapping.format {
             LineFormat::Iwg1 => {
                 let (lines, remarks) = iwg1::split_records(text)?;
-                let own = mapping.column.iter().filter_map(|c| Some(mapped_column(c, c.field?)));
+                let own = mapping.column.iter().filter_map(|c| Some(column_from_mapping(c, c.field?)));
                 let layout = Layout::iwg1(&own.collect::<Vec<_>>());
                 let layout = Layout { time_format: mapping.time_format, date: mapping.date, ..layout };
                 Ok(Self { layout, lines, remarks })
             }
-            LineFormat::Text => read_with_header(mapping, text),
+            LineFormat::Text => read_table_with_header(mapping, text),
         }
     }
 
@@ -88,7 +88,7 @@ impl AircraftTable {
             };
             times_s.push(sample.time_s);
             for (tally, column) in tallies.iter_mut().zip(quantities) {
-                tally.count(&self.layout, &fields, column);
+                tally.count_cell(&self.layout, &fields, column);
             }
         }
         TableContents { tallies, times_s, unread }
@@ -96,7 +96,7 @@ impl AircraftTable {
 }
 
 impl ColumnTally {
-    fn count(&mut self, layout: &Layout, fields: &[Cow<str>], column: &QuantityColumn) {
+    fn count_cell(&mut self, layout: &Layout, fields: &[Cow<str>], column: &QuantityColumn) {
         match layout.cell(fields, column) {
             Cell::Value(_) => self.values += 1,
             Cell::Blank => self.blank += 1,
@@ -148,7 +148,7 @@ fn has_thousands_separators(text: &str) -> bool {
     first && others.peek().is_some() && others.all(|g| g.len() == 3)
 }
 
-fn mapped_column(named: &MappedColumn, field: usize) -> QuantityColumn {
+fn column_from_mapping(named: &MappedColumn, field: usize) -> QuantityColumn {
     QuantityColumn { field, quantity: named.quantity, scale: named.scale, offset: named.offset }
 }
 
@@ -192,7 +192,7 @@ fn detect_separator(mapping: &Mapping, text: &str) -> Result<(SplitTable, bool),
     }
 }
 
-fn read_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable, KeyFault> {
+fn read_table_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable, KeyFault> {
     let (SplitTable { separator, rows, header: at, .. }, given) = detect_separator(mapping, text)?;
     let mut remarks: Vec<String> = vec![];
     if !given && separator != ',' {
@@ -259,7 +259,7 @@ fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<La
     let mut columns = vec![];
     for named in &mapping.column {
         let name = named.name.as_deref().unwrap_or_default();
-        columns.push(mapped_column(named, place(name)?));
+        columns.push(column_from_mapping(named, place(name)?));
         if let Some(unit) = units::unit_in_name(name) {
             // Brackets in a name may contain anything: an unknown unit is ignored.
             check_unit(named, unit, header.line)?;

@@ -179,7 +179,7 @@ impl Camera for ReplayCamera {
         std::thread::sleep(config.delay);
         match config.fault.iter().find(|fault| fault.shot == call) {
             Some(fault) => self.inject_fault(fault.kind, fault.lasting, deadline),
-            None => self.deliver_frame(),
+            None => self.read_next_frame(),
         }
     }
 
@@ -217,22 +217,22 @@ impl ReplayCamera {
             }
             FaultKind::Hang => {
                 std::thread::sleep(lasting);
-                self.deliver_frame()
+                self.read_next_frame()
             }
             FaultKind::Truncated => {
-                let mut frame = self.deliver_frame()?;
+                let mut frame = self.read_next_frame()?;
                 frame.bytes.truncate(frame.bytes.len() / 2);
                 Ok(frame)
             }
             FaultKind::Stale => match self.with_progress(|progress| progress.last.clone()) {
                 Some(frame) => Ok(frame),
-                None => self.deliver_frame(),
+                None => self.read_next_frame(),
             },
             FaultKind::Panic => panic!("the replay camera panics, as requested by the script"),
         }
     }
 
-    fn deliver_frame(&mut self) -> Result<CameraFrame, CameraError> {
+    fn read_next_frame(&mut self) -> Result<CameraFrame, CameraError> {
         let item = self.next_item()?;
         let bytes = std::fs::read(&item.file)
             .map_err(|error| CameraError::BadFrame(format!("{}: {error}", item.file.display())))?;

@@ -37,7 +37,7 @@ pub enum CameraSection {
 }
 
 impl CameraSection {
-    fn driver(&self) -> &dyn DriverSection {
+    fn driver_section(&self) -> &dyn DriverSection {
         match self {
             Self::Replay(section) => section,
             Self::V4l(section) => section,
@@ -48,12 +48,12 @@ impl CameraSection {
 
     /// Returns every fault, at its key of the full file.
     pub fn faults(&self) -> Vec<KeyFault> {
-        self.driver().faults().into_iter().map(|fault| fault.with_section("camera")).collect()
+        self.driver_section().faults().into_iter().map(|fault| fault.with_section("camera")).collect()
     }
 
     /// Creates the camera factory; see [`DriverSection::factory`].
     pub fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
-        self.driver().factory(clock, origin)
+        self.driver_section().factory(clock, origin)
     }
 
     /// Returns the replay configuration, if replayed files take the place of a camera.

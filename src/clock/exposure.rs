@@ -129,11 +129,11 @@ fn uniform_sigma(length: f64) -> f64 {
 pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
     let (event_s, delay_s, sigma_s, source) = match *evidence {
         ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
-            let (half, sigma) = measured_or(delay, || half_exposure(exposure_s, period_s));
+            let (half, sigma) = measured_delay_or(delay, || half_exposure(exposure_s, period_s));
             (at_s, half, sigma, ExposureSource::StartOfExposure)
         }
         ExposureEvidence::EndOfFrame { at_s, exposure_s, period_s, delay } => {
-            let (delay, sigma) = measured_or(delay, || {
+            let (delay, sigma) = measured_delay_or(delay, || {
                 let (half, sigma) = half_exposure(exposure_s, period_s);
                 (-half - 0.5 * period_s, sigma.hypot(uniform_sigma(period_s)))
             });
@@ -154,7 +154,7 @@ pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
 /// interrupts and USB's frames of 1 ms.
 const STAMP_SIGMA_S: f64 = 0.001;
 
-fn measured_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (f64, f64)) -> (f64, f64) {
+fn measured_delay_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (f64, f64)) -> (f64, f64) {
     let unmeasured = || {
         let (seconds, sigma) = otherwise();
         (seconds, sigma.hypot(STAMP_SIGMA_S))
@@ -190,7 +190,7 @@ pub struct Exposure {
 }
 
 impl Exposure {
-    /// Converts an instant to UTC. `stamp` gives UTC and time since boot of one moment near the exposure.
+    /// Converts an instant of exposure to UTC. `stamp` gives UTC and time since boot of one moment near it.
     pub fn new(instant: &ExposureInstant, stamp: &Stamp, clock: ClockQuality) -> Self {
         let since_s = instant.since_boot_s - stamp.since_boot_s;
         let apart = jiff::SignedDuration::try_from_secs_f64(since_s).unwrap_or_default();

@@ -24,10 +24,10 @@ pub fn process_limit_mb(root: &Path) -> Option<u64> {
         let groups = group.ancestors().take_while(|group| group.starts_with(&top));
         groups.filter_map(|group| read_to_string(group.join(file)).ok()?.trim().parse::<u64>().ok()).min()
     });
-    limits.map(|bytes| bytes / 1_000_000).chain(machine_mb(root)).min()
+    limits.map(|bytes| bytes / 1_000_000).chain(machine_memory_mb(root)).min()
 }
 
-fn machine_mb(root: &Path) -> Option<u64> {
+fn machine_memory_mb(root: &Path) -> Option<u64> {
     let text = read_to_string(root.join("proc/meminfo")).ok()?;
     let kib: u64 =
         text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?.trim().trim_end_matches(" kB").parse().ok()?;

@@ -102,7 +102,7 @@ enum SupplyError {
 }
 
 impl SupplySensor {
-    fn is_failing(&self) -> Result<bool, SupplyError> {
+    fn is_power_failing(&self) -> Result<bool, SupplyError> {
         match self {
             Self::File(path) => std::fs::read_to_string(path)
                 .map(|text| text.trim() == "0")
@@ -120,15 +120,15 @@ pub(crate) fn watch_supply(core: &Core, config: &PowerConfig, commands: Sender<C
         Ok(None) => {}
         Ok(Some(supply)) => {
             let watcher = SupplyWatcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
-            if let Err(error) = Core::spawn_thread("power", move || watcher.run()) {
-                report_unwatched(core, &error);
+            if let Err(error) = Core::spawn_thread("power", move || watcher.watch_until_shutdown()) {
+                report_unwatched_supply(core, &error);
             }
         }
-        Err(error) => report_unwatched(core, &error),
+        Err(error) => report_unwatched_supply(core, &error),
     }
 }
 
-fn report_unwatched(core: &Core, error: &dyn std::fmt::Display) {
+fn report_unwatched_supply(core: &Core, error: &dyn std::fmt::Display) {
     tracing::error!(%error, "the supply cannot be watched");
     core.board.note_fault(&format!("power: {error}"));
 }
@@ -141,21 +141,21 @@ struct SupplyWatcher {
 }
 
 impl SupplyWatcher {
-    fn run(self) {
+    fn watch_until_shutdown(self) {
         let (mut known, mut last, mut readable) = (false, false, true);
         while !self.core.halt.is_ending() {
-            match self.supply.is_failing() {
+            match self.supply.is_power_failing() {
                 Ok(fails) => {
                     readable = true;
                     if fails == last && fails != known {
                         known = fails;
-                        self.announce(fails);
+                        self.pause_or_resume_daemon(fails);
                     }
                     last = fails;
                 }
                 Err(error) => {
                     if std::mem::take(&mut readable) {
-                        report_unwatched(&self.core, &error);
+                        report_unwatched_supply(&self.core, &error);
                     }
                 }
             }
@@ -163,7 +163,7 @@ impl SupplyWatcher {
         }
     }
 
-    fn announce(&self, fails: bool) {
+    fn pause_or_resume_daemon(&self, fails: bool) {
         if fails {
             tracing::warn!(hold_up_s = self.hold_up.as_secs_f64(), "the power fails: everything is made durable");
             self.core.halt.pause(self.hold_up);

@@ -57,7 +57,7 @@ impl Recorder {
                 self.take_series(SeriesCause::Triggered);
                 continue;
             }
-            let (next, state) = schedule::next_action(&timetable, progress, self.moment());
+            let (next, state) = schedule::next_action(&timetable, progress, self.current_moment());
             progress = state;
             match next {
                 ScheduleAction::Over => break,
@@ -77,9 +77,9 @@ impl Recorder {
         self.core.board.set_next_series(None);
     }
 
-    /// Returns the progress to start with: after a restart within one boot the slots continue.
+    /// Returns the schedule's progress to start with: after a restart within one boot the slots continue.
     fn initial_progress(&self) -> Progress {
-        let (timetable, now) = (self.config.timetable(), self.moment());
+        let (timetable, now) = (self.config.timetable(), self.current_moment());
         let began = self.core.store.series_starts_in_boot(&self.core.clock.stamp().boot_id);
         match (began.first(), began.last()) {
             (Some(first), Some(last)) => Progress::resume(&timetable, *first, *last, now),
@@ -87,7 +87,7 @@ impl Recorder {
         }
     }
 
-    fn moment(&self) -> Moment {
+    fn current_moment(&self) -> Moment {
         let utc_s = self.core.clock.stamp().utc.as_millisecond() as f64 / 1e3;
         Moment { since_boot: self.core.clock.since_boot(), utc_s }
     }

@@ -59,7 +59,7 @@ impl Progress {
         let progress = Self { origin: now.since_boot, last_slot: None };
         let last_slot = match timetable.align {
             Align::Start => None,
-            Align::Clock => Some(slot_at(timetable, &progress, now)),
+            Align::Clock => Some(slot_number_at(timetable, &progress, now)),
         };
         Self { last_slot, ..progress }
     }
@@ -68,18 +68,18 @@ impl Progress {
     pub fn resume(timetable: &Timetable, first: Duration, last: Duration, now: Moment) -> Self {
         let progress = Self { origin: first, last_slot: None };
         let of_last = match timetable.align {
-            Align::Start => slot_at(timetable, &progress, Moment { since_boot: last, ..now }),
-            Align::Clock => slot_at(timetable, &progress, now),
+            Align::Start => slot_number_at(timetable, &progress, Moment { since_boot: last, ..now }),
+            Align::Clock => slot_number_at(timetable, &progress, now),
         };
         Self { last_slot: Some(of_last), ..progress }
     }
 }
 
-fn slot_at(timetable: &Timetable, progress: &Progress, now: Moment) -> i64 {
-    (elapsed_s(timetable, progress, now) / interval_s(timetable)).floor() as i64
+fn slot_number_at(timetable: &Timetable, progress: &Progress, now: Moment) -> i64 {
+    (seconds_since_origin(timetable, progress, now) / interval_s(timetable)).floor() as i64
 }
 
-fn elapsed_s(timetable: &Timetable, progress: &Progress, now: Moment) -> f64 {
+fn seconds_since_origin(timetable: &Timetable, progress: &Progress, now: Moment) -> f64 {
     match timetable.align {
         Align::Start => now.since_boot.saturating_sub(progress.origin).as_secs_f64(),
         Align::Clock => now.utc_s,
@@ -94,14 +94,14 @@ fn interval_s(timetable: &Timetable) -> f64 {
 /// that a long stop is not followed by a burst. If UTC is set back (`Align::Clock`), the series continue with the next slot
 /// of the new time; the returned progress reflects this.
 pub fn next_action(timetable: &Timetable, mut progress: Progress, now: Moment) -> (ScheduleAction, Progress) {
-    let present = slot_at(timetable, &progress, now);
+    let present = slot_number_at(timetable, &progress, now);
     if progress.last_slot.is_some_and(|last| last > present) {
         progress.last_slot = Some(present);
     }
     let due = progress.last_slot.is_none_or(|last| last < present);
     let wait_s = match due {
         true => 0.0,
-        false => (present + 1) as f64 * interval_s(timetable) - elapsed_s(timetable, &progress, now),
+        false => (present + 1) as f64 * interval_s(timetable) - seconds_since_origin(timetable, &progress, now),
     };
     let wait = Duration::try_from_secs_f64(wait_s.max(0.0)).unwrap_or(timetable.interval);
     let begins_after = now.since_boot.saturating_sub(progress.origin) + wait;

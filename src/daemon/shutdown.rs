@@ -39,13 +39,13 @@ impl Default for Halt {
 impl Halt {
     /// Orders the program to end within this machine time. The order cannot be revoked, and an earlier limit stays.
     pub fn end(&self, within: Duration) {
-        self.set_order(Order::End, within);
+        self.set_order_and_deadline(Order::End, within);
     }
 
     /// Orders the threads to begin nothing and to make current work durable within this machine time.
     pub fn pause(&self, within: Duration) {
         if !self.is_ending() {
-            self.set_order(Order::Pause, within);
+            self.set_order_and_deadline(Order::Pause, within);
         }
     }
 
@@ -57,7 +57,7 @@ impl Halt {
         }
     }
 
-    fn set_order(&self, order: Order, within: Duration) {
+    fn set_order_and_deadline(&self, order: Order, within: Duration) {
         let limit = Instant::now().checked_add(within.mul_f64(WORK_FRACTION));
         let mut state = self.lock_state();
         let give_up = state.give_up.into_iter().chain(limit).min();

@@ -54,7 +54,7 @@ impl<S: 'static> Worker<S> {
         self.abandoned.iter().filter(|thread| !thread.is_finished()).count()
     }
 
-    /// Dismisses the thread.
+    /// Dismisses the worker thread; the next call starts a new one.
     pub fn dismiss(&mut self) {
         self.thread = None;
     }

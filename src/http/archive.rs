@@ -22,12 +22,12 @@ pub fn tar_content(
 ) -> Result<Content, Refusal> {
     let mut parts = Vec::with_capacity(3 * bundle.items.len() + 1);
     for item in bundle.items {
-        parts.push((BLOCK_BYTES, ContentSource::Bytes(tar_header(&item, begun_s)?)));
+        parts.push((BLOCK_BYTES, ContentSource::Bytes(build_tar_header(&item, begun_s)?)));
         let padding = item.length.next_multiple_of(BLOCK_BYTES) - item.length;
         parts.push((item.length, item.content.into()));
-        parts.push((padding, zero_bytes(padding)));
+        parts.push((padding, zero_padding(padding)));
     }
-    parts.push((2 * BLOCK_BYTES, zero_bytes(2 * BLOCK_BYTES)));
+    parts.push((2 * BLOCK_BYTES, zero_padding(2 * BLOCK_BYTES)));
     Ok(Content {
         parts,
         digest: bundle.digest,
@@ -64,13 +64,13 @@ pub fn results_content(flight: &str, bundle: FlightBundle, permit: OwnedSemaphor
     }
 }
 
-fn zero_bytes(length: u64) -> ContentSource {
+fn zero_padding(length: u64) -> ContentSource {
     const ZEROS: [u8; 1024] = [0; 1024];
     let length = usize::try_from(length).unwrap_or(0);
     ContentSource::Bytes(Bytes::from_static(ZEROS.get(..length).unwrap_or_default()))
 }
 
-fn tar_header(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
+fn build_tar_header(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
     let mut head = tar::Header::new_ustar();
     head.set_path(&item.name).map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
     head.set_size(item.length);

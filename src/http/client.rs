@@ -182,19 +182,19 @@ async fn open_connection(
     let plain = host.trim_start_matches('[').trim_end_matches(']');
     let stream = TcpStream::connect((plain, port)).await?;
     match connector {
-        None => start_http(TokioIo::new(stream)).await,
+        None => start_http1_session(TokioIo::new(stream)).await,
         #[cfg(feature = "tls")]
         Some(connector) => {
             use tokio_rustls::rustls::pki_types::ServerName;
             let name = ServerName::try_from(plain.to_owned()).map_err(io::Error::other)?;
-            start_http(TokioIo::new(connector.connect(name, stream).await?)).await
+            start_http1_session(TokioIo::new(connector.connect(name, stream).await?)).await
         }
         #[cfg(not(feature = "tls"))]
         Some(never) => match *never {},
     }
 }
 
-async fn start_http<S>(stream: S) -> io::Result<SendRequest<Empty<Bytes>>>
+async fn start_http1_session<S>(stream: S) -> io::Result<SendRequest<Empty<Bytes>>>
 where
     S: hyper::rt::Read + hyper::rt::Write + Unpin + Send + 'static,
 {

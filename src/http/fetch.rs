@@ -188,7 +188,7 @@ fn fetch_run(
         ResponseBytes { answer: check_status(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
     let mut at = first.offset;
     for item in run {
-        bytes.skip(item.offset - at).map_err(FetchError::Broken)?;
+        bytes.skip_bytes(item.offset - at).map_err(FetchError::Broken)?;
         let mut file = receiver.begin_file(item)?;
         while file.missing_bytes() > 0 {
             let length = file.missing_bytes().min(PIECE_BYTES as u64);
@@ -220,7 +220,7 @@ impl ResponseBytes<'_> {
         Ok(())
     }
 
-    fn skip(&mut self, length: u64) -> io::Result<()> {
+    fn skip_bytes(&mut self, length: u64) -> io::Result<()> {
         self.for_each_part(length, |_| ())
     }
 

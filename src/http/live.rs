@@ -60,17 +60,17 @@ pub(super) async fn live_events(State(shared): ServerContext) -> Result<Response
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
     let (sender, receiver) = channel(MAX_WAITING_RESULTS);
     let Ok(permit) = shared.watchers.clone().try_acquire_owned() else {
-        return Ok(event_stream(full_event()));
+        return Ok(event_stream_response(full_event()));
     };
     let closing = shared.closing.clone();
     tokio::spawn(async move {
         let _permit = permit;
         relay_events(&socket, &sender, closing).await;
     });
-    Ok(event_stream(Body::new(ChunkBody(receiver))))
+    Ok(event_stream_response(Body::new(ChunkBody(receiver))))
 }
 
-fn event_stream(body: Body) -> Response {
+fn event_stream_response(body: Body) -> Response {
     let mut response = Response::new(body);
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
     response
@@ -87,7 +87,7 @@ fn full_event() -> Body {
 pub(super) async fn newest_frame(State(shared): ServerContext) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
     let _one_of_few = shared.pictures_live.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
-    let picture = tokio::time::timeout(PICTURE_TIMEOUT, request_frame(&socket)).await;
+    let picture = tokio::time::timeout(PICTURE_TIMEOUT, request_live_image(&socket)).await;
     let missing = |why: &str| (StatusCode::SERVICE_UNAVAILABLE, why.to_owned()).into_response();
     let Ok(Ok(picture)) = picture else {
         return Ok(missing("The recorder has no live frame at the moment."));
@@ -113,13 +113,13 @@ struct LiveImage {
     jpeg: String,
 }
 
-async fn connect_socket(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
+async fn connect_daemon_socket(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
     let (read, write) = UnixStream::connect(socket).await?.into_split();
     Ok((BufReader::new(read).lines(), write))
 }
 
-async fn request_frame(socket: &Path) -> io::Result<LiveImage> {
-    let (mut lines, mut write) = connect_socket(socket).await?;
+async fn request_live_image(socket: &Path) -> io::Result<LiveImage> {
+    let (mut lines, mut write) = connect_daemon_socket(socket).await?;
     write.write_all(b"frame\n").await?;
     while let Some(line) = lines.next_line().await? {
         if let Some(picture) = picture_line(&line) {
@@ -166,7 +166,7 @@ async fn relay_events(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing
 /// Relays one connection to the recorder. `Ok` if the recorder or the browser has closed its end.
 async fn relay_connection(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()> {
     // Dropping the writing half would close the connection.
-    let (mut lines, mut write) = connect_socket(socket).await?;
+    let (mut lines, mut write) = connect_daemon_socket(socket).await?;
     write.write_all(b"state\n").await?;
     loop {
         let event = match tokio::time::timeout(MAX_SILENCE, lines.next_line()).await {

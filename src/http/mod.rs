@@ -198,7 +198,7 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/files/{flight}/{file}", get(send_flight_file))
         .route("/files/{flight}/{series}/{file}", get(send_series_file))
         .route("/tar/{name}", get(send_tar))
-        .route("/bundle/{name}", get(send_listing))
+        .route("/bundle/{name}", get(send_file_listing))
         .route("/report/{flight}", get(report_page))
         .route("/status.json", get(send_status))
         .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::new(access.clone()), limits::limit_answers))
@@ -314,7 +314,7 @@ async fn send_tar(
     send_bundle(shared, (name, ".tar"), head, content).await
 }
 
-async fn send_listing(State(shared): ServerContext, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
+async fn send_file_listing(State(shared): ServerContext, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
     let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
     run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
@@ -324,7 +324,7 @@ async fn send_listing(State(shared): ServerContext, Path(name): Path<String>) ->
     .await
 }
 
-/// Sends the report. Its policy allows only the report's own script, by hash.
+/// Sends the HTML report of a flight. Its policy allows only the report's own script, by hash.
 async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -> Result<Response, Refusal> {
     let builder = shared.site.reports.ok_or(Refusal::NoReport)?;
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;

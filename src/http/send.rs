@@ -64,7 +64,7 @@ impl Content {
     pub fn respond(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
         let (length, etag) = (self.total_length(), format!("\"{}\"", self.digest));
         if has_etag(headers, header::IF_NONE_MATCH, &etag) {
-            return self.response_head(StatusCode::NOT_MODIFIED, &etag, None, None);
+            return self.build_response_head(StatusCode::NOT_MODIFIED, &etag, None, None);
         }
         // A range of an outdated state would not fit: then the full content is sent.
         let same = headers.get(header::IF_RANGE).is_none_or(|value| value == etag.as_str());
@@ -79,7 +79,7 @@ impl Content {
             }
             RequestedRange::Beyond => {
                 let range = Some(format!("bytes */{length}"));
-                self.response_head(StatusCode::RANGE_NOT_SATISFIABLE, &etag, range, Some(0))
+                self.build_response_head(StatusCode::RANGE_NOT_SATISFIABLE, &etag, range, Some(0))
             }
         }
     }
@@ -92,7 +92,7 @@ impl Content {
         (from, to): (u64, u64),
         range: Option<String>,
     ) -> Result<Response, Refusal> {
-        let mut response = self.response_head(status, etag, range, Some(to - from))?;
+        let mut response = self.build_response_head(status, etag, range, Some(to - from))?;
         if method == Method::HEAD {
             return Ok(response);
         }
@@ -112,7 +112,7 @@ impl Content {
         Ok(response)
     }
 
-    fn response_head(
+    fn build_response_head(
         &self,
         status: StatusCode,
         etag: &str,

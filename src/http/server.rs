@@ -89,11 +89,11 @@ async fn serve_connection(app: Router, access: &Access, stream: TcpStream, peer:
     stream.set_write_timeout(Some(WRITE_TIMEOUT));
     let stream = Box::pin(stream);
     match access.tls() {
-        None => serve_http(app, stream, peer, watcher).await,
+        None => serve_http1_stream(app, stream, peer, watcher).await,
         #[cfg(feature = "tls")]
         Some(tls) => {
             if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_TIMEOUT, tls.accept(stream)).await {
-                serve_http(app, stream, peer, watcher).await;
+                serve_http1_stream(app, stream, peer, watcher).await;
             }
         }
         #[cfg(not(feature = "tls"))]
@@ -101,7 +101,7 @@ async fn serve_connection(app: Router, access: &Access, stream: TcpStream, peer:
     }
 }
 
-async fn serve_http<S>(app: Router, stream: S, peer: SocketAddr, watcher: Watcher)
+async fn serve_http1_stream<S>(app: Router, stream: S, peer: SocketAddr, watcher: Watcher)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {

@@ -78,18 +78,18 @@ mod without {
     #[derive(Clone, Debug)]
     pub enum TlsConnector {}
 
-    fn missing_tls() -> FileProblem {
+    fn missing_tls_problem() -> FileProblem {
         ("this wingd was built without TLS".to_owned(), "build it with the feature `tls`".to_owned())
     }
 
     /// Returns an error: this build has no TLS.
     pub fn tls_acceptor(certificate: &Path, _: &Path) -> Result<TlsAcceptor, (PathBuf, FileProblem)> {
-        Err((certificate.to_owned(), missing_tls()))
+        Err((certificate.to_owned(), missing_tls_problem()))
     }
 
     /// Returns an error: this build has no TLS.
     pub fn tls_connector(_: &Path) -> Result<TlsConnector, FileProblem> {
-        Err(missing_tls())
+        Err(missing_tls_problem())
     }
 }
 

@@ -152,13 +152,13 @@ pub fn plan_installation(
         focal_px: setup.lens.focal_px(),
         tip_deflection_m: options.tip_deflection_m,
         pixel_sigma: options.pixel_sigma,
-        span: plan_span(setup, &simulation.skin, &markers, prediction.as_ref()),
+        span: predict_along_span(setup, &simulation.skin, &markers, prediction.as_ref()),
         markers,
         optics,
         prediction,
         remarks: failure.into_iter().collect(),
     };
-    let remarks = plan_remarks(&plan);
+    let remarks = layout_fault_remarks(&plan);
     plan.remarks.extend(remarks);
     Ok(plan)
 }
@@ -169,6 +169,7 @@ fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
     [x, y, x.hypot(y)].map(|tangent| (2.0 * tangent.atan()).to_degrees())
 }
 
+/// Predicts footprint and size in the image, visibility and standard deviation of each marker.
 fn plan_markers(setup: &Setup, simulation: &SimulatedFlight, prediction: Option<&LayoutPrediction>) -> Vec<MarkerPlan> {
     let c = setup.lens.focal_px();
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
@@ -199,7 +200,7 @@ fn plan_markers(setup: &Setup, simulation: &SimulatedFlight, prediction: Option<
     setup.markers.iter().enumerate().map(one).collect()
 }
 
-fn plan_span(
+fn predict_along_span(
     setup: &Setup,
     skin: &SkinProfile,
     markers: &[MarkerPlan],
@@ -224,7 +225,7 @@ fn plan_span(
     (0..SPAN_POINTS).map(point).collect()
 }
 
-fn plan_remarks(plan: &InstallationPlan) -> Vec<String> {
+fn layout_fault_remarks(plan: &InstallationPlan) -> Vec<String> {
     let mut remarks = Vec::new();
     let ids = |select: &dyn Fn(&MarkerPlan) -> bool| {
         let found: Vec<&str> = plan.markers.iter().filter(|m| select(m)).map(|m| m.id.as_str()).collect();

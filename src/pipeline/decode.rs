@@ -69,7 +69,7 @@ pub fn decode_partial(
     format: Option<&Format>,
     wanted: &TileSelection,
 ) -> Result<PartialImage, DecodeError> {
-    catch_panic(|| decode_unguarded(bytes, format, wanted)).unwrap_or(Err(DecodeError::DecoderPanic))
+    catch_panic(|| decode_without_panic_guard(bytes, format, wanted)).unwrap_or(Err(DecodeError::DecoderPanic))
 }
 
 /// Returns why an image file cannot be read. For a JPEG only the first bytes are checked: a damaged one is still worth
@@ -83,7 +83,7 @@ pub fn unreadable_cause(bytes: &[u8]) -> Option<DecodeError> {
 #[cfg(test)]
 pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
 
-fn decode_unguarded(
+fn decode_without_panic_guard(
     bytes: &[u8],
     format: Option<&Format>,
     wanted: &TileSelection,

@@ -177,10 +177,10 @@ impl Tracker {
         let tracked = catch_panic(|| {
             let mut processed = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
             let search = self.search(&mut processed, bytes, format, at_s);
-            self.solve(processed, search, at_s)
+            self.solve_processed_frame(processed, search, at_s)
         });
         tracked.unwrap_or_else(|| {
-            self.failed_frame(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, PANIC_REASON)
+            self.build_failed_frame(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, PANIC_REASON)
         })
     }
 
@@ -216,13 +216,13 @@ impl Tracker {
         search
     }
 
-    fn failed_frame(&self, processed: &ProcessedFrame, reason: &str) -> TrackedFrame {
+    fn build_failed_frame(&self, processed: &ProcessedFrame, reason: &str) -> TrackedFrame {
         let mut record = recording::build_record(processed, &self.installation, &self.job, Err(reason.into()));
         record.provenance = Provenance::default();
         TrackedFrame { mounting: self.live.mounting_count(), ..TrackedFrame::failed(record) }
     }
 
-    fn solve(&mut self, mut processed: ProcessedFrame, search: SearchMode, at_s: f64) -> TrackedFrame {
+    fn solve_processed_frame(&mut self, mut processed: ProcessedFrame, search: SearchMode, at_s: f64) -> TrackedFrame {
         let before = self.live.mounting_count();
         let started = std::time::Instant::now();
         let outcome = correct_refraction(&processed, &self.installation, &self.orientation);
@@ -246,13 +246,13 @@ impl Tracker {
             search,
             mounting,
             mount_disturbed,
-            outlines: marker_outlines(&processed, &self.installation),
+            outlines: detected_outlines(&processed, &self.installation),
             curvature,
         }
     }
 }
 
-fn marker_outlines(processed: &ProcessedFrame, installation: &Installation) -> Vec<Outline> {
+fn detected_outlines(processed: &ProcessedFrame, installation: &Installation) -> Vec<Outline> {
     let name = |i: usize| {
         let marker = (*processed.identities.as_ref()?.marker_of.get(i)?)?;
         Some(installation.setup.markers.get(marker)?.id.clone())

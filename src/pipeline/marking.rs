@@ -81,9 +81,9 @@ impl MarkingSession {
     pub fn solve(&self, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
         let solve = || match self {
             Self::Flight { processed, orientation, .. } => {
-                solve_in_flight(processed, orientation, manual, installation)
+                solve_flight_image(processed, orientation, manual, installation)
             }
-            Self::Ground(frame) => solve_on_ground(frame, manual, installation),
+            Self::Ground(frame) => solve_ground_image(frame, manual, installation),
         };
         catch_panic(solve).unwrap_or_else(|| MarkingResult {
             record: ImageRecord::failed("", PANIC_REASON),
@@ -139,7 +139,7 @@ impl MarkingSession {
     }
 }
 
-fn solve_in_flight(
+fn solve_flight_image(
     processed: &ProcessedFrame,
     orientation: &Orientation,
     manual: &[ManualObservation],
@@ -154,7 +154,7 @@ fn solve_in_flight(
     MarkingResult { record, observations: processed.observations, predicted, orientation }
 }
 
-fn solve_on_ground(frame: &GroundFrame, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
+fn solve_ground_image(frame: &GroundFrame, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
     let setup = &installation.setup;
     let mut frame = frame.clone();
     frame.set_manual_observations(manual.to_vec());

@@ -98,8 +98,8 @@ pub fn solve_processed_frame(
     let (options, remarks) = flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed));
     let job = &SolveJob { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
-        let solution = adjust_one(installation, orientation, &observations, job);
-        solution.map(|s| (with_remarks(s, &remarks), report)).map_err(Reason::from_error)
+        let solution = adjust_single_frame(installation, orientation, &observations, job);
+        solution.map(|s| (append_remarks(s, &remarks), report)).map_err(Reason::from_error)
     });
     let mut record = recording::build_record(processed, installation, job, outcome);
     record.timing_ms.solve = Some(recording::round_ms(StageTime::since(Work::Solve, started).ms));
@@ -144,7 +144,7 @@ fn mean_temperature(processed_frames: &[ProcessedFrame]) -> FlightConditions {
 /// Observations without the window's refraction and the correction applied, or the reason why there are none.
 type CorrectedObservations = Result<(Vec<Observation>, Option<RefractionReport>), Reason>;
 
-fn with_remarks(mut solution: adjust::Solution, remarks: &[String]) -> adjust::Solution {
+fn append_remarks(mut solution: adjust::Solution, remarks: &[String]) -> adjust::Solution {
     solution.remarks.extend_from_slice(remarks);
     solution
 }
@@ -164,7 +164,7 @@ fn correct_refraction(
     report.map(|report| (observations, report)).map_err(Reason::from_error)
 }
 
-fn adjust_one(
+fn adjust_single_frame(
     installation: &Installation,
     orientation: &Orientation,
     observations: &[Observation],
@@ -201,7 +201,7 @@ pub fn solve_flight(
     for ((processed, corrected), own) in processed_frames.iter().zip(corrected).zip(&installations) {
         let outcome = corrected.and_then(|(_, report)| {
             let excluded = || Err("the flight adjustment omitted this frame".into());
-            solutions.next().unwrap_or_else(excluded).map(|s| (with_remarks(s, &remarks), report))
+            solutions.next().unwrap_or_else(excluded).map(|s| (append_remarks(s, &remarks), report))
         });
         let mut record = recording::build_record(processed, own, &job, outcome);
         record.flight = true;

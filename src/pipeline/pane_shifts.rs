@@ -47,7 +47,7 @@ struct PaneShift<'a> {
 pub fn remark_pane_shifts(records: &mut [ImageRecord], focal_px: f64) {
     let found = find_shifts(used_markers(records), REACH_RAD * focal_px);
     let places: Vec<(BTreeSet<usize>, String)> =
-        found.into_iter().map(|place| (place.frames.clone(), place.sentence())).collect();
+        found.into_iter().map(|place| (place.frames.clone(), place.warning_text())).collect();
     for (frames, sentence) in places {
         for frame in frames {
             records.get_mut(frame).into_iter().for_each(|r| r.remarks.push(sentence.clone()));
@@ -127,7 +127,7 @@ fn weighted_mean(offsets: &[&MarkerOffset<'_>]) -> (Vector2<f64>, Vector2<f64>) 
 }
 
 impl PaneShift<'_> {
-    fn sentence(&self) -> String {
+    fn warning_text(&self) -> String {
         let markers: Vec<&str> = self.markers.iter().copied().collect();
         format!(
             "near pixel ({:.0}, {:.0}), markers are displaced by ({:+.2}, {:+.2}) px compared with elsewhere ({} in {} frames); \

@@ -53,7 +53,7 @@ pub fn build_record(
             record_manual(&mut record, frame);
         }
         Ok((solution, refraction)) => {
-            fill_solution(&mut record, frame, installation, &solution);
+            add_solution(&mut record, frame, installation, &solution);
             record_manual(&mut record, frame);
             record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
             record.quality.refraction = refraction;
@@ -66,7 +66,7 @@ pub fn build_record(
 const SIDE_UNKNOWN: &str = "the direction of the nose is unknown, so no twist is given; set wing.side = \"left\" or \
      \"right\" in installation.toml, or name a [[torsion]] pair";
 
-fn fill_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: &Installation, s: &Solution) {
+fn add_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: &Installation, s: &Solution) {
     record.status = RecordStatus::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
@@ -74,11 +74,11 @@ fn fill_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation:
     record.sigma_kind = Some(if s.posterior { SigmaKind::Posterior } else { SigmaKind::Prior });
     record.model = model_record(s);
     let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
-    let mut missing = missing_reasons(frame);
+    let mut missing = missing_marker_reasons(frame);
     for m in &s.markers {
         if let (Some(line), Some(marker)) = (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
         {
-            *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
+            *line = solved_marker_record(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
             add_cad_position(line, m, installation);
             add_ground_reason(line, m.marker, installation);
         }
@@ -146,7 +146,7 @@ fn add_ground_reason(line: &mut MarkerRecord, marker: usize, installation: &Inst
     }
 }
 
-fn missing_reasons(frame: &ProcessedFrame) -> HashMap<usize, String> {
+fn missing_marker_reasons(frame: &ProcessedFrame) -> HashMap<usize, String> {
     let seen = frame.identities.iter().flat_map(|i| i.missing.iter().cloned());
     let rejected = frame.manual.iter().filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
     seen.chain(rejected).collect()
@@ -170,16 +170,16 @@ pub(super) fn marker_records(frame: &ProcessedFrame, installation: &Installation
 
 /// Returns a record of every surveyed marker of a frame without a solution: its pixel if measured, and why it was not used.
 fn markers_of_unsolved_frame(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
-    let missing = missing_reasons(frame);
+    let missing = missing_marker_reasons(frame);
     let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
         let reason = missing.get(&k).cloned().or(Some("not measured in this frame".into()));
-        blank_marker(marker, seen.get(&k).copied(), reason)
+        unsolved_marker_record(marker, seen.get(&k).copied(), reason)
     };
     installation.setup.markers.iter().enumerate().map(line).collect()
 }
 
-fn blank_marker(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
+fn unsolved_marker_record(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
     MarkerRecord {
         id: marker.id.clone(),
         shape: marker.shape,
@@ -192,7 +192,7 @@ fn blank_marker(marker: &SurveyMarker, seen: Option<&Observation>, reason: Optio
     }
 }
 
-fn solved_marker(
+fn solved_marker_record(
     marker: &SurveyMarker,
     m: &MarkerSolution,
     seen: Option<&Observation>,
@@ -219,7 +219,7 @@ fn solved_marker(
         sigma_deflection_ground_m: estimate_sigma(m.deflection_ground_m),
         deflection_root_m: estimate_value(m.deflection_root_m),
         sigma_deflection_root_m: estimate_sigma(m.deflection_root_m),
-        ..blank_marker(marker, seen, reason)
+        ..unsolved_marker_record(marker, seen, reason)
     }
 }
 

@@ -51,7 +51,7 @@ impl Upload<'_> {
         Ok(FlightUpload { manifest, sent, pieces })
     }
 
-    /// Returns the manifest as published.
+    /// Returns the manifest with the labels of the published one.
     ///
     /// # Errors
     /// Returns an error if the published one describes another state of the flight, or another aircraft.

@@ -134,7 +134,7 @@ impl GphotoDriver {
         let mut files = Vec::new();
         for _ in 0..100 {
             match self.camera.wait_event(Duration::from_millis(1)).wait() {
-                Ok(CameraEvent::NewFile(path)) => files.push(card_file(&path)),
+                Ok(CameraEvent::NewFile(path)) => files.push(card_file_from_path(&path)),
                 Ok(CameraEvent::Timeout) | Err(_) => break,
                 Ok(_) => {}
             }
@@ -167,7 +167,7 @@ impl GphotoDriver {
                 .map_err(|e| faults::classify_error(&e, "waiting for the image"))?
             {
                 CameraEvent::NewFile(path) => {
-                    let file = card_file(&path);
+                    let file = card_file_from_path(&path);
                     if file.is_jpeg() {
                         return Ok((file, others));
                     }
@@ -219,7 +219,7 @@ impl GphotoDriver {
     }
 }
 
-fn card_file(path: &gphoto2::file::CameraFilePath) -> CardFile {
+fn card_file_from_path(path: &gphoto2::file::CameraFilePath) -> CardFile {
     CardFile { folder: path.folder().into_owned(), name: path.name().into_owned() }
 }
 

@@ -49,11 +49,11 @@ pub fn apply_settings(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Ma
 enum SettingError {
     #[error("the camera has no setting {0} ({1})")]
     Unknown(String, gphoto2::Error),
-    #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", setting_hint(.name))]
+    #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", unset_setting_hint(.name))]
     Refused { name: String, now: String, wanted: String, why: ValueError },
     #[error("setting {0}: {1}")]
     Unreadable(String, gphoto2::Error),
-    #[error("setting {name} is {now}, wanted {wanted}{}", setting_hint(.name))]
+    #[error("setting {name} is {now}, wanted {wanted}{}", unset_setting_hint(.name))]
     NotApplied { name: String, now: String, wanted: String },
 }
 
@@ -77,19 +77,19 @@ enum ValueError {
 fn set_setting(camera: &Camera, name: &str, value: &str) -> Result<String, SettingError> {
     let read = || camera.config_key::<Widget>(name).wait();
     let widget = read().map_err(|error| SettingError::Unknown(name.to_owned(), error))?;
-    if is_equal(&widget_text(&widget), value) {
+    if is_same_setting(&widget_text(&widget), value) {
         return Ok(widget_text(&widget));
     }
     let (name, wanted) = (name.to_owned(), value.to_owned());
-    if let Err(why) = change_widget(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
+    if let Err(why) = set_widget_value(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
         return Err(SettingError::Refused { name, now: widget_text(&widget), wanted, why });
     }
     let now =
         read().map(|widget| widget_text(&widget)).map_err(|error| SettingError::Unreadable(name.clone(), error))?;
-    if is_equal(&now, value) { Ok(now) } else { Err(SettingError::NotApplied { name, now, wanted }) }
+    if is_same_setting(&now, value) { Ok(now) } else { Err(SettingError::NotApplied { name, now, wanted }) }
 }
 
-fn setting_hint(name: &str) -> &'static str {
+fn unset_setting_hint(name: &str) -> &'static str {
     match name {
         "focusmode" => "; set the switch on the lens or body to M",
         "f-number" | "aperture" | "shutterspeed" | "iso" | "expprogram" => "; set the mode dial to M",
@@ -97,7 +97,7 @@ fn setting_hint(name: &str) -> &'static str {
     }
 }
 
-fn is_equal(now: &str, wanted: &str) -> bool {
+fn is_same_setting(now: &str, wanted: &str) -> bool {
     now.trim().eq_ignore_ascii_case(wanted.trim())
 }
 
@@ -112,7 +112,7 @@ fn widget_text(widget: &Widget) -> String {
     }
 }
 
-fn change_widget(widget: &Widget, value: &str) -> Result<(), ValueError> {
+fn set_widget_value(widget: &Widget, value: &str) -> Result<(), ValueError> {
     match widget {
         Widget::Text(widget) => Ok(widget.set_value(value)?),
         Widget::Range(widget) => {
@@ -125,7 +125,7 @@ fn change_widget(widget: &Widget, value: &str) -> Result<(), ValueError> {
         }
         Widget::Radio(widget) => {
             let choices: Vec<_> = widget.choices_iter().collect();
-            let choice = choices.iter().find(|choice| is_equal(choice, value));
+            let choice = choices.iter().find(|choice| is_same_setting(choice, value));
             let choice = choice.ok_or_else(|| ValueError::NoChoice(choices.join(", ")))?;
             Ok(widget.set_choice(choice)?)
         }

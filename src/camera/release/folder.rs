@@ -71,7 +71,7 @@ impl Camera for WatchedFolder {
             let now = list_files(&self.section.path)?;
             for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
-                    let bytes = fs::read(file).map_err(|error| gone_error(file, &error))?;
+                    let bytes = fs::read(file).map_err(|error| folder_gone_error(file, &error))?;
                     if jpeg::check_complete(&bytes).is_ok() {
                         known.insert(file.clone());
                         self.last = Some(file.clone());
@@ -89,7 +89,7 @@ impl Camera for WatchedFolder {
 
     fn release_last(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.section.delete) {
-            Some(file) => fs::remove_file(&file).map_err(|error| gone_error(&file, &error)),
+            Some(file) => fs::remove_file(&file).map_err(|error| folder_gone_error(&file, &error)),
             None => Ok(()),
         }
     }
@@ -99,23 +99,23 @@ impl Camera for WatchedFolder {
     }
 }
 
-fn gone_error(path: &Path, error: &io::Error) -> CameraError {
+fn folder_gone_error(path: &Path, error: &io::Error) -> CameraError {
     CameraError::Gone(format!("{}: {error}; is the card's folder mounted?", path.display()))
 }
 
 /// Lists JPEG files and their sizes.
 fn list_files(path: &Path) -> Result<BTreeMap<PathBuf, u64>, CameraError> {
     let mut files = BTreeMap::new();
-    collect_files(path, MAX_DEPTH, &mut files).map_err(|error| gone_error(path, &error))?;
+    collect_jpeg_files(path, MAX_DEPTH, &mut files).map_err(|error| folder_gone_error(path, &error))?;
     Ok(files)
 }
 
-fn collect_files(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
+fn collect_jpeg_files(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
     for entry in fs::read_dir(path)? {
         let entry = entry?;
         let kind = entry.file_type()?;
         if kind.is_dir() && depth > 0 {
-            collect_files(&entry.path(), depth - 1, into)?;
+            collect_jpeg_files(&entry.path(), depth - 1, into)?;
         } else if kind.is_file() && is_jpeg(&entry.path()) {
             // A file that was deleted in the meantime is skipped.
             if let Ok(data) = entry.metadata() {

@@ -38,7 +38,7 @@ impl LineSection {
         }
     }
 
-    fn find(&self) -> Result<FoundLine, CameraError> {
+    fn find_gpio_line(&self) -> Result<FoundLine, CameraError> {
         let missing = |why: String| CameraError::Refused(format!("{}: {why}; see gpioinfo", self.label()));
         match (&self.name, &self.chip, self.offset) {
             (Some(name), ..) => gpiocdev::find_named_line(name).ok_or_else(|| missing("no such GPIO line".to_owned())),
@@ -72,7 +72,7 @@ impl GpioLine {
 
     fn request(section: &LineSection, direct: fn(&mut Builder) -> &mut Builder) -> Result<Self, CameraError> {
         let label = section.label();
-        let found = section.find()?;
+        let found = section.find_gpio_line()?;
         if found.info.used {
             return Err(CameraError::Busy(format!("{label} is held by {:?}; stop that program", found.info.consumer)));
         }

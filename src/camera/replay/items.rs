@@ -32,8 +32,8 @@ struct ReplayList {
 /// Returns an error if there are none, or a file is missing or of another format.
 pub fn read_items(config: &ReplayConfig) -> Result<Vec<ReplayItem>, CameraError> {
     let (items, source) = match (&config.folder, &config.list) {
-        (Some(folder), _) => (read_folder(folder)?, folder),
-        (None, Some(list)) => (read_list(list)?, list),
+        (Some(folder), _) => (list_folder_frames(folder)?, folder),
+        (None, Some(list)) => (read_frame_list(list)?, list),
         (None, None) => return Err(CameraError::Refused("camera: set folder or list".to_owned())),
     };
     if items.is_empty() {
@@ -43,7 +43,7 @@ pub fn read_items(config: &ReplayConfig) -> Result<Vec<ReplayItem>, CameraError>
     Ok(items)
 }
 
-fn read_folder(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
+fn list_folder_frames(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     let fault = |error| {
         let problem = format!("{}: {error}; set [camera] folder to the folder of the frames", folder.display());
         CameraError::Refused(problem)
@@ -59,7 +59,7 @@ fn read_folder(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     Ok(files.into_iter().map(|file| ReplayItem { file, at: None }).collect())
 }
 
-fn read_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
+fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     let refused = |problem: String| CameraError::Refused(format!("{}: {problem}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let list: ReplayList = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;

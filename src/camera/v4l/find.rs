@@ -11,17 +11,17 @@ const CLASS: &str = "/sys/class/video4linux";
 
 /// Returns the node of the configured camera.
 pub fn find_device(section: &V4lSection) -> Result<PathBuf, CameraError> {
-    find_in_class(section, Path::new(CLASS))
+    find_device_node(section, Path::new(CLASS))
 }
 
-fn find_in_class(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> {
+fn find_device_node(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> {
     if let Some(path) = &section.device {
         return match path.exists() {
             true => Ok(path.clone()),
             false => Err(CameraError::Gone(format!("{} does not exist; {}", path.display(), describe_present(class)))),
         };
     }
-    list_nodes(class)
+    list_video_nodes(class)
         .into_iter()
         .find(|node| {
             // A camera may have several nodes; the first one delivers images, others metadata.
@@ -46,14 +46,14 @@ struct VideoNode {
     number: u32,
 }
 
-fn list_nodes(class: &Path) -> Vec<VideoNode> {
+fn list_video_nodes(class: &Path) -> Vec<VideoNode> {
     let entries = fs::read_dir(class).into_iter().flatten().flatten();
-    let mut nodes: Vec<_> = entries.filter_map(|entry| read_node(&entry.path())).collect();
+    let mut nodes: Vec<_> = entries.filter_map(|entry| read_video_node(&entry.path())).collect();
     nodes.sort_by_key(|node| node.number);
     nodes
 }
 
-fn read_node(sysfs: &Path) -> Option<VideoNode> {
+fn read_video_node(sysfs: &Path) -> Option<VideoNode> {
     let read = |path: PathBuf| fs::read_to_string(path).ok().map(|text| text.trim().to_owned());
     let name = sysfs.file_name()?.to_str()?;
     Some(VideoNode {
@@ -68,7 +68,7 @@ fn read_node(sysfs: &Path) -> Option<VideoNode> {
 
 /// Describes the connected devices, for the message.
 fn describe_present(class: &Path) -> String {
-    let list: Vec<_> = list_nodes(class)
+    let list: Vec<_> = list_video_nodes(class)
         .iter()
         .map(|node| {
             let serial = node.serial.as_ref().map_or(String::new(), |serial| format!(", serial {serial}"));
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn a_camera_is_found_by_serial_and_card_whatever_its_number() {
         let class = class();
-        let found = |serial, card| find_in_class(&section(serial, card), class.path());
+        let found = |serial, card| find_device_node(&section(serial, card), class.path());
         assert_eq!(found(Some("A7"), None).unwrap(), Path::new("/dev/video3"));
         assert_eq!(found(None, Some("Wing cam")).unwrap(), Path::new("/dev/video3"));
         let message = found(Some("B8"), None).unwrap_err().to_string();

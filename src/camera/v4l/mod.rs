@@ -151,7 +151,7 @@ impl V4lCamera {
         Ok(self.build_frame(opened.format.clone(), settings, drift, got))
     }
 
-    fn take_live(&mut self, deadline: &Deadline) -> Result<CameraFrame, CameraError> {
+    fn take_live_frame(&mut self, deadline: &Deadline) -> Result<CameraFrame, CameraError> {
         let opened = self.opened.as_mut().ok_or_else(CameraError::closed)?;
         let mut live = match opened.live.take() {
             Some(live) => live,
@@ -198,7 +198,7 @@ impl V4lCamera {
         CameraFrame { bytes: got.bytes, format, settings, exposed }
     }
 
-    fn close_if_gone(
+    fn take_or_close_if_gone(
         &mut self,
         take: impl FnOnce(&mut Self) -> Result<CameraFrame, CameraError>,
     ) -> Result<CameraFrame, CameraError> {
@@ -209,7 +209,7 @@ impl V4lCamera {
         taken
     }
 
-    fn stop_live(&mut self) {
+    fn stop_live_stream(&mut self) {
         if let Some(live) = self.opened.as_mut().and_then(|opened| opened.live.take()) {
             live.running.stop();
         }
@@ -229,7 +229,7 @@ impl V4lCamera {
     }
 }
 
-/// Sets the format and compares: a driver silently chooses another one if it cannot provide it.
+/// Sets the video format and checks it: a driver silently chooses another one if it cannot provide it.
 fn negotiate_format(device: &Device, section: &V4lSection, node: &str) -> Result<(Format, usize), CameraError> {
     let wrong = || CameraError::Refused(format!("format {:?} is not a FourCC; correct camera.format", section.format));
     let code = parse_fourcc(&section.format).ok_or_else(wrong)?;
@@ -289,17 +289,17 @@ impl Camera for V4lCamera {
 
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         let deadline = Deadline::new(deadline);
-        self.stop_live();
-        self.close_if_gone(|camera| camera.take_shot(&deadline))
+        self.stop_live_stream();
+        self.take_or_close_if_gone(|camera| camera.take_shot(&deadline))
     }
 
     fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         let deadline = Deadline::new(deadline);
-        self.close_if_gone(|camera| camera.take_live(&deadline))
+        self.take_or_close_if_gone(|camera| camera.take_live_frame(&deadline))
     }
 
     fn close(&mut self) {
-        self.stop_live();
+        self.stop_live_stream();
         self.opened = None;
     }
 }

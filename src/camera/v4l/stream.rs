@@ -102,7 +102,7 @@ struct FramePeriod {
 }
 
 impl FramePeriod {
-    fn update(&mut self, sequence: u32, time_s: f64) {
+    fn add_frame_stamp(&mut self, sequence: u32, time_s: f64) {
         if let Some((before, at_s)) = self.last {
             let frames = sequence.wrapping_sub(before);
             let one = (time_s - at_s) / f64::from(frames.max(1));
@@ -142,13 +142,13 @@ fn next_whole_frame(
             if damaged > MAX_DAMAGED_FRAMES {
                 return Err(CameraError::BadFrame(format!(
                     "{damaged} frames in a row, {}",
-                    damage_text(meta, min_bytes)
+                    damaged_frame_text(meta, min_bytes)
                 )));
             }
             continue;
         }
         let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
-        period.update(meta.sequence, time_s);
+        period.add_frame_stamp(meta.sequence, time_s);
         let monotonic = meta.flags.contains(Flags::TIMESTAMP_MONOTONIC);
         let old = if monotonic { time_s < begun_s } else { *taken && asked.elapsed() < IMMEDIATE };
         // At most as many as there are buffers, as a driver's clock may be wrong.
@@ -174,7 +174,7 @@ fn next_whole_frame(
     }
 }
 
-fn damage_text(meta: &Metadata, min_bytes: usize) -> String {
+fn damaged_frame_text(meta: &Metadata, min_bytes: usize) -> String {
     match meta.flags.contains(Flags::ERROR) {
         true => "marked as damaged by the driver; check cable and USB bandwidth".to_owned(),
         false => format!("the last one of {} bytes; {min_bytes} are needed", meta.bytesused),

@@ -63,7 +63,7 @@ impl Servers {
         }
     }
 
-    fn are_valid(&self) -> bool {
+    fn have_host_and_port(&self) -> bool {
         let is_place = |place: &String| {
             place.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
         };
@@ -94,7 +94,7 @@ impl AircraftConfig {
         match (&self.udp, &self.tcp) {
             (Some(_), Some(_)) => fault("tcp", "is given together with udp", "remove one of the two"),
             (None, None) => fault("udp", "is missing", "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\""),
-            (None, Some(servers)) if !servers.are_valid() => {
+            (None, Some(servers)) if !servers.have_host_and_port() => {
                 fault("tcp", "is not host:port", "write it as \"192.168.1.20:4711\"");
             }
             _ => {}

@@ -211,12 +211,12 @@ impl Capture {
         });
         answer.map_err(|why| {
             self.open = false;
-            camera_error(why, limit, what)
+            camera_error_from_call(why, limit, what)
         })
     }
 }
 
-fn camera_error(why: CallError, limit: Duration, what: &str) -> CameraError {
+fn camera_error_from_call(why: CallError, limit: Duration, what: &str) -> CameraError {
     let (after, why) = match why {
         CallError::TooManyHang => {
             let reason = format!("{MAX_HANGING} calls to it hang; unplug it and restart wingd");

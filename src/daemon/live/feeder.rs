@@ -91,7 +91,7 @@ impl Feeder {
     /// Returns the time at which the next frame is due, since boot. No frame is due while [`MAX_HANGING`] calls to the
     /// camera hang or the processor is too hot.
     pub fn next_due(&mut self, now: Duration, hanging: usize) -> Duration {
-        self.check_temperature(now);
+        self.limit_rate_by_temperature(now);
         match self.governor.allowed_hz() > 0.0 && hanging < MAX_HANGING {
             true => self.next_frame,
             false => now + PAUSE_CHECK_INTERVAL,
@@ -113,7 +113,7 @@ impl Feeder {
                 self.shared.core.board.note_frame(&asked);
                 self.forward_frame(taken, capture);
             }
-            Err(failed) => self.note_failure(&failed.failure.reason),
+            Err(failed) => self.pause_after_failure(&failed.failure.reason),
         }
     }
 
@@ -130,7 +130,7 @@ impl Feeder {
         self.next_frame = (self.next_frame + period).max(now.saturating_sub(period));
     }
 
-    fn check_temperature(&mut self, now: Duration) {
+    fn limit_rate_by_temperature(&mut self, now: Duration) {
         if !self.governor.has_limit() || now < self.next_check {
             return;
         }
@@ -149,7 +149,7 @@ impl Feeder {
         self.shared.update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
     }
 
-    fn note_failure(&mut self, reason: &str) {
+    fn pause_after_failure(&mut self, reason: &str) {
         let pause = INITIAL_PAUSE.saturating_mul(1 << self.failures.min(10)).min(MAX_PAUSE);
         self.failures = self.failures.saturating_add(1);
         self.next_frame = self.shared.core.clock.since_boot() + pause;

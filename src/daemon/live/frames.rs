@@ -74,18 +74,18 @@ impl RawFrameBuffer {
         Self { keep, state: Mutex::default(), changed: Condvar::new(), unsolved: AtomicBool::new(false) }
     }
 
-    fn state(&self) -> MutexGuard<'_, BufferState> {
+    fn lock_state(&self) -> MutexGuard<'_, BufferState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Sets the camera's entry for each series.
     pub fn set_camera(&self, camera: Map<String, Value>) {
-        self.state().camera = camera;
+        self.lock_state().camera = camera;
     }
 
     /// Adds a frame; returns the number of frames lost for it.
     pub fn push(&self, frame: &Arc<LiveFrame>) -> u64 {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         let mut lost = 0;
         if self.keep.every > 0 && frame.number.is_multiple_of(self.keep.every.into()) {
             state.nth.push_back(frame.clone());
@@ -106,7 +106,7 @@ impl RawFrameBuffer {
 
     /// Begins or prolongs an event at the time `at_s` since boot, s; `requested`: it was requested by `wingd trigger`.
     pub fn add_event(&self, shared: &LiveContext, reason: String, at_s: f64, requested: bool) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         if self.keep.ring_mb == 0 || state.event.is_none() && !requested && at_s < state.quiet_until_s {
             return;
         }
@@ -135,12 +135,12 @@ impl RawFrameBuffer {
 
     /// Closes the buffer: no more frames come.
     pub fn close(&self) {
-        self.state().closed = true;
+        self.lock_state().closed = true;
         self.changed.notify_all();
     }
 
     fn wait_for_change(&self) {
-        let state = self.state();
+        let state = self.lock_state();
         let _ = self.changed.wait_timeout(state, Duration::from_millis(500));
     }
 }
@@ -213,32 +213,32 @@ impl RawFrameWriter {
     pub fn run(mut self) {
         let (mut nth, mut event) = (None, None);
         loop {
-            let job = self.raw.state().next_job();
+            let job = self.raw.lock_state().next_job();
             match job {
                 WriterJob::Nth(frame) => {
-                    self.keep_frame(&mut nth, SeriesCause::Live, &frame);
+                    self.store_within_budget(&mut nth, SeriesCause::Live, &frame);
                     if nth.as_ref().is_some_and(|series: &OpenSeries| series.shots().len() >= NTH_SERIES_FRAMES) {
-                        self.close_series(&mut nth, vec![self.nth_remark()]);
+                        self.close_series(&mut nth, vec![self.nth_frame_series_remark()]);
                     }
                 }
-                WriterJob::OfEvent(frame) => self.keep_frame(&mut event, SeriesCause::Event, &frame),
+                WriterJob::OfEvent(frame) => self.store_within_budget(&mut event, SeriesCause::Event, &frame),
                 WriterJob::EndEvent(reasons) => self.close_series(&mut event, reasons),
                 WriterJob::Wait => self.raw.wait_for_change(),
                 WriterJob::End => break,
             }
         }
-        self.close_series(&mut nth, vec![self.nth_remark()]);
+        self.close_series(&mut nth, vec![self.nth_frame_series_remark()]);
     }
 
-    fn nth_remark(&self) -> String {
+    fn nth_frame_series_remark(&self) -> String {
         format!("every {}th frame of live mode", self.raw.keep.every)
     }
 
-    fn keep_frame(&mut self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
+    fn store_within_budget(&mut self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
         let allowed = self.share.take(&self.shared.core.store, frame.taken.frame.bytes.len() as u64);
         let stored = allowed.and_then(|()| {
             // A series with a failed call is recovered before the next one begins.
-            self.store_frame(series, cause, frame).inspect_err(|_| *series = None).map_err(|error| error.to_string())
+            self.write_frame(series, cause, frame).inspect_err(|_| *series = None).map_err(|error| error.to_string())
         });
         match stored {
             Ok(()) => {
@@ -252,7 +252,7 @@ impl RawFrameWriter {
         }
     }
 
-    fn store_frame(
+    fn write_frame(
         &self,
         series: &mut Option<OpenSeries>,
         cause: SeriesCause,
@@ -262,7 +262,7 @@ impl RawFrameWriter {
             Some(open) => open,
             none => {
                 let mut begun = frame_storage::begin_series(&self.shared.core, SeriesPlan { cause, shots: 0 })?;
-                begun.note_camera(self.raw.state().camera.clone())?;
+                begun.note_camera(self.raw.lock_state().camera.clone())?;
                 none.insert(begun)
             }
         };
@@ -309,7 +309,7 @@ mod tests {
         for tenth in 0..18_000 {
             let at_s = 0.1 * f64::from(tenth);
             buffer.add_event(&shared, "jolt".to_owned(), at_s, false);
-            let mut state = buffer.state();
+            let mut state = buffer.lock_state();
             if let Some(event) = &state.event {
                 assert!(event.until_s - event.from_s <= 20.0 + 1e-9, "before and three times after");
                 kept += 1;
@@ -321,6 +321,6 @@ mod tests {
         let share = f64::from(kept) / 18_000.0;
         assert!((0.15..0.25).contains(&share), "15 s of 75 s: {share}");
         buffer.add_event(&shared, "request".to_owned(), 1790.0, true);
-        assert!(buffer.state().event.is_some(), "wingd trigger begins one at any time");
+        assert!(buffer.lock_state().event.is_some(), "wingd trigger begins one at any time");
     }
 }

@@ -31,20 +31,20 @@ impl<T> Default for Mailbox<T> {
 impl<T> Mailbox<T> {
     /// Puts an item in; returns whether it replaced another one.
     pub fn put(&self, thing: T) -> bool {
-        let replaced = self.slot().item.replace(thing).is_some();
+        let replaced = self.lock_slot().item.replace(thing).is_some();
         self.changed.notify_one();
         replaced
     }
 
     /// Closes the mailbox: no more items come.
     pub fn close(&self) {
-        self.slot().closed = true;
+        self.lock_slot().closed = true;
         self.changed.notify_all();
     }
 
     /// Waits for an item, at most for `patience` of machine time.
     pub fn take(&self, patience: Duration) -> Delivery<T> {
-        let slot = self.slot();
+        let slot = self.lock_slot();
         let waiting = |slot: &mut Slot<T>| slot.item.is_none() && !slot.closed;
         let waited = self.changed.wait_timeout_while(slot, patience, waiting);
         let mut slot = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -55,7 +55,7 @@ impl<T> Mailbox<T> {
         }
     }
 
-    fn slot(&self) -> MutexGuard<'_, Slot<T>> {
+    fn lock_slot(&self) -> MutexGuard<'_, Slot<T>> {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

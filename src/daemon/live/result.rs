@@ -48,8 +48,8 @@ impl LiveResult {
         })
     }
 
-    /// Returns the datagram: ASCII, fields separated by commas, empty if a number is missing; at most 1400 bytes.
-    /// docs/live.md lists the fields.
+    /// Returns the result as a datagram: ASCII, fields separated by commas, empty if a number is missing; at most 1400
+    /// bytes. docs/live.md lists the fields.
     pub fn datagram(&self, health: Health) -> String {
         let mut text = format!("WINGD1,{}", self.exposure.exposure_time.strftime("%Y-%m-%dT%H:%M:%S%.3f"));
         let mut field = |value: Option<f64>, digits: usize| {

@@ -51,7 +51,7 @@ impl LiveSolver {
                         self.publish_result(&frame, tracked, (&mut watch, &mut meter));
                     }
                 }
-                Delivery::Empty => self.update_rate(&meter),
+                Delivery::Empty => self.publish_solving_rate(&meter),
                 Delivery::Closed => break,
             }
         }
@@ -141,7 +141,7 @@ impl LiveSolver {
         });
     }
 
-    fn update_rate(&self, meter: &Meter) {
+    fn publish_solving_rate(&self, meter: &Meter) {
         let rate_hz = meter.rate_hz(self.shared.core.clock.since_boot().as_secs_f64());
         self.shared.update(|live| live.rate_hz = rate_hz);
     }

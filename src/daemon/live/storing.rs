@@ -46,7 +46,7 @@ impl LiveResultWriter {
             *layout = first.map(|first| RowLayout::from_result(first, &self.source, reasons));
         }
         let Some(layout) = layout.as_ref().filter(|_| !waiting.is_empty()) else {
-            return self.drop_excess(waiting);
+            return self.drop_oldest_beyond_limit(waiting);
         };
         let core = &self.shared.core;
         core.board.note_live_storage(true);
@@ -70,12 +70,12 @@ impl LiveResultWriter {
             }
             Err(error) => {
                 self.shared.set_fault("results", &format!("live results cannot be stored: {error}"));
-                self.drop_excess(waiting);
+                self.drop_oldest_beyond_limit(waiting);
             }
         }
     }
 
-    fn drop_excess(&self, waiting: &mut Vec<Arc<LiveResult>>) {
+    fn drop_oldest_beyond_limit(&self, waiting: &mut Vec<Arc<LiveResult>>) {
         let beyond = waiting.len().saturating_sub(MAX_WAITING);
         if beyond > 0 {
             waiting.drain(..beyond);

@@ -76,17 +76,17 @@ impl StatusBoard {
 
     /// Returns the current health without its reasons.
     pub(crate) fn health(&self) -> Health {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| state.evaluate_health(now_s).0)
     }
 
-    fn now_s(&self) -> f64 {
+    fn seconds_since_boot(&self) -> f64 {
         self.clock.since_boot().as_secs_f64()
     }
 
     /// Sets the interval at which live results are expected from now on; `None` while live frames pause.
     pub(crate) fn expect_results(&self, interval: Option<Duration>) {
-        let (now_s, interval_s) = (self.now_s(), interval.map(|interval| interval.as_secs_f64()));
+        let (now_s, interval_s) = (self.seconds_since_boot(), interval.map(|interval| interval.as_secs_f64()));
         self.with_state(|state| match &mut state.live {
             Some(live) => live.interval_s = interval_s,
             none => *none = Some(LiveMonitor::new(interval_s, now_s)),
@@ -104,7 +104,7 @@ impl StatusBoard {
 
     /// Adds the result of a frame of a series.
     pub(crate) fn add_series_result(&self, solved: bool, rejected: bool) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| state.series.add_result(now_s, solved, rejected, 0));
     }
 
@@ -115,7 +115,7 @@ impl StatusBoard {
 
     /// Sets or clears the fault of a part of the recorder. A lasting one is logged at growing intervals.
     pub(crate) fn set_fault(&self, part: Part, fault: Option<String>) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         if self.with_state(|state| state.faults.set(part, fault.clone(), now_s)) {
             self.note_fault(&fault.unwrap_or_default());
         }
@@ -123,13 +123,13 @@ impl StatusBoard {
 
     /// Notes that live results wait to be stored, or that all of them are.
     pub(crate) fn note_live_storage(&self, waiting: bool) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| state.storage.live.set_waiting(waiting, now_s));
     }
 
     /// Sets the number of frames of series that wait to be solved; `stored`: one of them has its result now.
     pub(crate) fn note_unsolved(&self, count: usize, stored: bool) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| {
             if stored {
                 state.storage.series.set_waiting(false, now_s);
@@ -146,7 +146,7 @@ impl StatusBoard {
 
     /// Sets the interval at which good frames are expected.
     pub(crate) fn expect_frames(&self, interval: Duration) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| state.frames.expect_every(interval.as_secs_f64(), now_s));
     }
 
@@ -161,7 +161,7 @@ impl StatusBoard {
     }
 
     pub(crate) fn set_next_series(&self, wait: Option<Duration>) {
-        let now_s = self.now_s();
+        let now_s = self.seconds_since_boot();
         self.with_state(|state| state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64()));
     }
 
@@ -183,7 +183,7 @@ impl StatusBoard {
         });
     }
 
-    /// Returns the counts of steps.
+    /// Returns the counts of steps of recorder and processing, by which the watchdog sees that they run.
     pub(crate) fn beats(&self) -> Beats {
         self.with_state(|state| state.beats)
     }

@@ -10,7 +10,7 @@ type Metric = (&'static str, &'static str, &'static str, Option<f64>);
 /// Returns all numbers of the status as Prometheus text.
 pub fn prometheus_text(status: &DaemonStatus) -> String {
     let mut text = String::new();
-    let shares = share_metrics(&status.recent, SERIES_SHARES);
+    let shares = recent_share_metrics(&status.recent, SERIES_SHARES);
     for (name, kind, help, value) in status_metrics(status).into_iter().chain(shares).chain(live_metrics(status)) {
         // Writing to a string does not fail.
         if let Some(value) = value {
@@ -91,7 +91,7 @@ fn status_metrics(status: &DaemonStatus) -> Vec<Metric> {
 const SERIES_SHARES: [&str; 3] = ["solved_ratio", "rejected_ratio", "skipped_ratio"];
 const LIVE_SHARES: [&str; 3] = ["live_solved_ratio", "live_rejected_ratio", "live_skipped_ratio"];
 
-fn share_metrics(recent: &RecentShares, [solved, rejected, skipped]: [&'static str; 3]) -> Vec<Metric> {
+fn recent_share_metrics(recent: &RecentShares, [solved, rejected, skipped]: [&'static str; 3]) -> Vec<Metric> {
     vec![
         gauge(solved, "Fraction of the last results that have numbers.", recent.solved),
         gauge(rejected, "Fraction of the last results rejected by the global test.", recent.rejected),
@@ -103,7 +103,7 @@ fn share_metrics(recent: &RecentShares, [solved, rejected, skipped]: [&'static s
 fn live_metrics(status: &DaemonStatus) -> Vec<Metric> {
     let Some(live) = &status.live else { return Vec::new() };
     let mut all = live_status_metrics(live);
-    all.extend(share_metrics(&live.recent, LIVE_SHARES));
+    all.extend(recent_share_metrics(&live.recent, LIVE_SHARES));
     all
 }
 

@@ -22,21 +22,21 @@ pub(super) fn image_state(workplace: &Workplace, open: &OpenImage) -> Value {
     let raster = open.session.raster();
     let markers = now.record.markers.iter().enumerate();
     let markers: Vec<Value> =
-        markers.map(|(k, line)| marker_state(k, line, &now, marks.iter().find(|m| m.id == line.id))).collect();
+        markers.map(|(k, line)| marker_state_json(k, line, &now, marks.iter().find(|m| m.id == line.id))).collect();
     json!({
         "number": open.number,
         "image": image,
         "width": raster.width(),
         "height": raster.height(),
-        "now": result_summary(&now.record),
-        "bare": result_summary(&open.unmarked.record),
+        "now": result_summary_json(&now.record),
+        "bare": result_summary_json(&open.unmarked.record),
         "change_m": deflection_change(&now.record, &open.unmarked.record),
         "marks": marks.len(),
         "markers": markers,
     })
 }
 
-fn marker_state(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
+fn marker_state_json(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
     let observed = now.observations.iter().find(|o| o.marker == index);
     let state = match mark.map(|mark| &mark.act) {
         Some(MarkAction::Place(_)) => "manual",
@@ -71,7 +71,7 @@ fn marker_state(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Op
     })
 }
 
-fn result_summary(record: &ImageRecord) -> Value {
+fn result_summary_json(record: &ImageRecord) -> Value {
     let tip = record.tip.as_ref();
     let reference = tip.map(|tip| tip.reference.unwrap_or_default());
     let deflection = tip.zip(reference).and_then(|(tip, reference)| tip.deflection(reference));

@@ -203,7 +203,7 @@ async fn send_image(State(shared): MarkContext, Path(name): Path<String>) -> Res
     let number: usize = number.parse().map_err(|_| MarkRefusal::NotFound)?;
     match ending {
         "json" => {
-            let state = run_blocking(shared, move |marking, _| marking.image_state(number)).await?;
+            let state = run_blocking(shared, move |marking, _| marking.opened_image_state(number)).await?;
             Ok(Json(state).into_response())
         }
         "png" => {
@@ -259,7 +259,7 @@ impl MarkingState {
         Ok((&self.workplace, open))
     }
 
-    fn image_state(&mut self, number: usize) -> Result<Value, MarkRefusal> {
+    fn opened_image_state(&mut self, number: usize) -> Result<Value, MarkRefusal> {
         let (workplace, open) = self.open_image(number)?;
         Ok(image_state::image_state(workplace, open))
     }
@@ -274,6 +274,6 @@ impl MarkingState {
         let (workplace, open) = self.open_image(number)?;
         let marks = request.to_marks(workplace, open, clock)?;
         self.workplace.storage.add(marks).map_err(|e| MarkRefusal::Failed(format!("could not be stored: {e}")))?;
-        self.image_state(number)
+        self.opened_image_state(number)
     }
 }

@@ -80,7 +80,7 @@ impl MarkRequest {
             why: why.clone(),
         };
         let work = MarkRequestContext { workplace: at, open, before: at.storage.image_marks(&image), who: &who };
-        work.marker_index(&self.id)?;
+        work.survey_marker_index(&self.id)?;
         match self.act {
             MarkRequestKind::Place => Ok(vec![mark(&self.id, MarkAction::Place(work.measure_position(self)?))]),
             MarkRequestKind::Reject => Ok(vec![mark(&self.id, MarkAction::Reject)]),
@@ -114,11 +114,12 @@ struct MarkRequestContext<'a> {
 }
 
 impl MarkRequestContext<'_> {
-    fn marker_index(&self, id: &str) -> Result<usize, MarkRefusal> {
+    fn survey_marker_index(&self, id: &str) -> Result<usize, MarkRefusal> {
         let found = self.workplace.installation.setup.markers.iter().position(|m| m.id == id);
         found.ok_or_else(|| MarkRefusal::Invalid(format!("marker \"{id}\" is not in the survey")))
     }
 
+    /// Returns the manual mark that the image already has under an id.
     fn existing_mark(&self, id: &str) -> Option<&ManualMark> {
         self.before.iter().find(|mark| mark.id == id)
     }
@@ -130,7 +131,7 @@ impl MarkRequestContext<'_> {
 
     /// Checks that the request replaces nothing without confirmation.
     fn check_replaceable(&self, id: &str, over: bool) -> Result<(), MarkRefusal> {
-        let detected = self.detected_observation(self.marker_index(id)?).is_some();
+        let detected = self.detected_observation(self.survey_marker_index(id)?).is_some();
         match self.existing_mark(id) {
             _ if over => Ok(()),
             Some(mark) if mark.who != self.who => {
@@ -149,19 +150,19 @@ impl MarkRequestContext<'_> {
     /// Returns the requested position, measured by the detector if that succeeds.
     fn measure_position(&self, request: &MarkRequest) -> Result<MarkPosition, MarkRefusal> {
         let setup = &self.workplace.installation.setup;
-        let index = self.marker_index(&request.id)?;
+        let index = self.survey_marker_index(&request.id)?;
         let at = request.u_px.zip(request.v_px).map(|(u, v)| Vector2::new(u, v));
         let at = at.filter(|at| at.iter().all(|v| v.is_finite()) && setup.lens.contains(at));
         let at = at.ok_or_else(|| MarkRefusal::Invalid("give a position within the image: u_px and v_px".into()))?;
         self.check_replaceable(&request.id, request.over)?;
-        let fit = if request.exact { None } else { self.fit_marker(index, at) };
+        let fit = if request.exact { None } else { self.refine_marker_position(index, at) };
         let sigma = self.workplace.manual_sigma_px;
         let manual = ManualPosition { pixel: at, covariance_px2: Matrix2::identity() * sigma * sigma };
         let source = if fit.is_some() { MarkSource::Fit } else { MarkSource::Manual };
         Ok(mark_position(&fit.unwrap_or(manual), source))
     }
 
-    fn fit_marker(&self, index: usize, at: Vector2<f64>) -> Option<ManualPosition> {
+    fn refine_marker_position(&self, index: usize, at: Vector2<f64>) -> Option<ManualPosition> {
         let installation = &self.workplace.installation;
         let others = self.before.iter().filter_map(|mark| observation_from_mark(mark, &installation.setup));
         let others: Vec<ManualObservation> = others.filter(|o| o.marker != index).collect();
@@ -177,7 +178,7 @@ impl MarkRequestContext<'_> {
         let none =
             || MarkRefusal::Invalid(format!("{id} has no observation in this image: there is nothing to rename"));
         let detected = self
-            .detected_observation(self.marker_index(id)?)
+            .detected_observation(self.survey_marker_index(id)?)
             .filter(|_| self.existing_mark(id).is_none())
             .ok_or_else(none)?;
         let at = ManualPosition { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::{curve, format_minute, greatest_deflection, read_only_page};
+use super::{curve, format_minute, greatest_deflection, render_read_only_page};
 use crate::report::number::format_rounded;
 use crate::report::overview::{FlightOverview, SeriesOverview};
 use crate::report::table;
@@ -36,14 +36,14 @@ pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) 
         h2 { "Series" }
         table.stack {
             thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip deflection / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
-            tbody { @for line in overview.series.iter().rev() { (series_row(id, line)) } }
+            tbody { @for line in overview.series.iter().rev() { (render_series_row(id, line)) } }
         }
         (download_recipes(id, address))
     };
-    read_only_page(&format!("Flight {id}"), &html! {}, &content)
+    render_read_only_page(&format!("Flight {id}"), &html! {}, &content)
 }
 
-fn series_row(flight: &str, line: &SeriesOverview) -> Markup {
+fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
     let (deflection, sigma) =
         format_rounded(line.tip_deflection_m.map(|m| m.value), line.tip_deflection_m.and_then(|m| m.sigma), 3);
     html! { tr {

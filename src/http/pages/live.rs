@@ -2,7 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
-use super::read_only_page;
+use super::render_read_only_page;
 use crate::report::html::Axis;
 use crate::report::html::figure::{Figure, FigureTrack, MAIN_COLOUR};
 
@@ -19,13 +19,13 @@ pub fn live_page(listens: bool) -> Markup {
         } @else {
             div #health role="status" .degraded { b #word { "waiting" } span #reasons { "for the recorder" } }
             ul.tiles {
-                (value_tile("age", "Last result"))
-                (value_tile("deflection", "Tip deflection"))
-                (value_tile("twist", "Twist"))
-                (value_tile("rate", "Results"))
-                (value_tile("latency", "Latency"))
-                (value_tile("skipped", "Skipped"))
-                (value_tile("test", "Global test"))
+                (render_value_tile("age", "Last result"))
+                (render_value_tile("deflection", "Tip deflection"))
+                (render_value_tile("twist", "Twist"))
+                (render_value_tile("rate", "Results"))
+                (render_value_tile("latency", "Latency"))
+                (render_value_tile("skipped", "Skipped"))
+                (render_value_tile("test", "Global test"))
             }
             p #state .soft {}
             div.live {
@@ -40,10 +40,10 @@ pub fn live_page(listens: bool) -> Markup {
             script src="/live.js" defer {}
         }
     };
-    read_only_page("Live", &html! {}, &content)
+    render_read_only_page("Live", &html! {}, &content)
 }
 
-fn value_tile(id: &str, name: &str) -> Markup {
+fn render_value_tile(id: &str, name: &str) -> Markup {
     html! { li { span id={ (id) "-name" } { (name) } b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
 }
 

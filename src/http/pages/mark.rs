@@ -2,7 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
-use super::html_page;
+use super::render_html_page;
 
 const STYLE: &str = include_str!("mark.css");
 
@@ -69,5 +69,5 @@ pub fn mark_page(place: &str, who: &str, query: Option<&str>) -> Markup {
             are never changed." }
         script src=(script) defer {}
     };
-    html_page("Mark", &html! {}, &content, "marks are stored with name, time and reason")
+    render_html_page("Mark", &html! {}, &content, "marks are stored with name, time and reason")
 }

@@ -32,12 +32,12 @@ const MAX_DRAWN_FLIGHTS: usize = 6;
 /// Recording time above which the exact number of hours is not shown, h.
 const MAX_SHOWN_HOURS: f64 = 1000.0;
 
-fn read_only_page(title: &str, trail: &Markup, content: &Markup) -> Markup {
+fn render_read_only_page(title: &str, trail: &Markup, content: &Markup) -> Markup {
     let nav = html! { a href="/" { "All flights" } (trail) a href="/live" { "Live" } a href="/status.json" { "status.json" } };
-    html_page(title, &nav, content, "read-only")
+    render_html_page(title, &nav, content, "read-only")
 }
 
-fn html_page(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup {
+fn render_html_page(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -65,7 +65,7 @@ fn html_page(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup 
 
 /// Renders a page with one sentence.
 pub fn message_page(text: &str) -> Markup {
-    read_only_page("wingd", &html! {}, &html! { p.warning { (text) } })
+    render_read_only_page("wingd", &html! {}, &html! { p.warning { (text) } })
 }
 
 /// Renders the first page: health, free space, and the flights, the newest first.
@@ -89,7 +89,7 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
         (status_tiles(site, newest))
         h2 { "Flights" }
         @if flights.is_empty() { p { "The store holds no flight yet." } }
-        ul.cards { @for one in &drawn { (flight_card(one)) } }
+        ul.cards { @for one in &drawn { (render_flight_card(one)) } }
         @if flights.len() > MAX_DRAWN_FLIGHTS {
             details {
                 summary { (count_text(flights.len() - MAX_DRAWN_FLIGHTS, "earlier flight")) }
@@ -97,14 +97,14 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
             }
         }
     };
-    Ok(read_only_page("Recorded flights", &html! {}, &content))
+    Ok(render_read_only_page("Recorded flights", &html! {}, &content))
 }
 
 fn format_minute(utc: jiff::Timestamp) -> String {
     utc.strftime("%Y-%m-%d %H:%M UTC").to_string()
 }
 
-fn flight_card(one: &FlightOverview) -> Markup {
+fn render_flight_card(one: &FlightOverview) -> Markup {
     let first = one.series.first().and_then(|line| line.begun.as_ref());
     let missing = one.series.iter().filter(|line| !line.problems().is_empty()).count();
     html! {

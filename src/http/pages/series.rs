@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::read_only_page;
+use super::render_read_only_page;
 use crate::record::{ImageRecord, RecordStatus};
 use crate::report::number::format_rounded;
 use crate::report::source::SeriesIndex;
@@ -18,10 +18,10 @@ pub fn series_page(series: &SeriesIndex, shots: &[(&ShotData, Option<ImageRecord
         @for remark in &data.remarks { p.warning { (remark) } }
         p { a href={ (base) "/series.json" } { "series.json" } @if series.has_results() { ", " a href={ (base) "/results.jsonl" } { "results.jsonl" } } }
         (page_links(page))
-        ul.cards { @for (shot, record) in shots { (shot_card(data, shot, record.as_ref())) } }
+        ul.cards { @for (shot, record) in shots { (render_shot_card(data, shot, record.as_ref())) } }
         (page_links(page))
     };
-    read_only_page(&format!("Series {}", data.name), &flight_trail(&data.flight), &content)
+    render_read_only_page(&format!("Series {}", data.name), &flight_link(&data.flight), &content)
 }
 
 /// Renders links to the other pages of a long series.
@@ -34,11 +34,11 @@ fn page_links((page, pages): (usize, usize)) -> Markup {
     } }
 }
 
-fn flight_trail(flight: &str) -> Markup {
+fn flight_link(flight: &str) -> Markup {
     html! { a href={ "/flights/" (flight) } { "Flight " (flight) } }
 }
 
-fn shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
+fn render_shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
     let place = format!("{}/{}", series.flight, series.name);
     let time = shot.stamp.as_ref().map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
     html! { li {
@@ -49,7 +49,7 @@ fn shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>)
         }
         h3 { "Shot " (shot.number) }
         p.soft { (time.unwrap_or_default()) }
-        p.warn[shot.image.is_none()] { (shot_outcome(shot, record)) }
+        p.warn[shot.image.is_none()] { (shot_outcome_text(shot, record)) }
         @if let Some(image) = &shot.image {
             p { a href={ "/files/" (place) "/" (image) } download { (image) } }
         }
@@ -57,7 +57,7 @@ fn shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>)
     } }
 }
 
-fn shot_outcome(shot: &ShotData, record: Option<&ImageRecord>) -> String {
+fn shot_outcome_text(shot: &ShotData, record: Option<&ImageRecord>) -> String {
     match (shot.image.as_ref(), record) {
         (None, _) => "no frame".to_owned(),
         (_, None) => "not solved yet".to_owned(),
@@ -75,9 +75,9 @@ fn shot_outcome(shot: &ShotData, record: Option<&ImageRecord>) -> String {
 pub fn frame_page(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
     let image = shot.image.as_deref().unwrap_or_default();
     let place = format!("{}/{}", series.flight, series.name);
-    let trail = html! { (flight_trail(&series.flight)) a href={ "/flights/" (place) } { "Series " (series.name) } };
+    let trail = html! { (flight_link(&series.flight)) a href={ "/flights/" (place) } { "Series " (series.name) } };
     let content = html! {
-        p { (shot_outcome(shot, record)) }
+        p { (shot_outcome_text(shot, record)) }
         img.frame src={ "/overlay/" (place) "/" (image) ".svg" } alt="The frame with its markers";
         p { a href={ "/files/" (place) "/" (image) } download { (image) ", as the camera delivered it" } }
         @if let Some(sha256) = &shot.sha256 { p.caption { "SHA-256 " code { (sha256) } } }
@@ -86,5 +86,5 @@ pub fn frame_page(series: &SeriesData, shot: &ShotData, record: Option<&ImageRec
             div.scroll tabindex="0" { (table::marker_table(record).html()) }
         }
     };
-    read_only_page(&format!("{} of {}", image, series.name), &trail, &content)
+    render_read_only_page(&format!("{} of {}", image, series.name), &trail, &content)
 }

@@ -177,7 +177,7 @@ impl BeamGrid {
         for (stop, &index) in self.points.iter().zip(&self.order) {
             self.nodes[done..stop.nodes].iter().for_each(|node| at.step(node, bending));
             done = stop.nodes;
-            sections[index] = Some(at.section(stop, bending));
+            sections[index] = Some(at.section_at(stop, bending));
         }
         sections.into_iter().flatten().collect()
     }
@@ -232,7 +232,7 @@ impl AxisIntegrator {
         }
     }
 
-    fn section(&self, stop: &GridPoint, bending: &Bending) -> BeamSection {
+    fn section_at(&self, stop: &GridPoint, bending: &Bending) -> BeamSection {
         BeamSection {
             axis_m: self.axis_m,
             axis_by_curvature: self.by_curvature,

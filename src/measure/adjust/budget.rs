@@ -30,11 +30,11 @@ impl BlockMembers<'_> {
     fn named_observations(&self, problem: &Problem, group: usize, block: usize) -> Vec<NamedObservations> {
         let count = problem.groups[group].blocks[block].observed.len();
         let members = self.members.get(group).map_or(self.ground, Vec::as_slice);
-        members.get(block).map_or_else(|| vec![(SHAPE, 0..count)], |member| member_observations(member, count))
+        members.get(block).map_or_else(|| vec![(SHAPE, 0..count)], |member| member_observation_ranges(member, count))
     }
 }
 
-fn member_observations(member: &BlockMember, count: usize) -> Vec<NamedObservations> {
+fn member_observation_ranges(member: &BlockMember, count: usize) -> Vec<NamedObservations> {
     let images = [(IMAGE, member.flight), (GROUND_FRAME, member.ground)];
     let images: Vec<NamedObservations> =
         images.into_iter().filter_map(|(name, first)| first.map(|first| (name, first..first + 2))).collect();

@@ -41,7 +41,7 @@ impl CommonDisplacement {
     }
 }
 
-/// Lists all candidates: markers aft of the axis, outboard of a position, both, and in each quarter of the image.
+/// Lists sets of markers that may share a displacement: aft of the axis, outboard, both, and per image quarter.
 pub fn candidate_displacements(
     input: &AdjustmentInput,
     frame_observations: &FrameObservations,

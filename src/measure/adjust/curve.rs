@@ -30,7 +30,7 @@ impl<'a> AxisCurve<'a> {
         let reach = scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
         let arcs_m: Vec<f64> = (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect();
         let grid = BeamGrid::new(&scene.ground, &arcs_m);
-        let (bent, ground_y_m) = bend_and_ground_heights(&grid, values);
+        let (bent, ground_y_m) = bent_sections_and_ground_heights(&grid, values);
         let root_m = grid.root_m() + Vector3::y() * values.raise_m[0];
         Self { scene, values, arcs_m, bent, ground_y_m, root_m }
     }
@@ -48,12 +48,12 @@ impl<'a> AxisCurve<'a> {
 
     /// Deflections of the axis on another grid with this wing's bending, m.
     pub fn deflections_on(&self, grid: &BeamGrid) -> Vec<f64> {
-        let (bent, ground) = bend_and_ground_heights(grid, self.values);
+        let (bent, ground) = bent_sections_and_ground_heights(grid, self.values);
         bent.iter().zip(ground).map(|(bent, ground)| self.height_with_root(bent) - ground).collect()
     }
 }
 
-fn bend_and_ground_heights(grid: &BeamGrid, values: &UnknownValues) -> (Vec<BeamSection>, Vec<f64>) {
+fn bent_sections_and_ground_heights(grid: &BeamGrid, values: &UnknownValues) -> (Vec<BeamSection>, Vec<f64>) {
     let flat = grid.bend(&Bending { raise_m: values.raise_m, ..Bending::UNBENT });
     (grid.bend(&values.bending()), flat.iter().map(|section| section.axis_m.y).collect())
 }

@@ -117,6 +117,7 @@ impl RepeatingParameters {
         Ok(())
     }
 
+    /// Adds information of the repeating parameters to their rows and columns of a normal matrix, with a sign.
     fn add_information(&self, normal: &mut DMatrix<f64>, added: &DMatrix<f64>, sign: f64) {
         for (i, row) in self.columns.iter().enumerate() {
             for (j, column) in self.columns.iter().enumerate() {

@@ -71,8 +71,7 @@ impl GroundShape {
         let (skin, skin_height_sigma_m) = skin_height(setup, &points);
         let all = height_weights(setup, trusted);
         let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
-        let (axis, axis_covariance) =
-            BendingAxis::through_points(&points, &weights, axis_z, setup.root_offset_m, skin)?;
+        let (axis, axis_covariance) = BendingAxis::fit_to_points(&points, &weights, axis_z, setup.root_offset_m, skin)?;
         let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| Station {
             arc_m: if m.fixed { 0.0 } else { axis.foot_arc_length(p) },
             surveyed_m: *p,
@@ -113,7 +112,7 @@ fn nose_sign(setup: &Setup) -> f64 {
 }
 
 impl BendingAxis {
-    fn through_points(
+    fn fit_to_points(
         points: &[Vector3<f64>],
         weights: &[f64],
         axis_z: f64,
@@ -131,7 +130,7 @@ impl BendingAxis {
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
         let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
         let mut axis = Self {
-            root_m: Vector3::new(root_x, surface.height(0.0) - skin.root_m, axis_z),
+            root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z),
             length_m: 0.0,
             arc_m: vec![],
             x_m: vec![],
@@ -141,13 +140,13 @@ impl BendingAxis {
         let mut arc = 0.0;
         for k in 0..AXIS_POINTS {
             let x = step * k as f64;
-            let slope = (surface.slope(x) - skin_slope).atan();
+            let slope = (surface.slope_at(x) - skin_slope).atan();
             if let Some(before) = axis.slope_rad.last() {
                 arc += step / (0.5 * (slope + before)).cos();
             }
             axis.arc_m.push(arc);
             axis.x_m.push(root_x + x);
-            axis.y_m.push(surface.height(x) - skin.root_m - skin_slope * x);
+            axis.y_m.push(surface.height_at(x) - skin.root_m - skin_slope * x);
             axis.slope_rad.push(slope);
         }
         let last_arc = interpolate_table(&axis.x_m, &axis.arc_m, last);
@@ -263,7 +262,7 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
 }
 
 impl SurveySurface {
-    /// Fits the surface. Crown and chordwise slope are counted from `axis_z`, so they do not affect the axis.
+    /// Fits the surface to points. Crown and chordwise slope count from `axis_z`, so they do not affect the axis.
     fn fit(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
         let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
         let mut normal = SMatrix::<f64, 7, 7>::zeros();
@@ -303,12 +302,12 @@ impl SurveySurface {
         (p.y - row.dot(&self.all), (row.transpose() * self.all_covariance * row)[0])
     }
 
-    fn height(&self, x: f64) -> f64 {
+    fn height_at(&self, x: f64) -> f64 {
         let [a, b, c, d] = self.along;
         a + x * (b + x * (c + x * d))
     }
 
-    fn slope(&self, x: f64) -> f64 {
+    fn slope_at(&self, x: f64) -> f64 {
         let [_, b, c, d] = self.along;
         b + x * (2.0 * c + x * 3.0 * d)
     }

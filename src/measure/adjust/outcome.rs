@@ -69,7 +69,7 @@ impl<'a> FrameOutcome<'a> {
             tested_sum,
             before_removal,
         };
-        new.with_global_test()
+        new.apply_global_test()
     }
 
     /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
@@ -116,28 +116,28 @@ impl<'a> FrameOutcome<'a> {
         self.scale
     }
 
-    fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
+    fn function_covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
         self.fit.function_covariance(self.group, gradient) * (self.scale * self.scale)
     }
 
-    fn sigmas(&self, gradient: &Gradient) -> Vec<f64> {
+    fn function_sigmas(&self, gradient: &Gradient) -> Vec<f64> {
         let sigma = |variance: f64| self.scale * variance.max(0.0).sqrt();
         self.fit.function_variances(self.group, gradient).into_iter().map(sigma).collect()
     }
 
-    fn image_block(&self, marker: usize) -> Option<usize> {
+    fn block_with_image(&self, marker: usize) -> Option<usize> {
         self.members.iter().position(|m| m.marker == marker && m.flight.is_some())
     }
 
-    fn ground_position(&self, block: usize) -> Vector3<f64> {
+    fn adjusted_ground_position(&self, block: usize) -> Vector3<f64> {
         let observed = &self.problem.groups[self.group].blocks[block].observed
             + &self.fit.groups[self.group].blocks[block].residuals;
         self.layout.ground_position(self.members[block].marker, &self.fit.global, &observed)
     }
 
-    fn marker_state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
+    fn ground_position_and_flight_state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
-        let ground = self.ground_position(block);
+        let ground = self.adjusted_ground_position(block);
         let moved = self.layout.moved_position(marker, &ground, &self.fit.global);
         (ground, self.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
     }
@@ -185,15 +185,15 @@ impl<'a> FrameOutcome<'a> {
         let mut markers: Vec<_> = (0..self.input.setup.markers.len()).map(unseen).collect();
         for (block, member) in self.members.iter().enumerate() {
             if member.flight.is_some() {
-                markers[member.marker] = self.marker_solution(block);
+                markers[member.marker] = self.build_marker_solution(block);
             }
         }
         markers
     }
 
-    fn marker_solution(&self, block: usize) -> MarkerSolution {
+    fn build_marker_solution(&self, block: usize) -> MarkerSolution {
         let member = self.members[block];
-        let (ground, state) = self.marker_state(block);
+        let (ground, state) = self.ground_position_and_flight_state(block);
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
@@ -205,7 +205,7 @@ impl<'a> FrameOutcome<'a> {
         self.add_position(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
-        let covariance = self.covariance(&gradient);
+        let covariance = self.function_covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
@@ -220,10 +220,10 @@ impl<'a> FrameOutcome<'a> {
             deflection_root_m: deflections.map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
-        self.with_quality(solution, block)
+        self.add_residuals_and_reliability(solution, block)
     }
 
-    fn with_quality(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
+    fn add_residuals_and_reliability(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
         let member = self.members[block];
         let Some(first) = member.flight else { return solution };
         let residuals = &self.fit.groups[self.group].blocks[block].residuals;
@@ -258,7 +258,7 @@ impl<'a> FrameOutcome<'a> {
             fourth += x2 * x2;
         }
         by_deflection /= fourth;
-        let sigmas = self.sigmas(&gradient);
+        let sigmas = self.function_sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
         // The sign of a nose-up twist depends on the side.
         let side = self.input.setup.side();
@@ -296,7 +296,7 @@ impl<'a> FrameOutcome<'a> {
         (0..RAISE_TERMS)
             .for_each(|j| self.layout.add_derivative(&mut gradient, self.layout.axis_height, j, 0, mean(j)));
         let value = self.values.raise_m.iter().enumerate().map(|(j, raise)| mean(j) * raise).sum();
-        let sigma = self.sigmas(&gradient).first().copied();
+        let sigma = self.function_sigmas(&gradient).first().copied();
         Parameter { name: "axis_raise_m", values: vec![Estimate { value, sigma }] }
     }
 
@@ -319,7 +319,7 @@ impl<'a> FrameOutcome<'a> {
         }
         gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
         gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));
-        let covariance = self.covariance(&gradient);
+        let covariance = self.function_covariance(&gradient);
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
         let correlation = DMatrix::from_fn(count + 1, count + 1, |i, j| covariance[(i, j)] / (sigma(i) * sigma(j)));
         let list = |values: &[f64], first: usize| {

@@ -89,11 +89,12 @@ impl<'a> ProfileAdjustment<'a> {
         Ok(self)
     }
 
+    /// Returns the adjusted bending coefficient a of the parabola y = a x^2, 1/m.
     fn a_per_m(&self) -> f64 {
         self.fit.global[0]
     }
 
-    fn distance_m(&self, index: usize) -> f64 {
+    fn marker_distance_m(&self, index: usize) -> f64 {
         self.fit.groups[index].local[0]
     }
 }
@@ -135,7 +136,7 @@ pub fn solve_profile(
     if options.variance_components {
         adjusted = adjusted.with_components(options.snooping_alpha)?;
     }
-    adjusted.solution(options, &outliers)
+    adjusted.build_solution(options, &outliers)
 }
 
 fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> Result<Problem, AdjustError> {
@@ -200,7 +201,7 @@ impl ProfileAdjustment<'_> {
     fn place_marker(&self, index: usize) -> Result<ProfileMarker, AdjustError> {
         let observation = &self.observations[index];
         let ray = self.geometry.plane_ray(&observation.pixel)?;
-        let d = self.distance_m(index);
+        let d = self.marker_distance_m(index);
         let position_m = self.geometry.frame.survey_point(&(ray.from_m + ray.direction * d));
         let gradient = |axis: usize, height: f64| {
             let (u, v) = (d * ray.by_pixel[(axis, 0)], d * ray.by_pixel[(axis, 1)]);
@@ -215,7 +216,7 @@ impl ProfileAdjustment<'_> {
         })
     }
 
-    fn sigma(&self, f: &MarkerFunction, scale: f64) -> Option<f64> {
+    fn function_sigma(&self, f: &MarkerFunction, scale: f64) -> Option<f64> {
         Some(scale * self.response.covariance(f, f).max(0.0).sqrt())
     }
 
@@ -226,7 +227,7 @@ impl ProfileAdjustment<'_> {
         survey_from_wing * wing * survey_from_wing.inverse()
     }
 
-    fn solution(&self, options: &Options, outliers: &[(usize, String)]) -> Result<Solution, AdjustError> {
+    fn build_solution(&self, options: &Options, outliers: &[(usize, String)]) -> Result<Solution, AdjustError> {
         let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place_marker(k)).collect::<Result<_, _>>()?;
         let global_test = quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
         let posterior = quality::is_posterior(options.sigma, global_test);
@@ -241,17 +242,17 @@ impl ProfileAdjustment<'_> {
             parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
-            markers: self.marker_solutions(&placed, scale, outliers),
+            markers: self.build_marker_solutions(&placed, scale, outliers),
             torsion: self.torsions(&placed, scale),
             curve: self.deflection_curve(sigma_a),
             budget: self.variance_budget(&placed),
             variance_components: self.components.clone(),
-            remarks: self.remarks(outliers),
+            remarks: self.build_remarks(outliers),
             iterations: self.fit.iterations,
         })
     }
 
-    fn remarks(&self, outliers: &[(usize, String)]) -> Vec<String> {
+    fn build_remarks(&self, outliers: &[(usize, String)]) -> Vec<String> {
         let stronger = |m: f64, c: f64| if c.abs() > m.abs() { c } else { m };
         let strongest = self.distance_correlations().into_iter().fold(0.0, stronger);
         let correlation = format!("largest correlation of the bending (a) with a distance: {strongest:.2}");
@@ -259,7 +260,7 @@ impl ProfileAdjustment<'_> {
         outliers.chain(self.component_remarks.iter().cloned()).chain([correlation]).collect()
     }
 
-    fn marker_solutions(
+    fn build_marker_solutions(
         &self,
         placed: &[ProfileMarker],
         scale: f64,
@@ -278,14 +279,14 @@ impl ProfileAdjustment<'_> {
             markers[*marker] = MarkerSolution::unused(*marker, remark.clone());
         }
         for (index, (observation, placed)) in self.observations.iter().zip(placed).enumerate() {
-            let value = self.distance_m(index);
+            let value = self.marker_distance_m(index);
             markers[observation.marker] = MarkerSolution {
-                distance_m: Some(Estimate { value, sigma: self.sigma(&placed.distance, scale) }),
+                distance_m: Some(Estimate { value, sigma: self.function_sigma(&placed.distance, scale) }),
                 position_m: Some(placed.position_m),
                 covariance_m2: Some(self.position_covariance(placed) * (scale * scale)),
                 deflection_m: Some(Estimate {
                     value: placed.deflection_m,
-                    sigma: self.sigma(&placed.deflection, scale),
+                    sigma: self.function_sigma(&placed.deflection, scale),
                 }),
                 ..self.with_quality(index, observation.marker)
             };

@@ -76,13 +76,13 @@ const STRONG_CURVATURE_PER_M: f64 = 0.01;
 const SHORTENING_PASSES: usize = 4;
 
 impl TaperedBeam {
-    fn load(&self, eta: f64) -> f64 {
+    fn load_at(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
         let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
-        lift - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
+        lift - if eta < self.reach { self.relief * self.chord_at(eta) } else { 0.0 }
     }
 
-    fn chord(&self, eta: f64) -> f64 {
+    fn chord_at(&self, eta: f64) -> f64 {
         1.0 - (1.0 - self.taper) * eta
     }
 
@@ -96,7 +96,7 @@ impl TaperedBeam {
             let added = 0.5 * step * (load(k) + load(k + 1));
             moment += step * (shear + 0.5 * added);
             shear += added;
-            curvature[k] = moment / self.chord(k as f64 * step).powf(self.power);
+            curvature[k] = moment / self.chord_at(k as f64 * step).powf(self.power);
         }
         curvature
     }
@@ -114,17 +114,17 @@ impl TaperedBeam {
         let mut curvature = vec![0.0; count];
         for k in (0..count - 1).rev() {
             let eta = k as f64 * step;
-            let added = step * self.load(eta + 0.5 * step);
+            let added = step * self.load_at(eta + 0.5 * step);
             moment += step * horizontal(k) * (shear + 0.5 * added);
             shear += added;
-            curvature[k] = moment / self.chord(eta).powf(self.power);
+            curvature[k] = moment / self.chord_at(eta).powf(self.power);
         }
         curvature
     }
 }
 
 /// Integrals of m P_k from 0 to eta, per unit of length.
-static SHAPES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(integrate_basis);
+static SHAPES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(tabulate_basis_integrals);
 
 /// Covariance of c_k / c_0, k = 1.., over the fleet, including effects beyond it.
 static FLEET_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
@@ -163,21 +163,21 @@ pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
 }
 
 static CONSTANT_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
-    LazyLock::new(compute_constant_covariance);
+    LazyLock::new(compute_constant_bend_covariance);
 
-fn compute_constant_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+fn compute_constant_bend_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     let fit = RatioFit::new();
     let count = fit.basis.len();
     let step = 1.0 / (count - 1) as f64;
     let thermal = [0.0, 1.0]
-        .map(|power| -> Vec<f64> { (0..count).map(|k| REFERENCE.chord(k as f64 * step).powf(-power)).collect() });
+        .map(|power| -> Vec<f64> { (0..count).map(|k| REFERENCE.chord_at(k as f64 * step).powf(-power)).collect() });
     let kink = |at: usize| (0..count).map(|k| f64::from(u8::from(k == at))).collect();
     let kinks: Vec<Vec<f64>> = (0..count).filter(|k| KINKS.contains(&(*k as f64 * step))).map(kink).collect();
     let mut sum = SMatrix::zeros();
     for (shapes, weight) in [(&thermal[..], 0.25), (&kinks, 0.5 / kinks.len() as f64)] {
         for shape in shapes {
             let rise = integrate_twice(step, shape)[count - 1];
-            let c = fit.coefficients(shape).fixed_rows::<CURVATURE_RATIOS>(1) / rise;
+            let c = fit.fit_basis_coefficients(shape).fixed_rows::<CURVATURE_RATIOS>(1) / rise;
             sum += c * c.transpose() * weight;
         }
     }
@@ -186,17 +186,17 @@ fn compute_constant_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RAT
 
 /// First-mode deflection of the reference beam caused by each curvature `m P_k`, relative to `m`. Vibrations in other modes
 /// do not contribute because the modes are orthogonal with respect to mass.
-static FIRST_MODE: LazyLock<CurvatureTermValues> = LazyLock::new(compute_first_mode);
+static FIRST_MODE: LazyLock<CurvatureTermValues> = LazyLock::new(compute_first_bending_mode);
 
 /// First-mode amplitude of each curvature basis function, relative to the reference curvature.
 pub fn first_mode_amplitudes() -> &'static CurvatureTermValues {
     &FIRST_MODE
 }
 
-fn compute_first_mode() -> CurvatureTermValues {
+fn compute_first_bending_mode() -> CurvatureTermValues {
     let step = 1.0 / (TABLE - 1) as f64;
     let at = |k: usize| k as f64 * step;
-    let mass = |k: usize| REFERENCE.chord(at(k)).powi(MASS_POWER);
+    let mass = |k: usize| REFERENCE.chord_at(at(k)).powi(MASS_POWER);
     // Stodola's iteration from a parabola: each pass reduces the second mode to 2.5 %, (1.875 / 4.694)^4.
     let mut deflection: Vec<f64> = (0..TABLE).map(|k| at(k).powi(2)).collect();
     for _ in 0..3 {
@@ -234,7 +234,7 @@ fn sample_basis(count: usize) -> Vec<CurvatureTermValues> {
     (0..count).map(at).collect()
 }
 
-fn integrate_basis() -> Vec<CurvatureTermValues> {
+fn tabulate_basis_integrals() -> Vec<CurvatureTermValues> {
     let step = 1.0 / (TABLE - 1) as f64;
     let values = sample_basis(TABLE);
     let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
@@ -248,7 +248,7 @@ fn integrate_basis() -> Vec<CurvatureTermValues> {
 /// Fits beams over the whole range of the fleet with the basis.
 fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     let ratios = RatioFit::new();
-    let beams = fleet_beams();
+    let beams = sample_fleet_beams();
     let squares = beams.iter().map(|beam| ratios.beam_ratios(beam)).map(|r| r * r.transpose() / beams.len() as f64);
     squares.fold(beyond_fleet_variances(1.0), |sum, square| sum + square)
 }
@@ -256,7 +256,7 @@ fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS
 /// Differences of the fleet's beams with and without fuel; a flight burns a random fraction of it.
 fn compute_burnt_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     let ratios = RatioFit::new();
-    let beams = fleet_beams();
+    let beams = sample_fleet_beams();
     let change =
         |beam: &TaperedBeam| ratios.beam_ratios(beam) - ratios.beam_ratios(&TaperedBeam { relief: 0.0, ..*beam });
     let squares = beams.iter().map(change).map(|r| r * r.transpose() * (MEAN_SQUARE_BURNT / beams.len() as f64));
@@ -282,11 +282,11 @@ impl RatioFit {
     }
 
     fn beam_ratios(&self, beam: &TaperedBeam) -> SVector<f64, CURVATURE_RATIOS> {
-        let c = self.coefficients(&beam.curvature(self.basis.len()));
+        let c = self.fit_basis_coefficients(&beam.curvature(self.basis.len()));
         c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0]
     }
 
-    fn coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
+    fn fit_basis_coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
         let right = self.basis.iter().zip(curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
         self.inverse * right
     }
@@ -315,7 +315,7 @@ fn shortened_ratios(
     let mut ratios = SVector::zeros();
     for _ in 0..SHORTENING_PASSES {
         let curvature = REFERENCE.curvature_with_shortening(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
-        let c = fit.coefficients(&curvature);
+        let c = fit.fit_basis_coefficients(&curvature);
         ratios = c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
         let scale = amplitude * length_m * step / c[0];
         for k in 1..count {
@@ -325,7 +325,7 @@ fn shortened_ratios(
     ratios
 }
 
-fn fleet_beams() -> Vec<TaperedBeam> {
+fn sample_fleet_beams() -> Vec<TaperedBeam> {
     let [low, high] = FLEET_RANGE;
     // Three points with nearly the spread of a uniform distribution.
     let between = |a: f64, b: f64, k: usize| a + (b - a) * [0.11, 0.5, 0.89][k % 3];

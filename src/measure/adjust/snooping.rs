@@ -196,7 +196,7 @@ impl SolvedGroup<'_> {
         let options = self.input.options;
         let limit = quality::critical_w(options.snooping_alpha);
         let blocks = self.members.iter().enumerate().filter(|(_, member)| selects(member));
-        let best = blocks.filter_map(|(block, member)| self.block_suspect(block, member)).reduce(larger)?;
+        let best = blocks.filter_map(|(block, member)| self.block_suspect(block, member)).reduce(larger_suspect)?;
         // The factor is at least 1 and expensive to compute, so it is computed last.
         (best.w.abs() > limit && best.w.abs() / root_variance_factor(self.fit, best.w, options) > limit).then_some(best)
     }
@@ -237,12 +237,12 @@ impl SolvedGroup<'_> {
                 let size = w * r.minimal_detectable_bias? / shift;
                 Some(Suspect { marker: member.marker, target, w, size, has_ground_image: member.ground.is_some() })
             };
-            all.get(first..first + n)?.iter().filter_map(one).reduce(larger)
+            all.get(first..first + n)?.iter().filter_map(one).reduce(larger_suspect)
         };
         let flight = member.flight.filter(|_| !moves).and_then(|k| largest(k, 2, SuspectTarget::Flight));
         let ground = member.ground.and_then(|k| largest(k, 2, SuspectTarget::Ground));
         let survey = largest(0, 3, SuspectTarget::Survey).map(|s| (s.w.abs() / SURVEY_LEAD, s));
-        match ([flight, ground].into_iter().flatten().reduce(larger), survey) {
+        match ([flight, ground].into_iter().flatten().reduce(larger_suspect), survey) {
             (Some(image), Some((lead, _))) if image.w.abs() >= lead => Some(image),
             (_, Some((_, survey))) => Some(survey),
             (image, None) => image,
@@ -250,7 +250,7 @@ impl SolvedGroup<'_> {
     }
 }
 
-fn larger(a: Suspect, b: Suspect) -> Suspect {
+fn larger_suspect(a: Suspect, b: Suspect) -> Suspect {
     if b.w.abs() > a.w.abs() { b } else { a }
 }
 

@@ -61,7 +61,7 @@ impl<'a> SolvedFrame<'a> {
         solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
     }
 
-    fn group<'s>(&'s self, input: &'s AdjustmentInput) -> SolvedGroup<'s> {
+    fn as_solved_group<'s>(&'s self, input: &'s AdjustmentInput) -> SolvedGroup<'s> {
         let FrameProblem { problem, members, .. } = &self.frame;
         SolvedGroup { input, problem, fit: &self.fit, group: 0, members }
     }
@@ -112,7 +112,7 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
     type SolvedModel = SolvedFrame<'a>;
 
     fn solved_group<'s>(&'s self, solved: &'s SolvedFrame<'a>) -> SolvedGroup<'s> {
-        solved.group(&self.input)
+        solved.as_solved_group(&self.input)
     }
 
     fn set_used(&mut self, suspect: &Suspect, used: bool) {
@@ -137,7 +137,7 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
 /// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
 fn remove_outliers(mut single: SingleFrame) -> Result<SnoopingResult<SingleFrame>, AdjustError> {
     let (mut all, input) = (single.solve_from(None)?, single.input);
-    let conflict = |all: &SolvedFrame| all.group(&input).fixed_targets_conflict(1);
+    let conflict = |all: &SolvedFrame| all.as_solved_group(&input).fixed_targets_conflict(1);
     while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && conflict(&all) {
         single.prior_scales.fixed_targets *= 2.0;
         all = single.solve_from(Some(&all))?;
@@ -217,7 +217,7 @@ pub fn solve_spatial(
     let (components, mut remarks) =
         if options.variance_components { solved.estimate_variance_components()? } else { Default::default() };
     let SolvedFrame { frame, fit, .. } = &solved;
-    let outcome = FrameOutcome::new(solved.group(&input), &frame.layout).judged_before_removal(tested_sum);
+    let outcome = FrameOutcome::new(solved.as_solved_group(&input), &frame.layout).judged_before_removal(tested_sum);
     let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
     let solution =
         with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));

@@ -88,7 +88,7 @@ impl Displacement {
         if instant == self.epoch { self.fields[k][marker] } else { Vector3::zeros() }
     }
 
-    fn add_to(&self, x: &[f64], values: &mut UnknownValues) {
+    fn add_displacements_to(&self, x: &[f64], values: &mut UnknownValues) {
         let target = match self.epoch {
             DisplacementEpoch::InFlight => &mut values.moved_m,
             DisplacementEpoch::OnGround => &mut values.moved_on_ground_m,
@@ -200,7 +200,7 @@ impl PlacedTerm {
         let x = &vector.as_slice()[first..first + self.term.size];
         (self.term.add_values)(x, values);
         if let TermEffect::Displacement(moves) = &self.term.effect {
-            moves.add_to(x, values);
+            moves.add_displacements_to(x, values);
         }
     }
 }

@@ -80,8 +80,8 @@ impl CameraAdjustment {
 /// Common standard deviation of the points before residuals determine it, px.
 const FIRST_SIGMA_PX: f64 = 0.1;
 
-/// Adjusts without start values: begins with the camera constant from the homographies or, if the adjustment does not
-/// converge from there, with the typical one that leaves the smallest residuals.
+/// Adjusts a camera without start values: begins with the camera constant from the homographies or, if the adjustment
+/// does not converge from there, with the typical one that leaves the smallest residuals.
 pub(super) fn initial_adjustment(
     used: &[(usize, BoardView)],
     size: ImageSize,

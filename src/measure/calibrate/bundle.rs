@@ -82,7 +82,7 @@ impl BoardBundle<'_> {
         let mut equations = self.assemble(&global, &poses)?;
         let mut damping = FIRST_DAMPING;
         for _ in 0..MAX_ITERATIONS {
-            let trial = equations.step(damping, self.fixed).and_then(|(step, pose_steps)| {
+            let trial = equations.solve_damped_step(damping, self.fixed).and_then(|(step, pose_steps)| {
                 let next: Vec<_> = poses.iter().zip(&pose_steps).map(|(pose, s)| pose.moved(s)).collect();
                 let at =
                     self.assemble(&(global + step), &next).filter(|n| n.omega <= equations.omega * (1.0 + ROUNDING))?;
@@ -160,7 +160,7 @@ impl BoardBundle<'_> {
         global: GlobalParameters,
         poses: Vec<BoardPose>,
     ) -> Option<(BundleSolution, Vec<BoardPose>)> {
-        let covariance = scaled_inverse(&mask_matrix(equations.reduced_equations(0.0)?.0, self.fixed))?;
+        let covariance = scaled_inverse(&fix_parameters_in_matrix(equations.reduced_equations(0.0)?.0, self.fixed))?;
         let free = |k: usize| if self.fixed[k] { 0.0 } else { 1.0 };
         let covariance = GlobalCovariance::from_fn(|i, j| covariance[(i, j)] * free(i) * free(j));
         let unknowns = self.fixed.iter().filter(|h| !**h).count() + POSE * poses.len();
@@ -227,9 +227,9 @@ impl BundleEquations {
         Some((matrix, right))
     }
 
-    fn step(&self, damping: f64, fixed: &[bool; GLOBAL]) -> Option<(GlobalParameters, Vec<Vector6<f64>>)> {
+    fn solve_damped_step(&self, damping: f64, fixed: &[bool; GLOBAL]) -> Option<(GlobalParameters, Vec<Vector6<f64>>)> {
         let (matrix, right) = self.reduced_equations(damping)?;
-        let step = scaled_inverse(&mask_matrix(matrix, fixed))? * mask_vector(right, fixed);
+        let step = scaled_inverse(&fix_parameters_in_matrix(matrix, fixed))? * fix_parameters_in_vector(right, fixed);
         let back = |pose: &PoseEquations| {
             Some(pose.damped_matrix(damping).cholesky()?.solve(&(pose.right - pose.cross.transpose() * step)))
         };
@@ -238,13 +238,13 @@ impl BundleEquations {
 
     /// Returns the decrease of the sum of squares that an undamped step promises.
     fn predicted_decrease(&self, fixed: &[bool; GLOBAL]) -> Option<f64> {
-        let (step, pose_steps) = self.step(0.0, fixed)?;
+        let (step, pose_steps) = self.solve_damped_step(0.0, fixed)?;
         let own: f64 = self.poses.iter().zip(&pose_steps).map(|(pose, step)| pose.right.dot(step)).sum();
-        Some(mask_vector(self.right, fixed).dot(&step) + own)
+        Some(fix_parameters_in_vector(self.right, fixed).dot(&step) + own)
     }
 }
 
-fn mask_matrix(mut matrix: GlobalCovariance, fixed: &[bool; GLOBAL]) -> GlobalCovariance {
+fn fix_parameters_in_matrix(mut matrix: GlobalCovariance, fixed: &[bool; GLOBAL]) -> GlobalCovariance {
     for k in (0..GLOBAL).filter(|k| fixed[*k]) {
         matrix.row_mut(k).fill(0.0);
         matrix.column_mut(k).fill(0.0);
@@ -253,7 +253,7 @@ fn mask_matrix(mut matrix: GlobalCovariance, fixed: &[bool; GLOBAL]) -> GlobalCo
     matrix
 }
 
-fn mask_vector(mut right: GlobalParameters, fixed: &[bool; GLOBAL]) -> GlobalParameters {
+fn fix_parameters_in_vector(mut right: GlobalParameters, fixed: &[bool; GLOBAL]) -> GlobalParameters {
     (0..GLOBAL).filter(|k| fixed[*k]).for_each(|k| right[k] = 0.0);
     right
 }

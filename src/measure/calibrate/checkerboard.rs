@@ -60,13 +60,13 @@ pub(super) fn find_checkerboard(
 /// Finds corners with their grid labels; large images are searched in a smaller copy first, then at full size.
 fn locate_corners(raster: &Raster) -> Option<GridCorners> {
     let (small, scale) = reduced::reduce_image(raster);
-    let found = small.as_ref().and_then(detect_grid).map(|found| {
+    let found = small.as_ref().and_then(detect_chessboard_grid).map(|found| {
         found.into_iter().map(|(cell, p)| (cell, p * scale + Vector2::repeat(0.5 * (scale - 1.0)))).collect()
     });
-    found.or_else(|| detect_grid(raster))
+    found.or_else(|| detect_chessboard_grid(raster))
 }
 
-fn detect_grid(raster: &Raster) -> Option<GridCorners> {
+fn detect_chessboard_grid(raster: &Raster) -> Option<GridCorners> {
     let gray = GrayImageView { width: raster.width(), height: raster.height(), data: raster.luma() };
     let corners = detect_corners(&gray, &default_chess_config());
     let ways = ChessboardParams::sweep_default().into_iter();
@@ -143,7 +143,7 @@ fn best_placement(corners: &GridCorners, columns: usize, rows: usize) -> Option<
         let size = if turned { (rows, columns) } else { (columns, rows) };
         for &u in &us {
             for &v in &vs {
-                let count = cells.iter().filter(|c| is_inside_board(c, (u, v), size)).count();
+                let count = cells.iter().filter(|c| is_cell_inside_board(c, (u, v), size)).count();
                 if best.is_none_or(|b| count > b.0) {
                     best = Some((count, (u, v), turned));
                 }
@@ -153,7 +153,7 @@ fn best_placement(corners: &GridCorners, columns: usize, rows: usize) -> Option<
     best.map(|(_, origin, turned)| (origin, turned))
 }
 
-fn is_inside_board(cell: &GridCell, origin: GridCell, size: (usize, usize)) -> bool {
+fn is_cell_inside_board(cell: &GridCell, origin: GridCell, size: (usize, usize)) -> bool {
     (origin.0..origin.0 + size.0 as i32).contains(&cell.0) && (origin.1..origin.1 + size.1 as i32).contains(&cell.1)
 }
 

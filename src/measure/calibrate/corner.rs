@@ -61,7 +61,7 @@ pub(super) struct FittedCorner {
 /// Fits a corner; `None` if the grey values do not show one.
 pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCorner> {
     let pixels = edge_pixels(raster, hint)?;
-    let mut at = start_values(hint);
+    let mut at = corner_start_values(hint);
     let (mut normal, mut right, mut sum) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
     // Mean, contrast and gradient are linear: one step is enough.
     assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
@@ -85,13 +85,13 @@ pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCor
         (at, normal, right, sum) = (next, n, r, s);
         damping *= 0.1;
         if step.fixed_rows::<2>(0).norm() < SETTLED_PX {
-            return accept_corner(hint, &at, &normal, sum, pixels.len());
+            return check_fitted_corner(hint, &at, &normal, sum, pixels.len());
         }
     }
     None
 }
 
-fn accept_corner(
+fn check_fitted_corner(
     hint: &CornerHint,
     at: &CornerParameters,
     normal: &CornerNormalMatrix,
@@ -133,7 +133,7 @@ fn smoothed_grey(raster: &Raster, x: usize, y: usize) -> f64 {
     KERNEL[0] * row(-1) + KERNEL[1] * row(0) + KERNEL[2] * row(1)
 }
 
-fn start_values(hint: &CornerHint) -> CornerParameters {
+fn corner_start_values(hint: &CornerHint) -> CornerParameters {
     let angle = |e: &Vector2<f64>| e.y.atan2(e.x);
     let (c, e) = (hint.centre, hint.edges);
     let blur = START_BLUR_PX;

@@ -56,8 +56,8 @@ pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selecti
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
-        spread_deg: spread_deg(adjusted),
-        coverage: image_coverage(&adjusted.camera.lens, used),
+        spread_deg: board_tilt_spread_deg(adjusted),
+        coverage: count_points_per_ninth(&adjusted.camera.lens, used),
         rejections: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
         covered_radius_px: 0.0,
@@ -78,7 +78,7 @@ pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selecti
     found
 }
 
-fn spread_deg(adjusted: &CameraAdjustment) -> f64 {
+fn board_tilt_spread_deg(adjusted: &CameraAdjustment) -> f64 {
     let normal = |pose: &BoardPose| {
         let normal: Vector3<f64> = pose.camera_from_board.matrix().column(2).into();
         normal * normal.z.signum()
@@ -89,7 +89,7 @@ fn spread_deg(adjusted: &CameraAdjustment) -> f64 {
     (sum / normals.len().max(1) as f64).sqrt().to_degrees()
 }
 
-fn image_coverage(lens: &Lens, used: &[(usize, BoardView)]) -> [[usize; 3]; 3] {
+fn count_points_per_ninth(lens: &Lens, used: &[(usize, BoardView)]) -> [[usize; 3]; 3] {
     let ninth = |value: f64, side: u32| ((3.0 * value / f64::from(side)).max(0.0) as usize).min(2);
     let mut counts = [[0; 3]; 3];
     for p in used.iter().flat_map(|(_, v)| v) {

@@ -75,10 +75,10 @@ fn projection_uncertainty(
             *ninth = (ninth.0 + v, ninth.1 + 1);
         }
     }
-    summarize_cells(distance_m, &ninths, cells_px)
+    summarize_projection_cells(distance_m, &ninths, cells_px)
 }
 
-fn summarize_cells(
+fn summarize_projection_cells(
     distance_m: f64,
     ninths: &[[(f64, usize); 3]; 3],
     cells_px: Vec<Vec<Option<f64>>>,

@@ -99,7 +99,7 @@ impl BoardShape {
         Matrix3::new(0.0, 0.0, -0.5 * off.x, 0.0, 0.0, 0.5 * off.y, 1.0 - uv.x * uv.x, 1.0 - uv.y * uv.y, 0.0)
     }
 
-    /// Returns the point in space, board frame, m: linear in the form.
+    /// Returns the position in space of a board point on the bent board, board frame, m: linear in the form.
     pub(super) fn surface_point(&self, board_m: &Vector2<f64>, form: &BoardForm) -> Vector3<f64> {
         Vector3::new(board_m.x, board_m.y, 0.0) + self.form_jacobian(board_m) * form
     }

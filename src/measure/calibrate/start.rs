@@ -41,10 +41,10 @@ pub(super) fn min_plane_misfit_px(view: &BoardView, size: ImageSize) -> f64 {
         };
         view.iter().map(place).collect()
     };
-    TRIAL_DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
+    TRIAL_DISTORTIONS.iter().map(|d| homography_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
 }
 
-fn plane_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
+fn homography_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
     let Some(h) = fit_homography(view, centre) else { return f64::INFINITY };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);

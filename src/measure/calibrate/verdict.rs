@@ -68,11 +68,11 @@ pub fn count_refusals(calibration: &Calibration, board: Option<String>) -> usize
 fn collect_findings(calibration: &Calibration, board: Option<String>) -> Vec<(Verdict, String)> {
     let mut found: Vec<(Verdict, String)> = [
         board.map(|reason| (Verdict::Refused, reason)),
-        residual_finding(calibration),
-        fold_finding(calibration),
+        large_residual_finding(calibration),
+        distortion_fold_finding(calibration),
         stretch_finding(calibration),
         halves_finding(calibration),
-        rejection_finding(calibration),
+        rejected_images_finding(calibration),
         coverage_finding(calibration),
     ]
     .into_iter()
@@ -83,7 +83,7 @@ fn collect_findings(calibration: &Calibration, board: Option<String>) -> Vec<(Ve
     found
 }
 
-fn fold_finding(c: &Calibration) -> Option<(Verdict, String)> {
+fn distortion_fold_finding(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
@@ -106,7 +106,7 @@ fn fold_finding(c: &Calibration) -> Option<(Verdict, String)> {
     Some((Verdict::Refused, text))
 }
 
-fn residual_finding(c: &Calibration) -> Option<(Verdict, String)> {
+fn large_residual_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let verdict = match (c.rms_px, c.pattern.image_px.max(c.pattern.board_px)) {
         (r, _) if r > REFUSED_RMS_PX => Verdict::Refused,
         (r, _) if r > POOR_RMS_PX => Verdict::Poor,
@@ -122,7 +122,7 @@ fn residual_cause(c: &Calibration) -> String {
     let (image, board) = (c.pattern.image_px, c.pattern.board_px);
     let lens = format!(
         "the position in the image ({image:.2} px): {} does not fit this lens (a fisheye, or too wide)",
-        model_name(c)
+        distortion_model_name(c)
     );
     let shape = format!(
         "the position on the board ({board:.2} px): the board is not as described (count its rows and \
@@ -140,7 +140,7 @@ fn residual_cause(c: &Calibration) -> String {
     format!("they depend on {}", causes.join("; and "))
 }
 
-fn model_name(c: &Calibration) -> &'static str {
+fn distortion_model_name(c: &Calibration) -> &'static str {
     if c.lens.denominator == [0.0; 3] { "Brown's model" } else { "the rational model" }
 }
 
@@ -188,7 +188,7 @@ fn stretch_finding(c: &Calibration) -> Option<(Verdict, String)> {
     Some((Verdict::Poor, text))
 }
 
-fn rejection_finding(c: &Calibration) -> Option<(Verdict, String)> {
+fn rejected_images_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let other = c.rejections.iter().flatten().filter(|d| !matches!(d, ImageRejection::TooFewPoints { .. })).count();
     let seen = c.rejections.iter().filter(|d| !matches!(d, Some(ImageRejection::TooFewPoints { .. }))).count();
     (3 * other >= seen && other > 0).then(|| {
@@ -204,7 +204,7 @@ fn rejection_finding(c: &Calibration) -> Option<(Verdict, String)> {
 /// that the lens follows the model exactly.
 fn coverage_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let empty: Vec<&str> =
-        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region_name(k % 3, k / 3)).collect();
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| image_region_name(k % 3, k / 3)).collect();
     (!empty.is_empty()).then(|| {
         let text = format!("the board was not shown in these parts of the image: {}; show it there", empty.join(", "));
         (Verdict::Poor, text)
@@ -232,7 +232,7 @@ fn uncertainty_finding(c: &Calibration) -> Option<(Verdict, String)> {
     } else {
         format!(
             "take more images with a tilted board in the {} of the image",
-            region_name(worst.worst.0, worst.worst.1)
+            image_region_name(worst.worst.0, worst.worst.1)
         )
     };
     let text = format!(
@@ -240,12 +240,12 @@ fn uncertainty_finding(c: &Calibration) -> Option<(Verdict, String)> {
         worst.distance_m,
         worst.sigma_px,
         worst.worst_sigma_px,
-        region_name(worst.worst.0, worst.worst.1)
+        image_region_name(worst.worst.0, worst.worst.1)
     );
     Some((verdict, text))
 }
 
-fn region_name(column: usize, row: usize) -> &'static str {
+fn image_region_name(column: usize, row: usize) -> &'static str {
     [
         ["upper left", "upper middle", "upper right"],
         ["left", "middle", "right"],

@@ -73,7 +73,7 @@ const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without predictions. The result does not depend on the number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    finish_detections(image, search_frame(image, GuidedDetector::new(image).search_options(Scope::Frame)))
+    finish_detections(image, search_frame(image, GuidedDetector::new(image).search_options_for(Scope::Frame)))
 }
 
 /// Finds the predicted markers, searching only around them. A marker that is found has the result of [`detect`]; others are
@@ -103,21 +103,21 @@ impl GuidedDetector {
 
     /// Finds the predicted markers, as [`detect_guided`] does.
     pub fn detect(&self, image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
-        let mut all = search_frame(image, self.search_options(Scope::Around(predictions)));
+        let mut all = search_frame(image, self.search_options_for(Scope::Around(predictions)));
         scope::keep_predicted(&mut all.found, predictions);
         finish_detections(image, all)
     }
 
     /// Finds the predicted markers that need no second pass, to some 0.1 px.
     pub fn detect_coarse(&mut self, image: &Raster, predictions: &[MarkerPrediction]) -> Vec<Detection> {
-        let options = SearchOptions { rough: true, ..self.search_options(Scope::Around(predictions)) };
+        let options = SearchOptions { rough: true, ..self.search_options_for(Scope::Around(predictions)) };
         let SearchResult { mut found, sharpening, .. } = search_frame(image, options);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
     }
 
-    fn search_options<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
+    fn search_options_for<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
         SearchOptions { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
     }
 }
@@ -156,6 +156,7 @@ struct SearchResult {
     sharpening: Sharpening,
 }
 
+/// Inflates covariances for correlated noise, dirt, misfit and lost contrast, and sorts markers and rejected ones.
 fn finish_detections(image: &Raster, SearchResult { mut found, noise, sharpening }: SearchResult) -> Detections {
     let inflation = correlated::correlation_factor(&found.measured);
     let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();

@@ -69,7 +69,7 @@ struct MarkerSearch<'a> {
 }
 
 impl MarkerSearch<'_> {
-    fn hypotheses(&mut self, stage: SearchStage) -> Vec<Hypothesis> {
+    fn stage_hypotheses(&mut self, stage: SearchStage) -> Vec<Hypothesis> {
         let Self { scope, seen, blobs, pairs, measurer, taken, found, .. } = self;
         match stage {
             SearchStage::Quadrants => gather::quadrant_hypotheses(seen, measurer.bounds.noise, blobs, pairs),
@@ -193,7 +193,7 @@ impl<'a> SearchProgress<'a> {
             unsure: Vec::new(),
         };
         for stage in [SearchStage::Quadrants, SearchStage::Narrow, SearchStage::Discs] {
-            for hypothesis in &search.hypotheses(stage) {
+            for hypothesis in &search.stage_hypotheses(stage) {
                 if !search.skips(stage, hypothesis) {
                     search.measure(hypothesis);
                 }

@@ -91,7 +91,7 @@ pub fn variance_components(
             let vague = |i: &usize| free[*i] && sigmas[*i] > MAX_RELATIVE_SIGMA;
             let worst = (0..groups.len()).filter(vague).max_by(|&a, &b| sigmas[a].total_cmp(&sigmas[b]));
             if let Some(worst) = worst {
-                remarks.push(unestimated_remark(groups[worst].name, shares.redundancy[worst]));
+                remarks.push(unestimated_component_remark(groups[worst].name, shares.redundancy[worst]));
                 (free[worst], logs[worst]) = (false, 0.0);
                 continue;
             }
@@ -110,7 +110,7 @@ pub fn variance_components(
         for i in 0..groups.len() {
             logs[i] += share * steps[i].clamp(-MAX_STEP, MAX_STEP);
             if logs[i] < MIN_COMPONENT.ln() {
-                remarks.push(unestimated_remark(groups[i].name, shares.redundancy[i]));
+                remarks.push(unestimated_component_remark(groups[i].name, shares.redundancy[i]));
                 (free[i], logs[i]) = (false, 0.0);
             }
         }
@@ -123,7 +123,7 @@ pub fn variance_components(
     Ok(ComponentEstimate { fit, components, remarks: vec![sentence.into()] })
 }
 
-fn unestimated_remark(name: &str, redundancy: f64) -> String {
+fn unestimated_component_remark(name: &str, redundancy: f64) -> String {
     format!(
         "the variance component of {name} cannot be estimated from this frame (redundancy \
          {redundancy:.1}); its standard deviations stay as given"
@@ -169,7 +169,7 @@ impl ScoringEquations {
         }
     }
 
-    fn free_information(&self, free: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
+    fn information_of_free_components(&self, free: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
         let list: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
         let n = list.len();
         let part = DMatrix::from_fn(n, n, |i, j| self.information[(list[i], list[j])]);
@@ -179,7 +179,7 @@ impl ScoringEquations {
     /// Returns steps of the logarithms and the gain in likelihood. If two components have the same effect, the step goes
     /// along their common direction.
     fn scoring_steps(&self, free: &[bool]) -> (Vec<f64>, f64) {
-        let (list, mut part) = self.free_information(free);
+        let (list, mut part) = self.information_of_free_components(free);
         (0..list.len()).for_each(|k| part[(k, k)] += RIDGE);
         let score = |&i: &usize| 0.5 * (self.omega[i] - self.redundancy[i]);
         let score = DVector::from_iterator(list.len(), list.iter().map(score));
@@ -191,7 +191,7 @@ impl ScoringEquations {
 
     /// Returns standard deviations of the logarithms, including the uncertainty of the components that are kept as given.
     fn log_sigmas(&self, free: &[bool]) -> Vec<f64> {
-        let (list, part) = self.free_information(free);
+        let (list, part) = self.information_of_free_components(free);
         let mut sigmas = vec![f64::INFINITY; free.len()];
         let Some(inverse) = part.cholesky().map(|c| c.inverse()) else { return sigmas };
         for (k, &i) in list.iter().enumerate() {

@@ -21,7 +21,7 @@ const MIN_NEW_LENGTH: f64 = 1e-3;
 /// Largest fraction of the normal matrix that may be lost along a direction, so that the rest stays regular.
 const MAX_LOSS: f64 = 0.98;
 
-/// Returns half the second derivative: the normal matrix `N`, corrected along the directions of Lanczos by differences of
+/// Returns half the Hessian of the sum: the normal matrix `N`, corrected along Lanczos directions by differences of
 /// the gradient. `start`: a direction with a known difference, `start' N start = 1`; `system`: the equations at the state.
 pub(super) fn half_hessian<L>(
     system: &NormalEquations,

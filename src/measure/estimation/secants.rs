@@ -48,7 +48,7 @@ impl Secants {
         global: &DVector<f64>,
     ) -> Result<DVector<f64>, EstimationError> {
         if let Some((before, right)) = self.from.take() {
-            self.add_pair(&system.normal, global - before, right - &system.right);
+            self.add_secant_pair(&system.normal, global - before, right - &system.right);
         }
         self.from = Some((global.clone(), system.right.clone()));
         let mut step = system.right.clone();
@@ -80,7 +80,7 @@ impl Secants {
         self.pairs.is_empty()
     }
 
-    fn add_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut change: DVector<f64>) {
+    fn add_secant_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut change: DVector<f64>) {
         let expected = normal * &moved;
         let (observed, own) = (moved.dot(&change), moved.dot(&expected));
         if own <= 0.0 || own > Self::MAX_SQUARED_LENGTH || (observed / own - 1.0).abs() < Self::MIN_DEVIATION {

@@ -114,7 +114,7 @@ impl BlockStack {
                 for (row, &value) in rows.chunks_exact(width).zip(values) {
                     add_scaled(&mut workspace.with, value, row);
                 }
-                target.add_own_column(column, &workspace.with, self.local, &self.shared);
+                target.add_column_products(column, &workspace.with, self.local, &self.shared);
                 for (b, &other) in block.own.iter().enumerate().take(a + 1) {
                     let square = dot_product(values, &workspace.own[b * n..(b + 1) * n]);
                     target.normal[(column.max(other), column.min(other))] += square;
@@ -128,7 +128,7 @@ impl BlockStack {
 }
 
 impl ProductTarget<'_> {
-    fn add_own_column(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
+    fn add_column_products(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
         let p = self.right.len();
         let coupling = self.coupling.as_mut_slice().iter_mut().skip(column).step_by(p);
         coupling.zip(&with[..local]).for_each(|(target, value)| *target += value);

@@ -200,7 +200,7 @@ impl NormalEquations {
         next.global += step;
         let mut work = vec![];
         for (index, (part, group)) in self.groups.iter().zip(&problem.groups).enumerate() {
-            let local_step = part.local_step(step);
+            let local_step = part.solve_local_step(step);
             next.local[index].copy_from(&state.local[index]);
             next.local[index] += &local_step;
             let systems = part.stack.iter().flat_map(|s| &s.blocks);
@@ -282,7 +282,7 @@ impl GroupSystem {
         Ok(())
     }
 
-    fn local_step(&self, step: &DVector<f64>) -> DVector<f64> {
+    fn solve_local_step(&self, step: &DVector<f64>) -> DVector<f64> {
         let mut local = self.right.clone();
         for i in (0..local.len()).rev() {
             let known: f64 = (i + 1..local.len()).map(|k| self.factor[(k, i)] * local[k]).sum();

@@ -73,7 +73,7 @@ pub struct VarianceContribution {
 struct VarianceSum(Vec<(&'static str, f64)>);
 
 impl VarianceSum {
-    fn add(&mut self, source: &'static str, variance: f64) {
+    fn add_variance(&mut self, source: &'static str, variance: f64) {
         match self.0.iter_mut().find(|(name, _)| *name == source) {
             Some((_, sum)) => *sum += variance,
             None => self.0.push((source, variance)),
@@ -130,16 +130,16 @@ impl<'a> VarianceSources<'a> {
     /// [`Fit::function_variances`].
     pub fn contributions(&self, group: usize, gradient: &Gradient) -> Vec<VarianceContribution> {
         let (by, own) = self.fit.eliminate_observations(group, gradient);
-        let sensitivity = self.sensitivity(group, &by);
+        let sensitivity = self.function_sensitivity(group, &by);
         let mut sum = VarianceSum::default();
-        self.add_priors(&sensitivity.global, &mut sum);
+        self.add_prior_variances(&sensitivity.global, &mut sum);
         self.add_information_prior(&sensitivity.global, &mut sum);
         self.add_own_group(group, &sensitivity, &gradient.observed, &mut sum);
         self.add_other_groups(group, &sensitivity.global, &mut sum);
         let total = own[(0, 0)] + sensitivity.function_variance(&by);
         if self.problem.groups.len() > 1 {
             let explained = sum.total();
-            sum.add(self.naming.rest, (total - explained).max(0.0));
+            sum.add_variance(self.naming.rest, (total - explained).max(0.0));
         }
         let part = |(source, variance)| VarianceContribution {
             source,
@@ -149,7 +149,7 @@ impl<'a> VarianceSources<'a> {
         sum.0.into_iter().map(part).collect()
     }
 
-    fn sensitivity(&self, group: usize, by: &Gradient) -> Sensitivity {
+    fn function_sensitivity(&self, group: usize, by: &Gradient) -> Sensitivity {
         let solved = &self.fit.groups[group];
         let mut function = DVector::zeros(self.fit.global.len());
         by.columns.iter().enumerate().for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
@@ -162,9 +162,9 @@ impl<'a> VarianceSources<'a> {
         Sensitivity { local: &solved.sensitivity * &global + &solved.conditional * local, global }
     }
 
-    fn add_priors(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
+    fn add_prior_variances(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
         for prior in &self.problem.priors {
-            sum.add(prior.name.source, prior_variance(prior, global));
+            sum.add_variance(prior.name.source, prior_variance(prior, global));
         }
     }
 
@@ -174,15 +174,15 @@ impl<'a> VarianceSources<'a> {
         let all = global.dot(&(&known.information * global));
         let mut named = VarianceSum::default();
         for prior in self.attributed.iter().flat_map(|attributed| &attributed.priors) {
-            named.add(prior.name.source, prior_variance(prior, global));
+            named.add_variance(prior.name.source, prior_variance(prior, global));
         }
         for (block, solved, observed) in self.attributed.iter().flat_map(|attributed| &attributed.blocks) {
             let dependence = observation_sensitivity(solved, global, &DVector::zeros(0));
             add_block(block, &-dependence, observed, &mut named);
         }
         let rest = (all - named.total()).max(0.0);
-        named.0.into_iter().for_each(|(source, variance)| sum.add(source, variance));
-        sum.add(self.naming.known, rest);
+        named.0.into_iter().for_each(|(source, variance)| sum.add_variance(source, variance));
+        sum.add_variance(self.naming.known, rest);
     }
 
     /// Adds the contributions of the function's own group.
@@ -195,7 +195,7 @@ impl<'a> VarianceSources<'a> {
     ) {
         let (given, solved) = (&self.problem.groups[group], &self.fit.groups[group]);
         for prior in &given.priors {
-            sum.add(prior.name.source, prior_variance(prior, &sensitivity.local));
+            sum.add_variance(prior.name.source, prior_variance(prior, &sensitivity.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
             let mut dependence = -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
@@ -217,7 +217,7 @@ impl<'a> VarianceSources<'a> {
         for (source, information) in &self.group_information {
             let all = global.dot(&(information * global));
             let own = own.0.iter().find(|(name, _)| name == source).map_or(0.0, |(_, variance)| *variance);
-            sum.add(source, (all - own).max(0.0));
+            sum.add_variance(source, (all - own).max(0.0));
         }
     }
 
@@ -242,7 +242,7 @@ impl<'a> VarianceSources<'a> {
         let mut all = vec![];
         for prior in &group.priors {
             let rows = whitening_matrix(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
-            stack_rows(&mut all, prior.name.source, &rows);
+            append_source_rows(&mut all, prior.name.source, &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
             let mut observed = (self.naming.observations)(index, k);
@@ -259,7 +259,7 @@ impl<'a> VarianceSources<'a> {
                 let (first, count) = (range.start, range.len());
                 let covariance = block.covariance.view((first, first), (count, count)).into_owned();
                 let gain = fit.gain.rows(first, count);
-                stack_rows(&mut all, source, &(whitening_matrix(&covariance) * gain * &by_global));
+                append_source_rows(&mut all, source, &(whitening_matrix(&covariance) * gain * &by_global));
             }
         }
         all.into_iter().map(|(source, rows)| (source, DMatrix::from_rows(&rows))).collect()
@@ -323,7 +323,7 @@ fn add_block(block: &Block, dependence: &DVector<f64>, observed: &[NamedObservat
         let (first, count) = (range.start, range.len());
         let covariance = block.covariance.view((first, first), (count, count)).into_owned();
         let own = dependence.rows(first, count);
-        sum.add(source, inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))));
+        sum.add_variance(source, inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))));
     }
 }
 
@@ -339,7 +339,7 @@ fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
 
 type StackedRows = Vec<nalgebra::RowDVector<f64>>;
 
-fn stack_rows(all: &mut Vec<(&'static str, StackedRows)>, source: &'static str, rows: &DMatrix<f64>) {
+fn append_source_rows(all: &mut Vec<(&'static str, StackedRows)>, source: &'static str, rows: &DMatrix<f64>) {
     let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
         all.push((source, vec![]));
         all.len() - 1

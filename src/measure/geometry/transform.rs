@@ -69,8 +69,8 @@ type Matrix7 = SMatrix<f64, 7, 7>;
 type Vector7 = SVector<f64, 7>;
 
 impl TransformFit {
-    /// Estimates by weighted least squares: the closed form (Umeyama 1991, with the determinant guard), then Gauss-Newton
-    /// for the last digits and the covariance.
+    /// Estimates the transformation by weighted least squares: the closed form (Umeyama 1991, with the determinant
+    /// guard), then Gauss-Newton for the last digits and the covariance.
     ///
     /// # Errors
     /// Returns an error if the points are invalid, collinear or mirrored.
@@ -93,10 +93,10 @@ impl TransformFit {
             transform.translation_m += step.fixed_rows::<3>(3);
             transform.scale += step[6];
         }
-        Ok(Self::assess(points, transform, cofactor, with_scale))
+        Ok(Self::from_transform(points, transform, cofactor, with_scale))
     }
 
-    fn assess(points: &[PointPair], transform: Similarity, cofactor: Matrix7, with_scale: bool) -> Self {
+    fn from_transform(points: &[PointPair], transform: Similarity, cofactor: Matrix7, with_scale: bool) -> Self {
         let residuals_m: Vec<_> = points.iter().map(|p| p.target_m - transform.apply(&p.source_m)).collect();
         let redundancy = 3 * points.len() - if with_scale { 7 } else { 6 };
         let weighted: f64 = points

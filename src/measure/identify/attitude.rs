@@ -9,7 +9,7 @@ pub(super) fn rotation_from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f6
     Some(Rotation3::from_matrix_unchecked(b * a.transpose()))
 }
 
-/// Returns orthonormal axes: along the mean of two directions, in their plane across the mean, and normal to the plane.
+/// Returns the orthonormal axes of two directions: along their mean, across it in their plane, and normal to the plane.
 fn orthonormal_triad([a, b]: [&Vector3<f64>; 2]) -> Option<Matrix3<f64>> {
     let across = a.cross(b);
     if across.norm() < 1e-6 {

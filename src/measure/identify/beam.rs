@@ -79,7 +79,7 @@ impl CoarseBeam {
 
     /// Returns section and offset of a point on the ground, wing frame, m.
     fn arm_to(&self, p: &Vector3<f64>) -> Arm {
-        let nodes = self.axis_nodes(&self.slopes, 1.0);
+        let nodes = self.axis_node_positions(&self.slopes, 1.0);
         let target = Vector2::new(p.x, p.y);
         let mut foot_m = p.x - self.root.x;
         for _ in 0..6 {
@@ -96,7 +96,7 @@ impl CoarseBeam {
     /// Returns the markers in flight, wing frame, m. `scale`: thermal expansion.
     pub(super) fn marker_positions(&self, state: &WingState, scale: f64) -> Vec<Vector3<f64>> {
         let slopes = self.bent_slopes(state);
-        let nodes = self.axis_nodes(&slopes, scale);
+        let nodes = self.axis_node_positions(&slopes, scale);
         self.arms
             .iter()
             .zip(&self.ground_m)
@@ -159,7 +159,7 @@ impl CoarseBeam {
         std::array::from_fn(|i| self.slopes[i] + self.added_slope(state, i as f64 * step))
     }
 
-    fn axis_nodes(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
+    fn axis_node_positions(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
         let step = scale * self.length_m / INTERVALS as f64;
         let mut nodes = [self.root; INTERVALS + 1];
         for i in 0..INTERVALS {

@@ -35,7 +35,7 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
     for _ in 0..4 {
         let better = list_alternatives(problem, &refined)
             .into_iter()
-            .filter_map(|r| Some((pair_evidence(problem, &refined, &r.pairs)?, r)))
+            .filter_map(|r| Some((evidence_for_pairs(problem, &refined, &r.pairs)?, r)))
             .filter(|(e, _)| *e > refined.evidence + 1e-6)
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, reading)) = better else { break };
@@ -48,7 +48,7 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
     let mut ambiguous: Vec<(usize, Ambiguity)> = Vec::new();
     for reading in list_alternatives(problem, &refined) {
         let close =
-            pair_evidence(problem, &refined, &reading.pairs).is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
+            evidence_for_pairs(problem, &refined, &reading.pairs).is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
         if close {
             for concern in reading.concerns {
                 if !ambiguous.iter().any(|d| d.0 == concern.0) {
@@ -60,7 +60,7 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
     MatchDecision { refined, ambiguous }
 }
 
-fn pair_evidence(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pairs: &[MatchedPair]) -> Option<f64> {
+fn evidence_for_pairs(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pairs: &[MatchedPair]) -> Option<f64> {
     problem.solve_step(pairs, &refined.predicted, &refined.prior, &refined.state).map(|s| s.evidence)
 }
 
@@ -71,7 +71,7 @@ fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> V
     let pairs = &refined.pairs;
     for (k, &(i, j)) in pairs.iter().enumerate() {
         for other in 0..refined.predicted.len() {
-            if other == j || !is_near(problem, refined, (i, other)) {
+            if other == j || !is_pair_plausible(problem, refined, (i, other)) {
                 continue;
             }
             let mut changed = pairs.clone();
@@ -82,7 +82,7 @@ fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> V
                     let mut stolen = changed.clone();
                     stolen.remove(at);
                     let concerns = vec![(j, Ambiguity::Marker(other)), (other, Ambiguity::Marker(j))];
-                    if is_near(problem, refined, (pairs[at].0, j)) {
+                    if is_pair_plausible(problem, refined, (pairs[at].0, j)) {
                         changed[at] = (pairs[at].0, j);
                         all.push(AlternativeMatch { pairs: changed, concerns: concerns.clone() });
                     }
@@ -91,7 +91,7 @@ fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> V
             }
         }
         for &other in problem.candidates(j) {
-            if other != i && !pairs.iter().any(|p| p.0 == other) && is_near(problem, refined, (other, j)) {
+            if other != i && !pairs.iter().any(|p| p.0 == other) && is_pair_plausible(problem, refined, (other, j)) {
                 let mut changed = pairs.clone();
                 changed[k] = (other, j);
                 all.push(AlternativeMatch { pairs: changed, concerns: vec![(j, Ambiguity::Detection)] });
@@ -101,10 +101,10 @@ fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> V
     all
 }
 
-fn is_near(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pair: MatchedPair) -> bool {
+fn is_pair_plausible(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pair: MatchedPair) -> bool {
     let covariance = refined.covariance * 4.0;
     problem.candidates(pair.1).contains(&pair.0)
-        && problem.outline_fits(pair, &refined.outlines)
+        && problem.is_outline_compatible(pair, &refined.outlines)
         && super::fit::squared_distance(pair, &refined.predicted, problem.detections, &covariance, false)
             < NEIGHBOURHOOD
 }

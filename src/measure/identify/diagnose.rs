@@ -62,7 +62,7 @@ const DEFLECTION_STEP: f64 = 0.02;
 /// Ratio of detections to markers above which a frame is clutter: a diagnosis would mean nothing and take seconds.
 const CLUTTER_RATIO: usize = 3;
 
-fn is_clutter(setup: &Setup, detections: &[Detection]) -> bool {
+fn is_mostly_clutter(setup: &Setup, detections: &[Detection]) -> bool {
     detections.len() > CLUTTER_RATIO * setup.markers.len()
 }
 
@@ -70,7 +70,7 @@ impl WingView<'_> {
     /// Diagnoses a frame in flight that [`WingView::identify_markers`] rejected. Returns `None` if no cause is found.
     pub fn diagnose_frame(&self, detections: &[Detection]) -> Option<MismatchCause> {
         let lens = &self.setup.lens;
-        if is_clutter(self.setup, detections) {
+        if is_mostly_clutter(self.setup, detections) {
             return None;
         }
         diagnose_turn(self.setup, self.orientation, detections)
@@ -109,7 +109,7 @@ pub fn diagnose_ground_frames(setup: &Setup, frames: &[Vec<Detection>]) -> Optio
 
 /// Diagnoses a ground frame that fits nothing, with unknown attitude of the camera.
 fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<MismatchCause> {
-    if is_clutter(setup, detections) {
+    if is_mostly_clutter(setup, detections) {
         return None;
     }
     let mirrored = mirror_detections(&setup.lens, detections);

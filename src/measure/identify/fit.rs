@@ -29,11 +29,11 @@ pub(super) struct StatePrior {
 }
 
 impl StatePrior {
-    pub(super) fn precision(&self) -> Matrix8 {
+    pub(super) fn precision_matrix(&self) -> Matrix8 {
         Matrix8::from_diagonal(&self.sigma.map(|s| 1.0 / (s * s)))
     }
 
-    pub(super) fn covariance(&self) -> Matrix8 {
+    pub(super) fn covariance_matrix(&self) -> Matrix8 {
         Matrix8::from_diagonal(&self.sigma.map(|s| s * s))
     }
 }
@@ -89,7 +89,7 @@ pub(super) fn solve_step(
     state: &WingState,
     clutter: Clutter,
 ) -> Option<StateStep> {
-    let mut normal = prior.precision();
+    let mut normal = prior.precision_matrix();
     let mut right = normal * (prior.mean - state);
     let mut cost = right.dot(&(prior.mean - state));
     let mut evidence = 0.0;

@@ -35,7 +35,7 @@ pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
         let scene = WingView::on_ground(setup, &orientation);
         let corrected: Vec<_> =
             frames.iter().zip(&identities).map(|(f, i)| correct_centres(&scene, &WingState::zeros(), f, i)).collect();
-        let images = ground_images(&corrected, &identities);
+        let images = identified_ground_images(&corrected, &identities);
         let adjusted = adjust_orientation(setup, &orientation.camera_from_survey, images);
         let Some(adjusted) = adjusted.filter(|a| a.used.len() >= MIN_IDENTIFIED) else {
             let found = frames.iter().map(Vec::len).sum();
@@ -108,13 +108,13 @@ fn first_consensus(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Consensus
                     best = Some(next);
                 }
             }
-            Err(error) => failure = more_promising(failure, error),
+            Err(error) => failure = more_promising_error(failure, error),
         }
     }
     best.ok_or(failure)
 }
 
-fn more_promising(a: IdentifyError, b: IdentifyError) -> IdentifyError {
+fn more_promising_error(a: IdentifyError, b: IdentifyError) -> IdentifyError {
     let rank = |e: &IdentifyError| match e {
         IdentifyError::TooFew { found, .. } => *found,
         IdentifyError::NoConsensus { matched, .. } => 1_000 + matched,
@@ -185,7 +185,7 @@ fn explain_missing(scene: &WingView<'_>, detections: &[Detection], identities: &
     }
 }
 
-fn ground_images(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<GroundImage> {
+fn identified_ground_images(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<GroundImage> {
     let mut images = Vec::new();
     for (frame, (detections, of_frame)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of_frame.marker_of).enumerate() {

@@ -62,7 +62,7 @@ impl WingView<'_> {
     /// Predicts the markers that [`WingView::locate_markers`] searches for first.
     pub fn predict_nearest(&self) -> Vec<MarkerPrediction> {
         let prior = self.search_prior();
-        let predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
+        let predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
         let first = next_markers(&predicted_by_marker, &vec![false; predicted_by_marker.len()], MIN_FIRST_ROUND);
         first.into_iter().filter_map(|j| predicted_by_marker[j].clone()).collect()
     }
@@ -75,7 +75,7 @@ impl WingView<'_> {
         mut detect_at: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
     ) -> Option<Vec<MarkerPrediction>> {
         let prior = self.search_prior();
-        let mut predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance(), SEARCH_SIGMAS.0);
+        let mut predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
         let mut searched = vec![false; predicted_by_marker.len()];
         let mut found: Vec<Detection> = Vec::new();
         let mut last: Option<RefinedMatch> = None;

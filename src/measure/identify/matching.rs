@@ -146,7 +146,7 @@ impl<'a> MatchingProblem<'a> {
         predicted: &[Option<PredictedImage>],
         start: &[MatchedPair],
     ) -> Vec<MatchedPair> {
-        let mut covariance = prior.covariance();
+        let mut covariance = prior.covariance_matrix();
         let mut shift = WingState::zeros();
         let mut order: Vec<usize> = start.iter().map(|p| p.1).collect();
         let area = |j: usize| {
@@ -187,7 +187,7 @@ impl<'a> MatchingProblem<'a> {
         let mut all: Vec<(f64, MatchedPair)> = Vec::new();
         for j in 0..predicted.len() {
             for &i in self.candidates(j) {
-                if self.outline_fits((i, j), outlines) {
+                if self.is_outline_compatible((i, j), outlines) {
                     let d = squared_distance((i, j), predicted, self.detections, covariance, false);
                     let loyal = if old.contains(&(i, j)) { KEEP_FACTOR } else { 1.0 };
                     if d < GATE * loyal {
@@ -202,7 +202,7 @@ impl<'a> MatchingProblem<'a> {
         pairs
     }
 
-    pub(super) fn outline_fits(&self, (i, j): MatchedPair, outlines: &[Option<DiscOutline>]) -> bool {
+    pub(super) fn is_outline_compatible(&self, (i, j): MatchedPair, outlines: &[Option<DiscOutline>]) -> bool {
         let (Some(marker), Some(Some(outline)), Some(detection)) =
             (self.scene.setup.markers.get(j), outlines.get(j), self.detections.get(i))
         else {

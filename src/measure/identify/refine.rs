@@ -54,8 +54,8 @@ pub(super) fn adjust_orientation(
     list: Vec<GroundImage>,
 ) -> Option<AdjustedOrientation> {
     let mut adjustment = OrientationAdjustment { setup, start: *start, bend: &[], list };
-    let (fit, rejected) = adjustment.solve_without_outliers()?;
-    Some(adjustment.into_adjusted(&fit, rejected))
+    let (fit, rejected) = adjustment.adjust_without_outliers()?;
+    Some(adjustment.into_adjusted_orientation(&fit, rejected))
 }
 
 /// Estimates a bend of the wing since the survey with its standard deviation, at the tip, m: an additional unknown without
@@ -67,7 +67,7 @@ pub(super) fn estimate_bend(
     list: Vec<GroundImage>,
 ) -> Option<Estimate> {
     let mut adjustment = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
-    let (fit, _) = adjustment.solve_without_outliers()?;
+    let (fit, _) = adjustment.adjust_without_outliers()?;
     let column = adjustment.bend_column();
     let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
     let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
@@ -75,10 +75,10 @@ pub(super) fn estimate_bend(
 }
 
 impl OrientationAdjustment<'_> {
-    fn solve_without_outliers(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
+    fn adjust_without_outliers(&mut self) -> Option<(Fit, Vec<GroundImage>)> {
         let mut rejected = Vec::new();
         loop {
-            let fit = self.solve_images()?;
+            let fit = self.adjust_once()?;
             let tests = (0..self.list.len()).map(|k| (self.residual_test(&fit, k), k));
             match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
                 Some((t, k)) if t > GATE && self.list.len() > 2 => rejected.push(self.list.remove(k)),
@@ -92,7 +92,7 @@ impl OrientationAdjustment<'_> {
         MARKERS + 3 * self.setup.markers.len()
     }
 
-    fn solve_images(&self) -> Option<Fit> {
+    fn adjust_once(&self) -> Option<Fit> {
         let Self { setup, list, .. } = self;
         let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
         let block = |image: &GroundImage| Block {
@@ -158,7 +158,7 @@ impl OrientationAdjustment<'_> {
         mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].seen.covariance_px2 - adjusted))
     }
 
-    fn into_adjusted(self, fit: &Fit, rejected: Vec<GroundImage>) -> AdjustedOrientation {
+    fn into_adjusted_orientation(self, fit: &Fit, rejected: Vec<GroundImage>) -> AdjustedOrientation {
         let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
         let residual = |GroundImage { seen, .. }: &GroundImage| {
             let ground = setup.markers[seen.marker].position_m;

@@ -93,7 +93,7 @@ fn vote_shift(
         let Some(pixel) = pixel else { continue };
         for &i in problem.candidates(j) {
             let shift = problem.detections[i].centre_px - pixel;
-            let Some((a, b)) = cell_of(&shift, window, cells) else { continue };
+            let Some((a, b)) = vote_cell_of_shift(&shift, window, cells) else { continue };
             for at in (a - 1..=a + 1).flat_map(|a| (b - 1..=b + 1).map(move |b| a * cells + b)) {
                 let (count, last) = &mut votes[at];
                 *count += u16::from(*last != j);
@@ -115,7 +115,7 @@ fn vote_shift(
     })
 }
 
-fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, usize)> {
+fn vote_cell_of_shift(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, usize)> {
     if shift.x.abs() >= window || shift.y.abs() >= window {
         return None;
     }
@@ -145,6 +145,7 @@ fn agreeing_pairs(
     once
 }
 
+/// Returns the prior around a guessed wing state; its standard deviations grow with the bending amplitude.
 fn guess_prior(problem: &MatchingProblem<'_>, state: &WingState, amplitude: f64) -> StatePrior {
     let a = amplitude.abs();
     let [x, y, z] = problem.scene.turn_sigmas();

@@ -41,7 +41,7 @@ impl SkinSurface {
             SMatrix::<f64, TERMS, TERMS>::from_diagonal(&SkinTerms::from(PRIOR_M.map(|sigma| 1.0 / (sigma * sigma))));
         let mut right = SkinTerms::zeros();
         for (p, &weight) in points.iter().zip(weights) {
-            let basis = basis_terms((p.x - mid_m) / half_m, p.z);
+            let basis = skin_basis_terms((p.x - mid_m) / half_m, p.z);
             normal += basis * basis.transpose() * weight;
             right += basis * (p.y * weight);
         }
@@ -51,7 +51,7 @@ impl SkinSurface {
 
     /// Returns the height at (X, Z), m.
     pub(super) fn height(&self, x_m: f64, z_m: f64) -> f64 {
-        basis_terms((x_m - self.mid_m) / self.half_m, z_m).dot(&self.coefficients)
+        skin_basis_terms((x_m - self.mid_m) / self.half_m, z_m).dot(&self.coefficients)
     }
 
     /// Returns the slopes dY/dX and dY/dZ with their standard deviations.
@@ -72,6 +72,6 @@ impl SkinSurface {
     }
 }
 
-fn basis_terms(x: f64, z: f64) -> SkinTerms {
+fn skin_basis_terms(x: f64, z: f64) -> SkinTerms {
     SkinTerms::from([1.0, x, x * x, x * x * x, z, z * x, z * z, z * z * x])
 }

@@ -110,7 +110,7 @@ impl<'a> CodeReader<'a> {
         if self.left < MAX_CODE_BITS {
             let next = match self.data.get(self.at..).and_then(|rest| rest.first_chunk()) {
                 Some(eight) => u64::from_be_bytes(*eight),
-                None => self.last_bytes(),
+                None => self.last_eight_bytes(),
             };
             self.ahead |= next >> self.left;
             let bytes = (63 - self.left) / 8;
@@ -121,7 +121,7 @@ impl<'a> CodeReader<'a> {
 
     #[cold]
     #[inline(never)]
-    fn last_bytes(&self) -> u64 {
+    fn last_eight_bytes(&self) -> u64 {
         let rest = self.data.get(self.at..).unwrap_or_default();
         let mut eight = [u8::MAX; 8];
         eight.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);

@@ -58,9 +58,8 @@ impl BlockRuns {
         (self.left, self.open) = (0, false);
     }
 
-    /// Checks the runs of all scans: an encoder that joins blocks in runs never splits a run that it could continue. A
-    /// split means that codes are read out of step, as after missing data; if refinement bits fall into step again, there
-    /// is no other sign.
+    /// Returns whether codes were read out of step, as after missing data. An encoder that joins blocks in runs never
+    /// splits a run that it could continue; if refinement bits fall into step again, a split run is the only sign.
     pub fn is_out_of_step(&self) -> bool {
         self.joined && self.split
     }

@@ -97,6 +97,7 @@ fn check_plausible(header: &JpegMetadata, length: usize) -> Result<(), JpegFault
     Ok(())
 }
 
+/// Fills the missing Huffman tables with the standard ones for luma and colour.
 fn fill_tables(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTable>, colour: &Arc<HuffmanTable>) {
     slots[0].get_or_insert_with(|| luma.clone());
     slots[1].get_or_insert_with(|| colour.clone());

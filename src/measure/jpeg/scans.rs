@@ -31,11 +31,11 @@ struct ComponentPlane {
 
 /// Decodes the grey values from all scans.
 pub fn decode_luma(bytes: &[u8], header: &JpegMetadata, colour: FirstComponent) -> Result<Raster, JpegFault> {
-    let mut planes = allocate_planes(header);
+    let mut planes = allocate_component_planes(header);
     let units = unit_counts(header);
     let mut runs = BlockRuns::default();
     for scan in &header.scans {
-        CoefficientScan::new(header, scan, &mut planes, &mut runs, units)?.decode(bytes)?;
+        CoefficientScan::new(header, scan, &mut planes, &mut runs, units)?.decode_scan(bytes)?;
     }
     if runs.is_out_of_step() {
         return Err(damaged_error("codes are out of step: data are missing"));
@@ -53,7 +53,7 @@ pub fn decode_luma(bytes: &[u8], header: &JpegMetadata, colour: FirstComponent) 
     Raster::new(width, height, luma).ok_or_else(|| damaged_error("the image has no pixels"))
 }
 
-/// Converts to luma of ITU-R BT.601, rounded as libjpeg rounds it: factors times 2^16.
+/// Converts RGB to luma of ITU-R BT.601, rounded as libjpeg rounds it: factors times 2^16.
 fn luma_from_rgb(red: &[u8], green: &[u8], blue: &[u8]) -> Vec<u8> {
     let sum = |((r, g), b): ((&u8, &u8), &u8)| {
         19_595 * u32::from(*r) + 38_470 * u32::from(*g) + 7_471 * u32::from(*b) + 32_768
@@ -74,7 +74,7 @@ fn unit_counts(header: &JpegMetadata) -> [usize; 2] {
     [header.frame.width().div_ceil(BLOCK * across), header.frame.height().div_ceil(BLOCK * down)]
 }
 
-fn allocate_planes(header: &JpegMetadata) -> Vec<ComponentPlane> {
+fn allocate_component_planes(header: &JpegMetadata) -> Vec<ComponentPlane> {
     let (finest, units) = (finest_sampling(header), unit_counts(header));
     let size = [header.frame.width(), header.frame.height()];
     let plane = |c: &libjpeg_turbo_rs::ComponentInfo| {
@@ -191,7 +191,7 @@ impl<'a> CoefficientScan<'a> {
         Ok(Self { parts, band, progressive, runs, units, interval, offset: scan.data_offset })
     }
 
-    fn decode(&mut self, bytes: &[u8]) -> Result<(), JpegFault> {
+    fn decode_scan(&mut self, bytes: &[u8]) -> Result<(), JpegFault> {
         let (coded, mut data) = (bytes.get(self.offset..).unwrap_or_default(), Vec::new());
         let mut intervals = RestartIntervals::new(coded, self.units[0] * self.units[1], self.interval, None);
         while let Some(units) = intervals.next_interval()? {
@@ -203,7 +203,7 @@ impl<'a> CoefficientScan<'a> {
             remove_stuffing(intervals.coded(), &mut data);
             let mut codes = CodeReader::new(&data);
             for unit in units {
-                self.decode_unit(&mut codes, unit).map_err(|e| near(e.to_string()))?;
+                self.decode_unit_blocks(&mut codes, unit).map_err(|e| near(e.to_string()))?;
             }
             // Exactly the padding of the last byte is left, so no data are missing in between.
             if self.runs.left > 0 || !(0..8).contains(&codes.bits_left()) {
@@ -213,7 +213,7 @@ impl<'a> CoefficientScan<'a> {
         Ok(())
     }
 
-    fn decode_unit(&mut self, codes: &mut CodeReader, unit: usize) -> Result<(), JpegError> {
+    fn decode_unit_blocks(&mut self, codes: &mut CodeReader, unit: usize) -> Result<(), JpegError> {
         let (column, row) = (unit % self.units[0], unit / self.units[0]);
         let is_single = self.parts.len() == 1;
         for k in 0..self.parts.len() {

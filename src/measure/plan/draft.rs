@@ -58,7 +58,7 @@ pub fn best_layout(
     let mut best: Option<(f64, Setup)> = None;
     let mut failure = AdjustError::Input("no layout fits these dimensions".into());
     for crowding in SPACING_EXPONENTS {
-        let setup = build_setup(draft, installation, options, crowding)?;
+        let setup = build_drafted_setup(draft, installation, options, crowding)?;
         match requirement::predict_precision(&setup, None, options, frames, None) {
             Ok(precision) if best.as_ref().is_none_or(|(sigma, _)| precision.sigma_tip_deflection_m < *sigma) => {
                 best = Some((precision.sigma_tip_deflection_m, setup));
@@ -70,7 +70,7 @@ pub fn best_layout(
     best.map(|(_, setup)| setup).ok_or(failure)
 }
 
-fn build_setup(
+fn build_drafted_setup(
     draft: &LayoutDraft,
     installation: &Setup,
     options: &PlanOptions,
@@ -108,10 +108,10 @@ fn place_markers(draft: &LayoutDraft, tip_deflection_m: f64, crowding: f64) -> V
         None => (station(k), k.is_multiple_of(2)),
         Some(of_pair) => (pair, of_pair == 0),
     };
-    (0..count).map(|k| (k, position(k))).map(|(k, (along, leading))| make_marker(draft, k, along, leading)).collect()
+    (0..count).map(|k| (k, position(k))).map(|(k, (along, leading))| draft_marker(draft, k, along, leading)).collect()
 }
 
-fn make_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {
+fn draft_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {
     let half_chord = 0.5 * draft.chord_m * (1.0 - (1.0 - TAPER) * (along_m / draft.span_m).min(1.0));
     let in_view = USED_FRACTION * 0.5 * f64::from(draft.lens.width) / draft.lens.fx * along_m;
     let offset_m = (CHORD_FRACTION * half_chord).min(in_view);

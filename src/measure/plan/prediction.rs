@@ -207,13 +207,13 @@ impl<'a> SimulatedFlight<'a> {
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_layout(&self) -> Result<LayoutPrediction, AdjustError> {
-        let solution = self.solve_frame(&self.observations)?;
+        let solution = self.adjust_frame(&self.observations)?;
         let mut changes: Vec<_> = self.observations.iter().map(|o| self.predict_without(o.marker)).collect();
         changes.extend(self.predict_with_additional());
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
-            expected: layout_precision(&solution, self.setup)
+            expected: precision_from_solution(&solution, self.setup)
                 .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))?,
             tip: tip_sigma(&solution, self.setup),
             budget: solution.budget.iter().flat_map(|budget| budget.shares.clone()).collect(),
@@ -226,7 +226,7 @@ impl<'a> SimulatedFlight<'a> {
             pitch_bending_correlation: solution.pitch_bending_correlation,
             changes,
             fixed_marks: fixed_targets::COUNTS.iter().map(|count| self.predict_with_fixed_targets(*count)).collect(),
-            terms_known: self.predict_with_known_terms(),
+            terms_known: self.predict_with_each_term_known(),
             curve: solution
                 .curve
                 .iter()
@@ -243,7 +243,7 @@ impl<'a> SimulatedFlight<'a> {
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_single_frame(&self) -> Result<LayoutPrecision, AdjustError> {
-        let precision = layout_precision(&self.solve_frame(&self.observations)?, self.setup);
+        let precision = precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
         precision.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
@@ -276,11 +276,11 @@ impl<'a> SimulatedFlight<'a> {
             [one] => vec![adjust::solve_spatial(&setup, &self.orientation, one, &options)?],
             _ => adjust::solve_flight(&setup, &self.orientation, &seen, &options)?,
         };
-        let first = solutions.first().and_then(|solution| layout_precision(solution, self.setup));
+        let first = solutions.first().and_then(|solution| precision_from_solution(solution, self.setup));
         first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
-    fn solve_frame(&self, observations: &[Observation]) -> Result<Solution, AdjustError> {
+    fn adjust_frame(&self, observations: &[Observation]) -> Result<Solution, AdjustError> {
         adjust::solve_spatial(self.setup, &self.orientation, observations, &adjustment_options(self.options))
     }
 
@@ -296,7 +296,7 @@ impl<'a> SimulatedFlight<'a> {
         LayoutChange {
             span_m: self.ground[marker].x,
             without: self.setup.markers.get(marker).map(|m| m.id.clone()),
-            expected: solved.and_then(|solution| layout_precision(&solution, self.setup)),
+            expected: solved.and_then(|solution| precision_from_solution(&solution, self.setup)),
         }
     }
 
@@ -322,7 +322,7 @@ impl<'a> SimulatedFlight<'a> {
         Some(LayoutChange {
             without: None,
             span_m: frame.wing_point(&position_m).x,
-            expected: self.predict_setup(&setup, &orientation),
+            expected: self.predict_precision_of_setup(&setup, &orientation),
         })
     }
 
@@ -332,24 +332,25 @@ impl<'a> SimulatedFlight<'a> {
         let name = format!("{count} fixed target{}", if count == 1 { "" } else { "s" });
         AlternativeLayout {
             name,
-            expected: other.and_then(|(setup, orientation)| self.predict_setup(&setup, &orientation)),
+            expected: other.and_then(|(setup, orientation)| self.predict_precision_of_setup(&setup, &orientation)),
         }
     }
 
-    fn predict_with_known_terms(&self) -> Vec<AlternativeLayout> {
+    fn predict_with_each_term_known(&self) -> Vec<AlternativeLayout> {
         let one = |(name, setup): (&str, Setup)| {
-            let expected = self.predict_setup(&setup, &self.orientation);
+            let expected = self.predict_precision_of_setup(&setup, &self.orientation);
             AlternativeLayout { name: name.to_owned(), expected }
         };
         terms::setups_with_known_terms(self.setup).into_iter().map(one).collect()
     }
 
-    fn predict_setup(&self, setup: &Setup, orientation: &Orientation) -> Option<LayoutPrecision> {
+    fn predict_precision_of_setup(&self, setup: &Setup, orientation: &Orientation) -> Option<LayoutPrecision> {
         let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
-        layout_precision(&other.solve_frame(&other.observations).ok()?, setup)
+        precision_from_solution(&other.adjust_frame(&other.observations).ok()?, setup)
     }
 }
 
+/// Returns the standard deviations of the tip marker's deflection against each reference.
 fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
     let budget = solution.budget.as_ref()?;
     let marker = &solution.markers[budget.marker];
@@ -375,7 +376,7 @@ fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
     solution.markers.iter().filter(of_the_wing).filter_map(one).collect()
 }
 
-fn layout_precision(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
+fn precision_from_solution(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
     let tip = solution.curve.last()?;
     let sigmas: Vec<f64> = solution.curve.iter().filter_map(|p| p.deflection_m.sigma).collect();
     let square = sigmas.iter().map(|s| s * s).sum::<f64>() / sigmas.len().max(1) as f64;

@@ -76,13 +76,13 @@ type RemedyAction = fn(&Campaign, &PlanOptions) -> Option<(String, Campaign)>;
 
 /// Improvements with their costs, cheapest first.
 const REMEDY_ACTIONS: [(&str, RemedyAction); 8] = [
-    ("nothing", add_frames),
-    ("nothing", keep_camera_mounted),
-    ("a drawing", use_drawings),
-    ("a thermometer", measure_temperature),
-    ("two decals and their survey", add_two_fixed_targets),
-    ("two decals and their survey", add_two_fixed_targets),
-    ("half a day with the total station", refine_survey),
+    ("nothing", propose_more_frames),
+    ("nothing", propose_keeping_camera_mounted),
+    ("a drawing", propose_drawings),
+    ("a thermometer", propose_measuring_temperature),
+    ("two decals and their survey", propose_two_fixed_targets),
+    ("two decals and their survey", propose_two_fixed_targets),
+    ("half a day with the total station", propose_finer_survey),
     ("decals and their survey", add_markers),
 ];
 
@@ -112,7 +112,7 @@ pub fn check_requirement(
     let first = SimulatedFlight::new(setup, orientation, options)?;
     let attitude = Orientation { ground: vec![], ..first.orientation };
     let planned = Campaign { setup: setup.clone(), orientation: attitude, frames: requirement.frames.max(1) };
-    let sigma_m = predict_campaign(&planned, options)?.sigma_tip_deflection_m;
+    let sigma_m = predict_campaign_precision(&planned, options)?.sigma_tip_deflection_m;
     let (remedies, proposal, proposal_m) = apply_remedies(&planned, options, (sigma_m, requirement.sigma_m));
     let answer = RequirementResult {
         reached: sigma_m <= requirement.sigma_m,
@@ -159,7 +159,7 @@ pub fn assumed_attitude(
     Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
 }
 
-fn predict_campaign(campaign: &Campaign, options: &PlanOptions) -> Result<LayoutPrecision, AdjustError> {
+fn predict_campaign_precision(campaign: &Campaign, options: &PlanOptions) -> Result<LayoutPrecision, AdjustError> {
     predict_precision(&campaign.setup, Some(&campaign.orientation), options, campaign.frames, None)
 }
 
@@ -176,10 +176,10 @@ fn apply_remedies(
         let Some((remedy, next)) = tried else { continue };
         // Alone it may be another improvement: two targets if the proposal already has two.
         let change_alone = change(planned, options).filter(|(other, _)| *other == remedy);
-        let alone = change_alone.and_then(|(_, campaign)| predict_campaign(&campaign, options).ok());
+        let alone = change_alone.and_then(|(_, campaign)| predict_campaign_precision(&campaign, options).ok());
         let mut taken_m = None;
         if reached_m > want_m
-            && let Ok(better) = predict_campaign(&next, options)
+            && let Ok(better) = predict_campaign_precision(&next, options)
             && better.sigma_tip_deflection_m < (1.0 - MIN_IMPROVEMENT) * reached_m
         {
             (proposal, reached_m) = (next, better.sigma_tip_deflection_m);
@@ -198,7 +198,7 @@ fn apply_remedies(
 fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> Vec<VarianceFraction> {
     let variance = |setup: &Setup| {
         let campaign = Campaign { setup: setup.clone(), ..planned.clone() };
-        predict_campaign(&campaign, options).ok().map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
+        predict_campaign_precision(&campaign, options).ok().map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
     };
     let mut left = 1.0;
     let mut all: Vec<VarianceFraction> = Vec::new();
@@ -222,13 +222,13 @@ fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> 
     all
 }
 
-fn add_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_more_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let frames = if campaign.frames < FEW_FRAMES { FEW_FRAMES } else { 2 * campaign.frames };
     let remedy = format!("adjust {frames} frames of a flight together, with deflections from small to large");
     Some((remedy, Campaign { frames, ..campaign.clone() }))
 }
 
-fn keep_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_keeping_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     (next.setup.uncertainty[Width::MountShift] > 0.0).then(|| {
         next.setup.uncertainty[Width::MountShift] = 0.0;
@@ -236,7 +236,7 @@ fn keep_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, 
     })
 }
 
-fn use_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     let uncertainty = &mut next.setup.uncertainty;
     let (height_m, position_m, direction) = DRAWING_SIGMAS;
@@ -255,7 +255,7 @@ fn use_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaig
     (next.setup.uncertainty != campaign.setup.uncertainty).then_some((remedy, next))
 }
 
-fn measure_temperature(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_measuring_temperature(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     let default = crate::setup::Thermal {
         expansion_per_k: 23.1e-6,
@@ -271,7 +271,7 @@ fn measure_temperature(campaign: &Campaign, _: &PlanOptions) -> Option<(String, 
     is_uncertain.then(|| (format!("measure the wing's temperature to {MEASURED_TEMPERATURE_SIGMA_K} K"), next))
 }
 
-fn add_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(String, Campaign)> {
     let existing = campaign.setup.markers.iter().filter(|m| m.fixed).count();
     let (setup, orientation) =
         fixed_targets::add_fixed_targets(&campaign.setup, &campaign.orientation, (existing, 2, options.pixel_sigma))?;
@@ -281,7 +281,7 @@ fn add_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(
     (count > existing).then_some((remedy, Campaign { setup, orientation, ..campaign.clone() }))
 }
 
-fn refine_survey(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_finer_survey(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     let reduced = |sigma: f64| sigma.min(FINE_SURVEY_SIGMA_M);
     next.setup.markers.iter_mut().for_each(|m| m.sigma_m = reduced(m.sigma_m));

@@ -13,9 +13,9 @@ pub(super) const ALL_TERMS: &str = "all of the above";
 
 /// Uncertain quantities that are not widths.
 const OTHER_TERMS: [OtherTerm; 4] = [
-    (Width::SpanDirection, "temperature", fix_temperature),
+    (Width::SpanDirection, "temperature", remove_temperature_uncertainty),
     (Width::MountShift, "camera calibration", |s| s.uncertainty.lens = None),
-    (Width::MountShift, "window panes", fix_panes),
+    (Width::MountShift, "window panes", remove_pane_uncertainty),
     (Width::Readout, "motion of the fixed targets", |s| s.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0)),
 ];
 
@@ -37,7 +37,7 @@ fn uncertain_terms() -> Vec<UncertainTerm> {
     terms
 }
 
-fn fix_temperature(setup: &mut Setup) {
+fn remove_temperature_uncertainty(setup: &mut Setup) {
     let unchanged = Thermal {
         expansion_per_k: 0.0,
         expansion_sigma_per_k: None,
@@ -49,7 +49,7 @@ fn fix_temperature(setup: &mut Setup) {
     setup.thermal = Some(setup.thermal.map_or(unchanged, known));
 }
 
-fn fix_panes(setup: &mut Setup) {
+fn remove_pane_uncertainty(setup: &mut Setup) {
     if let Some(pane) = setup.window.as_mut().and_then(|w| w.pane.as_mut()) {
         (pane.thickness_sigma_m, pane.index_sigma, pane.normal_sigma_rad, pane.bow_sigma) = (0.0, 0.0, 0.0, 0.0);
     }

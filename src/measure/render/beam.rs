@@ -63,7 +63,7 @@ impl CantileverBeam {
         self.length_m / INTERVALS as f64
     }
 
-    fn relative_chord(&self, eta: f64) -> f64 {
+    fn relative_chord_at(&self, eta: f64) -> f64 {
         1.0 - (1.0 - self.taper) * eta
     }
 
@@ -98,7 +98,7 @@ impl CantileverBeam {
         for _ in 0..ITERATIONS {
             moment = self.integral_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
             let unit =
-                |i: usize| moment[i] / self.relative_chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
+                |i: usize| moment[i] / self.relative_chord_at(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
             if amplitude == 0.0 {
                 // First guess for small slopes; the loop refines it.
                 let mut unit_slope = running_integral(step, (0..=INTERVALS).map(unit));
@@ -118,8 +118,8 @@ impl CantileverBeam {
 
     /// Returns the twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to `tip_rad`.
     pub fn twist(&self, tip_rad: f64) -> Vec<f64> {
-        let torque = self.integral_from_tip(|i| self.relative_chord(i as f64 / INTERVALS as f64).powi(2));
-        let rate = |i: usize| torque[i] / self.relative_chord(i as f64 / INTERVALS as f64).powi(3);
+        let torque = self.integral_from_tip(|i| self.relative_chord_at(i as f64 / INTERVALS as f64).powi(2));
+        let rate = |i: usize| torque[i] / self.relative_chord_at(i as f64 / INTERVALS as f64).powi(3);
         let twist = running_integral(self.step_m(), (0..=INTERVALS).map(rate));
         let scale = tip_rad / twist[INTERVALS];
         twist.into_iter().map(|phi| phi * scale).collect()

@@ -111,11 +111,11 @@ impl RenderedBoard {
 
     /// Returns a point of the board in the camera frame, m.
     pub fn camera_point(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
-        let raised = Vector3::new(board_m.x, board_m.y, self.height_m(board_m));
+        let raised = Vector3::new(board_m.x, board_m.y, self.bow_height_m(board_m));
         self.camera_from_board * raised + self.origin_m
     }
 
-    fn height_m(&self, board_m: &Vector2<f64>) -> f64 {
+    fn bow_height_m(&self, board_m: &Vector2<f64>) -> f64 {
         let side = |n: usize| 0.5 * (n as f64 - 1.0) * self.square_m;
         let (hx, hy) = (side(self.corners.0), side(self.corners.1));
         let (u, v) = (board_m.x / hx - 1.0, board_m.y / hy - 1.0);
@@ -184,7 +184,7 @@ impl RenderedBoard {
         // The board is nearly flat: each round reduces the error to 1 % or less.
         for _ in 0..6 {
             position = eye.xy() + ray.xy() * ((height - eye.z) / ray.z);
-            height = self.height_m(&position);
+            height = self.bow_height_m(&position);
         }
         let squares = Vector2::new(self.corners.0 as f64 + 1.0, self.corners.1 as f64 + 1.0);
         let is_outside = |v: f64, n: f64| v < -2.0 - 2.0 * RIM || v > n + 2.0 * RIM;

@@ -70,7 +70,7 @@ impl SkinClutter {
         };
         let count_of = |random: &mut SeededRandom, low: f64, high: f64| (random.uniform(low, high) * density) as usize;
         for _ in 0..count_of(random, 5.0, 10.0) {
-            clutter.add_cover(random, wing);
+            clutter.add_access_cover(random, wing);
         }
         for _ in 0..count_of(random, 3.0, 7.0) {
             clutter.add_lettering(random, wing);
@@ -88,15 +88,15 @@ impl SkinClutter {
         Self { seed: 0, base, mottle: 0.0, ribs_m, stringers, line_m: 0.0, line_depth: 0.0, spots }
     }
 
-    fn random_place(random: &mut SeededRandom, wing: &SceneWing) -> (f64, f64) {
+    fn random_skin_position(random: &mut SeededRandom, wing: &SceneWing) -> (f64, f64) {
         // More clutter is visible near the fuselage.
         let s = 4.0 + (wing.beam.length_m - 5.0) * random.unit().powf(1.5);
         let (low, high) = wing.edges(s);
         (s, random.uniform(0.85 * low, 0.85 * high))
     }
 
-    fn add_cover(&mut self, random: &mut SeededRandom, wing: &SceneWing) {
-        let (s, z) = Self::random_place(random, wing);
+    fn add_access_cover(&mut self, random: &mut SeededRandom, wing: &SceneWing) {
+        let (s, z) = Self::random_skin_position(random, wing);
         let radius = random.uniform(0.07, 0.22);
         let width = random.uniform(0.006, 0.02);
         let kind = SpotKind::Ring { radius, width, depth: random.uniform(0.2, 0.6) };
@@ -105,7 +105,7 @@ impl SkinClutter {
     }
 
     fn add_lettering(&mut self, random: &mut SeededRandom, wing: &SceneWing) {
-        let (s, z) = Self::random_place(random, wing);
+        let (s, z) = Self::random_skin_position(random, wing);
         let (height, width) = (random.uniform(0.05, 0.14), random.uniform(0.02, 0.06));
         let depth = random.uniform(0.4, 0.8);
         for i in 0..random.integer(4, 9) {
@@ -121,7 +121,7 @@ impl SkinClutter {
     }
 
     fn add_dirt(&mut self, random: &mut SeededRandom, wing: &SceneWing) {
-        let (s, z) = Self::random_place(random, wing);
+        let (s, z) = Self::random_skin_position(random, wing);
         let streak = random.unit() < 0.35;
         let reach_s = random.uniform(0.05, 0.5);
         let reach_z = if streak { random.uniform(0.8, 2.0) } else { random.uniform(0.05, 0.4) };
@@ -176,6 +176,7 @@ impl SkinClutter {
         self.line_factor(near, wing, s, z, footprint) * self.spot_factor(&near.spots, s, z, footprint)
     }
 
+    /// Returns the factor by which ribs and stringers darken the paint seen by a pixel.
     fn line_factor(&self, near: &NearbyClutter, wing: &SceneWing, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
         let covered = |distance: f64, pixel: f64| bar_overlap(distance, 0.5 * self.line_m, pixel);
         let mut cover = near.ribs_m.iter().map(|rib| covered(s - rib, footprint.s)).fold(0.0, f64::max);
@@ -188,7 +189,7 @@ impl SkinClutter {
     }
 
     fn spot_factor(&self, indices: &[usize], s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
-        indices.iter().filter_map(|&i| self.spots.get(i)).map(|spot| spot.factor(s, z, footprint)).product()
+        indices.iter().filter_map(|&i| self.spots.get(i)).map(|spot| spot.spot_reflectance(s, z, footprint)).product()
     }
 }
 
@@ -201,7 +202,7 @@ pub struct NearbyClutter {
 }
 
 impl ClutterSpot {
-    fn factor(&self, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
+    fn spot_reflectance(&self, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
         let (ds, dz) = (s - self.s, z - self.z);
         match self.kind {
             SpotKind::Ring { radius, width, depth } => {

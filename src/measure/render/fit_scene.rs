@@ -124,7 +124,7 @@ fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
     }
 }
 
-fn apply_change(wing: &SceneWing, change: &Vector4<f64>) -> SceneWing {
+fn change_wing_surface(wing: &SceneWing, change: &Vector4<f64>) -> SceneWing {
     SceneWing {
         root_y_m: wing.root_y_m + change[0],
         slope_rad: LinearTaper { root: wing.slope_rad.root + change[1], tip: wing.slope_rad.tip + change[2] },
@@ -140,7 +140,7 @@ fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
         let base = skin_heights(&wing, points);
         let columns: Vec<Vec<f64>> = (0..4)
             .map(|k| {
-                let moved = skin_heights(&apply_change(&wing, &(Vector4::ith(k, STEP[k]))), points);
+                let moved = skin_heights(&change_wing_surface(&wing, &(Vector4::ith(k, STEP[k]))), points);
                 moved.iter().zip(&base).map(|(m, b)| (m - b) / STEP[k]).collect()
             })
             .collect();
@@ -158,7 +158,7 @@ fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
         normal += bow * bow.transpose() / 2.5e-3;
         right -= bow * (wing.slope_rad.root - wing.slope_rad.tip) / 2.5e-3;
         let Some(change) = normal.lu().solve(&right) else { break };
-        wing = apply_change(&wing, &change);
+        wing = change_wing_surface(&wing, &change);
     }
     wing
 }

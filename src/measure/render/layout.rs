@@ -89,7 +89,7 @@ impl Scene {
         let camera_from_wing = aim_camera(&mut random, &wing, options);
         let load = LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) };
         let mut scene = Self {
-            setup: bare_setup(&mut random, &wing, options, origin, span),
+            setup: setup_without_markers(&mut random, &wing, options, origin, span),
             clutter: SkinClutter::random(&mut random, &wing, options.clutter),
             wing,
             markers: Vec::new(),
@@ -134,7 +134,7 @@ impl Scene {
                     fixed_m: None,
                 };
                 self.markers.push(marker);
-                if self.fits_last_marker(options, fixed) {
+                if self.is_last_marker_visible_and_separate(options, fixed) {
                     break;
                 }
                 self.markers.pop();
@@ -188,7 +188,7 @@ impl Scene {
         fixed_target::POSITIONS.iter().take(options.fixed_targets).enumerate().filter_map(mark).collect()
     }
 
-    fn fits_last_marker(&self, options: &SceneOptions, fixed: &[SceneMarker]) -> bool {
+    fn is_last_marker_visible_and_separate(&self, options: &SceneOptions, fixed: &[SceneMarker]) -> bool {
         let highest = self.flight_shot(options.tip_deflection_m, Light::Plain, 0);
         [self.ground_shot(0), highest].iter().all(|shot| {
             let pose = self.wing.deform(&shot.state);
@@ -274,7 +274,7 @@ pub(super) fn aim_camera(random: &mut SeededRandom, wing: &SceneWing, options: &
         * level
 }
 
-fn bare_setup(
+fn setup_without_markers(
     random: &mut SeededRandom,
     wing: &SceneWing,
     options: &SceneOptions,

@@ -165,7 +165,7 @@ impl Illumination {
         let point = pose.skin_point(hit.s, hit.z);
         let (along, across, normal) = pose.tangents(hit.s, hit.z);
         let distance = point.norm();
-        let shadow = self.bands.map_or(1.0, |bands| bands.factor(hit));
+        let shadow = self.bands.map_or(1.0, |bands| bands.light_factor_at(hit));
         let slope = self.gradient_s * (2.0 * pose.wing.eta(hit.s) - 1.0) + self.gradient_z * hit.z / 4.0;
         let direct = normal.dot(&self.sun).max(0.0) * shadow;
         // Shadowed points receive less sky light too, as the cloud covers part of the sky.
@@ -173,7 +173,7 @@ impl Illumination {
         let diffuse = self.exposure * (ambient + (1.0 - self.ambient) * direct) * (1.0 + slope).max(0.15);
         let mirrored = self.specular.map_or(0.0, |specular| {
             let half = (self.sun - point / distance).normalize();
-            specular.radiance(half.dot(&along) / along.norm(), half.dot(&across) / across.norm())
+            specular.radiance_at(half.dot(&along) / along.norm(), half.dot(&across) / across.norm())
         });
         let clear = (-self.haze_per_m * distance).exp();
         SkinLight {
@@ -206,7 +206,7 @@ impl ShadowBands {
         }
     }
 
-    fn factor(&self, hit: &Hit) -> f64 {
+    fn light_factor_at(&self, hit: &Hit) -> f64 {
         let warp = 1.5 * value_noise(hit.s / 2.0, hit.z / 1.5, self.seed);
         let wave = (self.along * hit.s + self.across * hit.z + self.phase + warp).sin();
         let t = ((wave / self.softness + 1.0) * 0.5).clamp(0.0, 1.0);
@@ -215,7 +215,7 @@ impl ShadowBands {
 }
 
 impl Specular {
-    fn radiance(&self, along: f64, across: f64) -> f64 {
+    fn radiance_at(&self, along: f64, across: f64) -> f64 {
         let q = (along / self.spread_along).powi(2) + (across / self.spread_across).powi(2);
         self.gain * (-0.5 * q).exp()
     }

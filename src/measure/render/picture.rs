@@ -42,15 +42,15 @@ impl RenderView<'_> {
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let corners: Vec<Vec<TileCorner>> = (0..=rows)
             .into_par_iter()
-            .map(|j| (0..=columns).map(|i| self.tile_corner(tile_edge(i), tile_edge(j))).collect())
+            .map(|j| (0..=columns).map(|i| self.trace_tile_corner(tile_edge(i), tile_edge(j))).collect())
             .collect();
-        let boxes = self.marker_boxes();
+        let boxes = self.marker_bounding_boxes();
         let mut radiance = vec![0.0f32; width * height];
         radiance.par_chunks_mut(TILE * width).enumerate().for_each(|(j, band)| {
             for i in 0..columns {
                 let (above, below) = (&corners[j], &corners[j + 1]);
                 let corners = [&above[i], &above[i + 1], &below[i], &below[i + 1]];
-                let tile = Tile::new(corners, touching_markers(&boxes, tile_edge(i), tile_edge(j)));
+                let tile = Tile::new(corners, markers_touching_tile(&boxes, tile_edge(i), tile_edge(j)));
                 self.fill_tile(&tile, band, width, i);
             }
         });
@@ -64,7 +64,7 @@ impl RenderView<'_> {
         self.wing_from_camera * Vector3::new(n.x, n.y, 1.0)
     }
 
-    fn tile_corner(&self, u: f64, v: f64) -> TileCorner {
+    fn trace_tile_corner(&self, u: f64, v: f64) -> TileCorner {
         let direction = self.pixel_direction(u, v);
         let hit = self.pose.first_hit(&direction);
         let lit = hit.map_or(SkinLight::default(), |hit| self.light.light_at(self.pose, &hit));
@@ -72,7 +72,7 @@ impl RenderView<'_> {
         TileCorner { direction, hit, lit, paint, sky: self.light.sky(&direction) }
     }
 
-    fn marker_boxes(&self) -> Vec<BoxedMarker<'_>> {
+    fn marker_bounding_boxes(&self) -> Vec<BoxedMarker<'_>> {
         let camera_from_wing = self.wing_from_camera.inverse();
         let boxed = |marker| outline_box(marker, &camera_from_wing, self.lens);
         self.markers
@@ -95,7 +95,7 @@ impl RenderView<'_> {
         }
         fill_pixels(band, width, column, |x, y| match &patch {
             None => interpolate_bilinear(&tile.sky, x, y),
-            Some(patch) => self.skin_radiance(tile, patch, x, y),
+            Some(patch) => self.skin_radiance_at(tile, patch, x, y),
         });
     }
 
@@ -151,7 +151,7 @@ impl RenderView<'_> {
         reflectance * lit.diffuse + lit.added
     }
 
-    fn skin_radiance(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+    fn skin_radiance_at(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
         let direction = tile.ray_direction(x, y);
         let guess = interpolate_bilinear(&patch.s, x, y);
         let Some(hit) = self.pose.near_hit(guess, &patch.rates, patch.reach_m, &direction) else {
@@ -205,7 +205,7 @@ fn fill_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64
     }
 }
 
-fn touching_markers<'a>(boxes: &[BoxedMarker<'a>], u: f64, v: f64) -> Vec<&'a MarkerDisc> {
+fn markers_touching_tile<'a>(boxes: &[BoxedMarker<'a>], u: f64, v: f64) -> Vec<&'a MarkerDisc> {
     let size = TILE as f64 + 2.0;
     let near =
         |b: &&BoxedMarker<'a>| b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size;

@@ -41,20 +41,20 @@ impl SensorModel {
             // A stream per row, so that the result does not depend on the number of threads.
             let mut random = SeededRandom::new(seed, 1000 + y as u64);
             for (grey, &value) in out.iter_mut().zip(row) {
-                *grey = self.sample_grey(apply_tone(&tones, value), &mut random);
+                *grey = self.add_noise_and_quantise(apply_tone_curve(&tones, value), &mut random);
             }
         });
         Raster::new(width, height, luma)
     }
 
-    fn sample_grey(&self, level: f32, random: &mut SeededRandom) -> u8 {
+    fn add_noise_and_quantise(&self, level: f32, random: &mut SeededRandom) -> u8 {
         let read = self.read_fraction as f32;
         let sigma = self.noise as f32 * (read + (1.0 - read) * level / 255.0).sqrt();
         (level + sigma * random.quick_normal() + 0.5).clamp(0.0, 255.0) as u8
     }
 }
 
-fn apply_tone(tones: &[f32], value: f32) -> f32 {
+fn apply_tone_curve(tones: &[f32], value: f32) -> f32 {
     let position = value.clamp(0.0, 1.0) * TONES as f32;
     let i = (position as usize).min(TONES - 1);
     let fraction = position - i as f32;

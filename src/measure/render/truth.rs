@@ -46,9 +46,9 @@ const SATURATED: f64 = 0.9;
 impl Scene {
     /// Computes the truth of a shot.
     pub fn truth(&self, shot: &SceneShot) -> FrameTruth {
-        let ground = self.survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
+        let ground = self.marker_survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
         let pose = self.wing.deform(&shot.state);
-        let flight = self.survey_positions(&pose, &shot.target_shifts_m);
+        let flight = self.marker_survey_positions(&pose, &shot.target_shifts_m);
         let deflection: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
         let placed = self.marker_discs(&pose, &shot.target_shifts_m);
@@ -76,7 +76,7 @@ impl Scene {
                         shape: marker.shape,
                         pixel,
                         size_px,
-                        visible: in_view && !is_saturated(&lit) && !shot.hidden.contains(&i),
+                        visible: in_view && !is_highlight_saturated(&lit) && !shot.hidden.contains(&i),
                         position_m: flight[i],
                         deflection_m: deflection[i],
                     }
@@ -95,7 +95,7 @@ impl Scene {
         placed.iter().enumerate().filter_map(plate_box).collect()
     }
 
-    fn survey_positions(&self, pose: &DeformedWing, target_shifts_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn marker_survey_positions(&self, pose: &DeformedWing, target_shifts_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         // The origin is the camera's position at the ground frame.
         let still = |placed: &MarkerDisc| placed.centre_m - pose.cabin_m;
         self.marker_discs(pose, target_shifts_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
@@ -125,6 +125,6 @@ impl Scene {
     }
 }
 
-fn is_saturated(lit: &SkinLight) -> bool {
+fn is_highlight_saturated(lit: &SkinLight) -> bool {
     lit.added > SATURATED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
 }

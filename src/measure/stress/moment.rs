@@ -46,16 +46,16 @@ pub const DEFAULT_STEPS: f64 = 0.02;
 const DERIVATIVE_STEP: f64 = 1e-3;
 
 impl BendingCurvature {
-    fn basis_at(&self, s_m: f64) -> DVector<f64> {
+    fn curvature_basis_at(&self, s_m: f64) -> DVector<f64> {
         let basis = curvature_basis(s_m / self.length_m);
         DVector::from_fn(self.coefficients_per_m.len(), |k, _| basis.get(k).copied().unwrap_or(0.0))
     }
 
     /// Returns the change of the curvature at a position, relative to the ground, 1/m.
     pub fn value_at(&self, s_m: f64) -> Estimate {
-        let basis = self.basis_at(s_m);
+        let basis = self.curvature_basis_at(s_m);
         let step_m = DERIVATIVE_STEP * self.length_m;
-        let slope = self.basis_at(s_m + step_m) - self.basis_at((s_m - step_m).max(0.0));
+        let slope = self.curvature_basis_at(s_m + step_m) - self.curvature_basis_at((s_m - step_m).max(0.0));
         let apart_m = s_m + step_m - (s_m - step_m).max(0.0);
         // Stations come from drawings, but the curve begins at the root of the adjustment.
         let by_root = slope.dot(&self.coefficients_per_m) / apart_m * self.root_sigma_m;

@@ -65,10 +65,10 @@ fn candidate_counts(pattern: &CellPattern) -> Option<Vec<u32>> {
         let with: Vec<u32> = all.iter().map(|gray| gray | 1 << bit).collect();
         all.extend(with);
     }
-    Some(all.into_iter().map(count_from_gray).collect())
+    Some(all.into_iter().map(count_from_gray_code).collect())
 }
 
-fn count_from_gray(gray: u32) -> u32 {
+fn count_from_gray_code(gray: u32) -> u32 {
     (0..COUNT_BITS).fold(0, |count, shift| count ^ gray >> shift)
 }
 

@@ -213,7 +213,7 @@ impl<'a, P: Picture> FrameView<'a, P> {
             found.add(displaced);
             (found, identities, first) = self.identify(found).ok()?;
         }
-        Some(self.remove_bias(found, identities, first))
+        Some(self.build_unbiased_markers(found, identities, first))
     }
 
     /// Identifies detections, refines partly hidden or poorly visible markers, and removes the perspective bias. Detections
@@ -223,7 +223,7 @@ impl<'a, P: Picture> FrameView<'a, P> {
             return FrameMarkers { detections: found, fault, ..FrameMarkers::default() };
         }
         match self.identify(found.clone()) {
-            Ok((found, identities, first)) => self.remove_bias(found, identities, first),
+            Ok((found, identities, first)) => self.build_unbiased_markers(found, identities, first),
             Err(error) => {
                 let cause = match error {
                     IdentifyError::TooFew { .. } => None,
@@ -290,7 +290,7 @@ impl<'a, P: Picture> FrameView<'a, P> {
         detector.detect(self.picture.decode_around(&similar), &similar).markers
     }
 
-    fn remove_bias(&self, found: Detections, identities: Identities, first: Identities) -> FrameMarkers {
+    fn build_unbiased_markers(&self, found: Detections, identities: Identities, first: Identities) -> FrameMarkers {
         let markers = self.wing.remove_perspective_bias(&found.markers, &identities);
         FrameMarkers {
             observations: identities.observations(&markers),

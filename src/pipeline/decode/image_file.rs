@@ -21,7 +21,7 @@ pub fn decode_luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeEr
     }
     let source = Cursor::new(bytes);
     let decoded = match format {
-        ImageFormat::Png => PngDecoder::with_limits(source, decoder_limits()).and_then(decode_within_limits),
+        ImageFormat::Png => PngDecoder::with_limits(source, image_size_limits()).and_then(decode_within_limits),
         ImageFormat::Pnm => PnmDecoder::new(source).and_then(decode_within_limits),
         #[cfg(feature = "tiff")]
         ImageFormat::Tiff => TiffDecoder::new(source).and_then(decode_within_limits),
@@ -37,7 +37,7 @@ pub fn decode_luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeEr
         .ok_or_else(|| DecodeError::Unreadable("it has no pixels".into()))
 }
 
-fn decoder_limits() -> Limits {
+fn image_size_limits() -> Limits {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE as u32);
     limits.max_image_height = Some(MAX_SIDE as u32);
@@ -46,7 +46,7 @@ fn decoder_limits() -> Limits {
 
 /// Decodes an image within the size and memory limits; the memory is reserved first.
 fn decode_within_limits(mut decoder: impl ImageDecoder) -> Result<DynamicImage, ImageError> {
-    let mut limits = decoder_limits();
+    let mut limits = image_size_limits();
     limits.reserve(decoder.total_bytes())?;
     decoder.set_limits(limits)?;
     DynamicImage::from_decoder(decoder)

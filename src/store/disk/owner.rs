@@ -12,7 +12,7 @@ pub struct Owner {
     pub group: u32,
 }
 
-fn folder_of(path: &Path) -> &Path {
+fn parent_folder(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
@@ -25,7 +25,7 @@ pub(crate) fn inherit_owner(path: &Path) -> io::Result<()> {
     if !is_root() {
         return Ok(());
     }
-    let (folder, file) = (fs::metadata(folder_of(path))?, fs::symlink_metadata(path)?);
+    let (folder, file) = (fs::metadata(parent_folder(path))?, fs::symlink_metadata(path)?);
     if folder.uid() == file.uid() { Ok(()) } else { lchown(path, Some(folder.uid()), Some(folder.gid())) }
 }
 

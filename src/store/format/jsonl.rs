@@ -13,7 +13,7 @@ pub struct ParsedLines<T> {
     pub good_length: usize,
 }
 
-/// Parses lines; never fails. A line is intact if it ends with a newline and parses.
+/// Parses lines of JSON; never fails. A line is intact if it ends with a newline and parses.
 pub fn parse_lines<T: DeserializeOwned>(bytes: &[u8]) -> ParsedLines<T> {
     let mut lines = ParsedLines { good: Vec::new(), damaged: Vec::new(), good_length: 0 };
     let mut pending = Vec::new();

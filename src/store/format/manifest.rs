@@ -203,7 +203,7 @@ impl Counter {
     /// Counter of an empty store.
     pub const FIRST: Self = Self { next_flight: 1, next_series: 1 };
 
-    /// Returns whether ids can follow: a damaged counter must not end the recording.
+    /// Returns whether the counter leaves room for further ids: a damaged counter must not end the recording.
     pub fn is_plausible(&self) -> bool {
         self.next_flight.max(self.next_series) <= layout::MAX_NUMBER
     }

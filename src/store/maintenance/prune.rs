@@ -33,7 +33,7 @@ pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path
     let Some(id) = catalogue::store_id(disk, root) else {
         return stays("the store has no chains and sums; run `wingd verify --upgrade` to add them");
     };
-    if same_place(root, copy) {
+    if is_same_path(root, copy) {
         return stays("the copy is the store itself");
     }
     if catalogue::store_id(disk, copy) != Some(id) {
@@ -62,7 +62,7 @@ pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path
     Ok(CopyProof::Verified { sums_sha256: sha256_hex(&here_sums), bytes: folder_size(disk, &flight.folder)? })
 }
 
-fn same_place(one: &Path, other: &Path) -> bool {
+fn is_same_path(one: &Path, other: &Path) -> bool {
     let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     real(one) == real(other)
 }

@@ -185,7 +185,7 @@ impl<'a> Receiver<'a> {
     /// Begins to receive a file.
     pub fn begin_file<'r>(&'r self, item: &'r ListedFile) -> Result<ReceivedFile<'r>, StoreError> {
         let path = self.staged_path(&item.name);
-        self.make_dirs(&path)?;
+        self.make_parent_dirs_durably(&path)?;
         let part =
             path.with_file_name(format!("{}{}", item.name.rsplit('/').next().unwrap_or_default(), layout::PART_ENDING));
         Ok(ReceivedFile { receiver: self, item, part, path, length: 0, hasher: Sha256::new() })
@@ -198,9 +198,9 @@ impl<'a> Receiver<'a> {
         file.finish()
     }
 
-    fn make_dirs(&self, path: &Path) -> Result<(), StoreError> {
+    fn make_parent_dirs_durably(&self, path: &Path) -> Result<(), StoreError> {
         let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else { return Ok(()) };
-        self.make_dirs(folder)?;
+        self.make_parent_dirs_durably(folder)?;
         self.disk.make_dir(folder)?;
         self.disk.sync_directory(folder.parent().unwrap_or(Path::new(".")))
     }
@@ -218,7 +218,7 @@ impl<'a> Receiver<'a> {
         for item in listing.items.iter().filter(|i| i.name != layout::STORE_FILE) {
             let (from, to) = (self.staged_path(&item.name), self.root.join(&item.name));
             if self.disk.exists(&from) {
-                self.make_dirs(&to)?;
+                self.make_parent_dirs_durably(&to)?;
                 self.disk.rename(&from, &to).map_err(StoreError::io(&to, "move to"))?;
                 touched.extend(to.parent().map(Path::to_owned));
             }

@@ -57,7 +57,7 @@ pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result
     gather.counter.advance_past(&flight.id);
     let path = Path::new(layout::COUNTER_FILE);
     let counter = jsonl::encode_line(&gather.counter).map_err(StoreError::io(path, "write"))?;
-    gather.add_bytes(path, counter);
+    gather.add_file_from_bytes(path, counter);
     let line = |item: &BundleFile| format!("{} {} {}\n", item.sha256, item.length, item.name);
     let digest = sha256_hex(gather.items.iter().map(line).collect::<String>().as_bytes());
     Ok(FlightBundle { items: gather.items, digest })
@@ -80,7 +80,7 @@ impl BundleBuilder<'_> {
         let (bytes, chain) = catalogue::read_chain(self.disk, &flight.folder)?;
         let sums = sums::parse_sums(&sums_bytes).unwrap_or_default();
         let end = sums::covered_chain_length(&sums, &bytes, &chain)
-            .ok_or_else(|| self.damaged_error(&sums_name, "does not belong to this flight's chain"))?;
+            .ok_or_else(|| self.damaged_file_error(&sums_name, "does not belong to this flight's chain"))?;
         let state = chain.state_at(end);
         for digest in &state.installations {
             self.add_installation(digest)?;
@@ -94,8 +94,8 @@ impl BundleBuilder<'_> {
             self.add_closed_file(&place.join(file), *length, digest)?;
         }
         let chain = bytes.get(..end).unwrap_or_default().to_vec();
-        self.add_bytes(&place.join(layout::CHAIN_FILE), chain);
-        self.add_bytes(&sums_name, sums_bytes);
+        self.add_file_from_bytes(&place.join(layout::CHAIN_FILE), chain);
+        self.add_file_from_bytes(&sums_name, sums_bytes);
         Ok(())
     }
 
@@ -138,10 +138,10 @@ impl BundleBuilder<'_> {
             let grows = file == layout::RESULTS_FILE;
             match lengths.get(file.as_str()) {
                 Some(there) if *there == length || (grows && *there > length) => {
-                    self.push(&name, length, sha256, BundleContent::File(self.root.join(&name)));
+                    self.push_file(&name, length, sha256, BundleContent::File(self.root.join(&name)));
                 }
-                Some(_) => return Err(self.damaged_error(&name, "does not have the recorded length")),
-                None => return Err(self.damaged_error(&name, "is missing or a link")),
+                Some(_) => return Err(self.damaged_file_error(&name, "does not have the recorded length")),
+                None => return Err(self.damaged_file_error(&name, "is missing or a link")),
             }
         }
         Ok(())
@@ -151,9 +151,9 @@ impl BundleBuilder<'_> {
     fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
         let path = self.root.join(name);
         if self.disk.file_length(&path)? != Some(length) {
-            return Err(self.damaged_error(name, "is missing, is a link, or does not have the recorded length"));
+            return Err(self.damaged_file_error(name, "is missing, is a link, or does not have the recorded length"));
         }
-        self.push(name, length, digest.to_owned(), BundleContent::File(path));
+        self.push_file(name, length, digest.to_owned(), BundleContent::File(path));
         Ok(())
     }
 
@@ -171,28 +171,29 @@ impl BundleBuilder<'_> {
     /// Adds a small file, reading it immediately.
     fn add_small_file(&mut self, name: &Path) -> Result<(), StoreError> {
         let bytes = self.read_file(name)?;
-        self.add_bytes(name, bytes);
+        self.add_file_from_bytes(name, bytes);
         Ok(())
     }
 
+    /// Reads a small file of the store that must exist and not be a link.
     fn read_file(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
         let path = self.root.join(name);
         match self.disk.file_length(&path)? {
             Some(_) => self.disk.load_file(&path),
-            None => Err(self.damaged_error(name, "is missing or a link")),
+            None => Err(self.damaged_file_error(name, "is missing or a link")),
         }
     }
 
-    fn add_bytes(&mut self, name: &Path, bytes: Vec<u8>) {
-        self.push(name, bytes.len() as u64, sha256_hex(&bytes), BundleContent::Bytes(bytes));
+    fn add_file_from_bytes(&mut self, name: &Path, bytes: Vec<u8>) {
+        self.push_file(name, bytes.len() as u64, sha256_hex(&bytes), BundleContent::Bytes(bytes));
     }
 
-    fn push(&mut self, name: &Path, length: u64, sha256: String, content: BundleContent) {
+    fn push_file(&mut self, name: &Path, length: u64, sha256: String, content: BundleContent) {
         let name = name.to_string_lossy().into_owned();
         self.items.push(BundleFile { name, length, sha256, content });
     }
 
-    fn damaged_error(&self, name: &Path, problem: &str) -> StoreError {
+    fn damaged_file_error(&self, name: &Path, problem: &str) -> StoreError {
         StoreError::Damaged { path: self.root.join(name), problem: problem.to_owned(), remedy: BUNDLE_REMEDY }
     }
 }

@@ -128,7 +128,7 @@ impl ResultGrouper {
         let (mut made, mut sets, mut frames) = (Vec::new(), Vec::new(), BTreeSet::new());
         catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |place, line| {
             let Some(head) = result_summary::parse_summary(line, fields) else { return };
-            let set = self.set_index(&head.provenance);
+            let set = self.find_or_add_set(&head.provenance);
             sets.push(set);
             frames.insert(head.frame.clone());
             made.push(make(ResultHead { frame: head.frame, set, record: head.record, place }));
@@ -154,7 +154,7 @@ impl ResultGrouper {
         self.frames += frames;
     }
 
-    fn set_index(&mut self, provenance: &Map<String, Value>) -> usize {
+    fn find_or_add_set(&mut self, provenance: &Map<String, Value>) -> usize {
         if let Some(known) = self.sets.iter().position(|set| set.provenance == *provenance) {
             return known;
         }
@@ -206,7 +206,8 @@ mod tests {
         let mut gather = ResultGrouper::default();
         for (number, lines) in series.iter().enumerate() {
             let provenance = |program: &str| Map::from_iter([("program".to_owned(), Value::from(program))]);
-            let sets: Vec<usize> = lines.iter().map(|(_, program)| gather.set_index(&provenance(program))).collect();
+            let sets: Vec<usize> =
+                lines.iter().map(|(_, program)| gather.find_or_add_set(&provenance(program))).collect();
             let frames: BTreeSet<u32> = lines.iter().map(|(frame, _)| *frame).collect();
             gather.count_results(&layout::series_id(number as u64 + 1), &sets, frames.len());
         }

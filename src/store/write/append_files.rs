@@ -178,7 +178,7 @@ impl Store {
             None => segment::close_leftover(self.store_root(), file.kind)?,
         };
         index.unsealed.extend(flight);
-        self.seal_all(&mut index);
+        self.seal_unsealed_flights(&mut index);
         Ok(())
     }
 }

@@ -20,7 +20,7 @@ use crate::store::config::BootPolicy;
 pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: BootPolicy) -> Option<String> {
     let Some(last) = last else { return Some("first series of the store".to_owned()) };
     if last.boot_id == now.boot_id {
-        return pause_reason(now.since_boot_s - last.since_boot_s, after);
+        return long_pause_reason(now.since_boot_s - last.since_boot_s, after);
     }
     match at_boot {
         BootPolicy::Always => return Some("the machine was switched on".to_owned()),
@@ -31,10 +31,10 @@ pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_
     if by_utc_s < 0.0 {
         return Some("the machine was switched on and its clock went back: the pause is unknown".to_owned());
     }
-    pause_reason(by_utc_s.max(now.since_boot_s), after)
+    long_pause_reason(by_utc_s.max(now.since_boot_s), after)
 }
 
-fn pause_reason(pause_s: f64, after: Duration) -> Option<String> {
+fn long_pause_reason(pause_s: f64, after: Duration) -> Option<String> {
     (pause_s > after.as_secs_f64()).then(|| format!("no shot for {:.1} h", pause_s / 3600.0))
 }
 

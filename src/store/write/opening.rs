@@ -90,17 +90,17 @@ pub fn unwritable_reason(disk: &dyn Disk, root: &Path) -> Option<String> {
     let there = root.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
     let owner = service_owner(root);
     let refused = there.into_iter().find(|p| p.exists()).and_then(|path| write_refusal(path, owner));
-    refused.or_else(|| unwritable_inside(disk, root, owner, MAX_DEPTH))
+    refused.or_else(|| find_unwritable_entry(disk, root, owner, MAX_DEPTH))
 }
 
 /// Depth of folders whose files are rewritten: store, flights, flight; the frames of a series are not.
 const MAX_DEPTH: usize = 3;
 
-fn unwritable_inside(disk: &dyn Disk, folder: &Path, owner: Option<Owner>, deep: usize) -> Option<String> {
+fn find_unwritable_entry(disk: &dyn Disk, folder: &Path, owner: Option<Owner>, deep: usize) -> Option<String> {
     let entries = disk.list(folder).unwrap_or_default();
     let ours = entries.iter().filter(|entry| entry.name != "lost+found" && !entry.is_link);
     ours.map(|entry| (folder.join(&entry.name), entry.is_dir)).find_map(|(path, is_dir)| {
-        let inside = || if is_dir && deep > 1 { unwritable_inside(disk, &path, owner, deep - 1) } else { None };
+        let inside = || if is_dir && deep > 1 { find_unwritable_entry(disk, &path, owner, deep - 1) } else { None };
         write_refusal(&path, owner).or_else(inside)
     })
 }
@@ -185,10 +185,10 @@ fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
         manifest.ended.or(shot).or(manifest.started)
     });
     let of_flight = || catalogue::read_flight_manifest(disk, flight).ok().map(|manifest| manifest.started);
-    let later = |a: Stamp, b: Stamp| if is_later(&b, &a) { b } else { a };
+    let later = |a: Stamp, b: Stamp| if is_later_stamp(&b, &a) { b } else { a };
     of_series.or_else(of_flight).into_iter().chain(live::last_file_start(disk, flight)).reduce(later)
 }
 
-fn is_later(one: &Stamp, other: &Stamp) -> bool {
+fn is_later_stamp(one: &Stamp, other: &Stamp) -> bool {
     if one.boot_id == other.boot_id { one.since_boot_s > other.since_boot_s } else { one.utc > other.utc }
 }

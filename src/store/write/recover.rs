@@ -30,7 +30,7 @@ pub(super) fn recover_incoming(root: StoreRoot<'_>, under_way: &ActiveSeries) ->
     // Flights come first ("f" < "s"): a series needs its flight's folder.
     let entries = root.disk.list_entries(&root.join(layout::INCOMING))?;
     for entry in entries.into_iter().filter(|entry| !under_way.contains(&entry.name)) {
-        if let Err(error) = recovering.recover_entry(&entry) {
+        if let Err(error) = recovering.recover_incoming_entry(&entry) {
             recovering.found.remarks.push(format!("{} remains in incoming: {error}", entry.name));
         }
     }
@@ -47,7 +47,7 @@ struct RecoveryRun<'a> {
 }
 
 impl RecoveryRun<'_> {
-    fn recover_entry(&mut self, entry: &DirectoryEntry) -> Result<(), StoreError> {
+    fn recover_incoming_entry(&mut self, entry: &DirectoryEntry) -> Result<(), StoreError> {
         let (root, folder) = (self.root, layout::incoming_folder(self.root.path, &entry.name));
         if entry.is_dir && layout::series_number(&entry.name).is_some() {
             self.recover_series(&folder, &entry.name)

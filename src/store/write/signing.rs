@@ -36,7 +36,7 @@ impl Signer {
     /// writes the public key next to it.
     pub fn load_or_create(path: &Path) -> Result<Self, StoreError> {
         let text = match fs::read_to_string(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => create_key(path)?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => create_signing_key(path)?,
             read => read.map_err(StoreError::io(path, "read"))?,
         };
         let key = SigningKey::from_pkcs8_pem(&text).map_err(|_| StoreError::Damaged {
@@ -44,7 +44,7 @@ impl Signer {
             problem: "is not an Ed25519 key (PEM, PKCS #8)".to_owned(),
             remedy: "name another file; if it does not exist, a key is generated",
         })?;
-        let public = with_ending(path, PUBLIC_ENDING);
+        let public = append_extension(path, PUBLIC_ENDING);
         if !public.exists() {
             let text = key.verifying_key().to_public_key_pem(LineEnding::LF).unwrap_or_default();
             write_new(&public, text.as_bytes(), 0o644).map_err(StoreError::io(&public, "write"))?;
@@ -95,14 +95,14 @@ impl Signer {
     }
 }
 
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
+fn append_extension(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");
     name.push(ending);
     name.into()
 }
 
-fn create_key(path: &Path) -> Result<String, StoreError> {
+fn create_signing_key(path: &Path) -> Result<String, StoreError> {
     let mut seed = [0; 32];
     fill_random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
     let text = SigningKey::from_bytes(&seed).to_pkcs8_pem(LineEnding::LF);
@@ -114,7 +114,7 @@ fn create_key(path: &Path) -> Result<String, StoreError> {
 /// Writes a file that must not exist yet, durably: an incomplete key would be invalid at the next start.
 #[allow(clippy::disallowed_methods)] // a key is not a file of the store, and needs its own mode
 fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
-    let part = with_ending(path, "part");
+    let part = append_extension(path, "part");
     let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(&part)?;
     inherit_owner(&part)?;
     file.write_all(bytes)?;
@@ -139,7 +139,7 @@ impl PublicKey {
         })
     }
 
-    fn verifies(&self, before: &str, signature: &str) -> bool {
+    fn is_valid_signature(&self, before: &str, signature: &str) -> bool {
         let bytes = hex::decode(signature).ok().and_then(|bytes| Signature::from_slice(&bytes).ok());
         bytes.is_some_and(|signature| self.0.verify_strict(signed_message(before).as_bytes(), &signature).is_ok())
     }
@@ -164,7 +164,7 @@ pub(crate) fn check_signatures(links: Vec<(usize, ChainLine)>, public: &PublicKe
         found.unsigned += 1;
         match link.event {
             ChainEvent::Signature { key, signature } if key == ours => {
-                if public.verifies(&link.before, &signature) {
+                if public.is_valid_signature(&link.before, &signature) {
                     found.valid += 1;
                     found.unsigned = 0;
                 } else {

@@ -217,17 +217,17 @@ impl Store {
         index.note_moment(now);
         index.unsealed.insert(series.flight().to_owned());
         series.close(state, now, remarks)?;
-        self.seal_all(&mut index);
+        self.seal_unsealed_flights(&mut index);
         Ok(())
     }
 
     /// Signs the chains and updates SHA256SUMS to the recorded data. Best effort: a failure is retried at the next call or
     /// opening, and the chain is complete in the meantime.
     pub fn seal(&self) {
-        self.seal_all(&mut self.lock_index());
+        self.seal_unsealed_flights(&mut self.lock_index());
     }
 
-    pub(crate) fn seal_all(&self, index: &mut StoreIndex) {
+    pub(crate) fn seal_unsealed_flights(&self, index: &mut StoreIndex) {
         if self.store_root().has_evidence() {
             index.unsealed.retain(|flight| self.seal_flight(&self.store_root().flight_folder(flight)).is_err());
         }

@@ -38,7 +38,7 @@ pub fn learn_from_flight(
         )));
     }
     let singular = || AdjustError::Input("the flight's normal equations are singular".into());
-    let normals = reduce_normals(flight_problem, fit).ok_or_else(singular)?;
+    let normals = reduce_to_invariant_parameters(flight_problem, fit).ok_or_else(singular)?;
     let known = |(_, column): &(InvariantParameter, usize)| Estimate {
         value: fit.global[*column] - flight_problem.nominal[*column],
         sigma: Some(fit.covariance[(*column, *column)].max(0.0).sqrt()),
@@ -46,7 +46,7 @@ pub fn learn_from_flight(
     Ok(FlightContribution { normals, posterior: flight_problem.invariant.iter().map(known).collect() })
 }
 
-fn reduce_normals(flight_problem: &FlightProblem, fit: &Fit) -> Option<ReducedNormals> {
+fn reduce_to_invariant_parameters(flight_problem: &FlightProblem, fit: &Fit) -> Option<ReducedNormals> {
     let p = fit.global.len();
     let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
     let frames = flight_problem.problem.groups.iter().zip(&fit.groups).take(flight_problem.layouts.len());

@@ -82,7 +82,7 @@ impl LiveAdjustment {
                 }
                 (state, solution)
             }
-            Some(state) => self.adjust_with_state(state, &frames, elapsed_s.max(MIN_ELAPSED_S))?,
+            Some(state) => self.adjust_frame_with_state(state, &frames, elapsed_s.max(MIN_ELAPSED_S))?,
         };
         self.mounting_count += usize::from(state.frames == 1 && state.rejected_frames == 0);
         self.state = Some(state);
@@ -107,7 +107,7 @@ impl LiveAdjustment {
         Flight::new(input, frames, hyperparameters)
     }
 
-    fn adjust_with_state(
+    fn adjust_frame_with_state(
         &self,
         state: &LiveState,
         frames: &[Vec<Observation>],

@@ -24,10 +24,10 @@ impl<'a> FrameMountings<'a> {
 
     /// Sets the mounting numbers: the specified ones if there are any, otherwise those determined from the frames.
     pub fn with_numbers(&self, by_evidence: impl FnOnce() -> Vec<usize>) -> Self {
-        Self { numbers: Some(self.specified_numbers().unwrap_or_else(by_evidence)), ..*self }
+        Self { numbers: Some(self.specified_mounting_numbers().unwrap_or_else(by_evidence)), ..*self }
     }
 
-    fn specified_numbers(&self) -> Option<Vec<usize>> {
+    fn specified_mounting_numbers(&self) -> Option<Vec<usize>> {
         let mut seen: Vec<Mounting> = vec![];
         let number = |mounting: &Mounting| {
             seen.iter().position(|m| m == mounting).unwrap_or_else(|| {

@@ -81,12 +81,12 @@ impl ShapeColumns {
         Self { ratios, changes, constant_bend: constant, vertical_load: lever }
     }
 
-    /// Sets the start values.
+    /// Sets the start value of the vertical load's fraction.
     pub fn set_start(&self, global: &mut DVector<f64>) {
         global[self.vertical_load] = VERTICAL_LOAD_FRACTION;
     }
 
-    /// Column after the last one.
+    /// Column after the last one of the shape.
     pub fn end_column(&self) -> usize {
         self.vertical_load + 1
     }

@@ -30,7 +30,7 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_rough(&mut self, from: Option<&Fit>) -> Result<SolvedFlight, AdjustError> {
-        let solved = self.solve_with(&SolveOptions { rough: true, residuals: from })?;
+        let solved = self.solve_with_options(&SolveOptions { rough: true, residuals: from })?;
         for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
             self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
         }
@@ -42,10 +42,10 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_converged(&self, rough: &Fit) -> Result<SolvedFlight, AdjustError> {
-        self.solve_with(&SolveOptions { rough: false, residuals: Some(rough) })
+        self.solve_with_options(&SolveOptions { rough: false, residuals: Some(rough) })
     }
 
-    fn solve_with(&self, solve_options: &SolveOptions) -> Result<SolvedFlight, AdjustError> {
+    fn solve_with_options(&self, solve_options: &SolveOptions) -> Result<SolvedFlight, AdjustError> {
         let flight_problem = FlightProblem::new(self, solve_options.residuals);
         let fit = flight_problem.solve(self.input.scene, solve_options)?;
         Ok(SolvedFlight { flight_problem, fit, tested_sum: self.tested_sum })

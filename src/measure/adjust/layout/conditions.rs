@@ -78,8 +78,8 @@ impl ConditionRows<'_> {
         target.as_mut_slice()[first..first + 2].copy_from_slice(v.as_slice());
     }
 
-    /// Writes two conditions: a pixel, with its derivatives with respect to the unknowns and the marker's position on the
-    /// ground.
+    /// Writes the two conditions of an observed pixel, with its derivatives with respect to the unknowns and the
+    /// marker's position on the ground.
     fn write_image(
         &mut self,
         first: usize,
@@ -140,7 +140,7 @@ impl ConditionRows<'_> {
         Ok(())
     }
 
-    /// Writes three conditions: the surveyed position (the first three observations) equals the parameter.
+    /// Writes the three conditions that the surveyed position (the first three observations) equals the parameter.
     fn write_survey(&mut self, ground_m: &Vector3<f64>) {
         let identity = Matrix3::identity();
         for k in 0..3 {

@@ -11,8 +11,8 @@ use crate::estimation::Gradient;
 impl FrameOutcome<'_> {
     /// Gradient of a used marker's deflection relative to `reference`; `None` if the marker was not used.
     pub fn deflection_gradient(&self, marker: usize, reference: DeflectionReference) -> Option<Gradient> {
-        let block = self.image_block(marker)?;
-        let (ground, state) = self.marker_state(block);
+        let block = self.block_with_image(marker)?;
+        let (ground, state) = self.ground_position_and_flight_state(block);
         let mut all = self.empty_gradient(3, &[marker]);
         let up = Vector3::y();
         self.add_position(&mut all, block, &state, &[up; 3], &[-up; 3]);

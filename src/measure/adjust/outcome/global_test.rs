@@ -9,12 +9,12 @@ impl FrameOutcome<'_> {
     /// passes only because observations were removed is not valid.
     pub fn judged_before_removal(self, before: Option<ResidualSum>) -> Self {
         match before {
-            Some(tested_sum) => Self { tested_sum, before_removal: true, ..self }.with_global_test(),
+            Some(tested_sum) => Self { tested_sum, before_removal: true, ..self }.apply_global_test(),
             None => self,
         }
     }
 
-    pub(super) fn with_global_test(mut self) -> Self {
+    pub(super) fn apply_global_test(mut self) -> Self {
         let ResidualSum { omega, redundancy } = self.tested_sum;
         let options = self.input.options;
         self.global_test = quality::global_test(omega, redundancy, options.global_alpha);

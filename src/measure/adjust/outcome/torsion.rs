@@ -20,20 +20,20 @@ impl FrameOutcome<'_> {
 
     /// Torsion angle from the deflections of the two markers (paper, section 4.3).
     fn torsion_angle(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let blocks = [self.image_block(pair.leading)?, self.image_block(pair.trailing)?];
+        let blocks = [self.block_with_image(pair.leading)?, self.block_with_image(pair.trailing)?];
         let markers = &self.input.setup.markers;
         let baseline = markers[pair.leading].position_m - markers[pair.trailing].position_m;
         let base = baseline.xy().norm();
         let mut gradient = self.empty_gradient(1, &[pair.leading, pair.trailing]);
         let mut difference = 0.0;
         for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
-            let (ground, state) = self.marker_state(block);
+            let (ground, state) = self.ground_position_and_flight_state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
             self.add_position(&mut gradient, block, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
-        let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
+        let sigma = self.function_sigmas(&gradient).first().map(|s| s * by_difference);
         Some(Estimate { value: difference.atan2(base), sigma })
     }
 
@@ -47,6 +47,6 @@ impl FrameOutcome<'_> {
         for (placed, k) in self.layout.unknowns() {
             self.layout.add_derivative(&mut gradient, placed.scope, k, 0, placed.term.twist_derivative(k, &section));
         }
-        Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
+        Some(Estimate { value: section.twist_rad, sigma: self.function_sigmas(&gradient).first().copied() })
     }
 }

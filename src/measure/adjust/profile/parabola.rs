@@ -47,6 +47,7 @@ fn series_expansion(t: f64) -> (f64, f64) {
     (1.0 + value, slope * t)
 }
 
+/// Returns the ratio g of arc length to x, and dg/dt, in closed form.
 fn closed_form(t: f64) -> (f64, f64) {
     let root = t.hypot(1.0);
     let mean = t.asinh() / t;

@@ -48,9 +48,9 @@ impl LinearResponse {
             let a = lin.global.transpose() * (&weight - from_local) * b * -variance_a;
             let distance = &solved.conditional * lin.local.transpose() * &weight * b * -1.0;
             Some(MarkerResponse {
-                a: row_vector(&a),
+                a: pad_row_vector(&a),
                 distance_by_a: solved.sensitivity[(0, 0)],
-                distance: row_vector(&distance),
+                distance: pad_row_vector(&distance),
                 covariance: Matrix4::from_column_slice(block.covariance.as_slice()),
             })
         });
@@ -106,6 +106,6 @@ impl LinearResponse {
     }
 }
 
-fn row_vector(m: &DMatrix<f64>) -> RowVector4<f64> {
+fn pad_row_vector(m: &DMatrix<f64>) -> RowVector4<f64> {
     RowVector4::from_fn(|_, k| if k < PER_MARKER { m[(0, k)] } else { 0.0 })
 }

@@ -53,7 +53,7 @@ impl<'a> FrameProblem<'a> {
     pub fn new(single: &SingleFrame<'a>, start: &FrameStart) -> Self {
         let input = &single.input;
         let mut columns = ColumnAllocator::default();
-        let layout = frame_layout(single, start.amplitude_per_m, &mut columns);
+        let layout = allocate_frame_layout(single, start.amplitude_per_m, &mut columns);
         let mut members = vec![];
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
@@ -66,7 +66,7 @@ impl<'a> FrameProblem<'a> {
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
         let ColumnAllocator { missing, priors, .. } = columns;
-        let start = start_values(&layout, missing.len(), start);
+        let start = start_values_of_unknowns(&layout, missing.len(), start);
         let problem = Problem { start, missing, priors, known: None, groups: vec![group] };
         Self { scene: input.scene, layout, problem, members }
     }
@@ -82,7 +82,7 @@ impl<'a> FrameProblem<'a> {
     }
 }
 
-fn frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &mut ColumnAllocator) -> ParameterLayout {
+fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &mut ColumnAllocator) -> ParameterLayout {
     let (input, curvature_terms) = (&single.input, single.terms);
     let stayed = input.options.keeps_ground_mounting();
     let first = [
@@ -135,7 +135,7 @@ fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     survey_block(input, member.marker, flight.into_iter().chain(ground))
 }
 
-fn start_values(layout: &ParameterLayout, columns: usize, start: &FrameStart) -> DVector<f64> {
+fn start_values_of_unknowns(layout: &ParameterLayout, columns: usize, start: &FrameStart) -> DVector<f64> {
     let mut values = DVector::zeros(columns);
     if let Some((from, solution)) = start.from {
         let (old, new) = (from.curvature_terms, layout.curvature_terms);

@@ -48,7 +48,7 @@ struct WingPoint {
     arm_m: f64,
 }
 
-fn wing_points(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
+fn markers_on_wing(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
     let axis = &scene.ground.axis;
     let stations = scene.ground.stations.iter().enumerate().filter(|(k, _)| !scene.is_fixed(*k));
     stations.map(|(marker, s)| WingPoint {
@@ -70,13 +70,13 @@ fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let unbent = Bending { curvature_per_m: &[0.0], ..Bending::UNBENT };
     let flat = scene.bend(&unbent);
     let mut field = zero_displacements(scene);
-    for WingPoint { marker, .. } in wing_points(scene) {
+    for WingPoint { marker, .. } in markers_on_wing(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
         let state = scene.marker_with_dimensions(marker, &flat, &ground_m, &unbent, &Default::default());
         field[marker] = state.by_curvature[0];
     }
     // Tip deflection: that of the outermost marker, extrapolated with the square of the length.
-    let outermost = wing_points(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
+    let outermost = markers_on_wing(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
     (tip > 0.0).then(|| displacement_term(Unknown::GroundBend, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
@@ -96,7 +96,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     }
     let mut fields = vec![zero_displacements(scene); BULGE_COUNT];
     let bulge = |k: usize, eta: f64| (-(eta * BULGE_COUNT as f64 - k as f64 - 0.5).powi(2)).exp();
-    for WingPoint { marker, eta, .. } in wing_points(scene) {
+    for WingPoint { marker, eta, .. } in markers_on_wing(scene) {
         let normal = scene.ground.axis.skin_normal(scene.ground.stations[marker].arc_m);
         let of_all: [f64; BULGE_COUNT] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
         // Equal standard deviation at all positions.
@@ -124,7 +124,7 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     }
     let mut fields = vec![zero_displacements(scene); 2];
     let length_m = scene.ground.axis.length_m;
-    for WingPoint { marker, eta, arm_m } in wing_points(scene) {
+    for WingPoint { marker, eta, arm_m } in markers_on_wing(scene) {
         let shapes = [first_mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
         for (field, (deflection, slope)) in fields.iter_mut().zip(shapes) {
             field[marker] = Vector3::new(-arm_m * slope / length_m, 0.0, deflection);
@@ -193,7 +193,7 @@ fn row_times_s(scene: &WingScene, frame_observations: &FrameObservations, height
 /// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
 fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
     let mut field = zero_displacements(scene);
-    for WingPoint { marker, eta, .. } in wing_points(scene) {
+    for WingPoint { marker, eta, .. } in markers_on_wing(scene) {
         field[marker] = Vector3::y() * (first_mode(eta).0 * times_s[marker]);
     }
     let [velocity, _] = rms_rates(vibration);
@@ -219,7 +219,7 @@ fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Opt
 /// frames of a flight, and independent per frame. Within a flight they differ only by gusts, flaps and turns.
 const FLIGHT_AND_FRAME_SIGMA: (f64, f64) = (0.9, 0.436);
 
-fn in_plane_and_torque(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
+fn in_plane_and_torque_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
     let priors = &input.setup.uncertainty;
     in_plane(input.scene, share * priors[Width::InPlane])
         .into_iter()
@@ -230,7 +230,7 @@ fn in_plane_and_torque(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm
 /// Terms that all frames share. `share`: fraction of the prior standard deviation of in-plane bending and torque.
 fn shared_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
     let skin = skin_bulges(input.scene, input.setup.uncertainty[Width::SkinMotion]);
-    in_plane_and_torque(input, share).into_iter().chain(skin).collect()
+    in_plane_and_torque_terms(input, share).into_iter().chain(skin).collect()
 }
 
 /// Terms that the frames of a flight share: skin bulges and the common component of in-plane bending and torque.
@@ -246,7 +246,7 @@ pub fn frame_terms(
     in_flight: bool,
 ) -> Vec<ParameterTerm> {
     let mut terms =
-        if in_flight { in_plane_and_torque(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
+        if in_flight { in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
     terms.extend(moving_parts(input.scene, &input.setup.markers));
     terms.extend(row_terms(input, frame_observations, scales));
     terms

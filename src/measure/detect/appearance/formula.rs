@@ -183,7 +183,7 @@ mod tests {
     /// Column and row of a pixel.
     type Place = [f64; 2];
 
-    /// Completes shapes with one light.
+    /// Completes shapes to marker parameters with the same grey levels.
     fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<MarkerParameters> {
         let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
         let all = |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));

@@ -143,7 +143,7 @@ struct FitAttempt<'a> {
 }
 
 impl FitAttempt<'_> {
-    /// Fits the geometry coarsely. Returns the parameters and the scale of the residuals, grey levels.
+    /// Fits a hypothesis coarsely. Returns the marker's parameters and the scale of the residuals, grey levels.
     fn first_fit(&self) -> Result<(MarkerParameters, f64), RejectReason> {
         let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
         let budget = if hypothesis.is_under_decal() { UNLIMITED } else { COARSE };

@@ -59,7 +59,7 @@ impl Strategy {
         Self { condition, propose, reports_failure: false, size: SizeNeed::NotNeeded }
     }
 
-    const fn reporting_failure(self) -> Self {
+    const fn with_reported_failure(self) -> Self {
         Self { reports_failure: true, ..self }
     }
 
@@ -69,7 +69,7 @@ impl Strategy {
 
     /// Creates the strategy that measures the hypothesis as it was proposed.
     const fn as_proposed(condition: StrategyCondition) -> Self {
-        Self::new(condition, |run| Some(run.seen.clone())).reporting_failure()
+        Self::new(condition, |run| Some(run.seen.clone())).with_reported_failure()
     }
 }
 
@@ -90,15 +90,15 @@ const QUADRANT_STRATEGIES: [Strategy; 3] = [
 const DISC_STRATEGIES: [Strategy; 5] = [
     Strategy::as_proposed(StrategyCondition::Whole),
     // Glare hides an end of the disc or crosses it; also tried if it looks whole but its position is imprecise.
-    Strategy::new(StrategyCondition::Unsure, |run| run.disc_in_glare().cloned())
-        .reporting_failure()
+    Strategy::new(StrategyCondition::Unsure, |run| run.find_disc_in_glare().cloned())
+        .with_reported_failure()
         .with_size_need(SizeNeed::Always),
     // Disc under a neighbour's decal along rows or columns.
     Strategy::new(StrategyCondition::Cut, |run| run.disc_under_decal(|_| ROW_DIRECTION))
-        .reporting_failure()
+        .with_reported_failure()
         .with_size_need(SizeNeed::IfTwin),
     // Disc under a decal along the line in which its rim ends.
-    Strategy::new(StrategyCondition::Cut, |run| run.disc_under_slanted_decal()).with_size_need(SizeNeed::IfTwin),
+    Strategy::new(StrategyCondition::Cut, |run| run.find_disc_under_slanted_decal()).with_size_need(SizeNeed::IfTwin),
     // Disc cut only by its local threshold, which followed a lower background, for example due to a line at its
     // tip.
     Strategy::new(StrategyCondition::CutOutsideGlare, |run| {
@@ -151,9 +151,9 @@ impl<'a> Measurer<'a> {
             return AttemptOutcome { measured: Err(RejectReason::TooSmall), needs_size };
         }
         for strategy in run.strategies() {
-            let due = run.applies(strategy.condition);
+            let due = run.meets_condition(strategy.condition);
             let Some(proposed) = due.then(|| (strategy.propose)(&run)).flatten() else { continue };
-            let measured = run.measure(&proposed);
+            let measured = run.measure_proposed(&proposed);
             needs_size = match (strategy.size, &measured) {
                 (SizeNeed::Always, _) => Some(proposed),
                 (SizeNeed::IfTwin, Ok(_)) => Some(proposed).filter(|hidden| hidden.prior.twin),
@@ -167,8 +167,8 @@ impl<'a> Measurer<'a> {
             }
         }
         // A disc shortened by glare may look whole and have a precise position.
-        if run.blob.is_some() && run.is_sure() && glare::ends_in_white(self.image, &seen.ellipse) {
-            needs_size = needs_size.or_else(|| run.disc_in_glare().cloned());
+        if run.blob.is_some() && run.has_sure_answer() && glare::ends_in_white(self.image, &seen.ellipse) {
+            needs_size = needs_size.or_else(|| run.find_disc_in_glare().cloned());
         }
         AttemptOutcome { measured: run.answer.ok_or(reason), needs_size }
     }
@@ -222,24 +222,24 @@ impl<'a> StrategyRun<'a> {
         }
     }
 
-    fn applies(&self, condition: StrategyCondition) -> bool {
+    fn meets_condition(&self, condition: StrategyCondition) -> bool {
         let is_cut = || self.blob.is_some_and(|(_, blob)| whole::looks_cut(blob));
         match condition {
             StrategyCondition::Unanswered => self.answer.is_none(),
-            StrategyCondition::Unsure => !self.is_sure(),
+            StrategyCondition::Unsure => !self.has_sure_answer(),
             StrategyCondition::Whole => !is_cut(),
             StrategyCondition::Cut => self.answer.is_none() && is_cut(),
             StrategyCondition::CutOutsideGlare => {
-                self.applies(StrategyCondition::Cut) && self.disc_in_glare().is_none()
+                self.meets_condition(StrategyCondition::Cut) && self.find_disc_in_glare().is_none()
             }
         }
     }
 
-    fn is_sure(&self) -> bool {
+    fn has_sure_answer(&self) -> bool {
         self.answer.as_ref().is_some_and(MeasuredMarker::is_sure)
     }
 
-    fn measure(&self, proposed: &Hypothesis) -> MeasurementResult {
+    fn measure_proposed(&self, proposed: &Hypothesis) -> MeasurementResult {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.measurer.measure_whole(index, proposed),
             _ => {
@@ -249,7 +249,7 @@ impl<'a> StrategyRun<'a> {
         }
     }
 
-    fn disc_in_glare(&self) -> Option<&Hypothesis> {
+    fn find_disc_in_glare(&self) -> Option<&Hypothesis> {
         let completed =
             |(index, _)| glare_cut::complete_disc(self.measurer.image, self.seen, index, self.measurer.blobs);
         self.in_glare.get_or_init(|| self.blob.and_then(completed)).as_ref()
@@ -260,7 +260,7 @@ impl<'a> StrategyRun<'a> {
         partial_ellipse::complete_disc(self.seen, self.blob?.1, self.measurer.blobs, direction)
     }
 
-    fn disc_under_slanted_decal(&self) -> Option<Hypothesis> {
+    fn find_disc_under_slanted_decal(&self) -> Option<Hypothesis> {
         let blob = self.blob?.1;
         let cut = |other: &Blob| {
             if partial_ellipse::is_ellipse(other) {

@@ -60,15 +60,15 @@ impl Covariance {
     /// Creates the covariance of a fit, px^2: `deserved` by its residuals, and `white` as if they were independent.
     pub fn from_fit(deserved: Matrix2<f64>, white: Matrix2<f64>) -> Self {
         let mut out = Self { sum: deserved, contributions: Vec::new() };
-        out.record(CovarianceSource::Fit, white);
-        out.record(CovarianceSource::LackOfFit, deserved - white);
+        out.record_contribution(CovarianceSource::Fit, white);
+        out.record_contribution(CovarianceSource::LackOfFit, deserved - white);
         out
     }
 
     /// Adds the contribution of a source, px^2.
     pub fn add(&mut self, source: CovarianceSource, contribution: Matrix2<f64>) {
         self.sum += contribution;
-        self.record(source, contribution);
+        self.record_contribution(source, contribution);
     }
 
     /// Adds the variance of a source along a unit vector, px^2.
@@ -80,7 +80,7 @@ impl Covariance {
     /// is not positive definite.
     pub fn raise(&mut self, source: CovarianceSource, shown: &Matrix2<f64>) {
         if let Some((raised, _)) = raise_covariance(shown, &self.sum, 1.0) {
-            self.record(source, raised - self.sum);
+            self.record_contribution(source, raised - self.sum);
             self.sum = raised;
         }
     }
@@ -95,7 +95,7 @@ impl Covariance {
         self.contributions.iter().find(|(own, _)| *own == source).map_or_else(Matrix2::zeros, |(_, own)| *own)
     }
 
-    fn record(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
+    fn record_contribution(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
         /// Relative rounding error of a covariance that is not raised.
         const ROUNDING: f64 = 1e-12;
         match self.contributions.iter_mut().find(|(known, _)| *known == source) {

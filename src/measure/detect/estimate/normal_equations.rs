@@ -125,10 +125,10 @@ impl RowBlock {
             let (next, later) = later.split_at_mut(if i + 1 < n { n - i } else { 0 });
             let (one, others) = (&self.columns[i], &self.columns[i..=n]);
             if let [square, own @ ..] = own {
-                add_products(square, one, one);
+                add_batch_products(square, one, one);
                 if next.is_empty() {
                     for (sum, column) in own.iter_mut().zip(&others[1..]) {
-                        add_products(sum, one, column);
+                        add_batch_products(sum, one, column);
                     }
                 }
                 for ((sum, next), column) in own.iter_mut().zip(next).zip(&others[1..]) {
@@ -142,7 +142,7 @@ impl RowBlock {
 }
 
 #[inline(always)]
-fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK_BATCHES], other: &[Lanes; BLOCK_BATCHES]) {
+fn add_batch_products(sum: &mut Lanes, one: &[Lanes; BLOCK_BATCHES], other: &[Lanes; BLOCK_BATCHES]) {
     let mut lanes = *sum;
     for (x, y) in one.iter().zip(other) {
         for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y.iter())) {
@@ -227,12 +227,12 @@ wide! {
     fn sum_batches(
         pixels: &Pixels, m: &MarkerParameters, list: &[usize], scale: f64, images: Option<&mut BatchImages>
     ) -> LinearisationSums
-        = Pixels::accumulate
+        = Pixels::sum_linearised_batches
 }
 
 impl Pixels {
     #[inline(always)]
-    fn accumulate(
+    fn sum_linearised_batches(
         &self,
         m: &MarkerParameters,
         list: &[usize],
@@ -242,15 +242,15 @@ impl Pixels {
         // One loop for each model: a loop for both is slower for both, and a model passed as a function
         // is compiled without the processor's wide registers.
         match (self.outlined, is_sharpened(m)) {
-            (false, false) => self.accumulate_model::<false, false>(m, list, scale, images),
-            (true, false) => self.accumulate_model::<true, false>(m, list, scale, images),
-            (false, true) => self.accumulate_model::<false, true>(m, list, scale, images),
-            (true, true) => self.accumulate_model::<true, true>(m, list, scale, images),
+            (false, false) => self.sum_batches_of_model::<false, false>(m, list, scale, images),
+            (true, false) => self.sum_batches_of_model::<true, false>(m, list, scale, images),
+            (false, true) => self.sum_batches_of_model::<false, true>(m, list, scale, images),
+            (true, true) => self.sum_batches_of_model::<true, true>(m, list, scale, images),
         }
     }
 
     #[inline(always)]
-    fn accumulate_model<const OUTLINED: bool, const SHARPENED: bool>(
+    fn sum_batches_of_model<const OUTLINED: bool, const SHARPENED: bool>(
         &self,
         m: &MarkerParameters,
         list: &[usize],
@@ -352,7 +352,7 @@ mod tests {
             pixels.outlined = rim;
             let list: [usize; N] = std::array::from_fn(|k| k);
             let wide = sum_batches(&pixels, &m, &list, 30.0, None);
-            assert_eq!(wide, pixels.accumulate(&m, &list, 30.0, None), "{pattern:?}");
+            assert_eq!(wide, pixels.sum_linearised_batches(&m, &list, 30.0, None), "{pattern:?}");
             assert!(
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
                 "{pattern:?}: nothing was summed"

@@ -26,7 +26,7 @@ pub fn find_glare_bands(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: 
     bright_bands(&lighter_side(&skin_profiles(image, ellipse)), ellipse, begins, fringe)
 }
 
-/// Returns the lighter of the two sides at each position: if the marker's position is off by a few px, one side shows its
+/// Returns at each position the lighter grey level of the skin on both sides. A marker off by a few px shows one its
 /// own black.
 fn lighter_side([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
     one.iter().zip(other).map(|(one, other)| one.max(*other)).collect()

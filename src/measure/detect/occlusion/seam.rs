@@ -32,8 +32,8 @@ pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale
             break;
         }
         let Some(line) = find_line(&signs) else { break };
-        signs.retain(|s| line.distance(&s.at) > 2.0 * SEAM.half_width_px);
-        let half = if ring.suggests_seam(&line) { half_width(&ring.pixels_near(&line), &line) } else { None };
+        signs.retain(|s| line.distance_to(&s.at) > 2.0 * SEAM.half_width_px);
+        let half = if ring.suggests_seam(&line) { half_width(&ring.ring_pixels_near_line(&line), &line) } else { None };
         if let Some(half) = half {
             let band = OcclusionBand { axis: line.across, from: line.at - half, to: line.at + half };
             if ellipse.outline_fraction(|at| band.contains(at)) <= SEAM.max_hidden {
@@ -79,7 +79,7 @@ impl<'a> SeamRing<'a> {
         RingPixel { at: Vector2::new(x as f64, y as f64), darker }
     }
 
-    /// Returns the candidates: pixels that are darker than the skin by `SEAM.sign_scales`.
+    /// Returns the ring's pixels that are darker than the skin by `SEAM.sign_scales`.
     fn dark_pixels(&self) -> Vec<RingPixel> {
         let (mut out, mut some) = (Vec::new(), Vec::new());
         for (y, parts) in &self.rows {
@@ -143,7 +143,7 @@ impl<'a> SeamRing<'a> {
         seam_contrast([sum, count], [other, others, squares], SEAM.hint).is_some()
     }
 
-    fn pixels_near(&self, line: &SeamLine) -> Vec<RingPixel> {
+    fn ring_pixels_near_line(&self, line: &SeamLine) -> Vec<RingPixel> {
         let mut out = Vec::new();
         self.for_rows_near(line, |y, x, pixels| {
             out.extend((x..).zip(pixels).map(|(x, &v)| self.ring_pixel(x, y, v)));
@@ -209,11 +209,11 @@ fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], sha
 
 wide! {
     /// Appends the indices of the pixels of a row below a polynomial of the position.
-    fn find_dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = find_dark_generic
+    fn find_dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = find_dark_pixels_generic
 }
 
 #[inline(always)]
-fn find_dark_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
+fn find_dark_pixels_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
     let [c, b, a] = below;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
@@ -239,7 +239,7 @@ struct SeamLine {
 }
 
 impl SeamLine {
-    fn distance(&self, at: &Vector2<f64>) -> f64 {
+    fn distance_to(&self, at: &Vector2<f64>) -> f64 {
         (self.across.dot(at) - self.at).abs()
     }
 }
@@ -261,9 +261,9 @@ fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
     let across = Vector2::new(-along.y, along.x).normalize();
     let mut line = SeamLine { across, at: across.dot(few.get(i)?) };
     for _ in 0..2 {
-        line = fit_line(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < SEAM.half_width_px))?;
+        line = fit_line(signs.iter().map(|s| &s.at).filter(|at| line.distance_to(at) < SEAM.half_width_px))?;
     }
-    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs).then_some(line)
+    (signs.iter().filter(|s| line.distance_to(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs).then_some(line)
 }
 
 /// Columns and rows of the candidates, px from the first; unused entries are far away.
@@ -271,11 +271,11 @@ type SignPositions = [[Lanes; SEAM.max_signs / LANES]; 2];
 
 wide! {
     /// Returns the two of the first `count` positions whose line passes the largest number of positions.
-    fn best_pair(places: &SignPositions, count: usize) -> Option<[usize; 2]> = best_pair_generic
+    fn best_pair(places: &SignPositions, count: usize) -> Option<[usize; 2]> = best_line_pair_generic
 }
 
 #[inline(always)]
-fn best_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]> {
+fn best_line_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]> {
     let at = |k: usize| (x[k / LANES][k % LANES], y[k / LANES][k % LANES]);
     let (mut best, mut most) = (None, 0.0);
     for i in 0..count {
@@ -327,7 +327,7 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
     let mut nearby = [0.0f64; 3];
     let mut pieces: Vec<(i32, [f64; 2])> = Vec::new();
     for spot in spots {
-        let (distance, darker) = (line.distance(&spot.at), f64::from(spot.darker));
+        let (distance, darker) = (line.distance_to(&spot.at), f64::from(spot.darker));
         if let Some(bin) = profile.get_mut((distance / SEAM.bin_px) as usize) {
             bin[0] += darker;
             bin[1] += 1.0;

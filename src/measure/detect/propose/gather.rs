@@ -79,7 +79,7 @@ impl BlobCollector {
         let new = (self.near.next..background::level_count(faint)).take_while(passes);
         let end = new.last().map(|level| level + 1);
         let Some(end) = end else { return false };
-        self.unique.drop_provisional();
+        self.unique.drop_provisional_blobs();
         let Self { near, far, unique, uneven, swallowed, longest } = self;
         let budget = GATHER.frames * near.coarse.width * near.coarse.height;
         let mut findings = LevelFindings { unique, uneven, swallowed, budget, laxest: end - 1, longest: *longest };
@@ -234,7 +234,7 @@ impl UniqueBlobs {
         }
     }
 
-    fn drop_provisional(&mut self) {
+    fn drop_provisional_blobs(&mut self) {
         let firm = self.drain_all().into_iter().filter(|(_, kept)| *kept == Retention::Firm);
         firm.for_each(|(blob, kept)| self.insert(blob, kept));
     }

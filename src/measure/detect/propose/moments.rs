@@ -18,7 +18,7 @@ struct BlobShape {
     covariance: Matrix2<f64>,
 }
 
-fn combine_shapes(blobs: &[&Blob]) -> BlobShape {
+fn combine_blob_shapes(blobs: &[&Blob]) -> BlobShape {
     let area: f64 = blobs.iter().map(|b| b.area).sum();
     let centre = blobs.iter().map(|b| b.centroid * b.area).sum::<Vector2<f64>>() / area;
     let covariance = (blobs.iter())
@@ -34,7 +34,7 @@ fn combine_shapes(blobs: &[&Blob]) -> BlobShape {
 /// Returns the ellipse of inertia of some of the blobs together.
 pub fn inertia_ellipse(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
-    let shape = combine_shapes(&blobs);
+    let shape = combine_blob_shapes(&blobs);
     Some(Ellipse::from_moments(shape.centre, shape.covariance, 2.0))
 }
 
@@ -56,7 +56,7 @@ const MOMENT_ACROSS: f64 = 0.25 - 0.5 / PI;
 /// area, centroids and second moments.
 pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
-    let shape = combine_shapes(&blobs);
+    let shape = combine_blob_shapes(&blobs);
     let det = shape.covariance.determinant();
     if det <= MOMENTS.min_determinant_px4 || !is_within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill) {
         return None;
@@ -147,7 +147,7 @@ fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f
 
 /// Returns the variation of the kurtosis with direction: 0 for an ellipse, 0.6 for a parallelogram.
 pub fn squareness(blob: &Blob) -> f64 {
-    let Some((_, k)) = directional_kurtosis(&[blob], &combine_shapes(&[blob])) else { return 0.0 };
+    let Some((_, k)) = directional_kurtosis(&[blob], &combine_blob_shapes(&[blob])) else { return 0.0 };
     let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
     high - low
 }

@@ -16,7 +16,7 @@ const QUARTER_TURNS: usize = EDGES.turns / 4;
 /// Finds the edges of quadrants in an outline that contains black and white: the pair of conjugate diameters that best
 /// separates dark from light. Returns `None` unless both black quadrants are darker than both white ones.
 pub fn find_edges(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
-    OutlineSectors::from_outline(ellipse).search_edges(image, &[], [0; 2]).hypothesis(blobs)
+    OutlineSectors::from_outline(ellipse).search_edges(image, &[], [0; 2]).build_hypothesis(blobs)
 }
 
 /// Places quadrants whose outline is known except for its exact position, outside the bands hidden by glare: at the shift
@@ -25,7 +25,7 @@ pub fn place_quadrants(ellipse: &Ellipse, image: &Raster, bands: &[OcclusionBand
     let turns = OutlineSectors::from_outline(*ellipse);
     let shifts = (-EDGES.steps..=EDGES.steps).flat_map(|u| (-EDGES.steps..=EDGES.steps).map(move |v| [u, v]));
     let searches = shifts.map(|shift| turns.search_edges(image, bands, shift.map(|v| EDGES.step_px * v as isize)));
-    searches.max_by(|one, other| one.best_direction().1.total_cmp(&other.best_direction().1))?.hypothesis(&[])
+    searches.max_by(|one, other| one.best_direction().1.total_cmp(&other.best_direction().1))?.build_hypothesis(&[])
 }
 
 /// Pixels of an outline, except for the outermost, with their direction in the outline mapped to a circle.
@@ -101,7 +101,7 @@ impl EdgeSearch {
         Self { ellipse, step, quarters, squares: squares.max(1.0) }
     }
 
-    fn opposite_quarters(&self, turn: usize) -> [(f64, f64); 2] {
+    fn opposite_quarter_sums(&self, turn: usize) -> [(f64, f64); 2] {
         [turn, turn + 2 * QUARTER_TURNS].map(|turn| self.quarters[turn % EDGES.turns])
     }
 
@@ -109,7 +109,7 @@ impl EdgeSearch {
     /// squares that this explains.
     fn best_direction(&self) -> (usize, f64) {
         let both = |turn: usize| {
-            let [(one, m), (other, n)] = self.opposite_quarters(turn);
+            let [(one, m), (other, n)] = self.opposite_quarter_sums(turn);
             (one + other, f64::max(m + n, 1.0))
         };
         let lighter = |turn: usize| {
@@ -121,13 +121,13 @@ impl EdgeSearch {
         (0..2 * QUARTER_TURNS).map(lighter).fold((0, f64::MIN), better)
     }
 
-    fn hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
+    fn build_hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
         let (ellipse, (darkest, _)) = (self.ellipse, self.best_direction());
         // A quadrant less than half visible may belong to another marker.
         let least =
             0.5 * EDGES.inner * EDGES.inner * PI / 4.0 * ellipse.major * ellipse.minor / (self.step * self.step) as f64;
         let seen = |turn: usize| {
-            let seen = self.opposite_quarters(turn).into_iter().filter(|(_, count)| *count > least);
+            let seen = self.opposite_quarter_sums(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
         };
         if seen(darkest + QUARTER_TURNS).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {

@@ -153,14 +153,14 @@ impl PixelSource<'_> {
                 let k = marks.trailing_zeros() as usize;
                 marks &= marks - 1;
                 let Some(&value) = pixels.get(k) else { break };
-                if self.clear || !self.is_hidden(first + k, y) {
+                if self.clear || !self.is_pixel_hidden(first + k, y) {
                     taker.push([left + k as f32, down], value, self.shares[(turn + COLUMN_SHIFT * k) % PERIOD]);
                 }
             }
         }
     }
 
-    fn is_hidden(&self, x: usize, y: usize) -> bool {
+    fn is_pixel_hidden(&self, x: usize, y: usize) -> bool {
         let [x0, y0, x1, _] = self.area;
         self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
             || self.hypothesis.excludes(&Vector2::new(x as f64, y as f64))

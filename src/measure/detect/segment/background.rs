@@ -164,11 +164,11 @@ impl ReducedFrame {
 
 wide! {
     /// Raises each value of `out` to the lower of both sides.
-    fn raise_row(out: &mut [u8], one: &[u8], other: &[u8]) = raise_row_generic
+    fn raise_row(out: &mut [u8], one: &[u8], other: &[u8]) = raise_row_to_lower_side_generic
 }
 
 #[inline(always)]
-fn raise_row_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
+fn raise_row_to_lower_side_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
     // In full steps, the last of them ending at the end of the row: raising a value twice has no effect.
     const STEP: usize = 32;
     let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));

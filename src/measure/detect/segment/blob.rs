@@ -135,12 +135,12 @@ enum Threshold {
 }
 
 wide! {
-    /// Replaces background values by thresholds.
-    fn to_thresholds(values: &mut [u8], threshold: Threshold) = to_thresholds_generic
+    /// Replaces background grey levels by the levels below which a pixel is dark.
+    fn to_thresholds(values: &mut [u8], threshold: Threshold) = background_to_thresholds_generic
 }
 
 #[inline(always)]
-fn to_thresholds_generic(values: &mut [u8], threshold: Threshold) {
+fn background_to_thresholds_generic(values: &mut [u8], threshold: Threshold) {
     match threshold {
         Threshold::Share(level) => {
             values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);

@@ -30,12 +30,12 @@ pub fn find_runs_in_words(words: impl Iterator<Item = u64>, width: usize, y: usi
             let x = k * WORD_BITS + changes.trailing_zeros() as usize;
             changes &= changes - 1;
             match open {
-                Some(_) => close_run(&mut open, x, y, out),
+                Some(_) => close_open_run(&mut open, x, y, out),
                 None => open = Some(x),
             }
         }
     }
-    close_run(&mut open, width, y, out);
+    close_open_run(&mut open, width, y, out);
 }
 
 /// Returns the parts of runs with values of at least `least`, given the values of their pixels run by run.
@@ -50,15 +50,15 @@ pub fn runs_at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
             if v >= least {
                 open.get_or_insert(x);
             } else {
-                close_run(&mut open, x, run.y as usize, &mut out);
+                close_open_run(&mut open, x, run.y as usize, &mut out);
             }
         }
-        close_run(&mut open, last + 1, run.y as usize, &mut out);
+        close_open_run(&mut open, last + 1, run.y as usize, &mut out);
     }
     out
 }
 
-fn close_run(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
+fn close_open_run(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
     if let Some(from) = open.take() {
         out.push(Run { y: y as u32, from: from as u32, to: end as u32 - 1 });
     }

@@ -69,7 +69,7 @@ pub const PEAK: f32 = 0.398_942_3;
 /// 26.2.16, error below 1.2e-5.
 #[inline(always)]
 pub fn normal_distribution(z: f32) -> (f32, f32) {
-    normal_from_reciprocal(z, 1.0 / NORMAL_TAIL_P.mul_add(z.abs(), 1.0))
+    normal_density_and_distribution(z, 1.0 / NORMAL_TAIL_P.mul_add(z.abs(), 1.0))
 }
 
 /// Computes density and cumulative probability of the standard normal distribution at two values, with one division.
@@ -77,7 +77,7 @@ pub fn normal_distribution(z: f32) -> (f32, f32) {
 pub fn normal_distributions(z: [f32; 2]) -> [(f32, f32); 2] {
     let [one, other] = z.map(|z| NORMAL_TAIL_P.mul_add(z.abs(), 1.0));
     let by_both = 1.0 / (one * other);
-    [normal_from_reciprocal(z[0], by_both * other), normal_from_reciprocal(z[1], by_both * one)]
+    [normal_density_and_distribution(z[0], by_both * other), normal_density_and_distribution(z[1], by_both * one)]
 }
 
 /// Constant p of Abramowitz and Stegun 26.2.16.
@@ -90,7 +90,7 @@ pub fn gauss_kernel(z: f32) -> f32 {
 }
 
 #[inline(always)]
-fn normal_from_reciprocal(z: f32, k: f32) -> (f32, f32) {
+fn normal_density_and_distribution(z: f32, k: f32) -> (f32, f32) {
     let density = PEAK * gauss_kernel(z);
     let p = evaluate_polynomial(k, [0.937_298, -0.120_167_6, 0.436_183_6]);
     let tail = density * p * k;

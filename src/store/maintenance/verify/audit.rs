@@ -43,15 +43,15 @@ impl FlightAudit<'_> {
             found.notes.push(format!("{}: {problem}", path.display()));
         }
         let state = chain.state_at(usize::MAX);
-        self.check_identity(&state, &path, found);
-        self.check_series(&state, found);
-        self.check_results(&state, found);
+        self.check_chain_identity(&state, &path, found);
+        self.check_series_digests(&state, found);
+        self.check_result_digests(&state, found);
         APPEND_FILE_KINDS.iter().for_each(|kind| self.check_closed_files(&state, kind, found));
-        self.check_installations(&state, found);
-        self.check_sums(&bytes, &chain, found);
+        self.check_kept_installations(&state, found);
+        self.check_sums_file(&bytes, &chain, found);
     }
 
-    fn check_identity(&self, state: &ChainState, path: &Path, found: &mut VerifyReport) {
+    fn check_chain_identity(&self, state: &ChainState, path: &Path, found: &mut VerifyReport) {
         let Some((store, flight, digest)) = &state.flight else { return };
         let id = self.root.and_then(|root| catalogue::store_id(self.disk, root));
         if *flight != self.flight.id || id.is_some_and(|id| id != *store) {
@@ -63,7 +63,7 @@ impl FlightAudit<'_> {
         }
     }
 
-    fn check_series(&self, state: &ChainState, found: &mut VerifyReport) {
+    fn check_series_digests(&self, state: &ChainState, found: &mut VerifyReport) {
         for (id, digest) in &state.series {
             let folder = self.flight.folder.join(id);
             match self.manifests.get(id) {
@@ -90,7 +90,7 @@ impl FlightAudit<'_> {
         manifest.and_then(|path| self.disk.read(&path).ok()).is_some_and(|bytes| sha256_hex(&bytes) == digest)
     }
 
-    fn check_results(&self, state: &ChainState, found: &mut VerifyReport) {
+    fn check_result_digests(&self, state: &ChainState, found: &mut VerifyReport) {
         for id in self.manifests.keys() {
             let path = self.flight.folder.join(id).join(layout::RESULTS_FILE);
             let entries = state.results.get(id).map(Vec::as_slice).unwrap_or_default();
@@ -160,7 +160,7 @@ impl FlightAudit<'_> {
         bytes.is_some_and(|bytes| sha256_hex(&bytes) == digest && ours(&bytes))
     }
 
-    fn check_installations(&self, state: &ChainState, found: &mut VerifyReport) {
+    fn check_kept_installations(&self, state: &ChainState, found: &mut VerifyReport) {
         let Some(root) = self.root else { return };
         for digest in &state.installations {
             if let Some((path, problem)) = installations::find_fault(self.disk, root, digest) {
@@ -169,7 +169,7 @@ impl FlightAudit<'_> {
         }
     }
 
-    fn check_sums(&self, bytes: &[u8], chain: &Chain, found: &mut VerifyReport) {
+    fn check_sums_file(&self, bytes: &[u8], chain: &Chain, found: &mut VerifyReport) {
         let path = self.flight.folder.join(layout::SUMS_FILE);
         let text = match self.disk.read(&path) {
             Ok(text) => text,

@@ -112,9 +112,9 @@ impl StoreChecker<'_> {
         self.note_unfinished(root);
         self.check_root_entries(root);
         self.check_incoming(root);
-        self.check_counter(root);
+        self.check_id_counter(root);
         self.note_absent_flights(root);
-        self.note_refusals(root);
+        self.note_refused_series(root);
         if let Ok(entries) = self.disk.list(&root.join(layout::PARTIAL)) {
             let names = entries.iter().map(|entry| entry.name.as_str());
             self.report.notes.extend(names.map(|name| format!("partial/{name}: incomplete data, kept")));
@@ -195,7 +195,7 @@ impl StoreChecker<'_> {
         }
     }
 
-    fn check_counter(&mut self, root: &Path) {
+    fn check_id_counter(&mut self, root: &Path) {
         let path = root.join(layout::COUNTER_FILE);
         let read = self.disk.read(&path).map_err(|e| e.to_string());
         let counter = read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).map_err(|e| e.to_string()));
@@ -293,7 +293,7 @@ impl StoreChecker<'_> {
         }
     }
 
-    fn note_refusals(&mut self, root: &Path) {
+    fn note_refused_series(&mut self, root: &Path) {
         let path = root.join(layout::REFUSED_FILE);
         let Ok(bytes) = self.disk.read(&path) else { return };
         let lines = jsonl::parse_lines::<RefusedSeries>(&bytes);

@@ -33,14 +33,14 @@ impl StoreChecker<'_> {
         if manifest.state == SeriesState::Interrupted {
             self.report.notes.push(format!("{}: interrupted; its complete frames are kept", series.id));
         }
-        self.check_frames(series, &manifest);
+        self.check_frame_files(series, &manifest);
         self.check_extra_files(series, &manifest);
-        self.check_shots(&path, &manifest);
+        self.check_shot_list(&path, &manifest);
         self.check_times(&path, &manifest);
         self.check_results(series, &manifest);
     }
 
-    fn check_frames(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+    fn check_frame_files(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
         for entry in manifest.frames() {
             let path = series.folder.join(&entry.file);
             if !layout::is_frame_name(&entry.file) {
@@ -72,7 +72,7 @@ impl StoreChecker<'_> {
         }
     }
 
-    fn check_shots(&mut self, path: &Path, manifest: &SeriesManifest) {
+    fn check_shot_list(&mut self, path: &Path, manifest: &SeriesManifest) {
         let numbers: Vec<u32> = manifest.shots.iter().map(|shot| shot.shot).collect();
         if numbers.first().is_some_and(|first| *first == 0) || !numbers.is_sorted_by(|a, b| a < b) {
             self.report.add_fault(7, path, "its shots are not numbered in order from 1");
@@ -127,7 +127,7 @@ impl StoreChecker<'_> {
         let mut seen = BTreeSet::new();
         for (number, line) in lines.good {
             self.report.results += 1;
-            self.check_result(&path, number, &line, manifest);
+            self.check_result_line(&path, number, &line, manifest);
             if !seen.insert((line.frame.clone(), line.inputs.clone())) {
                 let problem = format!("line {number}: {} has a result for these inputs already", line.frame);
                 self.report.add_fault(11, &path, problem);
@@ -135,7 +135,7 @@ impl StoreChecker<'_> {
         }
     }
 
-    fn check_result(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
+    fn check_result_line(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
         let mut frames = manifest.frames();
         let frame = frames.find(|frame| frame.file == line.frame);
         if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {

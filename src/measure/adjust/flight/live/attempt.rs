@@ -91,6 +91,7 @@ struct FrameHypothesis<'s, 'a> {
 }
 
 impl FrameHypothesis<'_, '_> {
+    /// Solves the frame under this hypothesis, from the start values or from an earlier solution.
     fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> Result<SolvedFlight, AdjustError> {
         let Self { model, layout, flight, known, .. } = self;
         let (mut group, members) = flight.frame_group(0, layout, None);

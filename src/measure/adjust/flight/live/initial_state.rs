@@ -32,12 +32,12 @@ pub struct InitialState {
 /// Returns an error if the frame has no solution.
 pub fn start_state(flight: &Flight) -> Result<InitialState, AdjustError> {
     let begin = |options: &Options| {
-        state_from_flight(Flight { input: AdjustmentInput { options, ..flight.input }, ..flight.clone() })
+        initial_state_from_flight(Flight { input: AdjustmentInput { options, ..flight.input }, ..flight.clone() })
     };
     with_prior_if_consistent(flight.input.options, begin, |initial| std::slice::from_mut(&mut initial.solution))
 }
 
-fn state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
+fn initial_state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
     let joint = JointSolution::for_single_frame(flight)?;
     let solution = joint.first_solution(true);
     let JointSolution { solved, removed, .. } = joint;

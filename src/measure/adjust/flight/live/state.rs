@@ -93,6 +93,7 @@ impl LiveState {
         Ok(LiveStep { attempt, mount_disturbed, base })
     }
 
+    /// Prepares the adjustment of the next frame with the prior `known`, from this state's parameters.
     fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> Result<FrameAttempt, AdjustError> {
         FrameAttempt::new(&self.model, &self.local, flight, known)
     }
