@@ -39,6 +39,7 @@ pub struct AircraftDataArgs {
     json: bool,
 }
 
+/// Imports a table of aircraft data into a flight, lists its sources, or withdraws one.
 pub(super) fn run(args: &AircraftDataArgs) -> Result<Completion, Failure> {
     let found = select_flights(&args.store, Some(&args.flight))?;
     let flight = found.first().ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;

@@ -93,16 +93,16 @@ impl CameraBench<'_> {
             let line = json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
             print_json(&line).map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
             while let Some(frame) = self.camera.recover(self.shot_deadline())? {
-                self.save_frame(&frame, "recovered")?;
+                self.save_test_frame(&frame, "recovered")?;
             }
         }
         let frame = self.camera.shoot(self.shot_deadline())?;
         self.freshness.check(&frame.bytes)?;
-        self.save_frame(&frame, "shot")?;
+        self.save_test_frame(&frame, "shot")?;
         Ok(frame)
     }
 
-    fn save_frame(&mut self, frame: &CameraFrame, kind: &str) -> Result<(), CameraError> {
+    fn save_test_frame(&mut self, frame: &CameraFrame, kind: &str) -> Result<(), CameraError> {
         let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
         std::fs::write(&path, &frame.bytes).map_err(|error| {

@@ -35,6 +35,7 @@ pub struct CheckArgs {
 /// Name of a checked item and its state.
 type Finding = (&'static str, String);
 
+/// Checks a configuration, the installation and the store, and prints faults and remarks.
 pub(super) fn run(args: &CheckArgs) -> Result<Completion, Failure> {
     let mut findings = Findings::default();
     let (file, directory) = select_subjects(args)?;

@@ -62,15 +62,15 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Compar
         let there = select_flights(other, None)?.into_iter().find(|there| there.id == flight.id);
         let Some(there) = there else { return Ok(None) };
         let theirs = result_sets::flight_result_sets(&RealDisk, &there)?;
-        let old = select_set(&sets, args.from.as_deref(), flight)?;
-        let new = select_set(&theirs, args.to.as_deref(), &there)?;
+        let old = select_result_set(&sets, args.from.as_deref(), flight)?;
+        let new = select_result_set(&theirs, args.to.as_deref(), &there)?;
         let side = |(flight, set): (&FlightRef, Option<ResultSet>)| {
             set.map(|set| ComparedFlight { flight: flight.clone(), set })
         };
         return Ok(side((flight, old)).zip(side((&there, new))));
     }
     let newest = |wanted: &Option<String>, from_end: usize| match wanted {
-        Some(key) => select_set(&sets, Some(key), flight),
+        Some(key) => select_result_set(&sets, Some(key), flight),
         None => Ok(sets.sets.iter().rev().nth(from_end).cloned()),
     };
     let (old, new) = (newest(&args.from, 1)?, newest(&args.to, 0)?);
@@ -78,7 +78,11 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Compar
     Ok(old.zip(new).map(|(old, new)| (side(old), side(new))))
 }
 
-fn select_set(sets: &ResultSets, wanted: Option<&str>, flight: &FlightRef) -> Result<Option<ResultSet>, Failure> {
+fn select_result_set(
+    sets: &ResultSets,
+    wanted: Option<&str>,
+    flight: &FlightRef,
+) -> Result<Option<ResultSet>, Failure> {
     let found = sets.choose_set(wanted).cloned();
     if let (None, Some(key)) = (&found, wanted) {
         let known: Vec<String> = sets.sets.iter().map(ResultSet::description).collect();

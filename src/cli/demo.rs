@@ -133,7 +133,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Fa
     Ok(())
 }
 
-/// Creates a progress bar on standard error: frames solved.
+/// Creates a progress bar of the frames solved, on standard error.
 fn flight_progress() -> Observer {
     let series = FLIGHT_DURATION.as_secs() / SERIES_INTERVAL.as_secs() + 1;
     let bar = super::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");

@@ -139,12 +139,12 @@ fn result_json(processed: &ProcessedFrame, installation: Option<&Installation>, 
     if let Some(seen) = processed.detections.overshoot {
         line.insert("overshoot".into(), json!({ "amplitude": seen.amplitude, "halo_px": seen.halo_px }));
     }
-    let missing = missing_json(processed, installation);
+    let missing = missing_markers_json(processed, installation);
     if !missing.is_empty() {
         line.insert("missing".into(), missing.into());
     }
     if with_rejected {
-        line.insert("rejected".into(), processed.detections.rejected.iter().map(rejected_json).collect());
+        line.insert("rejected".into(), processed.detections.rejected.iter().map(rejected_candidate_json).collect());
     }
     line.insert("timing_ms".into(), json!(recording::stage_timing(&processed.stages)));
     line.into()
@@ -174,7 +174,7 @@ fn contributions_json(d: &Detection) -> Value {
     d.covariance_px2.contributions().map(one).collect()
 }
 
-fn rejected_json(r: &Rejected) -> Value {
+fn rejected_candidate_json(r: &Rejected) -> Value {
     json!({
         "u_px": r.centre_px.x,
         "v_px": r.centre_px.y,
@@ -185,7 +185,7 @@ fn rejected_json(r: &Rejected) -> Value {
     })
 }
 
-fn missing_json(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
+fn missing_markers_json(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
     let missing = processed.identities.iter().flat_map(|i| &i.missing);
     let id = |k: usize| installation.and_then(|i| i.setup.markers.get(k)).map(|m| m.id.clone());
     missing.map(|(k, reason)| json!({ "id": id(*k), "reason": reason })).collect()

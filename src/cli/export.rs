@@ -65,6 +65,7 @@ impl ExportArgs {
     }
 }
 
+/// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
     let data = match args.format {
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
@@ -141,7 +142,7 @@ fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, 
     }
 }
 
-/// Metadata of a file: recorder, and provenance of the results by the key in column `inputs`.
+/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
 fn file_metadata(args: &ExportArgs, common: &ExportContext) -> Result<FileMetadata, Failure> {
     let mut notes = recorder_metadata(common.store_id.as_deref());
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {

@@ -33,6 +33,7 @@ const NEXT_STEPS: &str = "Next (docs/tutorial.md; installation.svg shows the qua
   installation/installation.toml  fill in the blank values, then
                                   wingd check";
 
+/// Writes the files of a new installation from answers or arguments.
 pub(super) fn run(args: &InitArgs) -> Result<Completion, Failure> {
     let answers = args.answers.clone().ask_missing();
     // Without this line the recorder records but does not solve.

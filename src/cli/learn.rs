@@ -55,6 +55,7 @@ impl FlightOutcome {
     }
 }
 
+/// Estimates the repeating parameters from flights and writes them as the installation's prior.
 pub(super) fn run(args: &LearnArgs) -> Result<Completion, Failure> {
     let mut installation = load_installation(&resolve_installation(args.installation.as_deref())?)?;
     installation.require_orientation()?;

@@ -88,7 +88,7 @@ fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError, na
     }
 }
 
-/// Remarks on an orientation.
+/// Returns remarks on an image taken upside down and on a wing bent since the survey.
 fn orientation_remarks(fit: &OrientationFit) -> Vec<String> {
     // Image axis v points down.
     let up = fit.orientation.camera_from_survey * Vector3::z();
@@ -126,7 +126,7 @@ fn residual_rms(fit: &OrientationFit) -> (f64, usize) {
     ((sum / n.max(1) as f64).sqrt(), n)
 }
 
-fn sigma_mrad(fit: &OrientationFit) -> Option<[f64; 3]> {
+fn rotation_sigmas_mrad(fit: &OrientationFit) -> Option<[f64; 3]> {
     fit.orientation.covariance_rad2.map(|c| [0, 1, 2].map(|k| 1e3 * c[(k, k)].max(0.0).sqrt()))
 }
 
@@ -138,7 +138,7 @@ fn fit_json(installation: &Installation, fit: &OrientationFit) -> String {
         "status": "ok",
         "file": installation.directory.join(installation::ORIENTATION_FILE),
         "camera_from_survey": rows,
-        "sigma_mrad": sigma_mrad(fit),
+        "sigma_mrad": rotation_sigmas_mrad(fit),
         "variance_factor": fit.variance_factor,
         "redundancy": fit.redundancy,
         "markers": markers,
@@ -159,7 +159,7 @@ fn fit_json(installation: &Installation, fit: &OrientationFit) -> String {
 fn fit_text(installation: &Installation, fit: &OrientationFit) -> String {
     let (rms_px, markers) = residual_rms(fit);
     let file = installation.directory.join(installation::ORIENTATION_FILE);
-    let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
+    let sigma = rotation_sigmas_mrad(fit).map_or(String::new(), |s| {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
     let bend = fit.bend.map_or(String::new(), |bend| {

@@ -70,7 +70,7 @@ fn parse_listen(text: &str) -> Result<String, ListenError> {
 /// Time allowed for open downloads when the server stops.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Opens access control: other computers need the token.
+/// Opens access control with the token that other computers need.
 fn open_access(args: &ServeArgs) -> Result<(SocketAddr, Access), Failure> {
     let config = ServeConfig {
         listen: args.listen.clone(),

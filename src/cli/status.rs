@@ -106,7 +106,7 @@ fn status_text(status: &DaemonStatus) -> String {
         format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
     ];
     lines.extend(recent_text(&status.recent).map(|text| format!("solving      {text}")));
-    lines.extend(status.live.iter().flat_map(live_lines));
+    lines.extend(status.live.iter().flat_map(live_status_lines));
     if let Some(aircraft) = &status.aircraft {
         let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
         let AircraftStatus { recorded, read, impossible, lost, .. } = aircraft;
@@ -122,7 +122,7 @@ fn status_text(status: &DaemonStatus) -> String {
     lines.join("\n")
 }
 
-fn live_lines(live: &LiveStatus) -> Vec<String> {
+fn live_status_lines(live: &LiveStatus) -> Vec<String> {
     let ms = |value: Option<f64>| value.map_or("unknown".to_owned(), |ms| format!("{ms:.0} ms"));
     let mut lines = vec![
         format!(

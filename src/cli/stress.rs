@@ -60,7 +60,7 @@ pub struct StressArgs {
 }
 
 pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
-    check_options(args)?;
+    check_stress_options(args)?;
     let request = StressRequest {
         installation: args.installation.clone(),
         sections: args.structure.as_deref().map(installation::read_stiffness).transpose()?,
@@ -81,7 +81,7 @@ pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
         let Some(load) = stress::flight_load(&frames, &query) else { continue };
         answered += 1;
         if args.moments.is_some() {
-            append_moments(&mut table, &flight, &frames, &query.sections);
+            append_moment_rows(&mut table, &flight, &frames, &query.sections);
         }
         print_load(args, &flight, from.inputs_key(), &load)?;
     }
@@ -99,7 +99,7 @@ pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(complete))
 }
 
-fn check_options(args: &StressArgs) -> Result<(), Failure> {
+fn check_stress_options(args: &StressArgs) -> Result<(), Failure> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
     if args.bending_hz.is_some_and(|hz| !positive(hz)) {
         return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
@@ -116,7 +116,7 @@ fn check_options(args: &StressArgs) -> Result<(), Failure> {
 const MOMENTS_HEADER: &str =
     "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
 
-fn append_moments(table: &mut String, flight: &FlightRef, frames: &[StressFrame], sections: &[StiffnessSection]) {
+fn append_moment_rows(table: &mut String, flight: &FlightRef, frames: &[StressFrame], sections: &[StiffnessSection]) {
     for frame in frames {
         for section in sections {
             let m = frame.curvature.bending_moment(section);

@@ -124,7 +124,7 @@ fn summary_json(summary: &TimeCheckSummary) -> Value {
             let mut all = delay_json(&test.difference);
             all["stated_sigma_s"] = test.recorded_s.into();
             all["normalised"] = test.normalised.into();
-            all["verdict"] = verdict_word(test).into();
+            all["verdict"] = exposure_verdict_word(test).into();
             all
         }),
         "delay": summary.delay.as_ref().map(delay_json),
@@ -157,7 +157,7 @@ fn summary_text(summary: &TimeCheckSummary, readings: &[ScreenReading], screen: 
         out.push_str(&format!(
             "recorded standard deviation {} ms: {} ({:.1} standard deviations)\n",
             ms(test.recorded_s),
-            verdict_word(test),
+            exposure_verdict_word(test),
             test.normalised
         ));
     }
@@ -171,7 +171,7 @@ fn summary_text(summary: &TimeCheckSummary, readings: &[ScreenReading], screen: 
     out
 }
 
-fn verdict_word(test: &ExposureTest) -> &'static str {
+fn exposure_verdict_word(test: &ExposureTest) -> &'static str {
     if test.agrees { "agrees" } else { "disagrees" }
 }
 

@@ -69,6 +69,7 @@ fn parse_rate(text: &str) -> Result<u64, String> {
     number.checked_mul(factor).filter(|rate| *rate >= 1_000).ok_or_else(wrong)
 }
 
+/// Uploads the flights of a store, or the requested one, to an object store or a directory.
 pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
     let flights = select_flights(&args.store, args.flight.as_deref())?;
     let settings = UploadSettings { jobs: args.jobs.into(), retries: args.retries, limit: args.limit_rate };

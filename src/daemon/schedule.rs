@@ -90,9 +90,9 @@ fn interval_s(timetable: &Timetable) -> f64 {
     timetable.interval.as_secs_f64().max(1e-3)
 }
 
-/// Returns the next action. A slot that is due and has no series yet gets one, even if late; missed slots are dropped, so
-/// that a long stop is not followed by a burst. If UTC is set back (`Align::Clock`), the series continue with the next slot
-/// of the new time; the returned progress reflects this.
+/// Returns whether to take a series now or wait. A due slot without a series gets one, even if late; missed slots are
+/// dropped, so that a long stop is not followed by a burst. If UTC is set back (`Align::Clock`), the series continue
+/// with the next slot of the new time; the returned progress reflects this.
 pub fn next_action(timetable: &Timetable, mut progress: Progress, now: Moment) -> (ScheduleAction, Progress) {
     let present = slot_number_at(timetable, &progress, now);
     if progress.last_slot.is_some_and(|last| last > present) {

@@ -91,10 +91,10 @@ impl TableImport {
         let (sources, _) = joined::read_sources(&RealDisk, root, flight)?;
         let (track, _) = joined::read_track(&RealDisk, root, flight)?;
         let frames = joined::read_frame_times(&RealDisk, flight)?;
-        Ok(Self::join(requested, table, sources.len() + 1, track, &frames))
+        Ok(Self::join_with_frames(requested, table, sources.len() + 1, track, &frames))
     }
 
-    fn join(
+    fn join_with_frames(
         mapping: Mapping,
         table: AircraftTable,
         source: usize,

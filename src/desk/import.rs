@@ -67,7 +67,7 @@ impl<'a> Importer<'a> {
             progress,
         };
         for flight in catalogue::list_flights(store.disk(), store.root())? {
-            import.index_flight(&flight, wanted.as_deref())?;
+            import.index_existing_flight(&flight, wanted.as_deref())?;
         }
         if let Some(name) = wanted.filter(|_| import.requested.is_none()) {
             if layout::flight_number(&name).is_some() {
@@ -80,7 +80,8 @@ impl<'a> Importer<'a> {
         Ok(import)
     }
 
-    fn index_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> Result<(), Failure> {
+    /// Notes digests and time span of a flight's images, and whether it is the requested flight.
+    fn index_existing_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> Result<(), Failure> {
         let disk = self.store.disk();
         let mut span = None;
         for series in catalogue::list_series(disk, flight)? {
@@ -160,7 +161,7 @@ impl<'a> Importer<'a> {
         let plan = SeriesPlan { cause: SeriesCause::Imported, shots: u32::try_from(new.len()).unwrap_or(u32::MAX) };
         let (mut open, _) = self.store.begin_series_in(&id, plan, &began.image_stamp(first, 0))?;
         let name = open.id().to_owned();
-        let copied = self.copy_images(&mut open, &began, &new);
+        let copied = self.store_new_images(&mut open, &began, &new);
         let last = open.shots().last().map_or_else(|| began.image_stamp(first, 0), |shot| shot.stamp.clone());
         let (state, remark) = match &copied {
             Ok(()) => (SeriesState::Complete, None),
@@ -174,7 +175,7 @@ impl<'a> Importer<'a> {
         Ok(ImportedSeries { taken: new.len(), flight: id, series: Some(name), already, pictures })
     }
 
-    fn copy_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> Result<(), Failure> {
+    fn store_new_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> Result<(), Failure> {
         let settings = new.iter().flat_map(|p| &p.taken.settings);
         let of_camera = settings.filter(|(name, _)| CAMERA_SETTINGS.contains(name));
         open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;

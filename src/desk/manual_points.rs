@@ -15,7 +15,7 @@ pub struct ManualPoints {
 }
 
 impl ManualPoints {
-    /// Reads the points.
+    /// Reads the manually measured points of the named images.
     ///
     /// # Errors
     /// Returns an error if a point names no image, or one that is not among the given.

@@ -65,10 +65,10 @@ pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()
 /// # Errors
 /// Returns all errors, with line and column.
 pub fn read_corners(file: &Path) -> Result<Vec<ImageCorners>, Vec<Fault>> {
-    Reader::read_file(file, parse_corners)
+    Reader::read_file(file, read_corners_table)
 }
 
-fn parse_corners(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorners>> {
+fn read_corners_table(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorners>> {
     let remedy = "name images, or a file that `wingd calibrate --corners` wrote";
     let (_, lines) = read_table(reader, name, remedy, COLUMNS, &[])?;
     let mut images: Vec<ImageCorners> = vec![];

@@ -40,7 +40,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let before = reader.faults.len();
     check_numbers(reader, &file, &document);
     let in_range = reader.faults.len() == before;
-    let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
+    let torsion = resolve_torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::read_window(reader, &file, document.window.as_ref());
     let structure = structure::read_structure(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
@@ -60,7 +60,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: SetupUncertainty { lens: camera.covariance, ..setup_uncertainty(&document) },
+        uncertainty: SetupUncertainty { lens: camera.covariance, ..uncertainty_from_document(&document) },
         thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
         markers: markers?,
@@ -88,20 +88,20 @@ impl InstallationDocument {
         self.camera.widths.0.iter().chain(&self.wing.widths.0).chain(survey).copied()
     }
 
-    fn width(&self, width: Width) -> Option<f64> {
+    fn configured_width(&self, width: Width) -> Option<f64> {
         self.widths().find(|(other, _)| *other == width).map(|(_, value)| value)
     }
 }
 
-fn setup_uncertainty(document: &InstallationDocument) -> SetupUncertainty {
+fn uncertainty_from_document(document: &InstallationDocument) -> SetupUncertainty {
     let mut uncertainty = SetupUncertainty::DEFAULT;
     document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.factor * value);
-    uncertainty.skin_scaled_by_frames = document.width(Width::SkinMotion).is_none();
+    uncertainty.skin_scaled_by_frames = document.configured_width(Width::SkinMotion).is_none();
     uncertainty.vibration = document.wing.vibration.as_deref().map_or(uncertainty.vibration, combine_modes);
     uncertainty
 }
 
-/// Combines several modes into one: the squares of their velocities are added.
+/// Combines several vibration modes into one: the squares of their velocities are added.
 fn combine_modes(modes: &[VibrationTable]) -> Vibration {
     let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
     let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
@@ -199,7 +199,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
     for (key, value, range, unit) in optional {
         value.into_iter().for_each(|value| check(key, value, range.clone(), unit));
     }
-    if wing.vibration.is_some() && document.width(Width::Readout) == Some(0.0) {
+    if wing.vibration.is_some() && document.configured_width(Width::Readout) == Some(0.0) {
         let remedy = "delete it, or give the time from an image's first row to its last as camera.readout_s";
         let problem = "has no effect: with camera.readout_s = 0 all rows are exposed at once";
         reader.fault(file, "wing.vibration", problem, remedy);
@@ -212,7 +212,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
     }
 }
 
-fn torsion_pairs(
+fn resolve_torsion_pairs(
     reader: &mut Reader,
     file: &Path,
     document: &InstallationDocument,

@@ -157,7 +157,7 @@ pub(super) fn read_flight_prior(
         reader.fault(&file, place, problem, RELEARN_REMEDY);
         return None;
     }
-    match parse_document(document, setup) {
+    match prior_from_document(document, setup) {
         Ok(prior) => Some(prior),
         Err((place, problem)) => {
             reader.fault(&file, place, problem, RELEARN_REMEDY);
@@ -184,7 +184,7 @@ fn find_mismatch(document: &FlightPriorDocument, now: &BTreeMap<String, String>)
     (!names.is_empty()).then_some(("made_with", problem))
 }
 
-fn parse_document(document: FlightPriorDocument, setup: &Setup) -> Result<StoredFlightPrior, PlacedProblem> {
+fn prior_from_document(document: FlightPriorDocument, setup: &Setup) -> Result<StoredFlightPrior, PlacedProblem> {
     let index = |id: &str| setup.markers.iter().position(|marker| marker.id == id);
     let sigmas = DVector::from_iterator(document.unknowns.len(), document.unknowns.iter().map(|u| u.sigma));
     if !sigmas.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0) {
@@ -198,7 +198,7 @@ fn parse_document(document: FlightPriorDocument, setup: &Setup) -> Result<Stored
     let unknowns: Vec<InvariantParameter> =
         document.unknowns.into_iter().map(unknown).collect::<Result<_, PlacedProblem>>()?;
     let source = |entry: FlightEntry| {
-        let normals = parse_normals(&unknowns, &sigmas, &entry)
+        let normals = normals_from_entry(&unknowns, &sigmas, &entry)
             .ok_or_else(|| ("sources", format!("{} does not have one number per unknown", entry.flight)))?;
         let FlightEntry { store, flight, program, frames, .. } = entry;
         Ok(PriorFlight { store, flight, program, frames, normals })
@@ -207,7 +207,7 @@ fn parse_document(document: FlightPriorDocument, setup: &Setup) -> Result<Stored
     StoredFlightPrior::from_flights(sources, setup).map_err(|error| ("sources", error.to_string()))
 }
 
-fn parse_normals(
+fn normals_from_entry(
     unknowns: &[InvariantParameter],
     sigmas: &DVector<f64>,
     entry: &FlightEntry,

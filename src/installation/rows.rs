@@ -95,7 +95,7 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
         let own = raw.trim_start_matches(['\r', '\n']);
         let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
         let own = own.trim_end_matches(['\r', '\n']);
-        match check_quotes(own, separator) {
+        match quote_state(own, separator) {
             QuoteState::Sound => {}
             QuoteState::Open => return Err(RowsError::OpenQuote { line }),
             QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
@@ -118,7 +118,7 @@ enum QuoteState {
     Followed,
 }
 
-fn check_quotes(record: &str, separator: char) -> QuoteState {
+fn quote_state(record: &str, separator: char) -> QuoteState {
     let (mut quoted, mut begins) = (false, true);
     let mut signs = record.chars().peekable();
     while let Some(sign) = signs.next() {
@@ -161,10 +161,10 @@ impl<const N: usize> TableLine<N> {
 
     /// Reports an error of a cell.
     pub fn cell_fault(&self, reader: &mut Reader, k: usize, problem: impl Into<String>, remedy: impl Into<String>) {
-        reader.fault(&self.file, &self.place(k), problem, remedy);
+        reader.fault(&self.file, &self.cell_place(k), problem, remedy);
     }
 
-    fn place(&self, k: usize) -> String {
+    fn cell_place(&self, k: usize) -> String {
         format!("line {}, column {}", self.number, self.columns[k])
     }
 
@@ -187,7 +187,7 @@ impl<const N: usize> TableLine<N> {
 
     /// Reports a number of a cell outside its range.
     pub fn check_range(&self, reader: &mut Reader, k: usize, value: f64, range: RangeInclusive<f64>, unit: &str) {
-        reader.check_range(&self.file, &self.place(k), value, range, unit);
+        reader.check_range(&self.file, &self.cell_place(k), value, range, unit);
     }
 }
 

@@ -61,10 +61,10 @@ pub fn compare_frames(
     for series in catalogue::list_series(disk, &new.flight)? {
         for (key, record) in read_records(disk, &series, &new.set)? {
             let old = before.remove(&key.2).map(|(_, record)| record);
-            all.push(frame_change(key, old.as_ref(), Some(&record)));
+            all.push(compare_frame_records(key, old.as_ref(), Some(&record)));
         }
     }
-    all.extend(before.into_values().map(|(key, record)| frame_change(key, Some(&record), None)));
+    all.extend(before.into_values().map(|(key, record)| compare_frame_records(key, Some(&record), None)));
     all.sort_by(|a, b| (&a.series, &a.frame).cmp(&(&b.series, &b.frame)));
     Ok(all)
 }
@@ -72,6 +72,7 @@ pub fn compare_frames(
 /// Series, frame, and SHA-256 of the frame.
 type FrameKey = (String, String, String);
 
+/// Reads the records that a set of results has of a series, with the frame of each.
 fn read_records(
     disk: &dyn Disk,
     series: &SeriesRef,
@@ -90,7 +91,7 @@ fn read_records(
     result_sets::results_in_set(disk, series, Some(set), one)
 }
 
-fn frame_change(key: FrameKey, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> FrameChange {
+fn compare_frame_records(key: FrameKey, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> FrameChange {
     let tip = |record: Option<&ImageRecord>| record.and_then(|r| r.tip.clone());
     let (was, is) = (tip(old), tip(new));
     let same = was.as_ref().zip(is.as_ref()).filter(|(a, b)| a.marker == b.marker);

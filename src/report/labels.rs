@@ -47,7 +47,7 @@ impl LabelLayout {
         gap: f64,
     ) -> Option<Vector2<f64>> {
         let places =
-            [1.0, 5.0, 10.0, 18.0].into_iter().flat_map(|times| candidate_corners(at, half, size, gap * times));
+            [1.0, 5.0, 10.0, 18.0].into_iter().flat_map(|times| candidate_label_corners(at, half, size, gap * times));
         let area = |p: &Vector2<f64>| LabelArea([p.x, p.y, p.x + size.x, p.y + size.y]);
         let is_free = |p: &Vector2<f64>| {
             let area = area(p);
@@ -59,7 +59,7 @@ impl LabelLayout {
     }
 }
 
-fn candidate_corners(at: Vector2<f64>, half: Vector2<f64>, size: Vector2<f64>, gap: f64) -> [Vector2<f64>; 8] {
+fn candidate_label_corners(at: Vector2<f64>, half: Vector2<f64>, size: Vector2<f64>, gap: f64) -> [Vector2<f64>; 8] {
     let (right, left) = (at.x + half.x + gap, at.x - half.x - gap - size.x);
     let (above, below) = (at.y - half.y - gap - size.y, at.y + half.y + gap);
     let (centre, half_way) = (at.x - size.x / 2.0, at.y - size.y / 2.0);

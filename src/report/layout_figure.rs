@@ -61,6 +61,7 @@ struct PlanView<'a> {
 }
 
 impl<'a> PlanView<'a> {
+    /// Chooses the extent and the scale of the drawing from the markers' positions.
     fn from_setup(setup: &'a Setup) -> Self {
         let frame = setup.wing_frame();
         let markers: Vec<WingMarker> = setup.markers.iter().map(|m| (m, frame.wing_point(&m.position_m))).collect();
@@ -79,15 +80,16 @@ impl<'a> PlanView<'a> {
         1e3 * (self.across.1 - self.across.0) / self.scale
     }
 
-    fn drawing_point(&self, along_m: f64, across_m: f64) -> (f64, f64) {
+    fn drawing_position_mm(&self, along_m: f64, across_m: f64) -> (f64, f64) {
         let mm = |m: f64| 1e3 * m / self.scale;
         (MARGIN_MM + mm(along_m - self.along.0), MARGIN_MM + mm(across_m - self.across.0))
     }
 
     fn draw(&self) -> Markup {
-        let (camera, tip) = (self.drawing_point(0.0, 0.0), self.drawing_point(self.along.1, 0.0));
+        let (camera, tip) = (self.drawing_position_mm(0.0, 0.0), self.drawing_position_mm(self.along.1, 0.0));
         let root = self.setup.root_offset_m;
-        let (above, below) = (self.drawing_point(root, self.across.0), self.drawing_point(root, self.across.1));
+        let (above, below) =
+            (self.drawing_position_mm(root, self.across.0), self.drawing_position_mm(root, self.across.1));
         let title = format!(
             "{}: from above, 1 : {:.0}. Outboard to the right; positions relative to the lens along and across the span, m",
             self.setup.name, self.scale
@@ -100,16 +102,16 @@ impl<'a> PlanView<'a> {
             circle cx=(px(camera.0)) cy=(px(camera.1)) r="1.2" fill="#17456f" {}
             text x=(px(camera.0 + 1.6)) y=(px(camera.1 - 1.6)) { "camera" }
             @for (marker, p) in &self.markers {
-                @let (x, y) = self.drawing_point(p.x, p.z);
+                @let (x, y) = self.drawing_position_mm(p.x, p.z);
                 @let r = (0.5e3 * marker.diameter_m / self.scale).max(0.5 * MIN_DIMENSION_MM);
-                circle class=(marker_class(marker)) cx=(px(x)) cy=(px(y)) r=(px(r)) {}
+                circle class=(marker_css_class(marker)) cx=(px(x)) cy=(px(y)) r=(px(r)) {}
                 text x=(px(x - 3.0)) y=(px(y - r - 1.0)) { (marker.id) }
             }
         }
     }
 }
 
-fn marker_class(marker: &SurveyMarker) -> &'static str {
+fn marker_css_class(marker: &SurveyMarker) -> &'static str {
     if marker.fixed { "cabin" } else { "marker" }
 }
 
@@ -163,7 +165,7 @@ impl CameraView<'_> {
             }
             rect.window x=(px(self.left)) y=(px(self.top)) width=(px(size.0)) height=(px(size.1)) {}
             @for (marker, p) in &placed {
-                polygon class=(marker_class(marker)) points=(self.disc_outline(p, marker.diameter_m)) {}
+                polygon class=(marker_css_class(marker)) points=(self.disc_outline(p, marker.diameter_m)) {}
                 @if !marker.fixed {
                     polygon.deflected points=(self.disc_outline(&self.deflect_point(p, tip_m), marker.diameter_m)) {}
                 }

@@ -117,10 +117,10 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightOvervi
         match catalogue::read_series_manifest(disk, &series) {
             Err(error) => overview.notes.push(error.to_string()),
             Ok(manifest) => {
-                let results = read_results(disk, &series, &mut grouper, &mut overview.notes);
+                let results = read_frame_results(disk, &series, &mut grouper, &mut overview.notes);
                 let shots = manifest.shots.iter().rev().filter(|shot| shot.frame.is_some());
                 overview.last_frame = shots.map(|s| s.stamp.clone()).next().or(overview.last_frame);
-                all.push((manifest_line(manifest), results));
+                all.push((overview_of_manifest(manifest), results));
             }
         }
     }
@@ -130,12 +130,12 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightOvervi
     let of_set = |results: &&FrameResult| results.ok && Some(results.set) == chosen;
     let tips = all.iter().flat_map(|(_, results)| results).filter(of_set).filter_map(|results| results.tip.as_ref());
     overview.reference = Tip::most_precise_reference(tips);
-    let counted = all.into_iter().map(|(line, results)| add_results(line, &results, chosen, overview.reference));
+    let counted = all.into_iter().map(|(line, results)| summarize_results(line, &results, chosen, overview.reference));
     overview.series = counted.collect();
     Ok(overview)
 }
 
-fn manifest_line(manifest: SeriesManifest) -> SeriesOverview {
+fn overview_of_manifest(manifest: SeriesManifest) -> SeriesOverview {
     let begun = manifest.start_time();
     let frames = || manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
     SeriesOverview {
@@ -149,7 +149,7 @@ fn manifest_line(manifest: SeriesManifest) -> SeriesOverview {
     }
 }
 
-fn read_results(
+fn read_frame_results(
     disk: &dyn Disk,
     series: &SeriesRef,
     grouper: &mut ResultGrouper,
@@ -165,7 +165,7 @@ fn read_results(
     })
 }
 
-fn add_results(
+fn summarize_results(
     line: SeriesOverview,
     results: &[FrameResult],
     chosen: Option<usize>,

@@ -34,8 +34,8 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
     push_section(&mut out, "Variance components", &variance_components(record));
     push_section(&mut out, "Observations and their reliability", &observation_text(record));
     push_section(&mut out, "Positions and deflections", &position_table(record).text());
-    push_section(&mut out, "Deflection of the tip", &tip_text(record));
-    push_section(&mut out, "Variance budget of the tip deflection", &budget_text(record));
+    push_section(&mut out, "Deflection of the tip", &tip_deflection_text(record));
+    push_section(&mut out, "Variance budget of the tip deflection", &variance_budget_text(record));
     push_section(&mut out, "Torsion", &torsion_text(record));
     push_section(&mut out, "Excluded markers", &unused_marker_text(record));
     push_section(&mut out, "Remarks", &join_lines(&record.remarks));
@@ -133,17 +133,17 @@ fn correlation_text(record: &ImageRecord) -> String {
         }
     }
     if names.len() <= MAX_MATRIX_PARAMETERS {
-        out.push_str(&lower_triangle(names, &rows).text());
+        out.push_str(&lower_triangle_table(names, &rows).text());
     }
     out
 }
 
 /// Returns the correlations of a solution's parameters as a lower triangle; `None` if there are none.
 pub(super) fn correlation_grid(record: &ImageRecord) -> Option<Grid> {
-    correlation_matrix(record).map(|(names, rows)| lower_triangle(names, &rows))
+    correlation_matrix(record).map(|(names, rows)| lower_triangle_table(names, &rows))
 }
 
-fn lower_triangle(names: &[String], rows: &[Vec<f64>]) -> Grid {
+fn lower_triangle_table(names: &[String], rows: &[Vec<f64>]) -> Grid {
     let numbers: Vec<String> = (1..=names.len()).map(|k| k.to_string()).collect();
     let mut titles = vec!["<parameter"];
     titles.extend(numbers.iter().map(String::as_str));
@@ -241,11 +241,11 @@ fn position_table(record: &ImageRecord) -> Grid {
     ])
 }
 
-fn tip_text(record: &ImageRecord) -> String {
+fn tip_deflection_text(record: &ImageRecord) -> String {
     record.tip.as_ref().map_or(String::new(), |tip| table::tip_table(tip).text())
 }
 
-fn budget_text(record: &ImageRecord) -> String {
+fn variance_budget_text(record: &ImageRecord) -> String {
     if record.budget.is_empty() { String::new() } else { table::budget_table(&record.budget).text() }
 }
 

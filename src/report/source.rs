@@ -59,10 +59,10 @@ pub fn read_flight_with_pictures(
     catalogue::check_format(&disk, root)?;
     let mut data = ReportData { site: setup.map(ReportSite::from), ..ReportData::default() };
     let mut whole = FrameRanking::new(MAX_FULL_RECORDS.max(pictures));
-    if let Some(chosen) = find_flight(&disk, root, choice.flight)? {
+    if let Some(chosen) = find_named_or_newest_flight(&disk, root, choice.flight)? {
         let set = select_results(&disk, &chosen, choice, &mut data.warnings)?;
         data.site = data.site.or_else(|| stored_site(root, set.as_ref()?));
-        let track = read_track(&disk, root, &chosen, &mut data.notes)?;
+        let track = read_aircraft_track(&disk, root, &chosen, &mut data.notes)?;
         data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
         for series in catalogue::list_series(&disk, &chosen)? {
             let read = read_series(&disk, &series, set.as_ref(), &mut data.notes);
@@ -73,7 +73,7 @@ pub fn read_flight_with_pictures(
             data.series.extend(joined.map(|series| reduce_series(series, &mut whole)));
         }
     }
-    data.notes.extend(read_refusals(&disk, root));
+    data.notes.extend(describe_refused_series(&disk, root));
     data.frames = whole.into_frames();
     data.pictures = select_pictures(&data, pictures, |series, shot| read_picture(&disk, root, series, shot));
     let errors = data.pictures.iter().filter_map(|p| p.fault.clone());
@@ -116,7 +116,7 @@ pub fn for_each_series<E: From<StoreError>>(
     let mut messages = ReportData::default();
     for flight in selected_flights(root, choice.flight)? {
         let set = select_results(&disk, &flight, choice, &mut messages.warnings)?;
-        let track = read_track(&disk, root, &flight, &mut messages.notes)?;
+        let track = read_aircraft_track(&disk, root, &flight, &mut messages.notes)?;
         for series in catalogue::list_series(&disk, &flight)? {
             if let Some(mut series) = read_series(&disk, &series, set.as_ref(), &mut messages.notes) {
                 aircraft::join_aircraft_data(&track, &mut series);
@@ -127,7 +127,7 @@ pub fn for_each_series<E: From<StoreError>>(
     Ok(messages)
 }
 
-fn read_track(
+fn read_aircraft_track(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
@@ -142,7 +142,7 @@ fn read_track(
 pub fn selected_flights(root: &Path, name: Option<&str>) -> Result<Vec<FlightRef>, StoreError> {
     catalogue::check_format(&RealDisk, root)?;
     match name {
-        Some(_) => Ok(find_flight(&RealDisk, root, name)?.into_iter().collect()),
+        Some(_) => Ok(find_named_or_newest_flight(&RealDisk, root, name)?.into_iter().collect()),
         None => catalogue::list_flights(&RealDisk, root),
     }
 }
@@ -180,7 +180,11 @@ fn reduce_series(mut series: SeriesData, whole: &mut FrameRanking) -> SeriesData
     series
 }
 
-fn find_flight(disk: &dyn Disk, root: &Path, name: Option<&str>) -> Result<Option<FlightRef>, StoreError> {
+fn find_named_or_newest_flight(
+    disk: &dyn Disk,
+    root: &Path,
+    name: Option<&str>,
+) -> Result<Option<FlightRef>, StoreError> {
     let flights = catalogue::list_flights(disk, root)?;
     if let Some(name) = name {
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
@@ -304,7 +308,7 @@ fn shot_data(shot: Shot) -> ShotData {
     }
 }
 
-fn read_refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
+fn describe_refused_series(disk: &dyn Disk, root: &Path) -> Vec<String> {
     let bytes = disk.read(&root.join(layout::REFUSED_FILE)).unwrap_or_default();
     let lines = jsonl::parse_lines::<RefusedSeries>(&bytes).good;
     let text = |r: RefusedSeries| format!("Series rejected at {}: {}", r.stamp.utc, r.reason);

@@ -220,7 +220,7 @@ pub fn seconds_since_first<'a>(stamps: impl Iterator<Item = &'a Stamp>) -> Vec<f
 pub fn flight_load(frames: &[StressFrame], question: &StressQuery) -> Option<FlightLoad> {
     let times_s = seconds_since_first(frames.iter().map(|frame| &frame.stamp));
     let sampling = stress::analyse_sampling(&times_s, question.bending_hz);
-    let station = |section: &StiffnessSection| station_load(frames, section, question, &sampling);
+    let station = |section: &StiffnessSection| load_at_station(frames, section, question, &sampling);
     let stations = question.sections.iter().map(station).collect::<Option<Vec<_>>>();
     Some(FlightLoad {
         frames: frames.len(),
@@ -255,7 +255,7 @@ fn no_cycles_reason(sampling: &Sampling, bending_hz: f64) -> Option<String> {
     ))
 }
 
-fn station_load(
+fn load_at_station(
     frames: &[StressFrame],
     section: &StiffnessSection,
     question: &StressQuery,
@@ -267,18 +267,18 @@ fn station_load(
     Some(StationLoad {
         s_m: section.s_m,
         ei_n_m2: section.ei_n_m2,
-        greatest: extreme_load(frames, &moments, 1.0)?,
-        smallest: extreme_load(frames, &moments, -1.0)?,
+        greatest: find_extreme_load(frames, &moments, 1.0)?,
+        smallest: find_extreme_load(frames, &moments, -1.0)?,
         ground_air_ground: whole,
         exceedances: exceedance_loads(&moments, question.levels, sampling),
-        cycles: counted.as_ref().map(cycle_loads),
+        cycles: counted.as_ref().map(list_cycle_loads),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
         cycles_excluded: counted.as_ref().map(|flight| flight.excluded),
-        damage: counted.map(|flight| station_damage((&flight, sampling), &whole, section, question)),
+        damage: counted.map(|flight| damage_at_station((&flight, sampling), &whole, section, question)),
     })
 }
 
-fn extreme_load(frames: &[StressFrame], moments: &[BendingMoment], sign: f64) -> Option<ExtremeLoad> {
+fn find_extreme_load(frames: &[StressFrame], moments: &[BendingMoment], sign: f64) -> Option<ExtremeLoad> {
     let (at, moment) = stress::extreme_moment(moments, sign)?;
     let frame = frames.get(at)?;
     Some(ExtremeLoad {
@@ -300,7 +300,7 @@ fn exceedance_loads(moments: &[BendingMoment], levels: usize, sampling: &Samplin
     stress::count_exceedances(moments, levels).into_iter().map(one).collect()
 }
 
-fn cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
+fn list_cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
     let mut all: Vec<CycleLoad> = flight
         .cycles
         .iter()
@@ -316,7 +316,7 @@ fn cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
     all
 }
 
-fn station_damage(
+fn damage_at_station(
     (flight, sampling): (&FlightCycles, &Sampling),
     whole: &GroundAirGround,
     section: &StiffnessSection,

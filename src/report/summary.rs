@@ -209,13 +209,13 @@ fn mean_curve(solved: &[&ImageRecord]) -> Vec<CurveRecord> {
         return Vec::new();
     };
     let curves: Vec<&Vec<CurveRecord>> = solved.iter().map(|r| &r.curve).filter(|c| c.len() == first.len()).collect();
-    (0..first.len()).filter_map(|i| mean_point(&curves, i)).collect()
+    (0..first.len()).filter_map(|i| mean_curve_point(&curves, i)).collect()
 }
 
 /// Function that reads a value and its standard deviation from a point of the curve.
 type CurveQuantity<'a> = &'a dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>;
 
-fn mean_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
+fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
     let points: Vec<&CurveRecord> = curves.iter().filter_map(|c| c.get(index)).collect();
     let mean_value = |f: CurveQuantity| Mean::from_values(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>());
     let deflection = mean_value(&|p| Some((p.deflection_m, p.sigma_deflection_m)))?;

@@ -57,6 +57,7 @@ pub struct CalibrateArgs {
     images: Vec<PathBuf>,
 }
 
+/// Calibrates a camera from images of a board or their corners, and writes the calibration, its page and corners.
 pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
     let board = exchange::load_board(&args.board)?;
     let mut pictures = match &args.config {

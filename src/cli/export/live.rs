@@ -9,7 +9,7 @@ use crate::report::{aircraft, source};
 use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
 
 pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failure> {
-    check_options(args)?;
+    check_live_options(args)?;
     let flights = source::selected_flights(&args.store, args.flight.as_deref())?;
     let (mut tables, mut bytes) = (Vec::new(), 0);
     for flight in &flights {
@@ -43,7 +43,7 @@ pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failu
     Ok(Completion::from_success(notes.is_empty()))
 }
 
-/// Metadata of a file: recorder, and provenance of the results by the key in column `inputs`.
+/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
 fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
     let mut notes = recorder_metadata(store_id);
     for table in tables {
@@ -79,7 +79,7 @@ fn write_flight_rows(
     Ok(notes)
 }
 
-fn check_options(args: &ExportArgs) -> Result<(), Failure> {
+fn check_live_options(args: &ExportArgs) -> Result<(), Failure> {
     let wrong = match args.format {
         FormatName::Vtk => Some("--format vtk has no live results; use csv, parquet or jsonl"),
         _ if args.inputs.is_some() => {

@@ -87,14 +87,15 @@ impl RowSink {
                 Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
             }
             FormatName::Csv | FormatName::Vtk => {
-                Ok(Self::Csv(Box::new(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error)?)))
+                Ok(Self::Csv(Box::new(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error_from_csv)?)))
             }
         }
     }
 
+    /// Writes rows as CSV, lines of JSON, or a row group of Parquet.
     pub(super) fn add_rows(&mut self, rows: Vec<ExportColumn>) -> io::Result<()> {
         match self {
-            Self::Csv(csv) => csv.add(&rows).map_err(io_error),
+            Self::Csv(csv) => csv.add(&rows).map_err(io_error_from_csv),
             Self::Lines(output) => export::write_json_rows(output, &rows),
             #[cfg(feature = "parquet")]
             Self::Parquet(file) => file.add(rows).map_err(io::Error::other),
@@ -104,7 +105,7 @@ impl RowSink {
     /// Writes buffered rows and closes the output.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
-            Self::Csv(csv) => csv.end().map_err(io_error),
+            Self::Csv(csv) => csv.end().map_err(io_error_from_csv),
             Self::Lines(mut output) => output.flush(),
             #[cfg(feature = "parquet")]
             Self::Parquet(file) => file.end().map_err(io::Error::other)?.flush(),
@@ -112,7 +113,7 @@ impl RowSink {
     }
 }
 
-fn io_error(error: csv::Error) -> io::Error {
+fn io_error_from_csv(error: csv::Error) -> io::Error {
     if !error.is_io_error() {
         return io::Error::other(error);
     }

@@ -58,6 +58,7 @@ pub struct PlanArgs {
     wide: bool,
 }
 
+/// Plans an installation or a drafted layout of markers, and proposes improvements to reach a required precision.
 pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
     let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_deflection.abs() <= 100.0;
     if !sensible {
@@ -222,7 +223,7 @@ fn relative_change(prediction: &LayoutPrediction, e: Option<LayoutPrecision>) ->
     change.map_or_else(|| format_fixed(None, 0), |c| format!("{c:+.1} %"))
 }
 
-fn sigma_mm(e: Option<LayoutPrecision>, pick: fn(&LayoutPrecision) -> f64) -> String {
+fn format_sigma_mm(e: Option<LayoutPrecision>, pick: fn(&LayoutPrecision) -> f64) -> String {
     format_fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
 }
 
@@ -235,10 +236,10 @@ fn marker_change_table(prediction: &LayoutPrediction) -> Grid {
     Grid::for_rows(&rows).columns(&[
         ("<layout", &|(name, ..)| name.clone()),
         ("span / m", &|(_, span_m, _)| format_fixed(*span_m, 2)),
-        ("tip deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
+        ("tip deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
         ("tip twist / deg", &|(.., e)| format_fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
-        ("along span / mm", &|(.., e)| sigma_mm(*e, |e| e.sigma_span_m)),
+        ("along span / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_span_m)),
         ("tip deflection changes by", &|(.., e)| relative_change(prediction, *e)),
     ])
 }
@@ -246,8 +247,8 @@ fn marker_change_table(prediction: &LayoutPrediction) -> Grid {
 fn alternative_table(prediction: &LayoutPrediction, list: &[AlternativeLayout]) -> Grid {
     Grid::for_rows(list).columns(&[
         ("<assumed", &|one| one.name.clone()),
-        ("tip deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|one| sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),
+        ("tip deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
+        ("mean deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),
         ("tip deflection changes by", &|one| relative_change(prediction, one.expected)),
     ])
 }

@@ -154,7 +154,7 @@ pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
     let scene = create_scene(args)?;
     let mut frames = match args.gusts.seconds {
         Some(seconds) => gusts::gust_frames(args, &scene, seconds),
-        None => flight_frames(args, &scene),
+        None => list_flight_frames(args, &scene),
     };
     let mut specified = with_default_priors(&scene.setup);
     if args.drawn {
@@ -180,7 +180,7 @@ fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
     let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.max_added_deflection_m();
     let Some(directory) = &args.installation else {
         let options = args.wing.render_options(args.seed, highest);
-        check_options(&options)?;
+        check_scene_options(&options)?;
         return Ok(Scene::random(args.seed, &options));
     };
     let Installation { setup, mut orientation, .. } = installation::load(directory)?;
@@ -194,7 +194,7 @@ fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
     Scene::from_setup(&setup, attitude, args.seed, highest).map_err(|e| Failure::from_path_error(directory, e))
 }
 
-fn check_options(options: &SceneOptions) -> Result<(), Failure> {
+fn check_scene_options(options: &SceneOptions) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {
@@ -245,7 +245,7 @@ impl WingArgs {
     }
 }
 
-fn flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
+fn list_flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
     let mut random = SeededRandom::new(args.seed, 20);
     let mount = scene.remount(&mut random);
     let count = args.tip_deflections.len();

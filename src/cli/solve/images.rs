@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{ReportFile, ResultOutput, SolveArgs, report, solve_job};
+use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
 use crate::cli::default_paths::{load_installation, resolve_installation};
 use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
 use crate::desk::image_names::{image_name, image_names};
@@ -23,7 +23,7 @@ pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> Resu
     let installation = load_installation(&directory)?;
     print_flight_prior(&installation);
     let orientation = installation.require_orientation()?;
-    let job = solve_job(args);
+    let job = job_from_args(args);
     let mut output = ResultOutput::new(args, args.report.is_some());
     let manual = args.observations.as_ref().map(|file| ManualPoints::read(file, &files, &installation.setup));
     let manual = manual.transpose()?.unwrap_or_default();

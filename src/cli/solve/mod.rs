@@ -108,6 +108,7 @@ impl SolveArgs {
     }
 }
 
+/// Solves image files or the frames of a store, prints the results, and writes a report if requested.
 pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
     if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
         return Err(Failure::Usage("--flight needs the spatial method; omit --method profile".into()));
@@ -134,12 +135,12 @@ pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> Result<Co
     images::solve_images(args, report)
 }
 
-/// Returns whether a folder is to be treated as a store: it is one, or has no images.
+/// Returns whether a folder is to be treated as a store because it is one, or has no images.
 fn is_store(folder: &Path) -> bool {
     folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !image_files::contains_images(folder))
 }
 
-fn solve_job(args: &SolveArgs) -> SolveJob {
+fn job_from_args(args: &SolveArgs) -> SolveJob {
     let sigma = match args.sigma {
         None => SigmaKind::ByTest,
         Some(SigmaName::Prior) => SigmaKind::Prior,

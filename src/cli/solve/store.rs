@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::{ReportFile, ResultOutput, SolveArgs, report, solve_job};
+use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
 use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
 use crate::desk::flight_marks::FlightMarks;
 use crate::desk::stored_flights;
@@ -38,7 +38,7 @@ fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mu
     store.keep_installation(&installation.files()?)?;
     print_flight_prior(&installation);
     let orientation = installation.require_orientation()?;
-    let job = solve_job(args);
+    let job = job_from_args(args);
     let aircraft = match args.no_aircraft_data {
         true => FlightAircraftData::default(),
         false => FlightAircraftData::read(store.disk(), store.root(), flight)?,

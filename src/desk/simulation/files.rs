@@ -30,7 +30,7 @@ pub fn write_set(
     for frame in frames {
         let raster = scene.render(&frame.shot).ok_or_else(|| anyhow!("the lens has no pixels"))?;
         write_jpeg(&folder.join(&frame.image), &raster, frame.quality)?;
-        entries.push(frame_json(frame, &scene.truth(&frame.shot)));
+        entries.push(frame_truth_json(frame, &scene.truth(&frame.shot)));
         done();
     }
     let truth = json!({ "set": name, "frames": entries });
@@ -50,12 +50,12 @@ pub fn write_jpeg(path: &Path, raster: &Raster, quality: u8) -> Result<()> {
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
+fn frame_truth_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
     let mut value = json!({
         "image": frame.image,
         "light": frame.shot.light.name(),
         "tip_deflection_m": truth.tip_deflection_m,
-        "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
+        "markers": truth.markers.iter().map(marker_truth_json).collect::<Vec<_>>(),
         "camera_from_survey": matrix_rows(&truth.camera_from_survey),
         "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
     });
@@ -68,7 +68,7 @@ fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
     value
 }
 
-fn marker_json(marker: &MarkerTruth) -> Value {
+fn marker_truth_json(marker: &MarkerTruth) -> Value {
     let pixel = |axis: fn(&Vector2<f64>) -> f64| marker.pixel.as_ref().map(axis);
     json!({
         "id": marker.id,

@@ -139,6 +139,7 @@ pub fn table_columns(table: ResultTable, series: &SeriesData, common: &ExportCon
     columns.iter().map(|column| ExportColumn::from_rows(column, &rows)).collect()
 }
 
+/// Returns the values of shot, failures, image and solution that each row of a frame has.
 fn frame_row<'a>(series: &'a SeriesData, (shot, image): &Frame<'a>) -> ResultRow<'a> {
     let row = ResultRow {
         flight: Some(&series.flight),

@@ -137,7 +137,7 @@ impl StoredResult {
             let image = finite_value(&solved, row).map(|solved| {
                 let [survey, ground, root] = [0, 1, 2].map(|k| finite_value(&sigmas_m[k], row));
                 let passed = finite_value(&passed, row).map(|passed| passed != 0.0);
-                stored_image(source, solved != 0.0, passed, [survey, ground, root])
+                record_of_stored_result(source, solved != 0.0, passed, [survey, ground, root])
             });
             Self { stamp, exposure, aircraft, image }
         };
@@ -155,7 +155,12 @@ impl StoredResult {
     }
 }
 
-fn stored_image(source: &LiveSource, solved: bool, passed: Option<bool>, sigmas_m: [Option<f64>; 3]) -> ImageRecord {
+fn record_of_stored_result(
+    source: &LiveSource,
+    solved: bool,
+    passed: Option<bool>,
+    sigmas_m: [Option<f64>; 3],
+) -> ImageRecord {
     let [sigma_deflection_m, sigma_deflection_ground_m, sigma_deflection_root_m] = sigmas_m;
     let tip = |marker: String| Tip {
         marker,

@@ -32,7 +32,11 @@ impl VtkShape {
     /// Returns the shape as PolyData (`.vtp`); `time_s` is written to its field data.
     pub fn to_vtp(&self, time_s: Option<f64>) -> String {
         let n = self.points_m.len();
-        let cells = format!("<Verts>{}{}</Verts>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
+        let cells = format!(
+            "<Verts>{}{}</Verts>",
+            index_data_array("connectivity", 0..n),
+            index_data_array("offsets", 1..n + 1)
+        );
         let head = format!(
             "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{n}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">"
         );
@@ -43,8 +47,11 @@ impl VtkShape {
     pub fn to_vtu(&self) -> String {
         let n = self.points_m.len();
         let types = data_array("UInt8", "types", 1, &vec![1; n]);
-        let cells =
-            format!("<Cells>{}{}{types}</Cells>", index_array("connectivity", 0..n), index_array("offsets", 1..n + 1));
+        let cells = format!(
+            "<Cells>{}{}{types}</Cells>",
+            index_data_array("connectivity", 0..n),
+            index_data_array("offsets", 1..n + 1)
+        );
         let head = format!("<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">");
         self.to_xml("UnstructuredGrid", &head, &cells, None)
     }
@@ -84,7 +91,7 @@ fn little_endian_bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-fn index_array(name: &str, range: std::ops::Range<usize>) -> String {
+fn index_data_array(name: &str, range: std::ops::Range<usize>) -> String {
     let values: Vec<u8> = range.flat_map(|i| (i as i64).to_le_bytes()).collect();
     data_array("Int64", name, 1, &values)
 }

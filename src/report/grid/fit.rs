@@ -99,20 +99,20 @@ impl TextTable {
         self
     }
 
-    fn text(&self) -> String {
+    fn to_text(&self) -> String {
         let widths = self.column_widths();
         let rule: Vec<Vec<String>> = widths.iter().map(|w| vec!["-".repeat(*w)]).collect();
         let mut out = String::new();
         for row in [&self.titles, &rule].into_iter().chain(&self.rows) {
             let height = row.iter().map(Vec::len).max().unwrap_or(1);
             for line in 0..height {
-                self.push_line(&mut out, row, &widths, line);
+                self.append_text_line(&mut out, row, &widths, line);
             }
         }
         out
     }
 
-    fn push_line(&self, out: &mut String, row: &[Vec<String>], widths: &[usize], line: usize) {
+    fn append_text_line(&self, out: &mut String, row: &[Vec<String>], widths: &[usize], line: usize) {
         for ((cell, column), width) in row.iter().zip(&self.columns).zip(widths) {
             let text = cell.get(line).map_or("", String::as_str);
             let fill = " ".repeat(width.saturating_sub(text.chars().count()));
@@ -128,18 +128,18 @@ impl TextTable {
 pub(super) fn fit_text(grid: &Grid, width: TableWidth) -> String {
     let whole = TextTable::from_grid(grid, |_| true);
     if width == TableWidth::All || whole.total_width() <= TERMINAL_WIDTH {
-        return whole.text();
+        return whole.to_text();
     }
     let folded = whole.fold_titles();
     if folded.total_width() <= TERMINAL_WIDTH {
-        return folded.text();
+        return folded.to_text();
     }
     let omitted = grid.columns.iter().filter(|c| c.optional).count();
     let text = TextTable::from_grid(grid, |column| !column.optional)
         .fold_titles()
         .tighten_titles()
         .break_longest_words()
-        .text();
+        .to_text();
     match omitted {
         0 => text,
         1 => format!("{text}1 more column with --wide\n"),

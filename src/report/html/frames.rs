@@ -71,7 +71,7 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
     let magnified = residual_magnification(data);
     let means = summaries.iter().map(|s| (s.name.as_str(), deflection_points(&s.curve))).collect();
-    let list = FrameList { surveyed: data.site.is_some(), means, frames: frame_values(data, magnified) };
+    let list = FrameList { surveyed: data.site.is_some(), means, frames: collect_frame_values(data, magnified) };
     let shown = data.frames.first().map(|frame| table::marker_table(&frame.record));
     html! {
         h2 id="frame" { "A frame and its markers" }
@@ -85,10 +85,10 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
                 p role="status" .warning[first.warned] { (first.said) }
                 @for p in &data.pictures { (draw_frame_picture(data, p)) }
                 figure.positions {
-                    (draw_positions(&list.frames))
+                    (draw_marker_positions(&list.frames))
                     p.caption { "Image positions of the markers. Lines: residuals, magnified " (format_fixed(Some(magnified), 0)) " times." }
                 }
-                figure.curve { (draw_frame_curve(&list)) }
+                figure.curve { (draw_deflection_curve(&list)) }
                 section.live {
                     h3 { "3D view of the wing" }
                     figure.wing { (draw_wing(&list.frames)) p.caption {} }
@@ -144,7 +144,7 @@ fn line_track(
     FigureTrack::from_points(name, colour, points)
 }
 
-fn draw_positions(frames: &[FrameValues]) -> Markup {
+fn draw_marker_positions(frames: &[FrameValues]) -> Markup {
     let of_kind = |used: bool| move |m: &MarkerValues| m.seen.filter(|_| m.used == used).map(|[u, v, ..]| (u, v, None));
     let residual =
         |m: &MarkerValues| m.seen.filter(|_| m.used).map(|[u, v, du, dv]| [(u, v, None), (u + du, v + dv, None)]);
@@ -162,7 +162,7 @@ fn draw_positions(frames: &[FrameValues]) -> Markup {
     draw_first_frame("Image positions", frames, tracks, axes)
 }
 
-fn draw_frame_curve(list: &FrameList) -> Markup {
+fn draw_deflection_curve(list: &FrameList) -> Markup {
     let tracks = |frame: &FrameValues| {
         let mean = list.means.get(frame.series).cloned().unwrap_or_default();
         // Without an installation the spans of the markers have a guessed origin.
@@ -212,7 +212,8 @@ fn residual_magnification(data: &ReportData) -> f64 {
     if longest > 0.0 { round_step(RESIDUAL_SHARE * (right - left) / longest).max(1.0) } else { 1.0 }
 }
 
-fn frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_>> {
+/// Lists the result sentence and the markers' values of every frame, also if unsolved, for the page's script.
+fn collect_frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_>> {
     let unfinished = data.series.iter().flat_map(|s| {
         let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
         let open = move |image: &&str| !s.records.iter().any(|r| r.image == *image);
@@ -239,7 +240,7 @@ fn frame_with_record<'a>(
     let site = data.site.as_ref();
     let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
     let place = |id: &str| places.iter().find(|p| p.id == id);
-    let values = |m: &MarkerRecord| marker_values(m, place(&m.id), magnified);
+    let values = |m: &MarkerRecord| drawn_marker_values(m, place(&m.id), magnified);
     FrameValues {
         series: &frame.series,
         image: &record.image,
@@ -274,7 +275,7 @@ fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> Stri
     }
 }
 
-fn marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, magnified: f64) -> MarkerValues {
+fn drawn_marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, magnified: f64) -> MarkerValues {
     let round = |value: f64, parts: f64| (value * parts).round() / parts;
     let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| round(v, 1e4));
     let at = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());

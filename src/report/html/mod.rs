@@ -71,7 +71,7 @@ pub fn report_page(data: &ReportData) -> String {
     let main = html! {
         (report_header(data, &summaries))
         (contents_links())
-        (notes_section(data))
+        (warnings_section(data))
         (deflection_section(&summaries, shown.map(|(_, record)| record)))
         (time_section(data, &summaries))
         (aircraft::aircraft_section(data))
@@ -213,7 +213,7 @@ fn contents_links() -> Markup {
     html! { nav aria-label="Contents" { @for (id, text) in parts { a href={ "#" (id) } { (text) } " " } } }
 }
 
-fn notes_section(data: &ReportData) -> Markup {
+fn warnings_section(data: &ReportData) -> Markup {
     html! {
         @if data.series.is_empty() {
             p.warning { "The store holds no series yet." }

@@ -47,7 +47,7 @@ pub fn crossing_in_reduced(image: &Raster, hypothesis: &Hypothesis, floor: f64) 
     Some(small.to_original(Vector2::new(m[X], m[Y])))
 }
 
-/// Returns the first parameters: geometry of the hypothesis, grey levels of its pixels; `None` with too little contrast.
+/// Returns a fit's start parameters: the hypothesis' geometry, grey levels of its pixels; `None` if contrast is low.
 fn start_parameters(
     hypothesis: &Hypothesis,
     pixels: &Pixels,
