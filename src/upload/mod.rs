@@ -56,7 +56,7 @@ pub struct UploadCounts {
 }
 
 impl UploadCounts {
-    fn add(&mut self, put: PutOutcome, length: u64) {
+    fn count_put(&mut self, put: PutOutcome, length: u64) {
         self.objects += 1;
         self.bytes += length;
         if put == PutOutcome::Sent {

@@ -47,7 +47,7 @@ impl Upload<'_> {
             }
             None => target.put_object(&key, text.into_bytes(), &digest).await?,
         };
-        sent.add(put, length);
+        sent.count_put(put, length);
         Ok(FlightUpload { manifest, sent, pieces })
     }
 
@@ -103,7 +103,7 @@ impl Upload<'_> {
             }
             put => put?,
         };
-        sent.add(put, length);
+        sent.count_put(put, length);
         flight.sent = sent;
         Ok(())
     }
@@ -126,7 +126,7 @@ impl Upload<'_> {
         while let Some((piece, same)) = compared.try_next().await? {
             match same {
                 true => {
-                    sent.add(PutOutcome::AlreadyPresent, piece.length);
+                    sent.count_put(PutOutcome::AlreadyPresent, piece.length);
                     (self.progress)(piece.length);
                 }
                 false if self.repair => damaged.push(piece),
@@ -135,7 +135,7 @@ impl Upload<'_> {
         }
         for piece in damaged {
             let put = target.replace_object(&piece.key, read_object(piece).await?, &piece.sha256).await?;
-            sent.add(put, piece.length);
+            sent.count_put(put, piece.length);
             sent.repaired += 1;
             (self.progress)(piece.length);
         }
@@ -161,7 +161,7 @@ impl Upload<'_> {
             }
             let Some((put, length)) = under_way.try_next().await? else { return Ok(()) };
             pace.record_object(length, Instant::now());
-            sent.add(put, length);
+            sent.count_put(put, length);
             (self.progress)(length);
         }
     }
