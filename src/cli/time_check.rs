@@ -49,7 +49,9 @@ pub struct TimeCheckArgs {
 /// Default latency from drawing to light: a browser, a compositor and a screen take 1 to 3 frames at 60 Hz, assumed uniform
 /// between 10 and 50 ms if not measured.
 const DEFAULT_LATENCY_MS: f64 = 30.0;
+/// Width of that uniform distribution, ms.
 const LATENCY_RANGE_MS: f64 = 40.0;
+
 pub(super) fn run(args: &TimeCheckArgs) -> Result<Completion, Failure> {
     if let Some(file) = &args.page {
         write_output(file, &clock_page::clock_page(), CHECK_WRITE_ACCESS)?;

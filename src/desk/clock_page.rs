@@ -4,6 +4,7 @@ use crate::measure::time_code::{
     BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell_rectangle,
 };
 
+/// Page that draws the clock, without its data.
 const PAGE_TEMPLATE: &str = include_str!("clock_page.html");
 
 /// Returns the page, with the positions and numbers of the code filled in.

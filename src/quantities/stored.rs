@@ -101,7 +101,7 @@ fn finite_number(column: &[f64], row: usize) -> Option<f64> {
     column.get(row).copied().filter(|value| value.is_finite())
 }
 
-/// Description of a file of live results: what is equal in all rows, and the names in its lists.
+/// Description of a file of live results: the values equal in all rows, and the names in its lists.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LiveSource {

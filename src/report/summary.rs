@@ -32,11 +32,6 @@ impl Mean {
         let scatter = (finite.len() > 1).then(|| (squares / (n - 1.0)).sqrt());
         Some(Self { value, sigma, scatter, count: finite.len() })
     }
-
-    /// Returns the standard error of the mean from the scatter alone.
-    pub fn standard_error(&self) -> Option<f64> {
-        self.scatter.map(|s| s / (self.count as f64).sqrt())
-    }
 }
 
 /// Deflection of a single frame.
@@ -242,7 +237,6 @@ mod tests {
         assert_eq!((mean.value, mean.count), (2.0, 2));
         assert!((mean.sigma.unwrap() - 0.125_f64.sqrt()).abs() < 1e-12);
         assert!((mean.scatter.unwrap() - 2.0_f64.sqrt()).abs() < 1e-12);
-        assert!((mean.standard_error().unwrap() - 1.0).abs() < 1e-12);
         assert_eq!(Mean::from_values(&[]), None);
         assert_eq!(Mean::from_values(&[(1.0, Some(0.1))]).unwrap().scatter, None);
     }

@@ -11,7 +11,9 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use wingd::clock::{Clock, SystemClock};
 
-use super::recorder_survives::{FIRST_SERIES, Recorder, TOKEN, assert_sound, configure, free_address, page, series};
+use super::recorder_survives::{
+    FIRST_SERIES, Recorder, TOKEN, assert_sound, configure, free_address, page, recorded_flight, series,
+};
 use crate::common::report_store::{jpeg, solved, store_with};
 
 /// A flood of datagrams takes neither memory nor disk; the lines of the feed are recorded.
@@ -134,13 +136,9 @@ fn a_weak_token_is_refused_and_a_readable_one_is_named() {
 
 /// A counter or a folder with the largest number ends nothing.
 #[test]
-fn a_counter_at_its_end_is_mended() {
-    let dir = tempfile::tempdir().unwrap();
-    configure(dir.path(), "");
+fn a_counter_at_its_end_does_not_end_recording() {
+    let dir = recorded_flight();
     let store = dir.path().join("store");
-    let mut recorder = Recorder::start(dir.path());
-    recorder.records();
-    recorder.end();
     let largest = u64::MAX;
     std::fs::write(store.join("counter.json"), format!("{{\"next_flight\":{largest},\"next_series\":{largest}}}\n"))
         .unwrap();

@@ -39,6 +39,16 @@ pub fn configure(folder: &Path, more: &str) {
     std::fs::write(folder.join("wingd.toml"), text).unwrap();
 }
 
+/// Folder with a configuration and the store of a recorder that has ended after its first series.
+pub fn recorded_flight() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    configure(dir.path(), "");
+    let mut recorder = Recorder::start(dir.path());
+    recorder.records();
+    recorder.end();
+    dir
+}
+
 impl Recorder {
     pub fn start(folder: &Path) -> Self {
         Self::spawn(folder, Command::new(env!("CARGO_BIN_EXE_wingd")))
@@ -145,7 +155,7 @@ fn fault_of(status: &Value, part: &str) -> String {
     status["faults"][part].as_str().unwrap_or_default().to_owned()
 }
 
-/// Every fault of `[serve]` leaves the recorder running; the page comes up when the fault is mended.
+/// Every fault of `[serve]` leaves the recorder running; the page comes up when the fault is corrected.
 #[test]
 fn a_page_that_cannot_be_served_is_a_fault_and_is_tried_again() {
     let token = "token_file = \"token\"\n";
@@ -230,12 +240,8 @@ fn a_hundred_guesses_are_a_few_lines_of_the_log() {
 
 #[test]
 fn a_damaged_or_lost_mark_of_the_store_is_rebuilt_from_the_chains() {
-    let dir = tempfile::tempdir().unwrap();
-    configure(dir.path(), "");
+    let dir = recorded_flight();
     let store = dir.path().join("store");
-    let mut recorder = Recorder::start(dir.path());
-    recorder.records();
-    recorder.end();
     let mark = store.join("store.toml");
     let whole = std::fs::read_to_string(&mark).unwrap();
     for damage in [Some(&b""[..]), Some(b"\0\0\0"), Some(b"format = "), None] {

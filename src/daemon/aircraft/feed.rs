@@ -25,7 +25,7 @@ const MAX_LINE_BYTES: usize = 4096;
 const MAX_BYTES_PER_S: f64 = 60e3;
 /// Bytes of recorded lines in a burst.
 const MAX_BURST_BYTES: f64 = 600e3;
-/// Share of the burst that is for lines that can be parsed: what nobody can read does not displace them.
+/// Share of the burst that is for lines that can be parsed: those that cannot do not displace them.
 const SHARE_FOR_READABLE: f64 = 0.5;
 /// Bytes that the store adds to each line.
 const LINE_OVERHEAD_BYTES: usize = 150;
@@ -64,7 +64,7 @@ impl FeedContext {
     }
 }
 
-/// Receiver of a feed's lines, with the budget of what is recorded.
+/// Receiver of a feed's lines, with the budget of the recorded lines.
 pub(super) struct LineIntake {
     shared: FeedContext,
     lines: SyncSender<AircraftLine>,

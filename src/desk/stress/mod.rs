@@ -84,7 +84,7 @@ impl BendingLine {
     }
 }
 
-/// Evaluation as requested; what is `None` comes from the installation.
+/// Requested evaluation; the installation supplies each field that is `None`.
 pub struct StressRequest {
     /// Installation; `None` for the one that the results came from.
     pub installation: Option<PathBuf>,

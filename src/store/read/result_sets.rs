@@ -172,7 +172,7 @@ impl ResultGrouper {
 }
 
 /// Reads the results of a series that belong to a set, in the order of frames; the latest of every frame if no set is
-/// given. Each is converted by `make` as it is read, so that only what is kept is in memory.
+/// given. Each is converted by `make` as it is read, so that only the converted results are in memory.
 pub fn results_in_set<T>(
     disk: &dyn Disk,
     series: &SeriesRef,

@@ -22,9 +22,10 @@ pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
     write_format_file(root, &random_id()?)
 }
 
-/// Rebuilds a damaged or missing format file from the flights' chains, which hold the store's id; returns a remark if it
-/// did. A store whose flights have no chains, or those of several stores, is left as it is.
-pub(super) fn mend_format_file(root: StoreRoot<'_>) -> Result<Option<String>, StoreError> {
+/// Rebuilds a damaged or missing format file from the flights' chains, which hold the store's id; without flights the store
+/// gets a new id. Returns a remark if it did. A store whose flights have no chains, or those of several stores, is left as
+/// it is.
+pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> Result<Option<String>, StoreError> {
     let path = root.join(layout::STORE_FILE);
     let damaged = match catalogue::check_format(root.disk, root.path) {
         Err(StoreError::Damaged { .. }) => true,
@@ -39,14 +40,14 @@ pub(super) fn mend_format_file(root: StoreRoot<'_>) -> Result<Option<String>, St
     let chains = flights.iter().map(|flight| catalogue::read_chain(root.disk, &flight.folder).ok()?.1.store_id());
     let mut ids = chains.collect::<Option<Vec<String>>>().unwrap_or_default();
     ids.dedup();
-    let id = match (ids.as_slice(), flights.is_empty()) {
-        ([id], _) => id.clone(),
-        ([], true) => random_id()?,
+    let (id, how) = match (ids.as_slice(), flights.is_empty()) {
+        ([id], _) => (id.clone(), "rebuilt from the flights' chains"),
+        ([], true) => (random_id()?, "written with a new id, because the store has no flights"),
         _ => return Ok(None),
     };
     let _lock = lock_store(root)?;
     root.disk.replace_file(&path, format_file_text(&id).as_bytes())?;
-    Ok(Some(format!("{} was damaged or missing; rebuilt from the flights' chains", layout::STORE_FILE)))
+    Ok(Some(format!("{} was damaged or missing; {how}", layout::STORE_FILE)))
 }
 
 /// Takes the lock, which is released when the returned guard is dropped.

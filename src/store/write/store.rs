@@ -48,7 +48,7 @@ impl Store {
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
         let path = config.path.clone();
         let root = StoreRoot { disk: disk.as_ref(), path: &path };
-        let mended = opening::mend_format_file(root)?;
+        let rebuilt = opening::rebuild_format_file(root)?;
         if !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::create_store(root)?;
         }
@@ -56,7 +56,7 @@ impl Store {
         let lock = opening::lock_store(root)?;
         root.ensure_folders()?;
         let mut recovery = recover::recover_incoming(root, &ActiveSeries::default())?;
-        recovery.remarks.extend(mended);
+        recovery.remarks.extend(rebuilt);
         segment::settle_append_files(root, &APPEND_FILE_KINDS, &mut recovery);
         let index = opening::scan_store(root, &mut recovery)?;
         let store = Self {
