@@ -19,6 +19,8 @@ use subtle::ConstantTimeEq;
 
 use super::tls::TlsAcceptor;
 
+/// Answer to an address without the token that it must have.
+const OLD_ADDRESS: &str = "this address has no token, or that of an earlier start: open the address that was printed last";
 /// Minimum number of characters of a token: shorter ones can be guessed over a network.
 const MIN_TOKEN_LENGTH: usize = 16;
 
@@ -164,7 +166,8 @@ pub(super) async fn check_access(State(access): State<Arc<Access>>, request: Req
     let (count, reason, status) = if !access.accepts_host(headers) {
         (&access.counts.host, "the Host header does not name this machine", StatusCode::MISDIRECTED_REQUEST)
     } else if !access.accepts_token(headers, request.uri().query()) {
-        (&access.counts.token, "token missing or wrong", StatusCode::UNAUTHORIZED)
+        let reason = if access.in_address { OLD_ADDRESS } else { "token missing or wrong" };
+        (&access.counts.token, reason, StatusCode::UNAUTHORIZED)
     } else {
         return next.run(request).await;
     };
@@ -176,7 +179,8 @@ pub(super) async fn check_access(State(access): State<Arc<Access>>, request: Req
     }
     tokio::time::sleep(REFUSAL_DELAY).await;
     let mut response = (status, format!("{reason}\n")).into_response();
-    if status == StatusCode::UNAUTHORIZED {
+    // Nobody knows a token that was made for an address: a browser must not ask for it.
+    if status == StatusCode::UNAUTHORIZED && !access.in_address {
         for scheme in ["Bearer realm=\"wingd\"", "Basic realm=\"wingd: any name, the token as password\""] {
             response.headers_mut().append(header::WWW_AUTHENTICATE, HeaderValue::from_static(scheme));
         }

@@ -283,6 +283,7 @@ const request = (path, options) => fetch(path + location.search, options);
 
 async function fetchJson(path, options) {
   const answer = await request(path, options);
+  if (answer.status === 401) throw new Error(await answer.text());
   const body = await answer.json();
   if (answer.status === 409) return { asks: body.reason };
   if (!answer.ok) throw new Error(body.reason ?? answer.statusText);
