@@ -100,7 +100,7 @@ pub struct ImageRecord {
     pub sigma_kind: Option<SigmaKind>,
     /// Model parameters.
     pub model: Model,
-    /// Deflection of the outermost marker.
+    /// Deflection of the outermost marker, measured or predicted.
     pub tip: Option<Tip>,
     /// Variance budget of the tip's deflection relative to [`Tip::reference`], largest contribution first; empty in results
     /// of older programs.
@@ -156,6 +156,9 @@ pub struct MarkerRecord {
     pub sigma_v_px: Option<f64>,
     /// True if the marker took part in the adjustment.
     pub used: bool,
+    /// True if the numbers are predicted by the adjusted shape, since the marker was not used.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub predicted: bool,
     /// True if a person marked the position.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub manual: bool,

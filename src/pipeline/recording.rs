@@ -202,6 +202,7 @@ fn solved_marker_record(
     let residual = m.residual_px;
     MarkerRecord {
         used: m.used,
+        predicted: !m.used && m.deflection_m.is_some(),
         residual_u_px: residual.map(|r| r.x),
         residual_v_px: residual.map(|r| r.y),
         redundancy_u: m.redundancy.map(|r| r.x),
@@ -262,26 +263,22 @@ pub fn diagonal_sigmas(c: &Matrix3<f64>) -> [f64; 3] {
     [0, 1, 2].map(|k| c[(k, k)].max(0.0).sqrt())
 }
 
-/// Returns the deflection of the used marker that is farthest along the span.
+/// Returns the deflection of the marker that is farthest along the span, measured or predicted.
 fn tip_record(installation: &Installation, s: &Solution) -> Option<Tip> {
-    let setup = &installation.setup;
-    let wing_frame = setup.wing_frame();
-    let span =
-        |m: &&MarkerSolution| setup.markers.get(m.marker).map_or(f64::MIN, |k| wing_frame.wing_point(&k.position_m).x);
-    let outermost =
-        s.markers.iter().filter(|m| m.used && m.deflection_m.is_some()).max_by(|a, b| span(a).total_cmp(&span(b)))?;
+    let budget = s.budget.as_ref()?;
+    let outermost = s.markers.get(budget.marker)?;
     let deflection = outermost.deflection_m?;
-    let id = setup.markers.get(outermost.marker)?.id.clone();
     let (ground, root) = (outermost.deflection_ground_m, outermost.deflection_root_m);
     Some(Tip {
-        marker: id,
+        marker: installation.setup.markers.get(budget.marker)?.id.clone(),
+        predicted: !outermost.used,
         deflection_m: deflection.value,
         sigma_deflection_m: deflection.sigma,
         deflection_ground_m: estimate_value(ground),
         sigma_deflection_ground_m: estimate_sigma(ground),
         deflection_root_m: estimate_value(root),
         sigma_deflection_root_m: estimate_sigma(root),
-        reference: s.budget.as_ref().map(|budget| budget.reference),
+        reference: Some(budget.reference),
     })
 }
 

@@ -164,6 +164,7 @@ pub static SECTIONS: [QuantitySection; 12] = [
             text("sigma_kind", "standard deviations `prior` or `posterior`", |r| r.image?.sigma_kind.map(variant_name))
                 .word_since(2, || words([SigmaKind::Prior, SigmaKind::Posterior])),
             text("tip_marker", "outermost marker", |r| Some(tip(r)?.marker.clone())).in_live(Derived),
+            flag("tip_predicted", "whether the adjusted shape predicts it", |r| Some(tip(r)?.predicted)),
             number("tip_deflection", "m", "its deflection against the survey", |r| Some(tip(r)?.deflection_m))
                 .stored(F32),
             sigma("tip_sigma_deflection", "m", |r| tip(r)?.sigma_deflection_m).in_live(Derived),

@@ -4,11 +4,14 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeflectionReference, MarkerRecord};
 
-/// Deflection of the outermost used marker.
+/// Deflection of the outermost marker: the same in every frame, predicted by the adjusted shape where it is not measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tip {
     /// Survey id of the marker.
     pub marker: String,
+    /// True if the marker was not used in this frame, so that the adjusted shape predicts it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub predicted: bool,
     /// Deflection relative to the survey, m, positive up.
     pub deflection_m: f64,
     pub sigma_deflection_m: Option<f64>,
@@ -31,6 +34,11 @@ impl Tip {
             let variance = |tip: &Self| tip.deflection(reference)?.1.map(|sigma| sigma * sigma);
             tips.clone().map(variance).sum::<Option<f64>>().map(f64::sqrt)
         })
+    }
+
+    /// Returns the marker's id, and whether it is predicted.
+    pub fn label(&self) -> String {
+        format!("{}{}", self.marker, if self.predicted { ", predicted" } else { "" })
     }
 
     /// Returns the deflection relative to `reference` and its standard deviation, m.

@@ -53,7 +53,7 @@ pub fn tip_table(tip: &Tip) -> Grid {
         DeflectionReference::ALL.iter().filter_map(|one| Some((*one, tip.deflection(*one)?))).collect();
     let pair = |deflection: &(f64, Option<f64>)| format_rounded(Some(deflection.0), deflection.1, 4);
     Grid::for_rows(&deflections).columns(&[
-        ("<deflection of", &|_| tip.marker.clone()),
+        ("<deflection of", &|_| tip.label()),
         ("<reference", &|(one, _)| one.description().to_owned()),
         ("m", &|(_, deflection)| pair(deflection).0),
         ("sigma / m", &|(_, deflection)| pair(deflection).1),
@@ -179,7 +179,7 @@ pub fn image_table_with_counts(
 }
 
 fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReference) -> Grid {
-    let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
+    let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), Tip::label);
     let deflection = |r: &ImageRecord| {
         let (deflection_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
         format_rounded(deflection_m, sigma_m.flatten(), 3)

@@ -3,7 +3,7 @@
 
 use nalgebra::{Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
-use wingd::measure::adjust::{self, Observation, Options, Solution};
+use wingd::measure::adjust::{self, MarkerSolution, Observation, Options, Solution};
 use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Thermal, Width};
 
 use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, rms, rng};
@@ -138,10 +138,19 @@ fn normalised(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) ->
     errors_and_sigmas(truth, deflection, fuel, solution).into_iter().map(|(error, sigma)| error / sigma).collect()
 }
 
-/// Deflection errors of all markers and their standard deviations, m.
+/// Deflection errors of all used markers and their standard deviations, m.
 fn errors_and_sigmas(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) -> Vec<(f64, f64)> {
+    errors_and_sigmas_of(truth, deflection, fuel, solution.markers.iter().filter(|m| m.used))
+}
+
+fn errors_and_sigmas_of<'a>(
+    truth: &Truth,
+    deflection: f64,
+    fuel: f64,
+    markers: impl Iterator<Item = &'a MarkerSolution>,
+) -> Vec<(f64, f64)> {
     let flight = truth.positions_in_flight(deflection, fuel);
-    let deflections = solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.deflection_m?)));
+    let deflections = markers.filter_map(|m| Some((m.marker, m.deflection_m?)));
     deflections
         .map(|(k, deflection)| (deflection.value - (flight[k].z - truth.ground_m[k].z), deflection.sigma.unwrap()))
         .collect()
@@ -289,5 +298,46 @@ fn frames_partly_determine_the_height_of_the_bending_axis() {
             assert!((0.5..1.3).contains(&rms(&errors)), "{}", rms(&errors));
             assert!(sigma < 0.055, "{sigma} m");
         }
+    }
+}
+
+/// Normalised errors of the deflections of markers that frames do not show, with everything configured wrong within its width:
+/// the outer five of a single frame, or of the second frame of a flight.
+fn errors_of_hidden_markers(rng: &mut StdRng, flight: bool) -> Vec<f64> {
+    const HIDDEN: usize = 5;
+    let truth = Truth::new(random_wing(rng), 21);
+    let setup = configured_setup(rng, &truth, ErrorSource::All);
+    let orientation = oriented(rng, &truth, &setup);
+    let deflections = if flight { &[2.0, 2.3, 1.7, 2.2, 1.9][..] } else { &[2.0, 2.3] };
+    let mut frames = frames(rng, &truth, deflections, ErrorSource::All);
+    let mut outwards = setup.wing_markers();
+    outwards.sort_by(|(_, a), (_, b)| a.x.total_cmp(&b.x));
+    let hidden: Vec<usize> = outwards[outwards.len() - HIDDEN..].iter().map(|(marker, _)| *marker).collect();
+    frames[1].retain(|seen| !hidden.contains(&seen.marker));
+    let solutions = if flight {
+        adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap()
+    } else {
+        let one =
+            |frame: &Vec<Observation>| adjust::solve_spatial(&setup, &orientation, frame, &Options::default()).unwrap();
+        frames.iter().map(one).collect()
+    };
+    let tips: Vec<usize> = solutions.iter().map(|s| s.budget.as_ref().unwrap().marker).collect();
+    assert!(tips.iter().all(|tip| *tip == tips[0]), "one tip in all frames: {tips:?}");
+    let (seen, predicted) = (&solutions[0].markers[tips[0]], &solutions[1].markers[tips[0]]);
+    assert!(!predicted.used && predicted.reason.is_some());
+    // A frame need not show the whole wing.
+    assert!(!seen.used || predicted.deflection_m.unwrap().sigma > seen.deflection_m.unwrap().sigma);
+    let predicted = hidden.iter().map(|&k| &solutions[1].markers[k]);
+    let errors = errors_and_sigmas_of(&truth, deflections[1], truth.fuel() * 0.94, predicted);
+    errors.into_iter().map(|(error, sigma)| error / sigma).collect()
+}
+
+#[test]
+fn the_tip_is_one_marker_and_predicted_within_its_sigma_where_it_is_hidden() {
+    for flight in [false, true] {
+        let mut rng = rng(940 + u64::from(flight));
+        let found: Vec<f64> = (0..60).flat_map(|_| errors_of_hidden_markers(&mut rng, flight)).collect();
+        println!("hidden, flight {flight}: normalised deflection rms {:.2} of {}", rms(&found), found.len());
+        assert!((0.5..1.3).contains(&rms(&found)), "flight {flight}: {}", rms(&found));
     }
 }

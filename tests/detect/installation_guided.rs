@@ -5,8 +5,10 @@ use std::path::Path;
 
 use nalgebra::Cholesky;
 use wingd::installation::{self, Installation};
-use wingd::measure::identify;
+use wingd::measure::identify::{self, WingView};
+use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide};
 use wingd::measure::setup::Orientation;
+use wingd::measure::view;
 use wingd::pipeline::stages::{self, ProcessedFrame, Work};
 
 fn read_set(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
@@ -69,4 +71,24 @@ fn a_failed_guided_search_falls_back_to_the_full_search() {
     let [whole, located] = detect_full_and_guided(&flight[0], &installation, &turned);
     assert_eq!(whole.detections, located.detections);
     assert_eq!(whole.failure, located.failure);
+}
+
+/// Four targets that are fixed to the cabin are found first, and one marker beyond them says little about the wing.
+#[test]
+fn an_installation_never_loses_what_a_search_without_it_finds() {
+    let lights = [Light::Plain, Light::Glare, Light::Haze];
+    let scenes = [(11, 28.0, 4, 2.4), (12, 14.0, 3, 0.9), (13, 34.0, 4, -0.4), (14, 28.0, 2, 3.4), (15, 20.0, 4, 1.0)];
+    for (k, (seed, length_m, fixed_targets, deflection_m)) in scenes.into_iter().enumerate() {
+        let side = if k % 2 == 0 { SceneSide::Left } else { SceneSide::Right };
+        let scene = Scene::random(seed, &SceneOptions { length_m, fixed_targets, ..SceneOptions::random(seed, side) });
+        let orientation = crate::second_pass::oriented(&scene, seed);
+        let raster = scene.render(&scene.flight_shot(deflection_m, lights[k % lights.len()], seed)).unwrap();
+        let wing = WingView::in_flight(&scene.setup, &orientation);
+        let full = view::process_full_frame(&mut &raster, Some(&wing), &mut |_| ());
+        let guided = view::process_frame(&mut &raster, Some(&wing), &mut |_| ());
+        let named = |markers: &view::FrameMarkers| markers.observations.iter().map(|o| o.marker).collect::<Vec<_>>();
+        assert!(named(&full).len() > 6, "seed {seed}: {:?} {:?}", named(&full), full.fault);
+        let lost: Vec<usize> = named(&full).into_iter().filter(|marker| !named(&guided).contains(marker)).collect();
+        assert!(lost.is_empty(), "seed {seed}: {lost:?} of {:?} lost", named(&full));
+    }
 }

@@ -78,7 +78,7 @@ const PRINTS: f64 = 0.0015;
 const SIGHT_PX: f64 = 0.03;
 
 /// Orientation with the precision of a ground frame, which other tests render.
-fn oriented(scene: &Scene, seed: u64) -> Orientation {
+pub fn oriented(scene: &Scene, seed: u64) -> Orientation {
     let truth = scene.truth(&scene.ground_shot(seed)).markers;
     let sight = |(marker, truth): (usize, &MarkerTruth)| {
         let covariance_px2 = Matrix2::identity() * (SIGHT_PX * SIGHT_PX);

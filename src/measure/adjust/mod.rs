@@ -119,7 +119,8 @@ pub struct Parameter {
     pub values: Vec<Estimate>,
 }
 
-/// Result of one marker of the survey.
+/// Result of one marker of the survey. One that was not used has the position and the deflections that the adjusted shape
+/// predicts, unless its survey was rejected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MarkerSolution {
     /// Index in [`Setup::markers`].
@@ -227,7 +228,7 @@ pub struct VarianceShare {
 /// Sources of the variance of the tip deflection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VarianceBudget {
-    /// Index in [`Setup::markers`] of the outermost used marker, whose deflection this is.
+    /// Index in [`Setup::markers`] of the outermost marker with a deflection, measured or predicted, whose deflection this is.
     pub marker: usize,
     /// Reference of the deflection: the one with the smallest standard deviation.
     pub reference: DeflectionReference,

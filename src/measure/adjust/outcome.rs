@@ -81,8 +81,13 @@ impl<'a> FrameOutcome<'a> {
         let (mut markers, mut remarks) = (self.marker_solutions(), vec![]);
         for suspect in removed {
             let remark = suspect.remark(self.input.setup, self.input.options);
-            if suspect.target != SuspectTarget::Ground {
-                markers[suspect.marker].reason = Some(remark.clone());
+            match suspect.target {
+                SuspectTarget::Ground => {}
+                SuspectTarget::Flight => markers[suspect.marker].reason = Some(remark.clone()),
+                // Nothing can be predicted from a wrong survey.
+                SuspectTarget::Survey => {
+                    markers[suspect.marker] = MarkerSolution::unused(suspect.marker, remark.clone());
+                }
             }
             remarks.push(remark);
         }
@@ -125,19 +130,24 @@ impl<'a> FrameOutcome<'a> {
         self.fit.function_variances(self.group, gradient).into_iter().map(sigma).collect()
     }
 
+    /// Block of a marker. Where surveyed positions are observed, each marker has one, whether it is seen or not.
+    fn marker_block(&self, marker: usize) -> Option<usize> {
+        self.members.iter().position(|m| m.marker == marker)
+    }
+
     fn block_with_image(&self, marker: usize) -> Option<usize> {
-        self.members.iter().position(|m| m.marker == marker && m.flight.is_some())
+        self.marker_block(marker).filter(|&block| self.members[block].flight.is_some())
     }
 
-    fn adjusted_ground_position(&self, block: usize) -> Vector3<f64> {
-        let observed = &self.problem.groups[self.group].blocks[block].observed
-            + &self.fit.groups[self.group].blocks[block].residuals;
-        self.layout.ground_position(self.members[block].marker, &self.fit.global, &observed)
+    fn adjusted_ground_position(&self, marker: usize) -> Vector3<f64> {
+        let (blocks, fits) = (&self.problem.groups[self.group].blocks, &self.fit.groups[self.group].blocks);
+        let adjusted = |block: usize| &blocks[block].observed + &fits[block].residuals;
+        let observed = self.marker_block(marker).map_or(DVector::zeros(0), adjusted);
+        self.layout.ground_position(marker, &self.fit.global, &observed)
     }
 
-    fn ground_position_and_flight_state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
-        let marker = self.members[block].marker;
-        let ground = self.adjusted_ground_position(block);
+    fn ground_position_and_flight_state(&self, marker: usize) -> (Vector3<f64>, MarkerState) {
+        let ground = self.adjusted_ground_position(marker);
         let moved = self.layout.moved_position(marker, &ground, &self.fit.global);
         (ground, self.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
     }
@@ -147,7 +157,6 @@ impl<'a> FrameOutcome<'a> {
     fn add_position(
         &self,
         gradient: &mut Gradient,
-        block: usize,
         state: &MarkerState,
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
@@ -162,6 +171,7 @@ impl<'a> FrameOutcome<'a> {
         let by_ground = directions.iter().zip(ground).map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
         match self.layout.ground_positions {
             GroundPositions::Observed => {
+                let Some(block) = self.marker_block(state.marker) else { return };
                 let n = self.problem.groups[self.group].blocks[block].observed.len();
                 let mut derivative = DMatrix::zeros(n, directions.len());
                 for (f, by) in by_ground.enumerate() {
@@ -179,30 +189,27 @@ impl<'a> FrameOutcome<'a> {
         }
     }
 
-    /// Results of all markers of the survey; those without an observation have no numbers.
+    /// Results of all markers of the survey. Where one on the wing is not measured, the adjusted shape predicts it.
     fn marker_solutions(&self) -> Vec<MarkerSolution> {
-        let unseen = |marker| MarkerSolution::unused(marker, "not measured in this frame".into());
-        let mut markers: Vec<_> = (0..self.input.setup.markers.len()).map(unseen).collect();
-        for (block, member) in self.members.iter().enumerate() {
-            if member.flight.is_some() {
-                markers[member.marker] = self.build_marker_solution(block);
-            }
-        }
-        markers
+        (0..self.input.setup.markers.len()).map(|marker| self.build_marker_solution(marker)).collect()
     }
 
-    fn build_marker_solution(&self, block: usize) -> MarkerSolution {
-        let member = self.members[block];
-        let (ground, state) = self.ground_position_and_flight_state(block);
+    fn build_marker_solution(&self, marker: usize) -> MarkerSolution {
+        let measured = self.block_with_image(marker);
+        let unused = MarkerSolution::unused(marker, "not measured in this frame".into());
+        if measured.is_none() && self.input.setup.markers[marker].fixed {
+            return unused;
+        }
+        let (ground, state) = self.ground_position_and_flight_state(marker);
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
         // Functions: position, distance, deflections.
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         let none = Vector3::zeros();
-        let mut gradient = self.empty_gradient(7, &[member.marker]);
+        let mut gradient = self.empty_gradient(7, &[marker]);
         let directions = [x, y, z, towards, y, y, y];
-        self.add_position(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
+        self.add_position(&mut gradient, &state, &directions, &[none, none, none, none, -y, -y, -y]);
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.function_covariance(&gradient);
@@ -210,17 +217,15 @@ impl<'a> FrameOutcome<'a> {
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let solution = MarkerSolution {
-            used: true,
-            reason: None,
             distance_m: Some(Estimate { value: distance, sigma: sigma(3) }),
             position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
             deflection_m: deflections.map(|deflections| Estimate { value: deflections[0], sigma: sigma(4) }),
             deflection_ground_m: deflections.map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
             deflection_root_m: deflections.map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
-            ..MarkerSolution::unused(member.marker, String::new())
+            ..unused
         };
-        self.add_residuals_and_reliability(solution, block)
+        measured.map_or(solution.clone(), |block| self.add_residuals_and_reliability(solution, block))
     }
 
     fn add_residuals_and_reliability(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
@@ -231,6 +236,7 @@ impl<'a> FrameOutcome<'a> {
         let all = SolvedGroup { input, problem, fit, group, members }.reliability(block);
         let (u, v) = (all[first], all[first + 1]);
         let bias = |r: &Reliability| r.minimal_detectable_bias.unwrap_or(f64::INFINITY);
+        (solution.used, solution.reason) = (true, None);
         solution.residual_px = Some(Vector2::new(residuals[first], residuals[first + 1]));
         solution.redundancy = Some(Vector2::new(u.redundancy, v.redundancy));
         solution.w_test = all.iter().filter_map(|r| r.w).reduce(|a, b| if b.abs() > a.abs() { b } else { a });

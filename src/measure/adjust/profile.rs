@@ -234,6 +234,8 @@ impl ProfileAdjustment<'_> {
         let scale = if posterior { self.fit.variance_factor().unwrap_or(1.0).sqrt() } else { 1.0 };
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
         let a = Estimate { value: self.a_per_m(), sigma: Some(sigma_a) };
+        let markers = self.build_marker_solutions(&placed, scale, outliers);
+        let budget = self.variance_budget(&markers, &placed);
         Ok(Solution {
             variance_factor: self.fit.variance_factor(),
             redundancy: self.fit.redundancy,
@@ -242,10 +244,10 @@ impl ProfileAdjustment<'_> {
             parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
-            markers: self.build_marker_solutions(&placed, scale, outliers),
+            markers,
             torsion: self.torsions(&placed, scale),
-            curve: self.deflection_curve(sigma_a),
-            budget: self.variance_budget(&placed),
+            curve: self.deflection_curve(scale),
+            budget,
             variance_components: self.components.clone(),
             remarks: self.build_remarks(outliers),
             iterations: self.fit.iterations,
@@ -267,16 +269,18 @@ impl ProfileAdjustment<'_> {
         outliers: &[(usize, String)],
     ) -> Vec<MarkerSolution> {
         let unseen = |(marker, surveyed): (usize, &SurveyMarker)| {
-            let reason = if surveyed.fixed {
-                "fixed to the cabin; not used by the profile method"
-            } else {
-                "not found in the image"
-            };
-            MarkerSolution::unused(marker, reason.into())
+            if surveyed.fixed {
+                return MarkerSolution::unused(marker, "fixed to the cabin; not used by the profile method".into());
+            }
+            let predicted = |(ground_m, _)| self.parabola_deflection(ground_m, scale);
+            MarkerSolution {
+                deflection_m: self.geometry.ground_coordinates(marker).map(predicted),
+                ..MarkerSolution::unused(marker, "not found in the image".into())
+            }
         };
         let mut markers: Vec<_> = self.geometry.setup.markers.iter().enumerate().map(unseen).collect();
         for (marker, remark) in outliers {
-            markers[*marker] = MarkerSolution::unused(*marker, remark.clone());
+            markers[*marker].reason = Some(remark.clone());
         }
         for (index, (observation, placed)) in self.observations.iter().zip(placed).enumerate() {
             let value = self.marker_distance_m(index);
@@ -295,7 +299,7 @@ impl ProfileAdjustment<'_> {
     }
 
     /// Parabola from the bending root to the outermost marker of the survey.
-    fn deflection_curve(&self, sigma_a: f64) -> Vec<CurvePoint> {
+    fn deflection_curve(&self, scale: f64) -> Vec<CurvePoint> {
         let wing = self.geometry.setup.wing_markers();
         let tip = wing
             .iter()
@@ -303,19 +307,35 @@ impl ProfileAdjustment<'_> {
             .fold(0.0, |tip: f64, (l, _)| tip.max(l));
         let point = |k: u32| {
             let ground = tip * f64::from(k) / f64::from(CURVE_INTERVALS);
-            let (a, x) =
-                (self.a_per_m(), parabola::span_from_length(self.geometry.flight_length_m(ground), self.a_per_m()));
-            let arc = arc_length(x, a);
-            // At a fixed arc length x decreases while a increases.
-            let by_a = x * x - 2.0 * a * x * arc.by_a / arc.by_x;
             CurvePoint {
                 arc_length_m: ground,
-                span_m: self.geometry.setup.root_offset_m + x,
-                deflection_m: Estimate { value: a * x * x, sigma: Some(by_a.abs() * sigma_a) },
+                span_m: self.geometry.setup.root_offset_m + self.parabola_span_m(ground),
+                deflection_m: self.parabola_deflection(ground, scale),
                 twist_rad: None,
             }
         };
         (0..=CURVE_INTERVALS).map(point).collect()
+    }
+
+    /// Distance from the bending root along the span at an arc length on the ground, m.
+    fn parabola_span_m(&self, ground_m: f64) -> f64 {
+        parabola::span_from_length(self.geometry.flight_length_m(ground_m), self.a_per_m())
+    }
+
+    /// Derivative of the parabola's deflection by `a` at an arc length on the ground, m^2.
+    fn deflection_by_a(&self, ground_m: f64) -> f64 {
+        let (a, x) = (self.a_per_m(), self.parabola_span_m(ground_m));
+        let arc = arc_length(x, a);
+        // At a fixed arc length x decreases while a increases.
+        x * x - 2.0 * a * x * arc.by_a / arc.by_x
+    }
+
+    /// Deflection of the parabola at an arc length on the ground, m.
+    fn parabola_deflection(&self, ground_m: f64, scale: f64) -> Estimate {
+        let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
+        let x = self.parabola_span_m(ground_m);
+        let value = self.a_per_m() * x * x;
+        Estimate { value, sigma: Some(self.deflection_by_a(ground_m).abs() * sigma_a) }
     }
 }
 

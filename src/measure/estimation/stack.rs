@@ -159,6 +159,10 @@ impl BlockSystem {
 
     /// Multiplies the block's derivatives and contradiction by `W`.
     fn whiten(&self, lin: &Linearised, rows: &mut [f64], own: &mut [f64]) {
+        // Of a marker without an image only the survey is known.
+        if lin.misclosure.is_empty() {
+            return;
+        }
         // Images are pairs of coordinates; a single frame has two images of each marker.
         if let Some(white) = self.whitener.row_arrays::<2>() {
             self.whiten_fixed_size(&white, lin, rows, own);

@@ -349,8 +349,9 @@ impl BlockSystem {
         let (n, m) = linearised.observations.shape();
         // (Q B')', one row per observation.
         let mut products = vec![0.0; n * m];
-        for (product, covariance) in products.chunks_exact_mut(n).zip(block.covariance.as_slice().chunks_exact(m)) {
-            let observations = linearised.observations.as_slice().chunks_exact(n);
+        let row = n.max(1);
+        for (product, covariance) in products.chunks_exact_mut(row).zip(block.covariance.as_slice().chunks_exact(m)) {
+            let observations = linearised.observations.as_slice().chunks_exact(row);
             for (by, &covariance) in observations.zip(covariance).filter(|(_, c)| **c != 0.0) {
                 add_scaled(product, covariance, by);
             }
@@ -358,11 +359,11 @@ impl BlockSystem {
         let mut gain = DMatrix::zeros(m, n);
         let mut conditional = block.covariance.clone();
         let mut weighed = vec![0.0; n];
-        for (i, product) in products.chunks_exact(n).enumerate() {
+        for (i, product) in products.chunks_exact(row).enumerate() {
             weighed.copy_from_slice(product);
             self.whitener.apply_weight(&mut weighed);
             weighed.iter().enumerate().for_each(|(k, w)| gain[(i, k)] = *w);
-            for (j, other) in products.chunks_exact(n).enumerate() {
+            for (j, other) in products.chunks_exact(row).enumerate() {
                 conditional[(i, j)] -= dot_product(&weighed, other);
             }
         }

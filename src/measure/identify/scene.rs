@@ -163,6 +163,12 @@ impl<'a> WingView<'a> {
             .collect()
     }
 
+    /// Returns the number of markers that the ground frames show; of all, if their observations are not known.
+    pub fn count_shown(&self) -> usize {
+        let shown = self.orientation.ground.len();
+        if shown > 0 { shown } else { self.setup.markers.len() }
+    }
+
     /// Returns the vertical deflection of a marker relative to the ground, wing frame, m.
     pub(super) fn deflection_m(&self, state: &WingState, marker: usize) -> f64 {
         let placed = self.beam.marker_positions(state, self.scale);

@@ -14,6 +14,8 @@ pub struct Hit {
 /// Step of the first search along the wing; a narrower crest may be missed.
 const SEARCH_STEP_M: f64 = 0.6;
 const BISECTIONS: usize = 40;
+/// Height above the skin at which a ray has hit it, m.
+const HIT_GAP_M: f64 = 1e-12;
 
 impl DeformedWing {
     /// Returns the first point of the skin on a ray from the origin, so that parts behind crests are hidden; `None` if the
@@ -21,15 +23,14 @@ impl DeformedWing {
     pub fn first_hit(&self, direction: &Vector3<f64>) -> Option<Hit> {
         let length = self.wing.beam.length_m;
         let steps = (length / SEARCH_STEP_M).ceil() as usize;
-        let (mut before, mut gap_before) = (0.0, self.skin_gap(0.0, direction).0);
+        let (mut before, mut gap_before) = (0.0, self.signed_gap(0.0, direction));
         for i in 1..=steps {
             let s = length * i as f64 / steps as f64;
-            let gap = self.skin_gap(s, direction).0;
+            let gap = self.signed_gap(s, direction);
             if gap <= 0.0 {
                 if gap_before > 0.0 {
-                    let below = |s: f64| self.skin_gap(s, direction).0 <= 0.0;
-                    let hit = self.bisect(before, s, direction, below);
-                    if self.is_inside(hit.s, direction) {
+                    let hit = self.refine_hit([before, s], [gap_before, gap], direction);
+                    if self.is_between_edges(&hit) {
                         return Some(hit);
                     }
                 }
@@ -43,11 +44,34 @@ impl DeformedWing {
         None
     }
 
+    /// Returns the root of the gap between two points of different sign: the Illinois variant of false position (Dowell and
+    /// Jarratt 1971).
+    fn refine_hit(&self, [mut a, mut b]: [f64; 2], [mut gap_a, mut gap_b]: [f64; 2], direction: &Vector3<f64>) -> Hit {
+        for _ in 0..BISECTIONS {
+            let s = (a * gap_b - b * gap_a) / (gap_b - gap_a);
+            let (gap, z) = self.skin_gap(s, direction);
+            if gap.abs() < HIT_GAP_M {
+                return Hit { s, z };
+            }
+            if (gap > 0.0) == (gap_b > 0.0) {
+                gap_a *= 0.5;
+            } else {
+                (a, gap_a) = (b, gap_b);
+            }
+            (b, gap_b) = (s, gap);
+        }
+        Hit { s: b, z: self.skin_gap(b, direction).1 }
+    }
+
+    fn is_between_edges(&self, hit: &Hit) -> bool {
+        let (low, high) = self.wing.edges(hit.s);
+        hit.z >= low && hit.z <= high
+    }
+
     /// Returns true if the ray is below the skin and between the edges.
     fn is_inside(&self, s: f64, direction: &Vector3<f64>) -> bool {
         let (gap, z) = self.skin_gap(s, direction);
-        let (low, high) = self.wing.edges(s);
-        gap <= 0.0 && z >= low && z <= high
+        gap <= 0.0 && self.is_between_edges(&Hit { s, z })
     }
 
     /// Returns the point at which `entered` turns true.
@@ -82,8 +106,7 @@ impl DeformedWing {
         let (rest, z) = self.skin_gap(s, direction);
         let correction = -rest / rates.gap;
         let hit = Hit { s: s + correction, z: z + correction * rates.z };
-        let (low, high) = self.wing.edges(hit.s);
-        let on_skin = hit.z >= low && hit.z <= high && hit.s <= self.wing.beam.length_m;
+        let on_skin = self.is_between_edges(&hit) && hit.s <= self.wing.beam.length_m;
         ((hit.s - guess_s).abs() <= reach_m && correction.abs() < 0.02 && on_skin).then_some(hit)
     }
 }

@@ -80,12 +80,22 @@ impl SceneWing {
 
     /// Returns the height of the skin above the axis, m.
     pub fn skin_height(&self, s: f64, z: f64) -> f64 {
+        self.smooth_skin_height(s, z) + self.skin_wave(s, z)
+    }
+
+    /// Returns the height of the waves of the skin, m.
+    fn skin_wave(&self, s: f64, z: f64) -> f64 {
+        self.wave_m * (1.1 * s + 0.7 * z).sin()
+    }
+
+    /// Returns the height of the skin without its waves, m.
+    fn smooth_skin_height(&self, s: f64, z: f64) -> f64 {
         let (low, high) = self.edges(s);
         let chord = high - low;
         let q = z / chord;
         // The axis lies near mid-chord; the quartic term keeps the crown from being a parabola.
         let drop = self.crown * chord * 4.0 * q * q * (1.0 + 0.3 * q * q);
-        self.skin_m.value_at(self.eta(s)) - drop + self.wave_m * (1.1 * s + 0.7 * z).sin()
+        self.skin_m.value_at(self.eta(s)) - drop
     }
 
     /// Deforms the wing by a state.
@@ -226,6 +236,17 @@ impl DeformedWing {
     /// Returns height above the skin (m, ground scale) and z at the crossing of the ray `direction * t` from the origin
     /// with the section plane at `s`.
     pub fn skin_gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
+        let (gap, z) = self.smooth_gap(s, direction);
+        (gap - self.wing.skin_wave(s, z), z)
+    }
+
+    /// Returns a gap of the right sign: without the waves where it exceeds them.
+    pub fn signed_gap(&self, s: f64, direction: &Vector3<f64>) -> f64 {
+        let (gap, z) = self.smooth_gap(s, direction);
+        if gap.abs() > self.wing.wave_m { gap } else { gap - self.wing.skin_wave(s, z) }
+    }
+
+    fn smooth_gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
         let section = self.section_at(s);
         let towards = direction.x * section.cos + direction.y * section.sin;
         let t = (section.x * section.cos + section.y * section.sin) / towards;
@@ -234,7 +255,7 @@ impl DeformedWing {
         let across = (t * direction.z - self.wing.axis_z_m) / self.scale;
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let z = across * cos - up * sin;
-        (up * cos + across * sin - self.wing.skin_height(s, z), z)
+        (up * cos + across * sin - self.wing.smooth_skin_height(s, z), z)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | search | positions |
 //! |---|---|
-//! | [`process_frame`] | those of the installation, from the nearest marker outwards; if that fails, the full frame |
+//! | [`process_frame`] | those of the installation, from the nearest marker outwards; if that names too few, the full frame |
 //! | [`process_full_frame`] | the full frame |
 //! | [`search_guided`] | those that an earlier frame predicts; if one is missing, the full frame |
 //!
@@ -25,6 +25,9 @@ pub use picture::Picture;
 
 /// Largest number of second passes.
 pub const MAX_PASSES: usize = 3;
+/// Smallest share of the markers on the ground frames that the guided search must name. What hides more of them in flight, as
+/// glare and mist do, is rare; and a search that lost the wing after the fixed targets names less.
+const MIN_NAMED_SHARE: f64 = 2.0 / 3.0;
 /// Distance from its predicted position within which a missing marker is searched for, px: ten times the error of a simple
 /// beam's predictions.
 const DISPLACED_SEARCH_PX: f64 = 100.0;
@@ -124,11 +127,19 @@ pub fn first_tiles(wing: Option<&WingView>, width: usize, height: usize) -> Tile
 
 /// Detects the markers of a frame and, with a wing, identifies them and removes the perspective bias.
 ///
-/// Searches at the positions that the installation predicts, and in the full frame if that fails.
+/// Searches at the positions that the installation predicts. If that fails or names too few markers, searches the full frame
+/// too, and takes what names more.
 pub fn process_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended: StepEnd) -> FrameMarkers {
     let fitting = wing.filter(|wing| ViewFault::from_size(picture.raster(), &wing.setup.lens).is_none());
     let located = fitting.and_then(|wing| FrameView { wing, picture, ended }.search());
-    located.unwrap_or_else(|| process_full_frame(picture, wing, ended))
+    let shown = fitting.map_or(0, |wing| wing.count_shown());
+    match located {
+        Some(located) if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 => located,
+        located => {
+            let full = process_full_frame(picture, wing, ended);
+            located.filter(|located| located.observations.len() >= full.observations.len()).unwrap_or(full)
+        }
+    }
 }
 
 /// Processes a frame as [`process_frame`] does, by a search of the full frame.

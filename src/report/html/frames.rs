@@ -16,7 +16,7 @@ use super::figures::{SPAN_LABEL, curve_points};
 use super::picture;
 use super::plot::{Axis, round_step};
 use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
-use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, variant_name};
+use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, Tip, variant_name};
 
 const UNUSED_COLOUR: &str = "#b3541e";
 /// Length of the longest residual in the figure, as a fraction of the width covered by the markers.
@@ -166,14 +166,18 @@ fn draw_deflection_curve(list: &FrameList) -> Markup {
     let tracks = |frame: &FrameValues| {
         let mean = list.means.get(frame.series).cloned().unwrap_or_default();
         // Without an installation the spans of the markers have a guessed origin.
-        let deflected = |m: &MarkerValues| {
-            let ([span, ..], (value, sigma)) = m.ground.zip(m.deflection).filter(|_| list.surveyed)?;
-            Some((span, value, sigma))
+        let deflected = |used: bool| {
+            move |m: &MarkerValues| {
+                let shown = list.surveyed && m.used == used;
+                let ([span, ..], (value, sigma)) = m.ground.zip(m.deflection).filter(|_| shown)?;
+                Some((span, value, sigma))
+            }
         };
         vec![
             FigureTrack::from_points("this frame", MAIN_COLOUR, frame.curve.clone()),
             FigureTrack { dashed: true, ..FigureTrack::from_points("mean of its series", "#8a4b00", mean) },
-            marker_track("markers", "#1d6b4f", frame, deflected),
+            marker_track("markers", "#1d6b4f", frame, deflected(true)),
+            marker_track("markers, predicted", UNUSED_COLOUR, frame, deflected(false)),
         ]
     };
     let axes = |all: &[FigureTrack]| {
@@ -260,7 +264,8 @@ fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> Stri
     }
     let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
     let measured = format_measured(deflection, sigma.flatten(), 3);
-    let mut text = format!("Tip deflection {measured} m {}", reference.description());
+    let tip = record.tip.as_ref().map_or(String::new(), Tip::label);
+    let mut text = format!("Tip deflection ({tip}) {measured} m {}", reference.description());
     if record.variance_factor.is_some() {
         text.push_str(&format!(", variance factor {}", format_fixed(record.variance_factor, 2)));
     }
@@ -284,7 +289,7 @@ fn drawn_marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, magnified
         used: m.used,
         seen: at.map(|(u, v)| [round(u, 1e3), -round(v, 1e3), du, -dv]),
         ground: place.and_then(|p| p.ground).map(metres),
-        flight: place.and_then(|p| p.flight).map(metres),
+        flight: place.and_then(|p| p.flight).filter(|_| m.used).map(metres),
         deflection: m
             .deflection_m
             .map(|value| (round(value, 1e6), m.sigma_deflection_m.map(|sigma| round(sigma, 1e6)))),

@@ -9,15 +9,14 @@ use crate::adjust::scene::marker_displacement;
 use crate::estimation::Gradient;
 
 impl FrameOutcome<'_> {
-    /// Gradient of a used marker's deflection relative to `reference`; `None` if the marker was not used.
-    pub fn deflection_gradient(&self, marker: usize, reference: DeflectionReference) -> Option<Gradient> {
-        let block = self.block_with_image(marker)?;
-        let (ground, state) = self.ground_position_and_flight_state(block);
+    /// Gradient of a marker's deflection relative to `reference`.
+    pub fn deflection_gradient(&self, marker: usize, reference: DeflectionReference) -> Gradient {
+        let (ground, state) = self.ground_position_and_flight_state(marker);
         let mut all = self.empty_gradient(3, &[marker]);
         let up = Vector3::y();
-        self.add_position(&mut all, block, &state, &[up; 3], &[-up; 3]);
+        self.add_position(&mut all, &state, &[up; 3], &[-up; 3]);
         self.add_reference_derivatives(&mut all, &state, &(state.carried.position_m - ground), [0, 1, 2]);
-        Some(all.single_function(reference as usize))
+        all.single_function(reference as usize)
     }
 
     /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target.

@@ -20,17 +20,18 @@ impl FrameOutcome<'_> {
 
     /// Torsion angle from the deflections of the two markers (paper, section 4.3).
     fn torsion_angle(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let blocks = [self.block_with_image(pair.leading)?, self.block_with_image(pair.trailing)?];
+        let pair_markers = [pair.leading, pair.trailing];
+        pair_markers.iter().try_for_each(|&marker| self.block_with_image(marker).map(drop))?;
         let markers = &self.input.setup.markers;
         let baseline = markers[pair.leading].position_m - markers[pair.trailing].position_m;
         let base = baseline.xy().norm();
-        let mut gradient = self.empty_gradient(1, &[pair.leading, pair.trailing]);
+        let mut gradient = self.empty_gradient(1, &pair_markers);
         let mut difference = 0.0;
-        for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
-            let (ground, state) = self.ground_position_and_flight_state(block);
+        for (marker, sign) in pair_markers.into_iter().zip([1.0, -1.0]) {
+            let (ground, state) = self.ground_position_and_flight_state(marker);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
-            self.add_position(&mut gradient, block, &state, &[up], &[-up]);
+            self.add_position(&mut gradient, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
         let sigma = self.function_sigmas(&gradient).first().map(|s| s * by_difference);

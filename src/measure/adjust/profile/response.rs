@@ -67,6 +67,11 @@ impl LinearResponse {
         }
     }
 
+    /// Creates a function of the bending alone from its derivative.
+    pub fn bending_function(by_a: f64) -> MarkerFunction {
+        MarkerFunction { marker: 0, by_a, by_own: RowVector4::zeros() }
+    }
+
     /// Covariance of two functions, a priori.
     pub fn covariance(&self, f: &MarkerFunction, g: &MarkerFunction) -> f64 {
         let common = f.by_a * g.by_a * self.variance_a;

@@ -58,11 +58,8 @@ impl<'a> FrameProblem<'a> {
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
             let mut member = BlockMember { marker, flight: None, ground: None };
-            let block = marker_block(single, &mut member);
-            if member.flight.is_some() || member.ground.is_some() {
-                members.push(member);
-                blocks.push(block);
-            }
+            blocks.push(marker_block(single, &mut member));
+            members.push(member);
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
         let ColumnAllocator { missing, priors, .. } = columns;
