@@ -20,7 +20,8 @@ use subtle::ConstantTimeEq;
 use super::tls::TlsAcceptor;
 
 /// Answer to an address without the token that it must have.
-const OLD_ADDRESS: &str = "this address has no token, or that of an earlier start: open the address that was printed last";
+const OLD_ADDRESS: &str =
+    "this address has no token, or that of an earlier start: open the address that was printed last";
 /// Minimum number of characters of a token: shorter ones can be guessed over a network.
 const MIN_TOKEN_LENGTH: usize = 16;
 

@@ -4,13 +4,13 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
-use wingd::camera::Camera;
-use wingd::camera::replay::{ReplayConfig, ReplayFactory};
+use wingd::camera::replay::{ReplayCamera, ReplayConfig, ReplayFactory};
+use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo};
 use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
     self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
@@ -19,9 +19,12 @@ use wingd::daemon::{FrameTracker, live::KeepConfig};
 use wingd::measure::view::SearchMode;
 use wingd::pipeline::live::TrackedFrame;
 use wingd::record::ImageRecord;
+use wingd::store::disk::Disk;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
+
+use crate::common::fake_disk::FakeDisk;
 
 /// Long enough that a few dozen lines exceed the buffer of a socket.
 const REMARK: usize = 30_000;
@@ -44,6 +47,46 @@ fn tracked_frame(image: &str) -> TrackedFrame {
     TrackedFrame { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
 }
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum CameraCall {
+    Shot,
+    Live,
+    Release,
+}
+
+/// Camera that keeps a copy of each frame, as one with a card.
+struct CopyingCamera {
+    inner: ReplayCamera,
+    calls: Arc<Mutex<Vec<CameraCall>>>,
+}
+
+impl CopyingCamera {
+    fn note(&self, call: CameraCall) {
+        self.calls.lock().unwrap().push(call);
+    }
+}
+
+impl Camera for CopyingCamera {
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        self.inner.open()
+    }
+    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+        self.note(CameraCall::Shot);
+        self.inner.shoot(deadline)
+    }
+    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+        self.note(CameraCall::Live);
+        self.inner.shoot(deadline)
+    }
+    fn release_last(&mut self) -> Result<(), CameraError> {
+        self.note(CameraCall::Release);
+        Ok(())
+    }
+    fn close(&mut self) {
+        self.inner.close();
+    }
+}
+
 /// Live mode for some seconds with series in between, in real time.
 struct LiveRun {
     dir: tempfile::TempDir,
@@ -52,6 +95,9 @@ struct LiveRun {
     seconds: f64,
     /// Calls of the solver that panic.
     panics: Vec<usize>,
+    disk: Arc<dyn Disk>,
+    /// Calls of a camera that keeps copies of its frames; without them it streams.
+    copies: Option<Arc<Mutex<Vec<CameraCall>>>>,
 }
 
 impl LiveRun {
@@ -68,7 +114,7 @@ impl LiveRun {
         }
         let live =
             LiveConfig { rate_hz: Some(rate_hz), socket: Some(dir.path().join("live.sock")), ..LiveConfig::default() };
-        Self { dir, live, reserve_mb: 0, seconds: 2.2, panics: vec![] }
+        Self { dir, live, reserve_mb: 0, seconds: 2.2, panics: vec![], disk: Arc::new(RealDisk), copies: None }
     }
 
     fn root(&self) -> PathBuf {
@@ -78,7 +124,7 @@ impl LiveRun {
     fn run_flight(&self) -> DaemonStatus {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = self.reserve_mb;
-        let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
+        let (store, recovery) = Store::open(self.disk.clone(), config).unwrap();
         let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
         let replay = ReplayConfig::from_folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
@@ -109,13 +155,22 @@ impl LiveRun {
             store: Arc::new(store),
             recovery,
             clock,
-            cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
-            solver: Some(Solver {
-                inputs: Inputs::new(provenance),
-                solve: Arc::new(|image, _, _| record(image)),
-                deadline: Duration::from_secs(60),
-                track: Some(Arc::new(track)),
+            cameras: Arc::new({
+                let copies = self.copies.clone();
+                move || match copies.clone() {
+                    Some(calls) => Box::new(CopyingCamera { inner: cameras.make(), calls }) as Box<dyn Camera>,
+                    None => Box::new(cameras.make()),
+                }
             }),
+            solver: Some(
+                Solver {
+                    inputs: Inputs::new(provenance),
+                    solve: Arc::new(|image, _, _| record(image)),
+                    deadline: Duration::from_secs(60),
+                    track: Some(Arc::new(track)),
+                }
+                .into_source(),
+            ),
             observer: Arc::new(|_| ()),
         };
         daemon::run(parts, &board).unwrap();
@@ -237,6 +292,38 @@ fn a_full_disk_is_reported_and_results_continue() {
     assert!(fault.contains("live results cannot be stored") && fault.contains("reserve"), "{fault}");
     assert!(live.results > 15 && lines.join().unwrap().len() > 10, "{live:?}");
     assert_sound(&ride.root());
+}
+
+/// Times between the exposures of consecutive results, s, on a disk whose every fsync takes 400 ms.
+fn gaps_on_a_slow_disk(keeps_copies: bool) -> (Vec<f64>, Vec<CameraCall>) {
+    let mut ride = LiveRun::new(20.0);
+    let disk = Arc::new(FakeDisk::slow(Duration::from_millis(400)));
+    (ride.seconds, ride.disk) = (1.2, disk.clone());
+    let calls = Arc::new(Mutex::new(vec![]));
+    ride.copies = keeps_copies.then(|| calls.clone());
+    let lines = ride.listener();
+    let status = ride.run_flight();
+    assert!(status.counts.series_complete >= 1 && status.counts.series_refused == 0, "{status:?}");
+    let report = verify_path(disk.as_ref(), &ride.root());
+    assert!(report.is_sound(), "{:#?}", report.faults);
+    let exposed =
+        |line: &String| serde_json::from_str::<Value>(line).unwrap()["exposure_since_boot_s"].as_f64().unwrap();
+    let exposed: Vec<f64> = lines.join().unwrap().iter().map(exposed).collect();
+    assert!(exposed.is_sorted(), "in the order of exposure");
+    let calls = calls.lock().unwrap().clone();
+    (exposed.windows(2).map(|pair| pair[1] - pair[0]).collect(), calls)
+}
+
+/// A shot waits for three calls of the disk, the beginning and the end of a series for more.
+#[test]
+fn a_slow_disk_leaves_no_gap_in_the_results_during_series() {
+    let (gaps, _) = gaps_on_a_slow_disk(false);
+    assert!(gaps.len() > 20 && gaps.iter().all(|gap| *gap < 0.4), "{gaps:?}");
+    // A camera that keeps a copy of each frame is left alone until the frame is durable.
+    let (gaps, calls) = gaps_on_a_slow_disk(true);
+    assert!(gaps.iter().any(|gap| *gap > 0.8), "{gaps:?}");
+    let next = |pair: &[CameraCall]| pair[0] != CameraCall::Shot || pair[1] == CameraCall::Release;
+    assert!(calls.contains(&CameraCall::Shot) && calls.windows(2).all(next), "{calls:?}");
 }
 
 #[test]
