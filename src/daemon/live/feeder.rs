@@ -135,6 +135,10 @@ impl Feeder {
                 self.shared.clear_fault("camera");
                 self.shared.core.board.note_frame(&asked);
                 self.forward_frame(taken, capture);
+                if !capture.is_streaming() {
+                    // Otherwise live frames fill the camera's card.
+                    capture.release_last_frame();
+                }
             }
             Err(failed) => self.pause_after_failure(&failed.failure.reason),
         }

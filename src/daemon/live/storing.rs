@@ -107,7 +107,9 @@ impl LiveResultWriter {
             return None;
         }
         core.board.note_live_storage(false);
-        core.board.update(|status| status.flight = core.store.current_flight());
+        // Not under the lock of the status, which capturing needs: a series may hold the store's.
+        let flight = core.store.current_flight();
+        core.board.update(|status| status.flight = flight);
         self.shared.clear_fault("results");
         Some(rows.len())
     }
