@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn a_frame_that_crashes_the_decoder_has_a_record_on_the_recorder() {
         let directory = tempfile::tempdir().unwrap();
-        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         for name in ["installation.toml", "camera.toml", "survey.csv"] {
             std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
         }
