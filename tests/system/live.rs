@@ -4,13 +4,13 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
+use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayCamera, ReplayConfig, ReplayFactory};
-use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo};
 use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
     self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
@@ -23,8 +23,6 @@ use wingd::store::disk::Disk;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
-
-use crate::common::fake_disk::FakeDisk;
 
 /// Long enough that a few dozen lines exceed the buffer of a socket.
 const REMARK: usize = 30_000;
@@ -47,61 +45,21 @@ fn tracked_frame(image: &str) -> TrackedFrame {
     TrackedFrame { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum CameraCall {
-    Shot,
-    Live,
-    Release,
-}
-
-/// Camera that keeps a copy of each frame, as one with a card.
-struct CopyingCamera {
-    inner: ReplayCamera,
-    calls: Arc<Mutex<Vec<CameraCall>>>,
-}
-
-impl CopyingCamera {
-    fn note(&self, call: CameraCall) {
-        self.calls.lock().unwrap().push(call);
-    }
-}
-
-impl Camera for CopyingCamera {
-    fn open(&mut self) -> Result<CameraInfo, CameraError> {
-        self.inner.open()
-    }
-    fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
-        self.note(CameraCall::Shot);
-        self.inner.shoot(deadline)
-    }
-    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
-        self.note(CameraCall::Live);
-        self.inner.shoot(deadline)
-    }
-    fn release_last(&mut self) -> Result<(), CameraError> {
-        self.note(CameraCall::Release);
-        Ok(())
-    }
-    fn close(&mut self) {
-        self.inner.close();
-    }
-}
-
 /// Live mode for some seconds with series in between, in real time.
-struct LiveRun {
+pub struct LiveRun {
     dir: tempfile::TempDir,
     live: LiveConfig,
     reserve_mb: u64,
-    seconds: f64,
+    pub seconds: f64,
     /// Calls of the solver that panic.
     panics: Vec<usize>,
-    disk: Arc<dyn Disk>,
-    /// Calls of a camera that keeps copies of its frames; without them it streams.
-    copies: Option<Arc<Mutex<Vec<CameraCall>>>>,
+    pub disk: Arc<dyn Disk>,
+    /// Makes the camera from one that replays the frames.
+    pub camera: Arc<dyn Fn(ReplayCamera) -> Box<dyn Camera> + Send + Sync>,
 }
 
 impl LiveRun {
-    fn new(rate_hz: f64) -> Self {
+    pub fn new(rate_hz: f64) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("frames");
         std::fs::create_dir(&folder).unwrap();
@@ -114,14 +72,22 @@ impl LiveRun {
         }
         let live =
             LiveConfig { rate_hz: Some(rate_hz), socket: Some(dir.path().join("live.sock")), ..LiveConfig::default() };
-        Self { dir, live, reserve_mb: 0, seconds: 2.2, panics: vec![], disk: Arc::new(RealDisk), copies: None }
+        Self {
+            dir,
+            live,
+            reserve_mb: 0,
+            seconds: 2.2,
+            panics: vec![],
+            disk: Arc::new(RealDisk),
+            camera: Arc::new(|replay| Box::new(replay)),
+        }
     }
 
-    fn root(&self) -> PathBuf {
+    pub fn root(&self) -> PathBuf {
         self.dir.path().join("store")
     }
 
-    fn run_flight(&self) -> DaemonStatus {
+    pub fn run_flight(&self) -> DaemonStatus {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = self.reserve_mb;
         let (store, recovery) = Store::open(self.disk.clone(), config).unwrap();
@@ -156,11 +122,8 @@ impl LiveRun {
             recovery,
             clock,
             cameras: Arc::new({
-                let copies = self.copies.clone();
-                move || match copies.clone() {
-                    Some(calls) => Box::new(CopyingCamera { inner: cameras.make(), calls }) as Box<dyn Camera>,
-                    None => Box::new(cameras.make()),
-                }
+                let camera = self.camera.clone();
+                move || camera(cameras.make())
             }),
             solver: Some(
                 Solver {
@@ -178,7 +141,7 @@ impl LiveRun {
     }
 
     /// Lines from the socket, from its creation to its end.
-    fn listener(&self) -> std::thread::JoinHandle<Vec<String>> {
+    pub fn listener(&self) -> std::thread::JoinHandle<Vec<String>> {
         let path = self.dir.path().join("live.sock");
         std::thread::spawn(move || {
             let lines = BufReader::new(connected(&path)).lines();
@@ -292,39 +255,6 @@ fn a_full_disk_is_reported_and_results_continue() {
     assert!(fault.contains("live results cannot be stored") && fault.contains("reserve"), "{fault}");
     assert!(live.results > 15 && lines.join().unwrap().len() > 10, "{live:?}");
     assert_sound(&ride.root());
-}
-
-/// Times between the exposures of consecutive results, s, on a disk whose every fsync takes 400 ms.
-fn gaps_on_a_slow_disk(keeps_copies: bool) -> (Vec<f64>, Vec<CameraCall>) {
-    let mut ride = LiveRun::new(20.0);
-    let disk = Arc::new(FakeDisk::slow(Duration::from_millis(400)));
-    (ride.seconds, ride.disk) = (3.2, disk.clone());
-    let calls = Arc::new(Mutex::new(vec![]));
-    ride.copies = keeps_copies.then(|| calls.clone());
-    let lines = ride.listener();
-    let status = ride.run_flight();
-    assert!(status.counts.series_complete >= 1 && status.counts.series_refused == 0, "{status:?}");
-    let report = verify_path(disk.as_ref(), &ride.root());
-    assert!(report.is_sound(), "{:#?}", report.faults);
-    let exposed =
-        |line: &String| serde_json::from_str::<Value>(line).unwrap()["exposure_since_boot_s"].as_f64().unwrap();
-    let exposed: Vec<f64> = lines.join().unwrap().iter().map(exposed).collect();
-    assert!(exposed.is_sorted(), "in the order of exposure");
-    let calls = calls.lock().unwrap().clone();
-    (exposed.windows(2).map(|pair| pair[1] - pair[0]).collect(), calls)
-}
-
-/// A shot waits for three calls of the disk, the beginning and the end of a series for more.
-#[test]
-fn a_slow_disk_leaves_no_gap_in_the_results_during_series() {
-    let (gaps, _) = gaps_on_a_slow_disk(false);
-    assert!(gaps.len() > 20 && gaps.iter().all(|gap| *gap < 0.4), "{gaps:?}");
-    // A camera that keeps a copy of each frame is left alone until the frame is durable.
-    let (gaps, calls) = gaps_on_a_slow_disk(true);
-    assert!(gaps.iter().any(|gap| *gap > 0.8), "{gaps:?}");
-    // Live frames do not stay on its card.
-    let next = |pair: &[CameraCall]| (pair[0] == CameraCall::Release) != (pair[1] == CameraCall::Release);
-    assert!(calls.contains(&CameraCall::Shot) && calls.windows(2).all(next), "{calls:?}");
 }
 
 #[test]
