@@ -283,6 +283,14 @@ impl Setup {
         wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
     }
 
+    /// Returns whether the lens is below the inner third of the markers on the wing, as on a high wing or in a survey whose
+    /// z points down.
+    pub fn is_lens_below_wing(&self) -> bool {
+        let mut points: Vec<Vector3<f64>> = self.wing_markers().into_iter().map(|(_, point)| point).collect();
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        points.iter().take(points.len().div_ceil(3)).map(|p| p.y).sum::<f64>() > 0.0
+    }
+
     /// Returns the frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.
     pub fn wing_frame(&self) -> WingFrame {
         WingFrame::new(self.projection_centre_m, self.span_direction)
