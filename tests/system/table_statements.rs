@@ -185,14 +185,16 @@ fn an_icartt_file_defines_date_time_units_factors_and_missing_values() {
 fn lines_too_far_apart_are_named() {
     let attempt = Attempt::new();
     let every = |step_s: i32, first_s: i32| {
-        let rows: String = (0..(9 * 3600 / step_s)).map(|k| format!("{},10668\n", hms(first_s + k * step_s))).collect();
+        let rows: String =
+            (0..(9 * 3600 / step_s).max(2)).map(|k| format!("{},10668\n", hms(first_s + k * step_s))).collect();
         format!("T,ALT\n{rows}")
     };
     let mapping = format!("{OF_DAY}{ALTITUDE}");
     let words = ["no line with a value lies within 5 s of a frame", "are 60 s apart, and come as near as 18 s"];
     attempt.refused(&every(60, 7 * 3600 + 50 * 60 + 20), &mapping, &words);
-    let (status, answer, printed) = attempt.import(&every(7200, 8 * 3600), &mapping);
+    let (status, answer, printed) = attempt.import(&every(30_000, 8 * 3600), &mapping);
     assert!(status == Some(0) && frames(&answer, "pressure_altitude_m") > 0, "{printed}");
-    let lost = "frames within the table's times are more than 5 s from a line with a value: its lines are 7200 s apart";
-    assert_eq!(printed.contains(lost), frames(&answer, "pressure_altitude_m") < 10, "{printed}");
+    let lost =
+        "frames within the table's times are more than 5 s from a line with a value: its lines are 30000 s apart";
+    assert!(printed.contains(lost), "{printed}");
 }

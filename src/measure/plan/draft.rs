@@ -117,9 +117,10 @@ fn build_drafted_setup(
     setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
     if draft.fixed > 0 {
         let simulation = SimulatedFlight::new(&setup, None, options)?;
-        let request = (0, draft.fixed, options.pixel_sigma);
         let (attitude, taken) = (&simulation.orientation, simulation.taken_places());
-        let added = fixed_targets::add_fixed_targets(&setup, attitude, request, &taken);
+        // Markers of a wide wing may leave room for fewer.
+        let add = |count| fixed_targets::add_fixed_targets(&setup, attitude, (0, count, options.pixel_sigma), &taken);
+        let added = (1..=draft.fixed).rev().find_map(add);
         setup = added.map(|(with_targets, _)| with_targets).unwrap_or(setup);
     }
     Ok(setup)

@@ -11,8 +11,18 @@ pub(super) const COUNTS: [usize; 3] = [1, 2, 4];
 
 /// Free distance between a target and a marker of the wing, in diameters of the target's image.
 const CLEARANCE: f64 = 0.75;
-/// Shifts from the corner towards the middle of the image's side, over its height, at which a target may be.
-const SHIFTS: [f64; 4] = [0.0, 0.12, 0.24, 0.36];
+/// Shifts from the corner towards the middle of the image, over its width and height, at which a target may be.
+const SHIFTS: [(f64, f64); 9] = [
+    (0.0, 0.0),
+    (0.0, 0.12),
+    (0.12, 0.0),
+    (0.0, 0.24),
+    (0.24, 0.0),
+    (0.12, 0.12),
+    (0.0, 0.36),
+    (0.36, 0.0),
+    (0.24, 0.24),
+];
 
 /// Place in the image that a marker of the wing takes on the ground or in flight: its centre and radius, px.
 pub(super) type TakenPlace = (Vector2<f64>, f64);
@@ -33,8 +43,8 @@ pub(super) fn add_fixed_targets(
         |pixel: &Vector2<f64>| taken.iter().all(|(centre, radius_px)| (centre - pixel).norm() > clear_px + radius_px);
     let mut added = vec![];
     for (k, (u, v)) in fixed_target::POSITIONS.iter().enumerate().skip(passed).take(count) {
-        let inward = if *v < 0.5 { 1.0 } else { -1.0 };
-        let places = SHIFTS.map(|shift| size.component_mul(&Vector2::new(*u, v + inward * shift)));
+        let inward = |side: f64, shift: f64| if side < 0.5 { side + shift } else { side - shift };
+        let places = SHIFTS.map(|(du, dv)| size.component_mul(&Vector2::new(inward(*u, du), inward(*v, dv))));
         let pixel = places.into_iter().find(is_free)?;
         let ray = setup.lens.ray(&pixel).ok()?.normalize();
         let position_m =
