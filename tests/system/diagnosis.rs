@@ -57,7 +57,7 @@ fn with_lens(text: &str, factor: f64) -> String {
 type Case = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
 const CASES: [Case; 8] = [
-    (CAMERA, |t| with_lens(t, 1.02), &["the focal length is -", "camera.toml (fx, fy)"]),
+    (CAMERA, |t| with_lens(t, 1.02), &["the focal length is off by -", "camera.toml (fx, fy)"]),
     (CAMERA, |t| with_lens(t, 0.8), &["focal length", "camera.toml (fx, fy)"]),
     (
         INSTALLATION,

@@ -84,7 +84,7 @@ impl Cause {
         all
     }
 
-    /// Lists permutations of the survey's axes, the given ones excluded.
+    /// Lists permutations of the survey's axes other than the given one.
     pub(super) fn list_axes() -> impl Iterator<Item = Self> {
         (1..AXES).map(Self::Axes)
     }
@@ -226,8 +226,8 @@ impl CauseSize<'_> {
                 self.with_sigma(0, 100.0, 2)
             ),
             Cause::ImageScale | Cause::Flexible => format!(
-                "the focal length is {} % longer than in camera.toml (fx, fy): it is of another lens, zoom or size of \
-                 image; calibrate this one",
+                "the focal length is off by {} %: camera.toml (fx, fy) is of another lens, zoom or size of image; \
+                 calibrate this one",
                 self.with_sigma(0, 100.0, 2)
             ),
             Cause::PrincipalPoint => format!(
@@ -261,11 +261,14 @@ impl CauseSize<'_> {
 
     fn survey_text(&self, cause: Cause) -> Option<String> {
         Some(match cause {
-            Cause::SurveyScale => format!(
-                "the markers look {} % larger than their distances predict: {}",
-                self.with_sigma(0, -100.0, 2),
-                unit_hint(self.value(0), "check the scale of x_m, y_m, z_m, or diameter_m of survey.csv")
-            ),
+            Cause::SurveyScale => {
+                let (factor, sigma) = ((-self.value(0)).exp(), self.size.first().and_then(|e| e.sigma).unwrap_or(0.0));
+                format!(
+                    "the markers look {factor:.3} ± {:.3} times as large as their distances predict: {}",
+                    factor * sigma,
+                    unit_hint(self.value(0), "check the scale of x_m, y_m, z_m, or diameter_m of survey.csv")
+                )
+            }
             Cause::PointScale => format!(
                 "the coordinates of survey.csv need a factor of {:.4} to fit camera.projection_centre_m: {}",
                 self.value(0).exp(),
