@@ -6,6 +6,7 @@ use super::geometry::{Lens, WingFrame};
 use super::observation::Observation;
 pub use super::uncertainty::{SetupUncertainty, Vibration};
 pub use super::widths::Width;
+use crate::ordering::sort_by_value;
 
 /// Kind of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -287,7 +288,7 @@ impl Setup {
     /// z points down.
     pub fn is_lens_below_wing(&self) -> bool {
         let mut points: Vec<Vector3<f64>> = self.wing_markers().into_iter().map(|(_, point)| point).collect();
-        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        sort_by_value(&mut points, |one| one.x);
         points.iter().take(points.len().div_ceil(3)).map(|p| p.y).sum::<f64>() > 0.0
     }
 

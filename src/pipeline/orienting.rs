@@ -127,7 +127,7 @@ fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [Ground
     let found: Vec<(usize, usize, f64)> = frames
         .iter()
         .enumerate()
-        .flat_map(|(k, frame)| frame.manual.iter().filter_map(move |mark| Some((k, mark))))
+        .flat_map(|(k, frame)| frame.manual.iter().map(move |mark| (k, mark)))
         .filter_map(|(k, mark)| Some((k, mark.marker, off_px(mark)?)))
         .collect();
     if found.is_empty() {

@@ -8,6 +8,7 @@ use super::attitude::{rotation_from_many, rotation_from_two};
 use super::fit::{MatchedPair, SEEN_ODDS, clutter_per_px2, select_one_to_one};
 use super::scene::{is_usable, looks_like};
 use crate::detect::Detection;
+use crate::ordering::sort_by_value;
 use crate::setup::Setup;
 
 /// Smallest angle between two directions that determine a rotation, rad: errors about the line between them are magnified
@@ -104,7 +105,7 @@ pub(super) fn list_candidates(setup: &Setup, detections: &[Detection]) -> (Vec<C
             None => refined.push(next),
         }
     }
-    refined.sort_by(|a, b| b.score.total_cmp(&a.score));
+    sort_by_value(&mut refined, |one| -one.score);
     (refined, tried)
 }
 

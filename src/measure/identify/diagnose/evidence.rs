@@ -10,6 +10,7 @@ use super::super::wing_state::WING_SIGMAS;
 use super::cause::Cause;
 use crate::estimation::quality::chi_square_limit;
 use crate::observation::Estimate;
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape, Width};
 
 /// Kind and, if measured, semi-major axis of an outline, px.
@@ -304,7 +305,7 @@ impl<'a> Evidence<'a> {
                 scores.push((Cause::Point(marker, axis), score));
             }
         }
-        scores.sort_by(|a, b| b.1.total_cmp(&a.1));
+        sort_by_value(&mut scores, |one| -one.1);
         scores
     }
 
@@ -316,7 +317,7 @@ impl<'a> Evidence<'a> {
             wrong + self.image_square(base, k)
         };
         let mut order: Vec<usize> = (0..images.len()).collect();
-        order.sort_by(|a, b| square(*b).total_cmp(&square(*a)));
+        sort_by_value(&mut order, |one| -square(*one));
         order.iter().take(count).map(|k| images[*k].marker).collect()
     }
 

@@ -20,6 +20,7 @@ use super::{Identities, WingView};
 use crate::detect::Detection;
 use crate::estimation::quality::{GlobalTest, global_test};
 use crate::observation::{Estimate, Observation};
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape};
 
 pub use cause::Cause;
@@ -137,7 +138,7 @@ fn rank_causes(
     }
     let mut ranking: Vec<Explanation> =
         tried.into_iter().map(|(cause, fit)| weigh_cause(&evidence, cause, &fit, without)).collect();
-    ranking.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    sort_by_value(&mut ranking, |one| -one.evidence);
     let mut places: Vec<Cause> = vec![];
     ranking.retain(|e| {
         let is_new = !places.iter().any(|place| place.is_same_place(e.cause));

@@ -11,6 +11,7 @@ use super::evidence::{Evidence, Pose, Subject, predict_outlines, start_pose};
 use super::{Diagnosis, GROSS, named_image, rank_causes};
 use crate::detect::Detection;
 use crate::observation::Estimate;
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup};
 
 /// Ratio of detections to markers above which a frame is clutter: a diagnosis would mean nothing and take seconds.
@@ -228,7 +229,7 @@ fn nearest_pairs(
             }
         }
     }
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by_value(&mut all, |one| one.0);
     select_one_to_one(all).into_iter().map(|(_, pair)| pair).collect()
 }
 
@@ -261,7 +262,7 @@ fn add_remaining(
             }
         }
     }
-    similar.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by_value(&mut similar, |one| one.0);
     similar.retain(|(_, (i, j))| {
         let mut with = subject.clone();
         with.images.push(named_image(&seen[*i], *j));
@@ -274,7 +275,7 @@ fn add_remaining(
         evidence.is_some_and(|evidence| (0..3).any(|axis| explains(&evidence, axis)))
     });
     let mut added = select_one_to_one(similar);
-    other.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by_value(&mut other, |one| one.0);
     let other = select_one_to_one(other);
     if other.len() > 1 {
         added.extend(other);
