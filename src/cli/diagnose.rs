@@ -49,34 +49,36 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(outcomes.iter().all(|(_, outcome)| outcome.is_sound())))
 }
 
-/// Outcome of a diagnosis.
-enum Outcome {
+/// Result of an image.
+enum DiagnosedImage {
     /// Ranked causes.
     Ranked(Diagnosis),
     /// Cause, or reason why no cause was found, in one sentence.
     Sentence(String),
 }
 
-/// Outcomes, each with the names of its images.
-type Outcomes = Vec<(String, Outcome)>;
+/// Diagnosed images with their names.
+type DiagnosedImages = Vec<(String, DiagnosedImage)>;
 
-fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<Outcomes, Failure> {
+fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
     let setup = &installation.setup;
     let mut frames = orient::read_frames(&args.images, args.observations.as_deref(), args.jobs, installation)?;
     let error = orienting::orient_frames(setup, &mut frames).err();
     let outcome = match error {
-        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. })) => Outcome::Sentence(error.to_string()),
+        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. })) => {
+            DiagnosedImage::Sentence(error.to_string())
+        }
         error => {
             let reason = error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string());
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
-            found.map_or(Outcome::Sentence(reason), Outcome::Ranked)
+            found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
         }
     };
     let images: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
     Ok(vec![(images.join(", "), outcome)])
 }
 
-fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<Outcomes, Failure> {
+fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
     let (setup, orientation) = (&installation.setup, installation.require_orientation()?);
     let files = batch::expand_folders(&args.images)?;
     let marks = match &args.observations {
@@ -91,14 +93,14 @@ fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<
         processed.add_manual(marks.for_image(name));
         let found = pipeline::diagnose_frame(&processed, setup, orientation);
         let reason = processed.failure.map_or("the image cannot be diagnosed".to_owned(), |reason| reason.to_string());
-        (processed.image, found.map_or(Outcome::Sentence(reason), Outcome::Ranked))
+        (processed.image, found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked))
     };
     let mut outcomes = vec![];
     batch::for_each_image(&files, args.jobs, "diagnosing", process, batch::collect_into(&mut outcomes))?;
     Ok(outcomes)
 }
 
-impl Outcome {
+impl DiagnosedImage {
     fn is_sound(&self) -> bool {
         matches!(self, Self::Ranked(found) if found.causes().is_empty())
     }

@@ -32,6 +32,17 @@ const KINDS: [&str; 11] = [
     "axes of marks",
 ];
 
+/// Lowers the survey by the bend of a cantilever with `size` at the tip, m.
+fn bend_survey(sound: &Setup, wrong: &mut Setup, size: f64) {
+    let frame = sound.wing_frame();
+    let tip = sound.wing_markers().iter().map(|(_, p)| p.x).fold(0.0, f64::max) + 0.5;
+    for marker in &mut wrong.markers {
+        let along = frame.wing_point(&marker.position_m).x - sound.root_offset_m;
+        let x = (along / (tip - sound.root_offset_m)).max(0.0);
+        marker.position_m.z -= size * (3.0 * x * x - x * x * x) / 2.0;
+    }
+}
+
 /// A setup with an error of `size` of the kind's unit, and the causes that name it; of a marker only if it is visible.
 fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: &mut StdRng) -> (Setup, Vec<Cause>) {
     let mut wrong = sound.clone();
@@ -64,13 +75,7 @@ fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: 
             (0..3).map(|axis| Cause::Point(marker, axis)).collect()
         }
         "bend" => {
-            let frame = sound.wing_frame();
-            let tip = sound.wing_markers().iter().map(|(_, p)| p.x).fold(0.0, f64::max) + 0.5;
-            for marker in &mut wrong.markers {
-                let x = ((frame.wing_point(&marker.position_m).x - sound.root_offset_m) / (tip - sound.root_offset_m))
-                    .max(0.0);
-                marker.position_m.z -= size * (3.0 * x * x - x * x * x) / 2.0;
-            }
+            bend_survey(sound, &mut wrong, size);
             vec![Cause::Bend]
         }
         "principal point" => {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::evidence::Subject;
+use super::subject::Subject;
 use crate::observation::Estimate;
 use crate::setup::Setup;
 

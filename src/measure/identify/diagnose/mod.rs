@@ -13,6 +13,7 @@
 mod cause;
 mod evidence;
 mod search;
+mod subject;
 
 use nalgebra::Rotation3;
 
@@ -24,8 +25,9 @@ use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape};
 
 pub use cause::Cause;
-use evidence::{CauseFit, Evidence, NamedImage, Subject};
+use evidence::{CauseFit, Evidence};
 pub use search::{diagnose_ground, diagnose_ground_fit};
+use subject::{NamedImage, Subject};
 
 /// Level of significance of a diagnosis: probability that a sound setup is accused.
 const ALPHA: f64 = 0.01;
