@@ -143,6 +143,10 @@ pub trait Camera: Send {
     fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.shoot(deadline)
     }
+    /// Returns whether the camera keeps no copies: the next frame may be requested before the last one is durable.
+    fn is_stream(&self) -> bool {
+        false
+    }
     /// Informs the camera that our copy of its last frame is durable, so that it may delete its own.
     fn release_last(&mut self) -> Result<(), CameraError> {
         Ok(())

@@ -183,6 +183,10 @@ impl Camera for ReplayCamera {
         }
     }
 
+    fn is_stream(&self) -> bool {
+        true
+    }
+
     fn close(&mut self) {
         self.open = false;
     }

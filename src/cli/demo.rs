@@ -119,9 +119,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Fa
         solve: SolveConfig::default(),
         serve: None,
     };
-    let solver = recorder::build_solver(directory, &config.solve)?;
     let opened = recorder::open_store(&config)?;
-    recorder::keep_installation(&opened.store, directory);
     let begun = opened.store.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF_UNIX_S).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {
@@ -129,7 +127,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Fa
         None => SimulatedClock::new("demo", take_off, Some(SPEED_UP)),
     });
     let origin = opened.store.series_starts_in_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
-    recorder::run_recorder(&config, clock, origin, opened, Some(solver), flight_progress(), None)?;
+    recorder::run_recorder(&config, clock, origin, opened, flight_progress(), None)?;
     Ok(())
 }
 

@@ -1,6 +1,6 @@
 //! Construction of the daemon's parts from a configuration, for `wingd run` and `wingd demo`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -8,7 +8,8 @@ use super::{Failure, stop_signal};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{
-    self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver, StatusBoard,
+    self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver, SolverSource,
+    StatusBoard,
 };
 use crate::http::access::Access;
 use crate::http::section::ServeConfig;
@@ -39,30 +40,48 @@ pub fn open_store(config: &Config) -> Result<OpenedStore, Failure> {
     Ok(OpenedStore { store: Arc::new(store), recovery })
 }
 
-/// Keeps a copy of the installation in the store. An error is logged and does not prevent recording.
-pub fn keep_installation(store: &Store, directory: &Path) {
-    let files = installation::load(directory).and_then(|i| i.files().map_err(|fault| vec![fault]));
-    match files.map(|files| store.keep_installation(&files)) {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => tracing::error!(%error, "the installation is not kept in the store"),
-        Err(faults) => {
-            for fault in faults {
-                tracing::error!(%fault, "the installation is not kept in the store");
-            }
+/// Returns the source of the solver of an installation, which is read again each time: an installation that has appeared or
+/// changed is taken up as soon as two readings agree, so that no half-written one is. Errors are in the status; recording goes
+/// on, and so does solving with the installation before.
+fn watch_installation(directory: PathBuf, config: SolveConfig, store: Arc<Store>, board: StatusBoard) -> SolverSource {
+    let mut last = None;
+    Box::new(move |current| {
+        let read = installation::load(&directory)
+            .and_then(|read| build_solver(&read, &config).map(|solver| (read, solver)).map_err(|fault| vec![fault]));
+        let fault = read.as_ref().err().map(|faults| {
+            let means =
+                if current.is_some() { "solved with the installation before" } else { "recorded but not solved" };
+            format!("frames are {means} until this error is fixed: {}", join_faults(faults))
+        });
+        board.set_fault(SOLVER_PART, fault);
+        let key = read.as_ref().map_or(String::new(), |(_, solver)| solver.inputs.key(""));
+        let settled = last.replace(key.clone()).is_none_or(|before| before == key);
+        let (installation, solver) = read.ok()?;
+        if !settled || current.is_some_and(|current| current.inputs.key("") == key) {
+            return None;
         }
-    }
+        for doubt in installation::find_warnings(&installation) {
+            tracing::warn!(%doubt, "warning of the installation");
+        }
+        let kept = installation.files().map_err(|fault| fault.to_string());
+        if let Err(error) = kept.and_then(|files| store.keep_installation(&files).map_err(|error| error.to_string())) {
+            tracing::error!(error, "the installation is not kept in the store");
+        }
+        tracing::info!(directory = %directory.display(), "installation is read");
+        Some(solver)
+    })
+}
+
+fn join_faults(faults: &[Fault]) -> String {
+    faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Creates the on-board solver of an installation with an orientation.
-pub fn build_solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
-    let installation = installation::load(directory)?;
-    for doubt in installation::find_warnings(&installation) {
-        tracing::warn!(%doubt, "warning of the installation");
-    }
-    let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
+fn build_solver(installation: &Installation, config: &SolveConfig) -> Result<Solver, Fault> {
+    let orientation = installation.require_orientation()?.clone();
     let job = config.to_job();
-    let inputs = Inputs::new(pipeline::provenance_map(&installation, &job));
-    let installation = Arc::new(installation);
+    let inputs = Inputs::new(pipeline::provenance_map(installation, &job));
+    let installation = Arc::new(installation.clone());
     let track = build_tracker(installation.clone(), orientation.clone(), job.clone());
     let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
         pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
@@ -93,16 +112,13 @@ pub fn run_recorder(
     clock: Arc<dyn Clock>,
     origin: Duration,
     opened: OpenedStore,
-    solver: Option<Solver>,
     observer: Observer,
     reports: Option<ReportBuilder>,
 ) -> Result<DaemonStatus, Failure> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
-    if config.installation.is_some() && solver.is_none() {
-        let what = "frames are recorded but not solved, because the installation has errors; run `wingd check`";
-        board.set_fault(SOLVER_PART, Some(what.to_owned()));
-    }
+    let watch = |directory| watch_installation(directory, config.solve.clone(), store.clone(), board.clone());
+    let solver = config.installation.clone().map(watch);
     let page = config.serve.as_ref().and_then(|serve| RecorderPage::start(serve, config, &board, reports));
     let parts = DaemonParts {
         series: config.series.clone(),
@@ -145,8 +161,7 @@ impl PageSource {
     /// Opens the page: reads its secrets and the installation, and binds its address. The error is for the status.
     fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), String> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let all = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
-        let (address, access) = self.serve.resolve(place).map_err(all)?;
+        let (address, access) = self.serve.resolve(place).map_err(|faults| join_faults(&faults))?;
         for warning in self.serve.exposure_warnings() {
             tracing::warn!(warning, "web page");
         }
@@ -235,13 +250,14 @@ mod tests {
     #[test]
     fn a_frame_that_crashes_the_decoder_has_a_record_on_the_recorder() {
         let directory = tempfile::tempdir().unwrap();
-        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         for name in ["installation.toml", "camera.toml", "survey.csv"] {
             std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
         }
         let any = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
         std::fs::write(directory.path().join("orientation.toml"), any).unwrap();
-        let solver = build_solver(directory.path(), &SolveConfig::default()).unwrap();
+        let installation = installation::load(directory.path()).unwrap();
+        let solver = build_solver(&installation, &SolveConfig::default()).unwrap();
         let record = (solver.solve)("0001.jpg", crate::pipeline::decode::BREAKS, &Format::Jpeg);
         assert_eq!(record.status, RecordStatus::Failed);
         assert!(record.reason.unwrap().contains("decoder failed"));

@@ -22,21 +22,8 @@ pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> Result<Comp
     super::logging::start_logging(LevelFilter::INFO);
     let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
-    // An error in the installation must not prevent recording: the frames can be solved later.
-    let solver = config.installation.as_deref().and_then(|directory| {
-        recorder::build_solver(directory, &config.solve)
-            .map_err(|faults| {
-                for fault in &faults {
-                    tracing::error!(%fault, "frames are recorded but not solved until this error is fixed");
-                }
-            })
-            .ok()
-    });
     let opened = recorder::open_store(&config)?;
-    if let (Some(directory), true) = (config.installation.as_deref(), solver.is_some()) {
-        recorder::keep_installation(&opened.store, directory);
-    }
     let origin = clock.since_boot();
-    recorder::run_recorder(&config, clock, origin, opened, solver, Arc::new(|_| ()), reports)?;
+    recorder::run_recorder(&config, clock, origin, opened, Arc::new(|_| ()), reports)?;
     Ok(Completion::All)
 }

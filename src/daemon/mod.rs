@@ -60,7 +60,7 @@ pub use power::PowerConfig;
 pub use run::{DaemonError, DaemonParts, run};
 pub use schedule::Align;
 pub use socket::{StatusConfig, query_daemon};
-pub use solver::{FrameSolver, FrameTracker, FrameTrackerFactory, Solver};
+pub use solver::{FrameSolver, FrameTracker, FrameTrackerFactory, Solver, SolverSource};
 pub use status::{
     Activity, AircraftStatus, CameraStatus, Counts, DaemonStatus, FaultNote, Health, LiveStatus, RecentShares,
     StatusBoard, StoreStatus, format_span,

@@ -1,12 +1,14 @@
 //! Solves the frames of series. The frames come from the store, which lists those without a result; therefore a restart
 //! needs no other recovery of work.
 
-use std::sync::mpsc::Receiver;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use super::core::{Core, SERIES_NICE, lower_priority};
-use super::solver::Solver;
+use super::solver::{CurrentSolver, Solver, SolverSource};
 use super::status::{Activity, RESULTS_PART};
 use super::worker::{CallError, Worker};
 use crate::camera::Format;
@@ -18,20 +20,49 @@ const MAX_ATTEMPTS: u32 = 5;
 /// Maximum number of abandoned solvers that still run; each holds a thread, at worst a core.
 const MAX_HANGING: usize = 2;
 
+/// Time between two questions to the source of the solver: an installation that appears or changes is taken up. Reading one
+/// takes some milliseconds.
+const RENEWAL_INTERVAL: Duration = Duration::from_secs(5);
+
 /// State of the processing thread.
 pub(crate) struct Processing {
     core: Core,
-    solver: Solver,
+    source: SolverSource,
+    current: CurrentSolver,
+    next_renewal: Instant,
     worker: Worker<()>,
     /// True if frames are solved live at the same time, with a higher priority.
     gives_way: bool,
 }
 
 impl Processing {
-    /// Creates the processing of frames with a solver; `gives_way`: it yields to the live solver.
-    pub fn new(core: &Core, solver: Solver, gives_way: bool) -> Self {
+    /// Creates the processing of frames and sets the current solver; `gives_way`: it yields to the live solver.
+    pub fn start(core: &Core, mut source: SolverSource, current: CurrentSolver, gives_way: bool) -> Self {
         let worker = Worker::new("solver", MAX_HANGING, core.halt.clone());
-        Self { core: core.clone(), solver, worker, gives_way }
+        current.renew(&mut source);
+        let next_renewal = Instant::now() + RENEWAL_INTERVAL;
+        Self { core: core.clone(), source, current, next_renewal, worker, gives_way }
+    }
+
+    /// Takes up a newer solver if it is time to ask for one; returns whether there is one.
+    fn renew_solver(&mut self) -> bool {
+        let due = Instant::now() >= self.next_renewal;
+        if due {
+            self.next_renewal = Instant::now() + RENEWAL_INTERVAL;
+        }
+        due && self.current.renew(&mut self.source)
+    }
+
+    /// Waits for the next wake-up or for a newer solver; returns false if nothing more comes.
+    fn wait(&mut self, wake: &Receiver<()>) -> bool {
+        loop {
+            match wake.recv_timeout(RENEWAL_INTERVAL) {
+                Ok(()) => return true,
+                Err(RecvTimeoutError::Disconnected) => return false,
+                Err(RecvTimeoutError::Timeout) if self.renew_solver() => return true,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
     }
 
     /// Solves all unsolved frames, then waits for the next wake-up. When the sender is gone it solves the rest and ends; on
@@ -43,7 +74,7 @@ impl Processing {
             let fault = solved.err().map(|why| format!("{why}; trying again after the next series"));
             self.core.board.set_fault(RESULTS_PART, fault);
             self.core.board.beat_processing(false);
-            if self.core.halt.is_ending() || wake.recv().is_err() {
+            if self.core.halt.is_ending() || !self.wait(wake) {
                 break;
             }
         }
@@ -58,7 +89,9 @@ impl Processing {
     fn solve_all(&mut self) -> Result<(), String> {
         loop {
             self.core.board.beat_processing(true);
-            let frames = self.core.store.unsolved_frames(&self.solver.inputs).map_err(|error| error.to_string())?;
+            self.renew_solver();
+            let Some(solver) = self.current.get() else { return Ok(()) };
+            let frames = self.core.store.unsolved_frames(&solver.inputs).map_err(|error| error.to_string())?;
             self.core.board.note_unsolved(frames.len(), false);
             if frames.is_empty() {
                 return Ok(());
@@ -73,14 +106,17 @@ impl Processing {
                         "solvers hang; frames are only recorded until you restart wingd, then solved".to_owned()
                     );
                 }
-                self.solve_frame(&frame).map_err(|error| format!("results cannot be stored: {error}"))?;
+                self.solve_frame(&solver, &frame).map_err(|error| format!("results cannot be stored: {error}"))?;
+                if self.renew_solver() {
+                    break;
+                }
             }
         }
     }
 
     /// Solves a frame and stores the outcome in any case: a frame that cannot be solved must not be tried forever.
-    fn solve_frame(&mut self, frame: &FrameRef) -> Result<(), StoreError> {
-        let beginnings = self.core.store.begin_solving(frame, &self.solver.inputs)?;
+    fn solve_frame(&mut self, solver: &Arc<Solver>, frame: &FrameRef) -> Result<(), StoreError> {
+        let beginnings = self.core.store.begin_solving(frame, &solver.inputs)?;
         let record = match self.core.store.read_frame(frame) {
             Ok(_) if beginnings > MAX_ATTEMPTS => {
                 let reason = format!(
@@ -88,7 +124,7 @@ impl Processing {
                 );
                 ImageRecord::failed(&frame.entry.file, reason)
             }
-            Ok(bytes) => match self.compute_result(frame, bytes) {
+            Ok(bytes) => match self.compute_result(solver, frame, bytes) {
                 Some(record) => record,
                 None => return self.core.store.cancel_solving(),
             },
@@ -98,15 +134,15 @@ impl Processing {
             let reason = format!("the result cannot be written as JSON: {error}");
             serde_json::to_value(ImageRecord::failed(&frame.entry.file, reason)).unwrap_or(Value::Null)
         });
-        let new = self.core.store.add_result(frame, &self.solver.inputs, value)?;
+        let new = self.core.store.add_result(frame, &solver.inputs, value)?;
         self.core.log_frame_solved(frame, &record, new);
         Ok(())
     }
 
     /// Computes the result of a frame; `None` if it was abandoned because wingd stops or the power fails.
-    fn compute_result(&mut self, frame: &FrameRef, bytes: Vec<u8>) -> Option<ImageRecord> {
+    fn compute_result(&mut self, solver: &Arc<Solver>, frame: &FrameRef, bytes: Vec<u8>) -> Option<ImageRecord> {
         let file = frame.entry.file.clone();
-        let why = match self.solve_within_deadline(file.clone(), bytes, &frame.entry.format) {
+        let why = match self.solve_within_deadline(solver.clone(), file.clone(), bytes, &frame.entry.format) {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
@@ -116,12 +152,13 @@ impl Processing {
     /// Returns the solver's record, or the reason for its absence; without a reason if work is to be abandoned.
     fn solve_within_deadline(
         &mut self,
+        solver: Arc<Solver>,
         file: String,
         bytes: Vec<u8>,
         format: &Value,
     ) -> Result<ImageRecord, Option<Reason>> {
         let format = Format::from_manifest(format).map_err(Reason::from_error)?;
-        let (solve, deadline, gives_way) = (self.solver.solve.clone(), self.solver.deadline, self.gives_way);
+        let (deadline, gives_way) = (solver.deadline, self.gives_way);
         let make = move || {
             if gives_way {
                 lower_priority(SERIES_NICE);
@@ -130,7 +167,7 @@ impl Processing {
         };
         let board = &self.core.board;
         let beat = || board.beat_processing(true);
-        let answer = self.worker.call(deadline, &beat, make, move |()| solve(&file, &bytes, &format));
+        let answer = self.worker.call(deadline, &beat, make, move |()| (solver.solve)(&file, &bytes, &format));
         board.update(|status| status.counts.solver_hangs = self.worker.given_up());
         answer.map_err(|why| {
             let reason = match why {

@@ -2,7 +2,7 @@
 //! stored before any computation uses it.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 use super::capture::{Capture, CaptureMode, CapturedFrame, FailedAttempt};
@@ -181,7 +181,7 @@ impl Recorder {
             return self.capture.close();
         }
         let plan = SeriesPlan { cause, shots: self.config.shots };
-        let mut series = match frame_storage::begin_series(&self.core, plan) {
+        let mut series = match self.store(|core| frame_storage::begin_series(core, plan)) {
             Ok(begun) => begun,
             Err(error) => {
                 self.close_idle_camera();
@@ -213,11 +213,24 @@ impl Recorder {
         }
     }
 
+    /// Runs `work`, which waits for the disk; meanwhile live frames are taken if the camera streams.
+    fn store<T>(&mut self, work: impl FnOnce(&Core) -> T) -> T {
+        let core = self.core.clone();
+        let Some(live) = self.live.as_mut().filter(|_| self.capture.is_streaming()) else { return work(&core) };
+        let (storing, stored) = channel();
+        std::thread::scope(|scope| {
+            live.spawn_while(scope, stored, &mut self.capture);
+            let result = work(&core);
+            drop(storing);
+            result
+        })
+    }
+
     fn close_series(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
         let state = if complete { SeriesState::Complete } else { SeriesState::Interrupted };
         let remark = if self.core.halt.is_paused() { "the power failed" } else { "the daemon was asked to stop" };
         let remarks = if complete { Vec::new() } else { vec![remark.to_owned()] };
-        self.core.store.close_series(series, state, &self.core.clock.stamp(), remarks)
+        self.store(|core| core.store.close_series(series, state, &core.clock.stamp(), remarks))
     }
 
     fn take_shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
@@ -288,14 +301,15 @@ impl Recorder {
                 series.contains_frame(&frame.bytes) || self.core.store.contains_frame(&frame.bytes)
             };
             if let Some(delivered) = failed.delivered.filter(|frame| !stored(frame)) {
-                failure.kept_as = Some(series.set_aside(number, failures.len() + 1, &delivered.bytes)?);
+                let attempt = failures.len() + 1;
+                failure.kept_as = Some(self.store(|_| series.set_aside(number, attempt, &delivered.bytes))?);
             }
             self.core.log_attempt_failed(series.id(), number, &failure);
             failures.push(failure);
             if !failed.retry || failures.len() > self.config.retries as usize || self.core.halt.is_requested() {
                 let duration_s = Some(self.core.clock.stamp().since_boot_s - stamp.since_boot_s);
                 let shot = Shot { shot: number, stamp, duration_s, exposure: None, frame: None, failures };
-                frame_storage::add_shot(series, shot.clone(), None)?;
+                self.store(|_| frame_storage::add_shot(series, shot.clone(), None))?;
                 self.core.log_shot_stored(series.id(), &shot, None);
                 return Ok(());
             }
@@ -312,7 +326,7 @@ impl Recorder {
             return Ok(Err(error.into()));
         }
         if let Some(camera) = self.capture.camera_if_reopened(&mut self.noted_opening) {
-            series.note_camera(camera)?;
+            self.store(|_| series.note_camera(camera))?;
         }
         Ok(self.capture.take_frame(CaptureMode::Shot, asked))
     }
@@ -326,7 +340,7 @@ impl Recorder {
         failures: Vec<ShotFailure>,
     ) -> Result<(), StoreError> {
         let shot = taken.to_shot(number, failures);
-        let entry = frame_storage::add_shot(series, shot.clone(), Some(&taken.frame))?;
+        let entry = self.store(|_| frame_storage::add_shot(series, shot.clone(), Some(&taken.frame)))?;
         self.core.log_shot_stored(series.id(), &shot, entry);
         self.capture.release_last_frame();
         if let Some(live) = &mut self.live {

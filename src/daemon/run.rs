@@ -17,7 +17,7 @@ use super::processing::Processing;
 use super::recorder::Recorder;
 use super::shutdown::Halt;
 use super::socket::{self, StatusConfig};
-use super::solver::Solver;
+use super::solver::{CurrentSolver, SolverSource};
 use super::status::{DaemonStatus, RESULTS_PART, StatusBoard};
 use super::watchdog::ProgressCheck;
 use super::{aircraft, frame_storage};
@@ -43,8 +43,8 @@ pub struct DaemonParts {
     pub clock: Arc<dyn Clock>,
     /// Factory of cameras.
     pub cameras: CameraFactory,
-    /// Solver; without it frames are only recorded.
-    pub solver: Option<Solver>,
+    /// Source of the solver; without it frames are only recorded.
+    pub solver: Option<SolverSource>,
     /// Receiver of progress events.
     pub observer: Observer,
 }
@@ -91,11 +91,11 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
     let (commands, inbox) = channel();
     let (wake, woken) = channel();
     let feed = parts.live.aircraft_data.as_ref().map(|config| aircraft::start_feed(&core, config));
-    let track = parts.solver.as_ref().and_then(|solver| solver.track.clone());
-    let source = parts.solver.as_ref().map(|solver| solver.inputs.provenance.clone()).unwrap_or_default();
-    let (feeder, live, publisher) = live::start_live(&core, &parts.live, track, source)
+    let solver = CurrentSolver::default();
+    let processing =
+        parts.solver.map(|source| Processing::start(&core, source, solver.clone(), parts.live.is_enabled()));
+    let (feeder, live, publisher) = live::start_live(&core, &parts.live, solver)
         .map_or((None, None, None), |(feeder, live, publisher)| (Some(feeder), Some(live), Some(publisher)));
-    let processing = parts.solver.map(|solver| Processing::new(&core, solver, parts.live.is_enabled()));
     power::watch_supply(&core, &parts.power, commands.clone());
     let recorder = Recorder {
         core: core.clone(),

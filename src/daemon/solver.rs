@@ -1,6 +1,6 @@
 //! The interface to the solver, which is passed in: the daemon knows frames and records, not how one becomes the other.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::camera::Format;
@@ -29,4 +29,37 @@ pub struct Solver {
     pub deadline: Duration,
     /// Factory of trackers for live frames; without it they are only recorded.
     pub track: Option<FrameTrackerFactory>,
+}
+
+impl Solver {
+    /// Returns the source of this solver alone.
+    pub fn into_source(self) -> SolverSource {
+        let mut solver = Some(self);
+        Box::new(move |_| solver.take())
+    }
+}
+
+/// Source of the solver, called at the start and every few seconds: returns the solver that replaces the current one, `None`
+/// while there is no other. It reports its own faults.
+pub type SolverSource = Box<dyn FnMut(Option<&Solver>) -> Option<Solver> + Send>;
+
+/// Current solver, shared by the threads that solve; none while there is no installation.
+#[derive(Clone, Default)]
+pub(crate) struct CurrentSolver(Arc<Mutex<Option<Arc<Solver>>>>);
+
+impl CurrentSolver {
+    /// Returns the solver.
+    pub fn get(&self) -> Option<Arc<Solver>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Asks the source for a newer solver; returns whether there is one.
+    pub fn renew(&self, source: &mut SolverSource) -> bool {
+        let newer = source(self.get().as_deref());
+        let renewed = newer.is_some();
+        if renewed {
+            *self.0.lock().unwrap_or_else(PoisonError::into_inner) = newer.map(Arc::new);
+        }
+        renewed
+    }
 }

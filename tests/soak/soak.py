@@ -30,14 +30,19 @@ SHOTS = 3
 RESERVE_MB = 400
 DISK_MB = 6000
 SLOW_READERS = 250
+# More than the recorder serves at once.
+EVENT_STREAMS = 20
+# Time between two calls of the camera that hang, s.
+HANG_EVERY_S = 45
+VCAMERA = pathlib.Path(__file__).parent.parent / "machine/vcamera.sh"
 FLOOD_PER_S = 1000
 
 CONFIGURATION = """
 installation = {installation}
 [camera]
-kind = "replay"
-folder = {frames}
-{faults}
+kind = "gphoto"
+[camera.settings]
+focusmode = "Manual"
 [series]
 interval = "{interval}s"
 shots = {shots}
@@ -141,6 +146,32 @@ class Disk:
             subprocess.run(["umount", self.folder], check=False)
 
 
+class VirtualCamera:
+    """libgphoto2's virtual camera with the frames as views; one call after the other hangs."""
+
+    def __init__(self, folder, frames):
+        self.folder, self.over = folder, threading.Event()
+        for part in ("card/DCIM", "shots", "state"):
+            (folder / part).mkdir(parents=True)
+        views = sorted(frames.glob("*.jpg"))
+        for number, view in enumerate(views):
+            shutil.copy(view, folder / f"shots/{number:02}.jpg")
+        shutil.copy(views[0], folder / "card/dummy.jpg")
+        drivers = subprocess.run(["bash", VCAMERA], check=True, capture_output=True, text=True).stdout.strip()
+        self.environment = {
+            "IOLIBS": drivers, "VCAMERADIR": str(folder / "card"), "VCAMERA_SHOTS": str(folder / "shots"),
+            "VCAMERA_STATE": str(folder / "state"), "VCAMERA_VIEWS": str(len(views)),
+        }
+        threading.Thread(target=self.hang, daemon=True).start()
+
+    def hang(self):
+        while not self.over.wait(HANG_EVERY_S):
+            (self.folder / "state/fault").write_text("hang\n")
+
+    def hung(self):
+        return (self.folder / "state/log").read_text().count("fault hang")
+
+
 class Links(html.parser.HTMLParser):
     def __init__(self):
         super().__init__()
@@ -157,7 +188,8 @@ class Load:
         self.page, self.feed, self.over = f"http://127.0.0.1:{page}", feed, threading.Event()
         self.port, self.answers, self.sent, self.read = page, {}, 0, 0
         self.lock = threading.Lock()
-        works = [self.flood, self.slow, *[self.walk] * 6]
+        self.events = 0
+        works = [self.flood, self.slow, *[self.walk] * 6, *[self.watch] * EVENT_STREAMS]
         self.threads = [threading.Thread(target=work, daemon=True) for work in works]
         for thread in self.threads:
             thread.start()
@@ -205,6 +237,19 @@ class Load:
                 self.count("no answer")
                 time.sleep(0.2)
 
+    def watch(self):
+        """Reads the events of the live page, and asks again when it is told that others watch."""
+        while not self.over.is_set():
+            try:
+                with urllib.request.urlopen(self.page + "/live/events", timeout=20) as answer:
+                    for line in answer:
+                        self.events += line.startswith(b"data:")
+                        if self.over.is_set():
+                            return
+            except OSError:
+                pass
+            time.sleep(5)
+
     def slow(self):
         """Readers that take 1 kB a second of the largest files."""
         readers = []
@@ -242,9 +287,16 @@ class Load:
 
 
 def process_figures(pid):
-    text = pathlib.Path(f"/proc/{pid}/status").read_text()
-    number = lambda key: int(re.search(rf"{key}:\s+(\d+)", text).group(1))
-    return number("VmRSS") * 1024, number("VmHWM") * 1024, number("Threads")
+    """Memory (bytes) and threads of the recorder with the process of its camera."""
+    children = pathlib.Path(f"/proc/{pid}/task").glob("*/children")
+    texts = [pathlib.Path(f"/proc/{pid}/status").read_text()]
+    for child in {child for file in children for child in file.read_text().split()}:
+        try:
+            texts.append(pathlib.Path(f"/proc/{child}/status").read_text())
+        except OSError:
+            pass
+    number = lambda text, key: int(re.search(rf"{key}:\s+(\d+)", text + f"{key}: 0").group(1))
+    return sum(number(text, "VmRSS") for text in texts) * 1024, sum(number(text, "Threads") for text in texts)
 
 
 def status(binary, folder):
@@ -282,17 +334,15 @@ def soak(arguments, binary, folder, disk, limits):
         ground = next(arguments.frames.glob("ground*"))
         subprocess.run([binary, "orient", "--installation", installation, ground], check=True, capture_output=True)
     seconds = 60 * arguments.minutes
-    hangs = range(400, int(20 * seconds), 900)
-    faults = "\n".join(f'[[camera.fault]]\nshot = {shot}\nkind = "hang"\nlasting = "5s"' for shot in hangs)
+    camera = VirtualCamera(folder.parent / "camera", arguments.frames)
     page, feed = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
     (folder / "wingd.toml").write_text(
         CONFIGURATION.format(
-            installation=json.dumps(str(installation)), frames=json.dumps(str(arguments.frames.resolve())),
-            faults=faults, interval=INTERVAL_S, shots=SHOTS, reserve=RESERVE_MB, page=page, feed=feed,
+            installation=json.dumps(str(installation)), interval=INTERVAL_S, shots=SHOTS, reserve=RESERVE_MB, page=page, feed=feed,
         )
     )
     log = open(folder.parent / "log", "w")
-    environment = {**os.environ, "MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
+    environment = {**os.environ, "MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072", **camera.environment}
     command = [binary, "run", "--config", folder / "wingd.toml"]
     recorder = subprocess.Popen(command, stderr=log, env=environment, preexec_fn=limits.enter)
     time.sleep(5)
@@ -307,18 +357,19 @@ def soak(arguments, binary, folder, disk, limits):
         if past > 0.6:
             disk.empty()
         try:
-            rss, peak, threads = process_figures(recorder.pid)
+            rss, threads = process_figures(recorder.pid)
         except (OSError, AttributeError):
             continue
-        rss_max, threads_max = max(rss_max, peak), max(threads_max, threads)
+        rss_max, threads_max = max(rss_max, rss), max(threads_max, threads)
         last = status(binary, folder) or last
     alive = recorder.poll() is None
     load.over.set()
+    camera.over.set()
     recorder.send_signal(signal.SIGTERM)
     code = recorder.wait(timeout=60)
     log.close()
     verified = subprocess.run([binary, "verify", folder / "store"], capture_output=True, text=True)
-    return report(dict(alive=alive, code=code, rss=rss_max, threads=threads_max, group=limits.peak()), last, load, verified, seconds)
+    return report(dict(alive=alive, code=code, rss=rss_max, threads=threads_max, group=limits.peak(), hung=camera.hung()), last, load, verified, seconds)
 
 
 def report(process, last, load, verified, seconds):
@@ -328,10 +379,11 @@ def report(process, last, load, verified, seconds):
     megabytes = lambda value: "unknown" if value is None else f"{value / 1e6:.0f} MB"
     print(f"ran {seconds / 60:.0f} min; alive {process['alive']}, exit status {process['code']}")
     print(f"memory at most {megabytes(process['rss'])} (group with cache: {megabytes(process['group'])}), threads at most {process['threads']}")
-    print(f"series: {taken} taken of {due} due, {counts['series_refused']} refused, {counts['failed_shots']} shots failed, {counts['hangs']} camera calls hung")
+    print(f"series: {taken} taken of {due} due, {counts['series_refused']} refused, {counts['failed_shots']} shots failed, {process['hung']} camera calls hung")
     print(f"live: {live['frames']} frames, {live['results']} results, {live['skipped']} skipped, {live['stored']} stored, {live['dropped']} dropped, median {live['latency_median_ms']} ms")
     print(f"events: {live['events']}, {live['kept_frames']} raw frames kept, {live['lost_frames']} lost")
     print(f"feed: {load.sent} datagrams sent; {aircraft['recorded']} lines recorded, {aircraft['read']} read, {aircraft['lost']} lost")
+    print(f"event streams: {load.events} events to {EVENT_STREAMS} browsers")
     print(f"page: answers {load.answers}; slow readers took {load.read / 1e6:.1f} MB")
     print(f"health at the end: {last['health']} {last['reasons']}")
     print(f"store: {verified.stdout.strip().splitlines()[-1]}")
@@ -339,6 +391,7 @@ def report(process, last, load, verified, seconds):
         text
         for text, good in [
             ("the recorder ended", process["alive"] and process["code"] == 0),
+            ("the camera did not hang", process["hung"] > 0),
             ("series are missing", taken >= due - 1 and counts["series_refused"] == 0),
             ("too much memory", process["rss"] < MEMORY_GOAL),
             ("too many threads", process["threads"] < TASKS_MAX),

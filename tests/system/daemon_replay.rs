@@ -128,12 +128,15 @@ impl Flight {
             recovery,
             clock: self.clock.clone(),
             cameras: Arc::new(move || Box::new(camera()) as Box<dyn Camera>),
-            solver: Some(Solver {
-                inputs: Inputs::new(provenance),
-                solve: Arc::new(move |image, _, _| solve(image)),
-                deadline: self.solver_deadline,
-                track: None,
-            }),
+            solver: Some(
+                Solver {
+                    inputs: Inputs::new(provenance),
+                    solve: Arc::new(move |image, _, _| solve(image)),
+                    deadline: self.solver_deadline,
+                    track: None,
+                }
+                .into_source(),
+            ),
             observer: Arc::new(move |event| events.lock().unwrap().push(event.clone())),
         };
         daemon::run(parts, &board).unwrap()

@@ -67,12 +67,15 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         recovery,
         clock: clock.clone(),
         cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
-        solver: Some(Solver {
-            inputs: Inputs::new(Map::new()),
-            solve: Arc::new(|name, _, _| ImageRecord::failed(name, "a test")),
-            deadline: Duration::from_secs(60),
-            track: None,
-        }),
+        solver: Some(
+            Solver {
+                inputs: Inputs::new(Map::new()),
+                solve: Arc::new(|name, _, _| ImageRecord::failed(name, "a test")),
+                deadline: Duration::from_secs(60),
+                track: None,
+            }
+            .into_source(),
+        ),
         observer: Arc::new(move |event| {
             let mut heard = heard.lock().unwrap();
             match event.clone() {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
 use wingd::camera::Camera;
-use wingd::camera::replay::{ReplayConfig, ReplayFactory};
+use wingd::camera::replay::{ReplayCamera, ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
     self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
@@ -19,6 +19,7 @@ use wingd::daemon::{FrameTracker, live::KeepConfig};
 use wingd::measure::view::SearchMode;
 use wingd::pipeline::live::TrackedFrame;
 use wingd::record::ImageRecord;
+use wingd::store::disk::Disk;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
@@ -45,17 +46,20 @@ fn tracked_frame(image: &str) -> TrackedFrame {
 }
 
 /// Live mode for some seconds with series in between, in real time.
-struct LiveRun {
+pub struct LiveRun {
     dir: tempfile::TempDir,
     live: LiveConfig,
     reserve_mb: u64,
-    seconds: f64,
+    pub seconds: f64,
     /// Calls of the solver that panic.
     panics: Vec<usize>,
+    pub disk: Arc<dyn Disk>,
+    /// Makes the camera from one that replays the frames.
+    pub camera: Arc<dyn Fn(ReplayCamera) -> Box<dyn Camera> + Send + Sync>,
 }
 
 impl LiveRun {
-    fn new(rate_hz: f64) -> Self {
+    pub fn new(rate_hz: f64) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("frames");
         std::fs::create_dir(&folder).unwrap();
@@ -68,17 +72,25 @@ impl LiveRun {
         }
         let live =
             LiveConfig { rate_hz: Some(rate_hz), socket: Some(dir.path().join("live.sock")), ..LiveConfig::default() };
-        Self { dir, live, reserve_mb: 0, seconds: 2.2, panics: vec![] }
+        Self {
+            dir,
+            live,
+            reserve_mb: 0,
+            seconds: 2.2,
+            panics: vec![],
+            disk: Arc::new(RealDisk),
+            camera: Arc::new(|replay| Box::new(replay)),
+        }
     }
 
-    fn root(&self) -> PathBuf {
+    pub fn root(&self) -> PathBuf {
         self.dir.path().join("store")
     }
 
-    fn run_flight(&self) -> DaemonStatus {
+    pub fn run_flight(&self) -> DaemonStatus {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = self.reserve_mb;
-        let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
+        let (store, recovery) = Store::open(self.disk.clone(), config).unwrap();
         let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
         let replay = ReplayConfig::from_folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
@@ -109,13 +121,19 @@ impl LiveRun {
             store: Arc::new(store),
             recovery,
             clock,
-            cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
-            solver: Some(Solver {
-                inputs: Inputs::new(provenance),
-                solve: Arc::new(|image, _, _| record(image)),
-                deadline: Duration::from_secs(60),
-                track: Some(Arc::new(track)),
+            cameras: Arc::new({
+                let camera = self.camera.clone();
+                move || camera(cameras.make())
             }),
+            solver: Some(
+                Solver {
+                    inputs: Inputs::new(provenance),
+                    solve: Arc::new(|image, _, _| record(image)),
+                    deadline: Duration::from_secs(60),
+                    track: Some(Arc::new(track)),
+                }
+                .into_source(),
+            ),
             observer: Arc::new(|_| ()),
         };
         daemon::run(parts, &board).unwrap();
@@ -123,7 +141,7 @@ impl LiveRun {
     }
 
     /// Lines from the socket, from its creation to its end.
-    fn listener(&self) -> std::thread::JoinHandle<Vec<String>> {
+    pub fn listener(&self) -> std::thread::JoinHandle<Vec<String>> {
         let path = self.dir.path().join("live.sock");
         std::thread::spawn(move || {
             let lines = BufReader::new(connected(&path)).lines();

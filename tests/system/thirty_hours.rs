@@ -128,14 +128,17 @@ fn run_flight(root: &Path, watch: Arc<ResourceLog>) -> DaemonStatus {
         recovery,
         clock: clock.clone(),
         cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
-        solver: Some(Solver {
-            inputs,
-            solve: Arc::new(move |name, bytes, format| {
-                pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
-            }),
-            deadline: Duration::from_secs(60),
-            track: None,
-        }),
+        solver: Some(
+            Solver {
+                inputs,
+                solve: Arc::new(move |name, bytes, format| {
+                    pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
+                }),
+                deadline: Duration::from_secs(60),
+                track: None,
+            }
+            .into_source(),
+        ),
         observer: Arc::new(move |event| watch.note(event)),
     };
     daemon::run(parts, &StatusBoard::new(clock)).unwrap()

@@ -298,6 +298,10 @@ impl Camera for V4lCamera {
         self.take_or_close_if_gone(|camera| camera.take_live_frame(&deadline))
     }
 
+    fn is_stream(&self) -> bool {
+        true
+    }
+
     fn close(&mut self) {
         self.stop_live_stream();
         self.opened = None;

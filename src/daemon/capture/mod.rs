@@ -89,6 +89,8 @@ pub(crate) struct Capture {
     factory: CameraFactory,
     worker: Worker<Driver>,
     open: bool,
+    /// The camera as opened last keeps no copies of its frames.
+    is_stream: bool,
     checker: FrameChecker,
     open_limit: Duration,
     deadline: Duration,
@@ -105,6 +107,7 @@ impl Capture {
             factory,
             worker: Worker::new("camera", MAX_HANGING, core.halt.clone()),
             open: false,
+            is_stream: false,
             checker: FrameChecker::new(config.stale_window),
             open_limit: config.open_deadline,
             deadline: config.shot_deadline,
@@ -118,12 +121,19 @@ impl Capture {
         self.worker.hanging()
     }
 
+    /// Returns whether the camera is open and frames may be requested before the last one is durable.
+    pub fn is_streaming(&self) -> bool {
+        self.open && self.is_stream
+    }
+
     /// Opens the camera unless it is open. Returns whether it had to be opened.
     pub fn ensure_open(&mut self) -> Result<bool, CameraError> {
         if self.open {
             return Ok(false);
         }
-        let info = self.call(self.open_limit, "opening", |camera| camera.open())??;
+        let opened =
+            self.call(self.open_limit, "opening", |camera| camera.open().map(|info| (info, camera.is_stream())));
+        let (info, is_stream) = opened??;
         for warning in &info.warnings {
             tracing::warn!(camera = info.name, warning);
         }
@@ -132,7 +142,7 @@ impl Capture {
             status.camera.open = true;
             status.camera.warnings = info.warnings.clone();
         });
-        (self.open, self.info) = (true, info);
+        (self.open, self.is_stream, self.info) = (true, is_stream, info);
         self.openings += 1;
         Ok(true)
     }

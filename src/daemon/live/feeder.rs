@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::thread::{Builder, Scope};
 use std::time::Duration;
 
 use super::context::LiveContext;
@@ -24,6 +26,10 @@ const TEMPERATURE_INTERVAL: Duration = Duration::from_secs(5);
 /// Time between two checks while frames pause.
 const PAUSE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
+/// Maximum time for which frames are taken while the disk stores one of a series: a disk that hangs is the watchdog's, which counts
+/// the frames as progress.
+const MAX_STORAGE: Duration = Duration::from_secs(60);
+
 /// Takes frames and hands them on. Dropping it ends the threads of live mode.
 pub(crate) struct Feeder {
     shared: LiveContext,
@@ -31,6 +37,8 @@ pub(crate) struct Feeder {
     raw: Arc<RawFrameBuffer>,
     governor: Governor,
     number: u64,
+    /// Time at which the newest frame was requested, since boot, s.
+    newest_s: f64,
     /// Time at which the next frame is due, since boot.
     next_frame: Duration,
     next_check: Duration,
@@ -52,7 +60,18 @@ impl Feeder {
         let config = &shared.config;
         let governor = Governor::new(config.rate_hz.unwrap_or(1.0), config.max_temperature_c);
         let (next_frame, next_check) = (Duration::ZERO, Duration::ZERO);
-        Self { shared, mailbox, raw, governor, number: 0, next_frame, next_check, failures: 0, noted_opening: 0 }
+        Self {
+            shared,
+            mailbox,
+            raw,
+            governor,
+            number: 0,
+            newest_s: 0.0,
+            next_frame,
+            next_check,
+            failures: 0,
+            noted_opening: 0,
+        }
     }
 
     /// Returns whether the recorder also takes scheduled series in live mode (key `series`).
@@ -71,8 +90,12 @@ impl Feeder {
         self.raw.add_event(&self.shared, "requested by wingd trigger".to_owned(), now_s, true);
     }
 
-    /// Forwards a good frame; a frame that still waits for the solver is skipped.
+    /// Forwards a good frame; a frame that still waits for the solver is skipped, and so is one older than the newest.
     pub fn forward_frame(&mut self, taken: CapturedFrame, capture: &Capture) {
+        if taken.stamp.since_boot_s < self.newest_s {
+            return;
+        }
+        self.newest_s = taken.stamp.since_boot_s;
         if let Some(camera) = capture.camera_if_reopened(&mut self.noted_opening) {
             self.raw.set_camera(camera);
         }
@@ -112,8 +135,43 @@ impl Feeder {
                 self.shared.clear_fault("camera");
                 self.shared.core.board.note_frame(&asked);
                 self.forward_frame(taken, capture);
+                if !capture.is_streaming() {
+                    // Otherwise live frames fill the camera's card.
+                    capture.release_last_frame();
+                }
             }
             Err(failed) => self.pause_after_failure(&failed.failure.reason),
+        }
+    }
+
+    /// Takes frames on a thread of their own until the sender of `storing` is dropped. If it cannot be started, the next frame
+    /// waits for the disk.
+    pub fn spawn_while<'scope>(
+        &'scope mut self,
+        scope: &'scope Scope<'scope, '_>,
+        storing: Receiver<()>,
+        capture: &'scope mut Capture,
+    ) {
+        let feed = move || self.take_frames_while(&storing, capture);
+        let _ = Builder::new().name("live-feed".to_owned()).spawn_scoped(scope, feed);
+    }
+
+    /// Takes frames while the recorder's thread waits for the disk. The first one is due after one period, so that a fast disk
+    /// leaves the camera to the series.
+    fn take_frames_while(&mut self, storing: &Receiver<()>, capture: &mut Capture) {
+        let core = self.shared.core.clone();
+        let begun = core.clock.since_boot();
+        self.next_frame = self.next_frame.max(begun + self.period());
+        loop {
+            let now = core.clock.since_boot();
+            let wait = self.next_due(now, capture.hanging_calls()).saturating_sub(now);
+            let ended = storing.recv_timeout(core.clock.machine_time(wait)) != Err(RecvTimeoutError::Timeout);
+            if ended || now > begun + MAX_STORAGE || core.halt.is_requested() || !capture.is_streaming() {
+                return;
+            }
+            if wait.is_zero() {
+                self.take_due_frame(capture);
+            }
         }
     }
 
@@ -126,8 +184,12 @@ impl Feeder {
 
     /// Advances the next tick by one period; failed ticks are dropped.
     fn advance_tick(&mut self, now: Duration) {
-        let period = Duration::from_secs_f64(1.0 / self.governor.allowed_hz().max(0.1));
+        let period = self.period();
         self.next_frame = (self.next_frame + period).max(now.saturating_sub(period));
+    }
+
+    fn period(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / self.governor.allowed_hz().max(0.1))
     }
 
     fn limit_rate_by_temperature(&mut self, now: Duration) {

@@ -33,14 +33,12 @@ use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-use serde_json::{Map, Value};
-
 pub use config::{KeepConfig, LiveConfig};
 pub use result::DATAGRAM_POINTS;
 
 use super::core::{Core, DrainedThreads};
 use super::memory;
-use super::solver::FrameTrackerFactory;
+use super::solver::CurrentSolver;
 use super::worker::Worker;
 use context::LiveContext;
 pub(crate) use feeder::Feeder;
@@ -54,13 +52,12 @@ use storing::LiveResultWriter;
 /// Maximum time that the end of the recorder waits for the last results.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(4);
 
-/// Starts the threads; returns `None` if live mode is off. If a thread cannot be started, the status reports it. `track`
-/// creates the tracker of frames; without it frames are only recorded. `source` is the provenance of all results.
+/// Starts the threads; returns `None` if live mode is off. If a thread cannot be started, the status reports it. While there
+/// is no solver, frames are only recorded.
 pub(crate) fn start_live(
     core: &Core,
     config: &LiveConfig,
-    track: Option<FrameTrackerFactory>,
-    source: Map<String, Value>,
+    current: CurrentSolver,
 ) -> Option<(Feeder, DrainedThreads, ResultPublisher)> {
     let rate_hz = config.rate_hz?;
     let mut config = config.clone();
@@ -76,7 +73,7 @@ pub(crate) fn start_live(
     }
     shared.update(|live| (live.wanted_hz, live.allowed_hz) = (rate_hz, rate_hz));
     core.board.expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
-    if track.is_none() {
+    if current.get().is_none() {
         shared
             .set_fault("solver", "live frames are not solved: no installation with an orientation; run `wingd check`");
     }
@@ -89,13 +86,14 @@ pub(crate) fn start_live(
     let solving = LiveSolver {
         shared: shared.clone(),
         mailbox: mailbox.clone(),
-        track,
+        current,
+        solver: None,
         raw: raw.clone(),
         publisher: publisher.clone(),
         rows,
         worker: Worker::new("live-solver", solving::MAX_HANGING, core.halt.clone()),
     };
-    let storing = LiveResultWriter { shared: shared.clone(), source };
+    let storing = LiveResultWriter { shared: shared.clone() };
     let keeper = RawFrameWriter::new(shared.clone(), raw.clone());
     let mut threads = DrainedThreads::new(DRAIN_TIMEOUT);
     let started = threads

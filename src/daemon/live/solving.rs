@@ -11,8 +11,9 @@ use super::mailbox::{Delivery, Mailbox};
 use super::meter::Meter;
 use super::publisher::ResultPublisher;
 use super::result::{LiveFrame, LiveMessage};
+use super::storing::WaitingResult;
 use crate::camera::CameraFrame;
-use crate::daemon::solver::{FrameTracker, FrameTrackerFactory};
+use crate::daemon::solver::{CurrentSolver, FrameTracker, Solver};
 use crate::daemon::worker::{CallError, Worker};
 use crate::measure::view::SearchMode;
 use crate::pipeline::live::{LiveResult, TrackedFrame};
@@ -31,10 +32,12 @@ const LATENCY_UPDATE_RESULTS: u64 = 8;
 pub(super) struct LiveSolver {
     pub shared: LiveContext,
     pub mailbox: Arc<Mailbox<Arc<LiveFrame>>>,
-    pub track: Option<FrameTrackerFactory>,
+    pub current: CurrentSolver,
+    /// Solver of the worker's tracker.
+    pub solver: Option<Arc<Solver>>,
     pub raw: Arc<RawFrameBuffer>,
     pub publisher: ResultPublisher,
-    pub rows: SyncSender<Arc<LiveResult>>,
+    pub rows: SyncSender<WaitingResult>,
     /// Thread that holds the state of the adjustment.
     pub worker: Worker<FrameTracker>,
 }
@@ -47,8 +50,11 @@ impl LiveSolver {
         loop {
             match self.mailbox.take(RATE_UPDATE_INTERVAL) {
                 Delivery::Item(frame) => {
-                    if let Some(tracked) = self.solve_frame(&frame) {
-                        self.publish_result(&frame, tracked, (&mut watch, &mut meter));
+                    self.take_up_solver();
+                    if let Some(solver) = self.solver.clone()
+                        && let Some(tracked) = self.solve_frame(&solver, &frame)
+                    {
+                        self.publish_result(&frame, (tracked, solver), (&mut watch, &mut meter));
                     }
                 }
                 Delivery::Empty => self.publish_solving_rate(&meter),
@@ -57,9 +63,18 @@ impl LiveSolver {
         }
     }
 
+    /// Takes up the current solver; the tracker of another one is dismissed with its state.
+    fn take_up_solver(&mut self) {
+        let current = self.current.get();
+        if self.solver.as_ref().map(Arc::as_ptr) != current.as_ref().map(Arc::as_ptr) {
+            self.worker.dismiss();
+            self.solver = current;
+        }
+    }
+
     /// Solves a frame. Returns `None` if there is no tracker, or if too many solvers hang.
-    fn solve_frame(&mut self, frame: &Arc<LiveFrame>) -> Option<TrackedFrame> {
-        let track = self.track.clone()?;
+    fn solve_frame(&mut self, solver: &Solver, frame: &Arc<LiveFrame>) -> Option<TrackedFrame> {
+        let track = solver.track.clone()?;
         let work = {
             let frame = frame.clone();
             // The frame is dropped before the answer, so that the solver no longer holds its memory.
@@ -100,7 +115,7 @@ impl LiveSolver {
     fn publish_result(
         &self,
         frame: &Arc<LiveFrame>,
-        tracked: TrackedFrame,
+        (tracked, solver): (TrackedFrame, Arc<Solver>),
         (watch, meter): (&mut EventDetector, &mut Meter),
     ) {
         let now_s = self.shared.core.clock.since_boot().as_secs_f64();
@@ -125,7 +140,8 @@ impl LiveSolver {
                 datagram,
             }));
         }
-        let lost = matches!(self.rows.try_send(result.clone()), Err(TrySendError::Full(_)));
+        let lost =
+            matches!(self.rows.try_send(WaitingResult { result: result.clone(), solver }), Err(TrySendError::Full(_)));
         meter.add_result(now_s, latency_ms);
         self.shared.update(|live| {
             live.results += 1;

@@ -4,10 +4,9 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value};
-
 use super::context::LiveContext;
 use super::table::{ReasonWords, RowLayout};
+use crate::daemon::solver::Solver;
 use crate::pipeline::live::LiveResult;
 
 /// Maximum time from a result until it is durable, apart from the disk's own time.
@@ -15,67 +14,107 @@ const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of results that wait for the disk: 30 s at 20 per second.
 pub(super) const MAX_WAITING: usize = 600;
 
+/// A result that waits for the disk.
+pub(super) struct WaitingResult {
+    pub result: Arc<LiveResult>,
+    /// Solver whose provenance the result has.
+    pub solver: Arc<Solver>,
+}
+
 pub(super) struct LiveResultWriter {
     pub shared: LiveContext,
-    /// Provenance of all results.
-    pub source: Map<String, Value>,
+}
+
+/// Layout of the rows of a solver's results.
+#[derive(Default)]
+struct SolverRows {
+    solver: Option<Arc<Solver>>,
+    layout: Option<RowLayout>,
+    reasons: ReasonWords,
+}
+
+impl SolverRows {
+    /// Adapts the layout to results of one solver; returns it unless none of them has had numbers yet.
+    fn adapt(&mut self, waiting: &[WaitingResult]) -> Option<&RowLayout> {
+        let solver = &waiting.first()?.solver;
+        if self.solver.as_ref().is_none_or(|before| !Arc::ptr_eq(before, solver)) {
+            *self = Self { solver: Some(solver.clone()), ..Self::default() };
+        }
+        let mut changed = self.layout.is_none();
+        waiting.iter().for_each(|one| changed |= self.reasons.register(&one.result));
+        if changed {
+            let solved = || waiting.iter().map(|one| &one.result).find(|result| result.is_solved()).cloned();
+            let first = self.layout.take().map(|layout| layout.first).or_else(solved);
+            self.layout = first.map(|first| RowLayout::from_result(first, &solver.inputs.provenance, &self.reasons));
+        }
+        self.layout.as_ref()
+    }
 }
 
 impl LiveResultWriter {
     /// Stores results until the sender ends.
-    pub fn run(self, inbox: &Receiver<Arc<LiveResult>>) {
-        let (mut layout, mut reasons) = (None, ReasonWords::default());
-        let mut waiting = Vec::new();
+    pub fn run(self, inbox: &Receiver<WaitingResult>) {
+        let (mut rows, mut waiting) = (SolverRows::default(), Vec::new());
         let mut open = true;
         while open {
             open = gather_results(inbox, &mut waiting);
-            self.flush(&mut layout, &mut reasons, &mut waiting);
+            while self.flush(&mut rows, &mut waiting) {}
         }
         if let Err(error) = self.shared.core.store.close_live_file() {
             tracing::warn!(%error, "the file of live results cannot be closed; this will be done at the next start");
         }
     }
 
-    /// Stores the waiting results; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
-    fn flush(&self, layout: &mut Option<RowLayout>, reasons: &mut ReasonWords, waiting: &mut Vec<Arc<LiveResult>>) {
-        let mut changed = false;
-        waiting.iter().for_each(|result| changed |= reasons.register(result));
-        if changed || layout.is_none() {
-            let solved = || waiting.iter().find(|result| result.is_solved()).cloned();
-            let first = layout.take().map(|layout| layout.first).or_else(solved);
-            *layout = first.map(|first| RowLayout::from_result(first, &self.source, reasons));
-        }
-        let Some(layout) = layout.as_ref().filter(|_| !waiting.is_empty()) else {
-            return self.drop_oldest_beyond_limit(waiting);
+    /// Stores the waiting results of the first solver; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
+    /// Returns whether others of another solver wait.
+    fn flush(&self, rows: &mut SolverRows, waiting: &mut Vec<WaitingResult>) -> bool {
+        let same = waiting.chunk_by(|a, b| Arc::ptr_eq(&a.solver, &b.solver)).next().unwrap_or_default();
+        let (count, more) = (same.len(), same.len() < waiting.len());
+        let stored = match rows.adapt(same) {
+            Some(layout) => self.store_rows(layout, same),
+            // No further result of this solver can give the layout.
+            None => more.then_some(0),
         };
-        let core = &self.shared.core;
-        core.board.note_live_storage(true);
-        let mut rows: Vec<_> = waiting.iter().map(|result| layout.row(result)).collect();
-        // A value that its column cannot hold costs its own row only.
-        rows.retain(|row| layout.table.accepts(row));
-        let refused = (waiting.len() - rows.len()) as u64;
-        if refused > 0 {
-            self.shared.set_fault("rows", &format!("{refused} live results have a value that the store cannot hold"));
-        }
-        match self.shared.core.store.append_live_rows(&layout.table, &rows, &core.clock.stamp()) {
-            Ok(()) => {
-                core.board.note_live_storage(false);
-                core.board.update(|status| status.flight = core.store.current_flight());
+        match stored {
+            Some(stored) => {
+                waiting.drain(..count);
                 self.shared.update(|live| {
-                    live.stored += rows.len() as u64;
-                    live.dropped += refused;
+                    live.stored += stored as u64;
+                    live.dropped += (count - stored) as u64;
                 });
-                self.shared.clear_fault("results");
-                waiting.clear();
+                more
             }
-            Err(error) => {
-                self.shared.set_fault("results", &format!("live results cannot be stored: {error}"));
+            None => {
                 self.drop_oldest_beyond_limit(waiting);
+                false
             }
         }
     }
 
-    fn drop_oldest_beyond_limit(&self, waiting: &mut Vec<Arc<LiveResult>>) {
+    /// Stores results; returns the number of those that the store can hold, `None` if they could not be written.
+    fn store_rows(&self, layout: &RowLayout, waiting: &[WaitingResult]) -> Option<usize> {
+        let core = &self.shared.core;
+        core.board.note_live_storage(true);
+        let mut rows: Vec<_> = waiting.iter().map(|one| layout.row(&one.result)).collect();
+        // A value that its column cannot hold costs its own row only.
+        rows.retain(|row| layout.table.accepts(row));
+        let refused = waiting.len() - rows.len();
+        if refused > 0 {
+            self.shared.set_fault("rows", &format!("{refused} live results have a value that the store cannot hold"));
+        }
+        if let Err(error) = core.store.append_live_rows(&layout.table, &rows, &core.clock.stamp()) {
+            self.shared.set_fault("results", &format!("live results cannot be stored: {error}"));
+            return None;
+        }
+        core.board.note_live_storage(false);
+        // Not under the lock of the status, which capturing needs: a series may hold the store's.
+        let flight = core.store.current_flight();
+        core.board.update(|status| status.flight = flight);
+        self.shared.clear_fault("results");
+        Some(rows.len())
+    }
+
+    fn drop_oldest_beyond_limit(&self, waiting: &mut Vec<WaitingResult>) {
         let beyond = waiting.len().saturating_sub(MAX_WAITING);
         if beyond > 0 {
             waiting.drain(..beyond);
@@ -85,7 +124,7 @@ impl LiveResultWriter {
 }
 
 /// Gathers the results that come within [`FLUSH_INTERVAL`]; returns false if no more will come.
-fn gather_results(inbox: &Receiver<Arc<LiveResult>>, into: &mut Vec<Arc<LiveResult>>) -> bool {
+fn gather_results(inbox: &Receiver<WaitingResult>, into: &mut Vec<WaitingResult>) -> bool {
     let end = Instant::now() + FLUSH_INTERVAL;
     loop {
         match inbox.recv_timeout(end.saturating_duration_since(Instant::now())) {

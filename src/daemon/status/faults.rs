@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::installation::printable_text;
+
 /// Part of the recorder: its group, and its name in the group, empty for the group's only part.
 pub(crate) type Part = (&'static str, &'static str);
 
@@ -57,7 +59,7 @@ impl Faults {
             let quiet = now_s > entry.next_entry_s + MAX_PAUSE_S;
             entry.pause_s = if quiet { FIRST_PAUSE_S } else { (2.0 * entry.pause_s).clamp(FIRST_PAUSE_S, MAX_PAUSE_S) };
             entry.next_entry_s = now_s + entry.pause_s;
-            tracing::warn!(part = name(part), what);
+            tracing::warn!(part = name(part), what = %printable_text(what));
         }
         before.as_ref() != Some(what)
     }

@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use content::FaultRandom;
 pub use content::UnsyncedBytes;
@@ -55,6 +56,8 @@ impl Survival {
 #[derive(Default)]
 pub struct FakeDisk {
     state: Mutex<DiskState>,
+    /// Time that each call takes which makes something durable.
+    sync_time: Duration,
 }
 
 impl FakeDisk {
@@ -63,6 +66,11 @@ impl FakeDisk {
         let disk = Self::default();
         disk.set_faults(faults);
         disk
+    }
+
+    /// Creates an empty disk on which each call that makes something durable takes this time.
+    pub fn slow(sync_time: Duration) -> Self {
+        Self { sync_time, ..Self::new(vec![]) }
     }
 
     /// Returns the number of steps so far.
@@ -88,7 +96,7 @@ impl FakeDisk {
     /// Returns a copy of the disk without faults; its steps count from 0.
     pub fn fork(&self) -> Self {
         let state = DiskState { steps: 0, faults: Vec::new(), ..self.lock_state().clone() };
-        Self { state: Mutex::new(state) }
+        Self { state: Mutex::new(state), ..Self::default() }
     }
 
     /// Returns the disk as the next boot finds it: synced data, and the given remains of the rest.
@@ -105,7 +113,7 @@ impl FakeDisk {
                 DiskNode::File(content) => content.apply_power_cut(left.bytes_for_file(index)),
             }
         }
-        Self { state: Mutex::new(state) }
+        Self { state: Mutex::new(state), ..Self::default() }
     }
 
     fn lock_state(&self) -> MutexGuard<'_, DiskState> {
@@ -153,10 +161,12 @@ impl Disk for FakeDisk {
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        std::thread::sleep(self.sync_time);
         self.lock_state().write_file(path, Some(0), bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        std::thread::sleep(self.sync_time);
         self.lock_state().write_file(path, None, bytes)
     }
 
@@ -195,6 +205,7 @@ impl Disk for FakeDisk {
     }
 
     fn sync_dir(&self, directory: &Path) -> io::Result<()> {
+        std::thread::sleep(self.sync_time);
         let mut state = self.lock_state();
         let late = state.begin_step(false)?;
         let id = state.find_node(directory)?;
